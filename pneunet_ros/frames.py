@@ -1,0 +1,22 @@
+"""Frame ids, axes and the sign of angles.
+
+`pneunet_base`: origin at the clamp (s = 0), x = E1 along the straight arm at the clamp, y = E2 in the
+bending plane, right-handed; angles are counter-clockwise about z.
+"""
+
+from __future__ import annotations
+
+import math
+
+BASE_FRAME = 'pneunet_base'
+
+
+def rotate(angle: float, x: float, y: float) -> tuple[float, float]:
+    """Turn a vector of the plane counter-clockwise by `angle` (rad)."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return cosine * x - sine * y, sine * x + cosine * y
+
+
+def heading_quaternion(theta: float) -> tuple[float, float]:
+    """(z, w) of the unit quaternion whose x axis is the tangent at angle `theta` (rad)."""
+    return math.sin(0.5 * theta), math.cos(0.5 * theta)

@@ -1,0 +1,76 @@
+"""SI inside, everywhere; the only conversions, and `quantity`, which gives a dataclass field its unit.
+
+A field made by `quantity` carries unit, bounds, source and meaning in its metadata. The same declaration
+serves validation, the model file, `--help`, ROS parameter descriptions and the table of effects.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from pneunet_ros.errors import ModelError, PneunetError
+
+NANOSECONDS_PER_SECOND = 1_000_000_000
+PASCALS_PER_KILOPASCAL = 1000.0
+STANDARD_ATMOSPHERE = 101_325.0  # Pa
+
+
+def kilopascals(pressure: float) -> float:
+    """Pressure in kPa from Pa."""
+    return pressure / PASCALS_PER_KILOPASCAL
+
+
+def millimeters(length: float) -> float:
+    """Length in mm from m."""
+    return length * 1000.0
+
+
+def seconds_between(earlier_ns: int, later_ns: int) -> float:
+    """Seconds from one stamp to another; exact subtraction first, so that large stamps lose nothing."""
+    return (later_ns - earlier_ns) / NANOSECONDS_PER_SECOND
+
+
+def quantity(
+    default: Any = dataclasses.MISSING,
+    *,
+    unit: str,
+    meaning: str = '',
+    bounds: tuple[float, float] = (-math.inf, math.inf),
+    prior: tuple[float, float] | None = None,
+    source: str = '',
+) -> Any:
+    """Declare a dataclass field that is a physical quantity.
+
+    unit: SI unit, '-' for none. bounds: closed interval of allowed values. prior: interval in which the
+    value is expected before any data. source: where the default or the bounds come from.
+    """
+    metadata = {
+        'unit': unit,
+        'meaning': meaning,
+        'bounds': bounds,
+        'prior': prior or bounds,
+        'source': source,
+    }
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def quantities(owner: Any) -> tuple[dataclasses.Field[Any], ...]:
+    """The fields of a dataclass (type or instance) that were declared by `quantity`, in order."""
+    return tuple(field for field in dataclasses.fields(owner) if 'unit' in field.metadata)
+
+
+def check_quantities(owner: Any, where: str, error: type[PneunetError] = ModelError) -> None:
+    """Refuse a value that is no number, NaN, or outside the bounds of its declaration.
+
+    Infinity passes where a bound is infinite (a rod of infinite axial stiffness is inextensible).
+    """
+    for field in quantities(owner):
+        value = getattr(owner, field.name)
+        low, high = field.metadata['bounds']
+        name = f'{where}.{field.name}' if where else field.name
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise error(f'{name} must be a number in {field.metadata["unit"]}, not {value!r}')
+        if not low <= value <= high:
+            raise error(f'{name} = {value} is not within [{low}, {high}] {field.metadata["unit"]}')
