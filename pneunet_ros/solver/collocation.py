@@ -1,12 +1,15 @@
-"""The boundary value problem of the rod by Gauss collocation: one Newton method, one rod or many at once.
+"""The boundary value problem of the rod by Gauss collocation: one Newton method, for one rod or for many.
 
 The rod is cut into panels, always at a jump of the moment law. On each panel the field equations hold at
-four Gauss points (order eight at the panel ends); the linearized panels are eliminated one by one and
-joined by an orthonormalized sweep, which stays stable where shooting grows like exp(l sqrt(F/B)). The
-turning of the unloaded rod is known in closed form and subtracted, so kinks of its table do no harm.
+four Gauss points (order eight at the joints); the linearized panels are eliminated one by one and joined
+by an orthonormalized sweep, which stays stable where shooting grows like exp(l sqrt(F/B)). The turning of
+the unloaded rod is known in closed form and subtracted, so kinks of its table do little harm.
 
-Layout. `panels[p]` holds the columns named below; `nodes[p] = (theta at the start, theta at the four Gauss
-points, moment at the start)` and `nodes[-1] = (theta at the end, 0, 0, 0, 0, moment at the end)`.
+`panels[p]` = length h, 1/B, M_O, cubic term, axial compliance, stretch at no force, force n1, n2 at the
+start, their loss over the panel, turning of the unloaded rod to the four Gauss points and the end,
+arclength of the start. `nodes[p]` = theta at the start, theta at the Gauss points, moment at the start;
+the last row of `nodes` holds theta and moment at the free end. `ends` = clamp angle, clamp compliance,
+load offset, end force F1, F2, end moment.
 """
 
 from __future__ import annotations
@@ -14,193 +17,111 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from pneunet_ros.solver.compiled import inlined, kernel
+from pneunet_ros.solver.panel import (
+    C1,
+    C2,
+    C3,
+    C4,
+    Law,
+    Mechanics,
+    Turn,
+    W,
+    dot,
+    linear_panel,
+    panel_residual,
+    sine_cosine,
+    substitute,
+    times,
+)
 
-# Columns of a panel: length h, 1/B, M_O, cubic term, axial compliance, stretch at no force, force n at the
-# start and its loss over the panel, turning of the unloaded rod from the start to the Gauss points and the
-# end, arclength of the start.
-H, COMPLIANCE, OFFSET, CUBIC, AXIAL, STRETCH, N1, N2, Q1, Q2, TURN, TURN_END, START = (
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 14, 15,
-)  # fmt: skip
+Array = npt.NDArray[np.float64]
+
 PANEL_WIDTH = 16
 NODE_WIDTH = 6
-GAUSS_POINTS = 4
-
-_points, _weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-GAUSS_ABSCISSAE = (_points + 1.0) / 2.0
-GAUSS_WEIGHTS = _weights / 2.0
-_powers = np.arange(1, GAUSS_POINTS + 1)
-GAUSS_INTEGRATION = (GAUSS_ABSCISSAE[:, None] ** _powers / _powers) @ np.linalg.inv(
-    np.vander(GAUSS_ABSCISSAE, GAUSS_POINTS, increasing=True)
-)
-C1, C2, C3, C4 = GAUSS_ABSCISSAE.tolist()
-W = tuple(GAUSS_WEIGHTS.tolist())
-A1, A2, A3, A4 = (tuple(row) for row in GAUSS_INTEGRATION.tolist())
-T1, T2, T3, T4 = (tuple(column) for column in GAUSS_INTEGRATION.T.tolist())
-
-SIN = [(-1) ** n / math.factorial(2 * n + 1) for n in range(10)]
-COS = [(-1) ** n / math.factorial(2 * n) for n in range(11)]
-S0, S1, S2, S3, S4, S5, S6, S7, S8, S9 = SIN
-K0, K1, K2, K3, K4, K5, K6, K7, K8, K9, K10 = COS
-ONE_OVER_PI = 1.0 / math.pi
-PI_HIGH = float.fromhex('0x1.921fb544p+1')
-PI_LOW = 1.2154201256553420e-10  # pi - PI_HIGH, to 53 bits more
+SLOPE_WIDTH = 14
+STEP_WIDTH = 18
+TOLERANCE = 1e-12  # rad; the residual a Newton iteration aims at
+ACCEPTED = 1e-10  # rad; the residual that still counts as equilibrium where rounding stops Newton
 
 
-@inlined
-def sine_cosine(x):
-    """Sine and cosine to 5e-16, without branches, so that loops over rods vectorize (8 x libm here)."""
-    k = math.floor(x * ONE_OVER_PI + 0.5)
-    r = (x - k * PI_HIGH) - k * PI_LOW
-    z = r * r
-    sine = r * (S0 + z * (S1 + z * (S2 + z * (S3 + z * (S4 + z * (
-        S5 + z * (S6 + z * (S7 + z * (S8 + z * S9)))))))))  # fmt: skip
-    cosine = K0 + z * (K1 + z * (K2 + z * (K3 + z * (K4 + z * (K5 + z * (
-        K6 + z * (K7 + z * (K8 + z * (K9 + z * K10)))))))))  # fmt: skip
-    sign = 1.0 - 2.0 * (k - 2.0 * math.floor(0.5 * k))
-    return sign * sine, sign * cosine
+@kernel
+def turning_at(s: float, knots: Array, turning: Array, piece: int) -> tuple[float, int]:
+    """Turning angle (rad) of the unloaded rod from the clamp to s; starts searching at `piece`."""
+    while piece < knots.size - 2 and s >= knots[piece + 1]:
+        piece += 1
+    t = s - knots[piece]
+    c = turning[piece]
+    return c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4]))), piece
 
 
-@inlined
-def curvature_change(moment, law):
-    """Solve M = M_O + B d (1 + c d^2) for d = kappa - kappa0; also d d/d M. law = (1/B, M_O, c)."""
-    compliance, offset, cubic = law
-    mu = (moment - offset) * compliance
-    d = mu
-    slope = 1.0
-    if cubic > 0.0:
-        d = mu / np.cbrt(1.0 + cubic * mu * mu)
-        for _ in range(4):  # Halley, cubic convergence from a start within 30 %
-            f = d * (1.0 + cubic * d * d) - mu
-            g = 1.0 + 3.0 * cubic * d * d
-            d -= 2.0 * f * g / (2.0 * g * g - f * 6.0 * cubic * d)
-        slope = 1.0 / (1.0 + 3.0 * cubic * d * d)
-    return d, slope * compliance
+@kernel
+def prepare(
+    length: float,
+    sections: Array,
+    knots: Array,
+    turning: Array,
+    ends: Array,
+    counts: npt.NDArray[np.int64],
+    panels: Array,
+) -> None:
+    """Fill `panels` for a mesh of counts[k] equal panels on each section of the moment law.
 
-
-@inlined
-def moment_slope(theta, n1, n2, axial, stretch):
-    """dM/ds = -lambda (n2 cos - n1 sin), lambda = stretch + axial n.t (Eq 4); also its d/d theta."""
-    sine, cosine = sine_cosine(theta)
-    t = n1 * cosine + n2 * sine
-    u = n2 * cosine - n1 * sine
-    stretched = stretch + axial * t
-    return -stretched * u, stretched * t - axial * u * u
-
-
-@inlined
-def dot(a, b):
-    """Inner product of two 4-tuples."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
-
-
-@inlined
-def times(a, b):
-    """Elementwise product of two 4-tuples."""
-    return a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]
-
-
-@inlined
-def less(a, f, b):
-    """The row a - f b."""
-    return a[0] - f * b[0], a[1] - f * b[1], a[2] - f * b[2], a[3] - f * b[3]
-
-
-@inlined
-def less3(a, f, b):
-    """The right-hand sides a - f b."""
-    return a[0] - f * b[0], a[1] - f * b[1], a[2] - f * b[2]
-
-
-@inlined
-def panel_residual(h, law, mechanics, turn, theta_a, theta, moment_a):
-    """How far a panel is from equilibrium (Eq 4 at the Gauss points), and the slopes Newton needs.
-
-    law = (1/B, M_O, cubic), mechanics = (axial compliance, stretch at no force, n1, n2, loss of n1, loss
-    of n2), turn = turning of the unloaded rod to the Gauss points and the end. Returns the residual at the
-    Gauss points, theta and moment at the end, h dM'/d theta and h d kappa/dM at the Gauss points.
+    sections[k] = start, rigidity, moment offset, cubic term, axial compliance, rest strain, line load x, y.
     """
-    a, stretch, n1, n2, q1, q2 = mechanics
-    g1, k1 = moment_slope(theta[0], n1 - C1 * q1, n2 - C1 * q2, a, stretch)
-    g2, k2 = moment_slope(theta[1], n1 - C2 * q1, n2 - C2 * q2, a, stretch)
-    g3, k3 = moment_slope(theta[2], n1 - C3 * q1, n2 - C3 * q2, a, stretch)
-    g4, k4 = moment_slope(theta[3], n1 - C4 * q1, n2 - C4 * q2, a, stretch)
-    g = (h * g1, h * g2, h * g3, h * g4)
-    d1, e1 = curvature_change(moment_a + dot(A1, g), law)
-    d2, e2 = curvature_change(moment_a + dot(A2, g), law)
-    d3, e3 = curvature_change(moment_a + dot(A3, g), law)
-    d4, e4 = curvature_change(moment_a + dot(A4, g), law)
-    d = (h * d1, h * d2, h * d3, h * d4)
-    residual = (
-        theta_a + turn[0] + dot(A1, d) - theta[0],
-        theta_a + turn[1] + dot(A2, d) - theta[1],
-        theta_a + turn[2] + dot(A3, d) - theta[2],
-        theta_a + turn[3] + dot(A4, d) - theta[3],
-    )
-    theta_b = theta_a + turn[4] + dot(W, d)
-    moment_b = moment_a + dot(W, g)
-    return residual, theta_b, moment_b, (h * k1, h * k2, h * k3, h * k4), (
-        h * e1, h * e2, h * e3, h * e4)  # fmt: skip
+    n1, n2 = ends[3], ends[4]
+    first = panels.shape[0]
+    for k in range(sections.shape[0] - 1, -1, -1):
+        section = sections[k]
+        stop = length if k + 1 == sections.shape[0] else sections[k + 1, 0]
+        h = (stop - section[0]) / counts[k]
+        first -= counts[k]
+        for j in range(counts[k] - 1, -1, -1):
+            panel = panels[first + j]
+            q1, q2 = h * section[6], h * section[7]
+            n1 += q1
+            n2 += q2
+            panel[0] = h
+            panel[1] = 1.0 / section[1]
+            panel[2] = section[2]
+            panel[3] = section[3]
+            panel[4] = section[4]
+            panel[5] = 1.0 + section[5]
+            panel[6], panel[7], panel[8], panel[9] = n1, n2, q1, q2
+            panel[15] = section[0] + j * h
+    piece = 0
+    for p in range(panels.shape[0]):
+        panel = panels[p]
+        s, h = panel[15], panel[0]
+        start, piece = turning_at(s, knots, turning, piece)
+        t1, piece = turning_at(s + C1 * h, knots, turning, piece)
+        t2, piece = turning_at(s + C2 * h, knots, turning, piece)
+        t3, piece = turning_at(s + C3 * h, knots, turning, piece)
+        t4, piece = turning_at(s + C4 * h, knots, turning, piece)
+        t5, following = turning_at(s + h, knots, turning, piece)
+        panel[10], panel[11], panel[12] = t1 - start, t2 - start, t3 - start
+        panel[13], panel[14] = t4 - start, t5 - start
+
+
+@kernel
+def unloaded_nodes(panels: Array, ends: Array, nodes: Array) -> None:
+    """The unloaded rod: no moment, theta turns with the intrinsic curvature."""
+    theta = ends[0]
+    for p in range(panels.shape[0]):
+        node, panel = nodes[p], panels[p]
+        node[0] = theta
+        for i in range(4):
+            node[1 + i] = theta + panel[10 + i]
+        node[5] = 0.0
+        theta += panel[14]
+    nodes[-1, 0] = theta
+    nodes[-1, 5] = 0.0
 
 
 @inlined
-def panel_elimination(r, k, e):
-    """Eliminate the Gauss points of a linearized panel, (I - A e A k) d theta = r + y d theta_a + x d M_a.
-
-    Returns per Gauss point the solutions for the right-hand sides (r, 1, A e), and the changes at the end
-    of the panel: (c1, f11, f12) of theta and (c2, f21, f22) of the moment. Without pivoting: the mesh
-    keeps the matrix near the identity, and the residual of every step is checked.
-    """
-    b1, b2, b3, b4, b5 = times(A1, e), times(A2, e), times(A3, e), times(A4, e), times(W, e)
-    m1 = (1.0 - k[0] * dot(b1, T1), -k[1] * dot(b1, T2), -k[2] * dot(b1, T3), -k[3] * dot(b1, T4))
-    m2 = (-k[0] * dot(b2, T1), 1.0 - k[1] * dot(b2, T2), -k[2] * dot(b2, T3), -k[3] * dot(b2, T4))
-    m3 = (-k[0] * dot(b3, T1), -k[1] * dot(b3, T2), 1.0 - k[2] * dot(b3, T3), -k[3] * dot(b3, T4))
-    m4 = (-k[0] * dot(b4, T1), -k[1] * dot(b4, T2), -k[2] * dot(b4, T3), 1.0 - k[3] * dot(b4, T4))
-    v = (k[0] * dot(b5, T1), k[1] * dot(b5, T2), k[2] * dot(b5, T3), k[3] * dot(b5, T4))
-    z1 = (r[0], 1.0, b1[0] + b1[1] + b1[2] + b1[3])
-    z2 = (r[1], 1.0, b2[0] + b2[1] + b2[2] + b2[3])
-    z3 = (r[2], 1.0, b3[0] + b3[1] + b3[2] + b3[3])
-    z4 = (r[3], 1.0, b4[0] + b4[1] + b4[2] + b4[3])
-    x5 = b5[0] + b5[1] + b5[2] + b5[3]
-
-    p1 = 1.0 / m1[0]
-    f2, f3, f4 = m2[0] * p1, m3[0] * p1, m4[0] * p1
-    m2, m3, m4 = less(m2, f2, m1), less(m3, f3, m1), less(m4, f4, m1)
-    z2, z3, z4 = less3(z2, f2, z1), less3(z3, f3, z1), less3(z4, f4, z1)
-    p2 = 1.0 / m2[1]
-    f3, f4 = m3[1] * p2, m4[1] * p2
-    m3, m4 = less(m3, f3, m2), less(m4, f4, m2)
-    z3, z4 = less3(z3, f3, z2), less3(z4, f4, z2)
-    p3 = 1.0 / m3[2]
-    f4 = m4[2] * p3
-    m4, z4 = less(m4, f4, m3), less3(z4, f4, z3)
-    p4 = 1.0 / m4[3]
-
-    z4 = (z4[0] * p4, z4[1] * p4, z4[2] * p4)
-    z3 = less3(z3, m3[3], z4)
-    z3 = (z3[0] * p3, z3[1] * p3, z3[2] * p3)
-    z2 = less3(less3(z2, m2[3], z4), m2[2], z3)
-    z2 = (z2[0] * p2, z2[1] * p2, z2[2] * p2)
-    z1 = less3(less3(less3(z1, m1[3], z4), m1[2], z3), m1[1], z2)
-    z1 = (z1[0] * p1, z1[1] * p1, z1[2] * p1)
-
-    wk = times(W, k)
-    to_theta = (
-        v[0] * z1[0] + v[1] * z2[0] + v[2] * z3[0] + v[3] * z4[0],
-        1.0 + v[0] * z1[1] + v[1] * z2[1] + v[2] * z3[1] + v[3] * z4[1],
-        x5 + v[0] * z1[2] + v[1] * z2[2] + v[2] * z3[2] + v[3] * z4[2],
-    )
-    to_moment = (
-        wk[0] * z1[0] + wk[1] * z2[0] + wk[2] * z3[0] + wk[3] * z4[0],
-        wk[0] * z1[1] + wk[1] * z2[1] + wk[2] * z3[1] + wk[3] * z4[1],
-        1.0 + wk[0] * z1[2] + wk[1] * z2[2] + wk[2] * z3[2] + wk[3] * z4[2],
-    )
-    return z1, z2, z3, z4, to_theta, to_moment
-
-
-@inlined
-def load_panel(panels, p):
+def load_panel(panels: Array, p: int) -> tuple[float, Law, Mechanics, Turn]:
     """The columns of one panel as the tuples the equations take."""
     row = panels[p]
     law = (row[1], row[2], row[3])
@@ -210,16 +131,17 @@ def load_panel(panels, p):
 
 
 @kernel
-def residual_pass(panels, ends, nodes, slopes, moment_scale):
-    """Residual of the whole rod, in rad (moments times `moment_scale`); fills `slopes` for the Newton step.
-
-    `ends` = (clamp angle, clamp compliance, load offset, end force F1, F2, end moment).
-    """
+def residual_pass(
+    panels: Array, ends: Array, nodes: Array, slopes: Array, moment_scale: float
+) -> float:
+    """Residual of the whole rod, in rad (moments times `moment_scale`); fills `slopes` for Newton."""
     count = panels.shape[0]
-    worst = abs(nodes[0, 0] - ends[0] - ends[1] * nodes[0, 5])
     sine, cosine = sine_cosine(nodes[count, 0])
     end_moment = ends[5] - ends[2] * (ends[3] * cosine + ends[4] * sine)
-    worst = max(worst, abs(nodes[count, 5] - end_moment) * moment_scale)
+    worst = max(
+        abs(nodes[0, 0] - ends[0] - ends[1] * nodes[0, 5]),
+        abs(nodes[count, 5] - end_moment) * moment_scale,
+    )
     for p in range(count):
         h, law, mechanics, turn = load_panel(panels, p)
         node = nodes[p]
@@ -241,54 +163,98 @@ def residual_pass(panels, ends, nodes, slopes, moment_scale):
 
 
 @kernel
-def newton_step(ends, nodes, slopes, steps, moment_scale, size):
-    """One Newton step, `size` of it taken; `steps` is scratch (panels + 1, 20)."""
+def newton_step(
+    ends: Array, nodes: Array, slopes: Array, steps: Array, moment_scale: float
+) -> None:
+    """One full Newton step from the slopes of `residual_pass`; `steps` is scratch."""
     count = slopes.shape[0]
-    # state at a joint = w + t v; v spans what the clamp leaves free, kept at unit length (rad, M * scale)
     s = moment_scale
-    v0, v1 = ends[1], 1.0
-    norm = 1.0 / math.sqrt(v0 * v0 + v1 * v1 * s * s)
-    v0 *= norm
-    v1 *= norm
+    # The state at a joint is w + t v: v spans what the clamp leaves free, kept at unit length in (rad,
+    # moment * s) and orthogonal to w, so that neither grows (Godunov's orthonormalization).
+    norm = 1.0 / math.sqrt(ends[1] * ends[1] + s * s)
+    v0, v1 = ends[1] * norm, norm
     w0, w1 = ends[0] + ends[1] * nodes[0, 5] - nodes[0, 0], 0.0
     for p in range(count):
-        row = slopes[p]
-        z1, z2, z3, z4, f, g = panel_elimination(
-            (row[0], row[1], row[2], row[3]),
-            (row[6], row[7], row[8], row[9]),
-            (row[10], row[11], row[12], row[13]),
-        )
-        out = steps[p]
-        out[0], out[1], out[2] = z1
-        out[3], out[4], out[5] = z2
-        out[6], out[7], out[8] = z3
-        out[9], out[10], out[11] = z4
+        row, out = slopes[p], steps[p]
+        k = (row[6], row[7], row[8], row[9])
+        triangle, x, flexibility, b = linear_panel(k, (row[10], row[11], row[12], row[13]))
+        v, wk = times(flexibility[4], k), times(W, k)
+        z = substitute(triangle, (row[0], row[1], row[2], row[3]))
+        y = substitute(triangle, (1.0, 1.0, 1.0, 1.0))
+        x = substitute(triangle, x)
+        out[0], out[1], out[2], out[3] = z
+        out[4], out[5], out[6], out[7] = y
+        out[8], out[9], out[10], out[11] = x
         out[12], out[13], out[14], out[15] = v0, v1, w0, w1
-        c0, c1 = f[0] + row[4], g[0] + row[5]
-        w0, w1 = c0 + f[1] * w0 + f[2] * w1, c1 + g[1] * w0 + g[2] * w1
-        v0, v1 = f[1] * v0 + f[2] * v1, g[1] * v0 + g[2] * v1
-        growth = math.sqrt(v0 * v0 + v1 * v1 * s * s)
-        v0 /= growth
-        v1 /= growth
+        f0, f1, f2 = row[4] + dot(v, z), 1.0 + dot(v, y), b + dot(v, x)
+        g0, g1, g2 = row[5] + dot(wk, z), dot(wk, y), 1.0 + dot(wk, x)
+        w0, w1 = f0 + f1 * w0 + f2 * w1, g0 + g1 * w0 + g2 * w1
+        v0, v1 = f1 * v0 + f2 * v1, g1 * v0 + g2 * v1
+        shrink = 1.0 / math.sqrt(v0 * v0 + v1 * v1 * s * s)
+        v0 *= shrink
+        v1 *= shrink
         along = w0 * v0 + w1 * v1 * s * s
         w0 -= along * v0
         w1 -= along * v1
-        out[16], out[17] = along, 1.0 / growth
+        out[16], out[17] = along, shrink
     sine, cosine = sine_cosine(nodes[count, 0])
     end_moment = ends[5] - ends[2] * (ends[3] * cosine + ends[4] * sine)
     end_slope = ends[2] * (ends[4] * cosine - ends[3] * sine)
     t = (end_moment - nodes[count, 5] - w1 - end_slope * w0) / (v1 + end_slope * v0)
-    nodes[count, 0] += size * (w0 + t * v0)
-    nodes[count, 5] += size * (w1 + t * v1)
+    nodes[count, 0] += w0 + t * v0
+    nodes[count, 5] += w1 + t * v1
     for p in range(count - 1, -1, -1):
-        out = steps[p]
+        out, node = steps[p], nodes[p]
         t = (t - out[16]) * out[17]
         d0 = out[14] + t * out[12]
         d1 = out[15] + t * out[13]
-        node = nodes[p]
-        node[0] += size * d0
-        node[5] += size * d1
-        node[1] += size * (out[0] + out[1] * d0 + out[2] * d1)
-        node[2] += size * (out[3] + out[4] * d0 + out[5] * d1)
-        node[3] += size * (out[6] + out[7] * d0 + out[8] * d1)
-        node[4] += size * (out[9] + out[10] * d0 + out[11] * d1)
+        node[0] += d0
+        node[5] += d1
+        for i in range(4):
+            node[1 + i] += out[i] + out[4 + i] * d0 + out[8 + i] * d1
+
+
+@kernel
+def scale_of_moments(panels: Array) -> float:
+    """What turns a moment into an angle: length over the smallest rigidity, 1/(N m)."""
+    length = 0.0
+    flexibility = 0.0
+    for p in range(panels.shape[0]):
+        length += panels[p, 0]
+        flexibility = max(flexibility, abs(panels[p, 1]))
+    return length * flexibility
+
+
+@kernel
+def newton(
+    panels: Array, ends: Array, nodes: Array, most_iterations: int
+) -> tuple[float, int]:
+    """Newton's method from the given nodes, in place; a step that does not help is halved.
+
+    Returns the residual (rad) and the number of steps. The nodes solve the equations only where the
+    residual is at most ACCEPTED.
+    """
+    count = panels.shape[0]
+    slopes = np.empty((count, SLOPE_WIDTH))
+    steps = np.empty((count, STEP_WIDTH))
+    before = np.empty_like(nodes)
+    scale = scale_of_moments(panels)
+    residual = residual_pass(panels, ends, nodes, slopes, scale)
+    for iteration in range(most_iterations):
+        if residual <= TOLERANCE:
+            return residual, iteration
+        before[:] = nodes
+        newton_step(ends, nodes, slopes, steps, scale)
+        following = residual_pass(panels, ends, nodes, slopes, scale)
+        halvings = 0
+        while not following < residual and halvings < 8:
+            if residual <= ACCEPTED:  # rounding: no step will help any more
+                nodes[:] = before
+                return residual, iteration
+            nodes[:] = 0.5 * (nodes + before)
+            following = residual_pass(panels, ends, nodes, slopes, scale)
+            halvings += 1
+        if not following < residual:
+            return residual, iteration + 1
+        residual = following
+    return residual, most_iterations
