@@ -1,0 +1,73 @@
+"""Install by `pip install .` (commands in bin/) or by `colcon build` (in lib/pneunet_ros/)."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'pneunet_ros'
+SHARE = f'share/{PACKAGE}'
+SHIPPED = ('config', 'launch', 'bags')
+
+
+def shipped_files():
+    """(folder below the install prefix, files) for all that is installed beside the code."""
+    yield 'share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']
+    yield SHARE, ['package.xml']
+    for top in map(Path, SHIPPED):
+        for folder in [top, *sorted(path for path in top.rglob('*') if path.is_dir())]:
+            files = [str(file) for file in sorted(folder.iterdir()) if file.is_file()]
+            files = [file for file in files if not file.endswith(('.pyc', '.gitkeep'))]
+            if files:
+                yield f'{SHARE}/{folder.as_posix()}', files
+
+
+TEST = ['hypothesis>=6.98', 'pytest>=7.4']
+# The wheels of ROS 2 Jazzy exist for Linux on x86-64; elsewhere ROS comes from its own packages.
+WHEELS = 'sys_platform == "linux" and platform_machine == "x86_64" and python_version < "3.14"'
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Shape of a pneumatic soft arm (PneuNet) from its pressure and its end load',
+    license='Apache-2.0',
+    maintainer='pneunet_ros maintainers',
+    maintainer_email='maintainers@pneunet.invalid',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=list(shipped_files()),
+    python_requires='>=3.11',
+    install_requires=[
+        'lz4>=4.0',
+        'matplotlib>=3.6',
+        'mcap>=1.2',
+        'numba>=0.58',
+        'numpy>=1.26',
+        'rich>=13',
+        'rosbags>=0.10.9',
+        'ruamel.yaml>=0.17',
+        'scipy>=1.11',
+        'zstandard>=0.22',
+    ],
+    extras_require={
+        'ros': [
+            f'ros-jazzy-rclpy; {WHEELS}',
+            f'ros-rclpy[fastrtps]==7.1.6; {WHEELS}',
+            f'ros-jazzy-common-interfaces; {WHEELS}',
+        ],
+        'test': TEST,
+        'dev': [
+            *TEST,
+            'pytest-xdist>=3.4',
+            'mypy>=2.4,<2.5',
+            'ruff>=0.17,<0.18',
+            'setuptools>=68',
+        ],
+    },
+    zip_safe=True,
+    entry_points={
+        'console_scripts': [
+            'pneunet = pneunet_ros.cli:main',
+            'estimator = pneunet_ros.nodes.estimator:main',
+        ],
+    },
+)
