@@ -1,0 +1,98 @@
+# `make` alone lists what there is. Each target makes what it needs.
+#   PYTHON=python3.12   the Python to use (3.11 or later)
+#   VENV=.venv          where its environment is made; it is made again when PYTHON changes
+#   ARGS=...            more arguments for pytest or the demo, e.g. make test ARGS='-k solver -x'
+PYTHON ?= python3
+VENV ?= .venv
+OLDEST := $(VENV)-oldest
+COLCON := $(VENV)-colcon
+ARGS ?=
+
+# Two at a time on the common small machine; more than four only fight for the DDS.
+PYTEST_FLAGS := -n auto --maxprocesses 4 --dist worksteal
+BENCHES := $(wildcard bench/solver.py bench/replay.py bench/latency.py)
+
+# A sourced ROS, or the environment of another Python, must not leak into ours.
+ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
+unexport LD_LIBRARY_PATH
+endif
+unexport AMENT_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+PIP := -m pip --disable-pip-version-check --quiet install
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+.PHONY: help
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+.PHONY: setup
+setup: $(VENV)/all ## make .venv with all that running, testing and ROS need
+
+.PHONY: demo
+demo: $(VENV)/run ## the first minute: the arm of the paper, replayed
+	$(VENV)/bin/pneunet demo --overwrite $(ARGS)
+
+.PHONY: test
+test: $(VENV)/all ## the tests, without the slow ones
+	$(VENV)/bin/python -m pytest $(PYTEST_FLAGS) $(ARGS)
+
+.PHONY: test-all
+test-all: $(VENV)/all ## all tests
+	$(VENV)/bin/python -m pytest $(PYTEST_FLAGS) -m '' $(ARGS)
+
+.PHONY: test-oldest
+test-oldest: $(OLDEST)/all ## the tests on the libraries of Ubuntu 24.04
+	$(OLDEST)/bin/python -m pytest $(PYTEST_FLAGS) $(ARGS)
+
+.PHONY: bench
+bench: $(VENV)/all ## how fast it is here: solver, replay, latency
+	@set -e; for bench in $(BENCHES); do echo "== $$bench"; $(VENV)/bin/python $$bench; done
+
+.PHONY: check
+check: $(VENV)/all ## format, lint, types, layers
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/python -m pytest -q test/test_layers.py
+
+.PHONY: format
+format: $(VENV)/all ## put the code into shape
+	$(VENV)/bin/ruff format .
+	$(VENV)/bin/ruff check --fix .
+
+.PHONY: colcon
+colcon: $(COLCON)/all ## build as on a robot, with colcon from PyPI: install/local_setup.bash
+	AMENT_PREFIX_PATH=$(abspath $(COLCON)) $(COLCON)/bin/python -m colcon build --base-paths .
+
+.PHONY: clean
+clean: ## remove all that was made here
+	rm -rf $(VENV) $(OLDEST) $(COLCON) build install log dist demo *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find pneunet_ros test bench launch -name __pycache__ -prune -exec rm -rf {} +
+
+# One environment for one version of Python.
+%/python-$(VERSION):
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed: make PYTHON=python3.12 ...")'
+	rm -rf $*
+	$(PYTHON) -m venv $*
+	@touch $@
+
+$(VENV)/run: $(VENV)/python-$(VERSION) setup.py
+	$(VENV)/bin/python $(PIP) -e .
+	@touch $@
+
+$(VENV)/all: $(VENV)/python-$(VERSION) setup.py
+	$(VENV)/bin/python $(PIP) -e '.[dev,ros]'
+	@touch $(VENV)/run $@
+
+$(OLDEST)/all: $(OLDEST)/python-$(VERSION) setup.py test/constraints-oldest.txt
+	$(OLDEST)/bin/python $(PIP) --constraint test/constraints-oldest.txt -e '.[dev,ros]'
+	@touch $@
+
+# All that the package needs and not the package itself: that is what colcon installs.
+$(COLCON)/all: $(COLCON)/python-$(VERSION) setup.py
+	$(COLCON)/bin/python $(PIP) colcon-common-extensions -e '.[ros]'
+	$(COLCON)/bin/python -m pip --quiet uninstall --yes pneunet_ros
+	@touch $@
