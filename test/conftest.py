@@ -1,0 +1,56 @@
+"""What all tests need: ROS of their own, no window, no leak into other Pythons."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from pathlib import Path
+import tempfile
+import zlib
+
+import hypothesis
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+
+
+def own_domain() -> int:
+    """A ROS domain (1-101) for this process: one per worker, and others for another run."""
+    run = os.environ.get('PYTEST_XDIST_TESTRUNUID', str(os.getpid()))
+    worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
+    return (zlib.crc32(run.encode()) + int(worker)) % 101 + 1
+
+
+# Set before anything imports rclpy or matplotlib.
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+os.environ['ROS_DOMAIN_ID'] = str(own_domain())
+os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='pneunet_ros_log_')
+os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+os.environ['MPLBACKEND'] = 'Agg'
+
+# The first example may compile a kernel, so no deadline. CI draws the same examples every time.
+hypothesis.settings.register_profile('local', deadline=None)
+hypothesis.settings.register_profile('ci', deadline=None, derandomize=True)
+hypothesis.settings.load_profile('ci' if os.environ.get('CI') else 'local')
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip what is marked `ros` where there is no ROS."""
+    if importlib.util.find_spec('rclpy'):
+        return
+    for item in items:
+        if item.get_closest_marker('ros'):
+            item.add_marker(pytest.mark.skip(reason="no rclpy here: pip install '.[ros]'"))
+
+
+@pytest.fixture(scope='session')
+def checkout() -> Path:
+    """The folder of the checkout."""
+    return CHECKOUT
+
+
+@pytest.fixture
+def foreign_environment() -> dict[str, str]:
+    """Environment for starting another Python: without what the ROS wheels set for this one."""
+    ours = ('AMENT_PREFIX_PATH', 'LD_LIBRARY_PATH', 'PYTHONPATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE')
+    return {key: value for key, value in os.environ.items() if key not in ours}

@@ -1,0 +1,146 @@
+"""A file imports only from floors below it, or from files listed before it on its own floor."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = 'pneunet_ros'
+ROOT = Path(__file__).resolve().parent.parent / PACKAGE
+
+# The house, ground first; within a floor a file may import only from those before it.
+# '__init__' is the package itself, 'effects' is effects/__init__.py.
+FLOORS = {
+    '0 words': """
+        errors units frames readings shape resources
+    """,
+    '1 physics': """
+        solver solver.compiled solver.panel solver.collocation solver.stations solver.sensitivity
+        solver.chain solver.collocation_numpy
+        curvature moment_law noise rod
+        effects.effect
+        effects.pressure_offset effects.pressure_gain effects.pressure_lag effects.hysteresis
+        effects.pressure_elongation effects.creep effects.softening effects.stiffening
+        effects.extensibility effects.gravity effects.clamp_compliance effects.load_offset
+        effects.force_misalignment effects.camera_scale effects.camera_rotation
+        effects
+        arm attempt equilibrium tip
+    """,
+    '2 inference': """
+        estimator
+    """,
+    '3 outside': """
+        output model_file estimate_messages messages cdr_template
+        mcap_blocks mcap_file message_store recording
+        recording_writer plots
+        __init__
+    """,
+    '4 edges': """
+        replay demo cli
+        nodes nodes.estimator
+    """,
+}
+ORDER = [module for floor in FLOORS.values() for module in floor.split()]
+FLOOR_OF = {module: floor for floor, modules in FLOORS.items() for module in modules.split()}
+
+ROS = ('rclpy', 'std_srvs', 'builtin_interfaces', 'ament_index_python', 'rosidl_runtime_py')
+
+
+def module_name(file: Path) -> str:
+    """The name of a file in the table."""
+    parts = file.relative_to(ROOT).with_suffix('').parts
+    return '.'.join(parts[:-1] if parts[-1] == '__init__' else parts) or '__init__'
+
+
+FILES = {module_name(file): file for file in sorted(ROOT.rglob('*.py'))}
+
+
+def imported_names(file: Path, module: str) -> Iterator[tuple[int, str]]:
+    """(line, absolute dotted name) of all imports of a file, wherever they stand in it."""
+    package = [PACKAGE, *module.split('.')] if module != '__init__' else [PACKAGE]
+    if file.name != '__init__.py':
+        package.pop()
+    for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'), str(file))):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            source = '.'.join([*base, *([node.module] if node.module else [])])
+            yield from ((node.lineno, f'{source}.{alias.name}') for alias in node.names)
+
+
+def house_module(name: str) -> str | None:
+    """The file of this package that an imported name comes from; None: from elsewhere."""
+    if name != PACKAGE and not name.startswith(f'{PACKAGE}.'):
+        return None
+    parts = name.split('.')[1:]
+    while parts and '.'.join(parts) not in FILES:
+        parts.pop()
+    return '.'.join(parts) or '__init__'
+
+
+def is_ros(name: str) -> bool:
+    """Whether an imported name belongs to ROS."""
+    top = name.split('.')[0]
+    return top in ROS or top.endswith('_msgs')
+
+
+def test_the_table_names_a_module_once():
+    assert len(ORDER) == len(set(ORDER))
+
+
+@pytest.mark.parametrize('module', FILES)
+def test_a_file_imports_only_from_below(module):
+    assert module in ORDER, (
+        f'{FILES[module].relative_to(ROOT.parent)} is on no floor: '
+        f'add {module} to FLOORS in test/test_layers.py, after what it imports'
+    )
+    upward = []
+    for line, name in imported_names(FILES[module], module):
+        source = house_module(name)
+        if source is None:
+            continue
+        if source not in ORDER or ORDER.index(source) >= ORDER.index(module):
+            upward.append(
+                f'line {line}: {module} (floor {FLOOR_OF[module]}) imports {name} '
+                f'(floor {FLOOR_OF.get(source, "?")}), which is not below it'
+            )
+    assert not upward, '\n'.join(upward)
+
+
+@pytest.mark.parametrize('module', [module for module in FILES if not module.startswith('nodes')])
+def test_ros_is_imported_in_nodes_alone(module):
+    of_ros = [
+        f'line {line}: {name}'
+        for line, name in imported_names(FILES[module], module)
+        if is_ros(name)
+    ]
+    assert not of_ros, f'{module} imports ROS, which only nodes/ may: {", ".join(of_ros)}'
+
+
+@pytest.mark.parametrize(
+    ('statement', 'names'),
+    [
+        ('import pneunet_ros.units', ['pneunet_ros.units']),
+        ('from pneunet_ros.units import quantity', ['pneunet_ros.units.quantity']),
+        ('from pneunet_ros import units', ['pneunet_ros.units']),
+        ('from . import shape', ['pneunet_ros.effects.shape']),
+        ('from ..arm import Arm', ['pneunet_ros.arm.Arm']),
+        ('def late():\n    import rclpy', ['rclpy']),
+        ('if TYPE_CHECKING:\n    from a.b import c as d, e', ['a.b.c', 'a.b.e']),
+    ],
+)
+def test_imports_are_found_however_they_are_written(tmp_path, statement, names):
+    file = tmp_path / 'gravity.py'
+    file.write_text(statement)
+    assert [name for _, name in imported_names(file, 'effects.gravity')] == names
+
+
+def test_names_are_traced_to_their_file():
+    assert house_module('pneunet_ros.units.quantity') == 'units'
+    assert house_module('pneunet_ros.solver.compiled') == 'solver.compiled'
+    assert house_module('pneunet_ros.load_model') == '__init__'
+    assert house_module('numpy.linalg') is None

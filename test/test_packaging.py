@@ -1,0 +1,210 @@
+"""The package as it is installed: what it needs, what it ships, where that is found."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+import venv
+from xml.etree import ElementTree
+
+from pneunet_ros import resources
+from pneunet_ros.errors import PneunetError
+from pneunet_ros.resources import shipped
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+PACKAGE = CHECKOUT / 'pneunet_ros'
+ROS = ('rclpy', 'builtin_interfaces', 'std_srvs', 'std_msgs', 'sensor_msgs', 'geometry_msgs')
+NOT_SOURCE = shutil.ignore_patterns(
+    '.git', '.venv*', 'build', 'install', 'log', '*.egg-info', '__pycache__', '.*_cache'
+)
+
+# Import name -> name on PyPI, name of rosdep (None: it has none, the README says so).
+LIBRARIES = {
+    'lz4': ('lz4', None),
+    'matplotlib': ('matplotlib', 'python3-matplotlib'),
+    'mcap': ('mcap', None),
+    'numba': ('numba', 'python3-numba'),
+    'numpy': ('numpy', 'python3-numpy'),
+    'rich': ('rich', 'python3-rich'),
+    'rosbags': ('rosbags', 'python3-rosbags-pip'),
+    'ruamel': ('ruamel.yaml', 'python3-ruamel.yaml'),
+    'scipy': ('scipy', 'python3-scipy'),
+    'zstandard': ('zstandard', None),
+}
+
+
+@pytest.fixture(scope='module')
+def manifest():
+    return ElementTree.parse(CHECKOUT / 'package.xml').getroot()
+
+
+@pytest.fixture(scope='module')
+def setup_arguments():
+    """The arguments of `setup()`, without running it for real."""
+    import setuptools
+
+    given = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(CHECKOUT)
+        patch.setattr(setuptools, 'setup', given.update)
+        code = compile((CHECKOUT / 'setup.py').read_text(encoding='utf-8'), 'setup.py', 'exec')
+        exec(code, {'__name__': '__main__'})
+    return given
+
+
+def imported_outside_the_house():
+    """Top names of all that the package imports beyond the standard library and itself."""
+    names = set()
+    for file in PACKAGE.rglob('*.py'):
+        for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                names.add(node.module.split('.')[0])
+    return names - sys.stdlib_module_names - {'pneunet_ros'}
+
+
+def test_versions_agree(manifest, setup_arguments):
+    assert manifest.findtext('version') == setup_arguments['version']
+
+
+def test_names_agree(manifest, setup_arguments):
+    name = manifest.findtext('name')
+    assert name == setup_arguments['name'] == 'pneunet_ros'
+    assert (CHECKOUT / 'resource' / name).is_file()
+    assert manifest.findtext('license') == setup_arguments['license'] == 'Apache-2.0'
+
+
+def test_what_is_imported_is_declared(manifest, setup_arguments):
+    requirements = {
+        re.match(r'[\w.-]+', line).group() for line in setup_arguments['install_requires']
+    }
+    depends = {element.text for element in manifest.iter('exec_depend')}
+    for name in imported_outside_the_house():
+        if name in LIBRARIES:
+            on_pypi, of_rosdep = LIBRARIES[name]
+            assert on_pypi in requirements, f'{name} is imported; setup.py does not require it'
+            assert of_rosdep is None or of_rosdep in depends, f'{of_rosdep} is not in package.xml'
+        else:
+            assert name in depends, (
+                f'{name} is imported and declared nowhere: add it to package.xml, '
+                'and to setup.py and LIBRARIES of this test if it is no ROS package'
+            )
+
+
+def test_commands_exist(setup_arguments):
+    for line in setup_arguments['entry_points']['console_scripts']:
+        _, target = line.split(' = ')
+        module, function = target.split(':')
+        file = CHECKOUT / Path(*module.split('.')).with_suffix('.py')
+        names = {
+            node.name
+            for node in ast.parse(file.read_text(encoding='utf-8')).body
+            if isinstance(node, ast.FunctionDef)
+        }
+        assert function in names, f'{line}: no such function'
+
+
+def test_all_shipped_files_are_installed(setup_arguments):
+    installed = {file for _, files in setup_arguments['data_files'] for file in files}
+    for folder in ('config', 'launch', 'bags'):
+        for file in (CHECKOUT / folder).rglob('*'):
+            if file.is_file() and '__pycache__' not in file.parts:
+                assert file.relative_to(CHECKOUT).as_posix() in installed
+    for target, files in setup_arguments['data_files']:
+        assert target.startswith('share/')
+        for file in files:
+            if not file.startswith(('resource/', 'package.xml')):
+                assert Path(target) == Path('share/pneunet_ros', file).parent
+
+
+def test_shipped_files_are_found_in_a_checkout():
+    assert shipped('config') == CHECKOUT / 'config'
+    assert shipped('package.xml').is_file()
+
+
+def test_shipped_files_are_found_where_pip_puts_them(tmp_path, monkeypatch):
+    config = tmp_path / 'share/pneunet_ros/config'
+    config.mkdir(parents=True)
+    module = tmp_path / 'lib/python3.12/site-packages/pneunet_ros/resources.py'
+    monkeypatch.setattr(resources, '__file__', str(module))
+    assert shipped('config') == config
+
+
+def test_shipped_files_are_found_below_the_prefix_of_python(tmp_path, monkeypatch):
+    config = tmp_path / 'share/pneunet_ros/config'
+    config.mkdir(parents=True)
+    monkeypatch.setattr(resources, '__file__', '/nowhere/pneunet_ros/resources.py')
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path))
+    assert shipped('config') == config
+
+
+def test_shipped_files_are_found_where_colcon_puts_them(tmp_path, monkeypatch):
+    config = tmp_path / 'share/pneunet_ros/config'
+    config.mkdir(parents=True)
+    monkeypatch.setattr(resources, '__file__', '/nowhere/pneunet_ros/resources.py')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/elsewhere{os.pathsep}{tmp_path}')
+    assert shipped('config') == config
+
+
+def test_a_missing_file_is_named_with_where_it_was_looked_for(monkeypatch):
+    monkeypatch.setenv('AMENT_PREFIX_PATH', '/elsewhere')
+    with pytest.raises(PneunetError, match=r'config/nothing\.yaml.*elsewhere/share/pneunet_ros'):
+        shipped('config/nothing.yaml')
+
+
+@pytest.mark.parametrize(
+    'missing', [ROS, ('numba',), (*ROS, 'numba')], ids=lambda names: names[-1]
+)
+def test_all_but_the_nodes_imports_without(missing):
+    modules = [
+        '.'.join(file.relative_to(CHECKOUT).with_suffix('').parts).removesuffix('.__init__')
+        for file in sorted(PACKAGE.rglob('*.py'))
+        if 'nodes' not in file.parts and file.name != '__main__.py'
+    ]
+    script = (
+        'import importlib, sys\n'
+        f'sys.modules.update(dict.fromkeys({missing!r}))\n'
+        f'for module in {modules!r}:\n'
+        '    importlib.import_module(module)\n'
+    )
+    subprocess.run([sys.executable, '-c', script], check=True, cwd=CHECKOUT)
+
+
+def installed_command(python, *arguments, environment, cwd):
+    """Run an installed thing from a folder that is no checkout; what it says on stdout."""
+    done = subprocess.run(
+        [python, *arguments], env=environment, cwd=cwd, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, f'{arguments}: {done.stdout}{done.stderr}'
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_pip_install_gives_commands_and_files(tmp_path, foreign_environment):
+    """`pip install .` without ROS, from a copy that is gone afterwards; libraries are borrowed."""
+    source = tmp_path / 'source'
+    shutil.copytree(CHECKOUT, source, ignore=NOT_SOURCE)
+    place = tmp_path / 'place'
+    venv.create(place, with_pip=True)
+    python = place / 'bin/python'
+    (site,) = place.glob('lib/python3*/site-packages')
+    libraries = Path(importlib.import_module('numpy').__file__).parent.parent
+    (site / 'borrowed.pth').write_text(f'{libraries}\n')
+    run = {'environment': foreign_environment, 'cwd': tmp_path}
+    pip = ['-m', 'pip', 'install', '--quiet', '--no-deps', '--no-build-isolation']
+    installed_command(python, *pip, source, **run)
+    shutil.rmtree(source)
+
+    where = 'from pneunet_ros.resources import shipped; print(shipped("config"), shipped("bags"))'
+    found = installed_command(python, '-c', where, **run).split()
+    assert found == [str(place / 'share/pneunet_ros' / top) for top in ('config', 'bags')]
+    assert 'demo' in installed_command(place / 'bin/pneunet', '--help', **run)
+    assert (place / 'bin/estimator').is_file()
