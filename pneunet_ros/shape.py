@@ -29,12 +29,12 @@ def frozen_array(value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> 
 class SolverNodes:
     """The converged unknowns of the rod equations, from which a neighboring solve starts.
 
-    `edges` (panels + 1,) m are the joints of the panels, `panels` and `nodes` the layout of
-    `solver.collocation`, `counts` the panels of each section of the moment law.
+    `panels`, `ends` and `nodes` have the layout of `solver.collocation`; `counts` are the panels of each
+    section of the moment law.
     """
 
-    edges: Array
     panels: Array
+    ends: Array
     nodes: Array
     counts: tuple[int, ...]
 

@@ -43,7 +43,7 @@ PANEL_WIDTH = 16
 NODE_WIDTH = 6
 SLOPE_WIDTH = 14
 STEP_WIDTH = 18
-TOLERANCE = 1e-12  # rad; the residual a Newton iteration aims at
+TOLERANCE = 1e-13  # rad; the residual a Newton iteration aims at
 ACCEPTED = 1e-10  # rad; the residual that still counts as equilibrium where rounding stops Newton
 
 
@@ -55,6 +55,36 @@ def turning_at(s: float, knots: Array, turning: Array, piece: int) -> tuple[floa
     t = s - knots[piece]
     c = turning[piece]
     return c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4]))), piece
+
+
+@kernel
+def panel_counts(
+    length: float,
+    sections: Array,
+    turning: Array,
+    ends: Array,
+    decay_lengths: float,
+    turn: float,
+    most: int,
+) -> npt.NDArray[np.int64]:
+    """Panels per section so that none is longer than so many decay lengths sqrt(B/n) or turns further."""
+    counts = np.empty(sections.shape[0], dtype=np.int64)
+    bend = 0.0
+    for piece in range(turning.shape[0]):
+        bend = max(bend, abs(turning[piece, 1]))
+    force = math.hypot(ends[3], ends[4])
+    for k in range(sections.shape[0]):
+        force += math.hypot(sections[k, 6], sections[k, 7]) * length
+    for k in range(sections.shape[0]):
+        stop = length if k + 1 == sections.shape[0] else sections[k + 1, 0]
+        flexibility = abs(1.0 / sections[k, 1])
+        per_length = max(
+            math.sqrt(force * flexibility) / decay_lengths,
+            (bend + abs(ends[5]) * flexibility) / turn,
+        )
+        needed = math.ceil((stop - sections[k, 0]) * per_length)
+        counts[k] = max(1, int(min(needed, most // sections.shape[0])))
+    return counts
 
 
 @kernel
@@ -227,10 +257,11 @@ def scale_of_moments(panels: Array) -> float:
 
 @kernel
 def newton(
-    panels: Array, ends: Array, nodes: Array, most_iterations: int
+    panels: Array, ends: Array, nodes: Array, most_iterations: int, tolerance: float
 ) -> tuple[float, int]:
     """Newton's method from the given nodes, in place; a step that does not help is halved.
 
+    It stops at `tolerance` (rad), or where rounding lets no step help any more.
     Returns the residual (rad) and the number of steps. The nodes solve the equations only where the
     residual is at most ACCEPTED.
     """
@@ -241,7 +272,7 @@ def newton(
     scale = scale_of_moments(panels)
     residual = residual_pass(panels, ends, nodes, slopes, scale)
     for iteration in range(most_iterations):
-        if residual <= TOLERANCE:
+        if residual <= tolerance:
             return residual, iteration
         before[:] = nodes
         newton_step(ends, nodes, slopes, steps, scale)

@@ -123,3 +123,47 @@ def at_stations(
         out[3, i] = intrinsic + curvature_change(moment, law)[0]
         out[4, i] = intrinsic
         out[5, i] = moment
+
+
+@kernel
+def station_changes(
+    panels: Array,
+    nodes: Array,
+    knots: Array,
+    turning: Array,
+    panel_changes: Array,
+    turning_changes: Array,
+    node_changes: Array,
+    arclength: Array,
+    out: Array,
+) -> None:
+    """Change of x, y, theta, kappa, kappa0, M at fixed stations per cause, into out (causes, 6, stations).
+
+    The causes are those of `sensitivity.sensitivities`: F1, F2, M and the further ones, for which
+    panel_changes and turning_changes are given. Central difference of `at_stations` along the known change
+    of the nodes; its step turns no joint by more than 1e-5 rad.
+    """
+    loads = node_changes.shape[0] - panel_changes.shape[0]
+    before = np.empty((6, arclength.size))
+    moved = np.empty_like(panels)
+    for cause in range(node_changes.shape[0]):
+        largest = 0.0
+        for p in range(nodes.shape[0]):
+            largest = max(largest, abs(node_changes[cause, p, 0]))
+        step = 1e-5 / largest if largest > 0.0 else 1e-5
+        for side in range(2):
+            signed = step if side == 1 else -step
+            moved[:] = panels
+            turned = turning
+            if cause >= loads:
+                moved += signed * panel_changes[cause - loads]
+                turned = turning + signed * turning_changes[cause - loads]
+            elif cause < 2:
+                moved[:, 6 + cause] += signed
+            at_stations(
+                moved, nodes + signed * node_changes[cause], knots, turned, arclength, out[cause]
+            )
+            if side == 0:
+                before[:] = out[cause]
+        out[cause] -= before
+        out[cause] *= 0.5 / step

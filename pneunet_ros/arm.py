@@ -1,0 +1,195 @@
+"""The arm: length, intrinsic curvature, moment law and effects, summed into the record of a rod."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from pneunet_ros.curvature import IntrinsicCurvature, table_array
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.effect import Effect, History, Load
+from pneunet_ros.errors import ModelError
+from pneunet_ros.moment_law import MomentLaw
+from pneunet_ros.noise import ModelCovariance, SensorNoise
+from pneunet_ros.rod import CLAMP_ANGLE, CLAMP_WIDTH, SECTION_WIDTH, Rods, RodTable
+from pneunet_ros.shape import Array, frozen_array
+from pneunet_ros.units import check_quantities, quantity
+
+EXTRAPOLATION = 0.05  # of the calibrated range, beyond either end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Arm:
+    """A pneu-net arm as a rod: the whole content of a model file.
+
+    `target_arclength` (targets,) m is the place of every white target; `effects` are in the order of the
+    table of effects; `sources` says where each number comes from.
+    """
+
+    name: str
+    length: float = quantity(unit='m', meaning='length of the material line', bounds=(1e-4, 10.0))
+    weight: float = quantity(unit='N', meaning='mg, the scale of forces', bounds=(1e-6, 1e4))
+    clamp_angle: float = quantity(0.0, unit='rad', meaning='theta(0)', bounds=(-7.0, 7.0))
+    target_arclength: Array = field(default_factory=lambda: np.zeros(0))
+    intrinsic_curvature: IntrinsicCurvature
+    moment_law: MomentLaw
+    effects: tuple[Effect, ...] = ()
+    sensors: SensorNoise
+    covariance: ModelCovariance | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    knots: Array = field(init=False, repr=False)
+    table: RodTable = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the numbers and put the effects into the order of the table."""
+        check_quantities(self, 'arm')
+        targets = table_array(self.target_arclength, 'arm.target_arclength', 1)
+        inside = targets.size == 0 or (targets[0] >= 0.0 and targets[-1] <= self.length * (1 + 1e-9))
+        if not inside or not np.all(np.diff(targets) > 0.0):
+            raise ModelError(
+                f'arm.target_arclength must increase within 0 and the length {self.length} m'
+            )
+        names = [effect.name for effect in self.effects]
+        if len(set(names)) != len(names):
+            raise ModelError(f'an effect is given twice: {", ".join(names)}')
+        order = list(EFFECTS)
+        effects = tuple(sorted(self.effects, key=lambda effect: order.index(effect.name)))
+        object.__setattr__(self, 'target_arclength', targets)
+        object.__setattr__(self, 'effects', effects)
+        object.__setattr__(self, 'sources', MappingProxyType(dict(self.sources)))
+        object.__setattr__(self, 'provenance', MappingProxyType(dict(self.provenance)))
+        object.__setattr__(
+            self, 'knots', frozen_array(self.length * self.intrinsic_curvature.arclength)
+        )
+        low, high = self.pressure_range
+        if not low < high:
+            raise ModelError(
+                'intrinsic_curvature and moment_law have no pressure in common; '
+                'their pressure tables must overlap'
+            )
+        object.__setattr__(self, 'table', self.tabulated())
+        if self.covariance is not None:
+            for column in self.covariance.columns():
+                self.changed(column)
+
+    @property
+    def pressure_range(self) -> tuple[float, float]:
+        """Pressures (Pa) at which both intrinsic curvature and moment law are calibrated."""
+        low, high = self.moment_law.pressure_range
+        table = self.intrinsic_curvature.pressure
+        return max(low, float(table[0])), min(high, float(table[-1]))
+
+    def beyond_range(self, pressure: float) -> float:
+        """How far a pressure lies outside the calibrated range, as a share of that range; 0 inside."""
+        low, high = self.pressure_range
+        return max(low - pressure, pressure - high, 0.0) / (high - low)
+
+    def sense(self, load: Load) -> Load:
+        """The true load behind readings of pressure and wrench."""
+        for effect in self.effects:
+            load = effect.sense(load)
+        return load
+
+    def initial_history(self, pressure: float) -> tuple[History, ...]:
+        """History of an arm that has rested at this pressure (Pa)."""
+        return tuple(effect.initial(pressure) for effect in self.effects)
+
+    def actuate(
+        self, history: tuple[History, ...], seconds: float, pressure: float
+    ) -> tuple[tuple[History, ...], float]:
+        """History and chamber pressure (Pa), `seconds` after the last call with the history given."""
+        following = []
+        for effect, state in zip(self.effects, history, strict=True):
+            state, pressure = effect.actuate(state, seconds, pressure)
+            following.append(state)
+        return tuple(following), pressure
+
+    def tabulated(self) -> RodTable:
+        """Every pressure at which curvature or law has a row, with the record of the rod there."""
+        law, low_high = self.moment_law, np.array(self.pressure_range)
+        rows = np.union1d(self.intrinsic_curvature.pressure, law.table_pressures)
+        rows = np.union1d(rows[(rows > low_high[0]) & (rows < low_high[1])], low_high)
+        base = law.sections(rows, self.length, self.weight)
+        sections = np.zeros((rows.size, base.shape[1], SECTION_WIDTH))
+        sections[:, :, :3] = base
+        turning = self.intrinsic_curvature.turning_of(rows, self.length)
+        flat = [sections.reshape(rows.size, -1), turning.reshape(rows.size, -1)]
+        return RodTable(
+            pressure=frozen_array(rows),
+            record=frozen_array(np.concatenate(flat, axis=1)),
+            sections=base.shape[1],
+        )
+
+    def rods(self, pressure: Array) -> Rods:
+        """The record of the rod at each of these chamber pressures (n,) Pa."""
+        sections, turning = self.table.at(pressure)
+        clamp = np.zeros((pressure.size, CLAMP_WIDTH))
+        clamp[:, CLAMP_ANGLE] = self.clamp_angle
+        for effect in self.effects:
+            effect.terms(pressure).add_to(sections, clamp)
+        return Rods(
+            length=self.length,
+            pressure=pressure,
+            sections=sections,
+            clamp=clamp,
+            knots=self.knots,
+            turning=turning,
+        )
+
+    def changed(self, changes: Mapping[str, float]) -> Arm:
+        """This arm with quantities of the model file moved; ModelError names an unknown quantity.
+
+        changes: dotted path, such as `moment_law.rigidity.0.1` or `arm.length`, to an amount in SI.
+        """
+        arm = dataclasses.replace(self, covariance=None)
+        for name, amount in changes.items():
+            first, *rest = name.split('.')
+            if first == 'arm' and rest and rest[0] in ('length', 'weight', 'clamp_angle'):
+                path = rest
+            elif first in ('intrinsic_curvature', 'moment_law', 'effects', 'sensors'):
+                path = [first, *rest]
+            else:
+                raise ModelError(unknown_quantity(name))
+            arm = moved(arm, path, amount, name)
+        return arm
+
+
+def unknown_quantity(name: str) -> str:
+    """The sentence for a name that leads to no number of the model."""
+    return (
+        f'the model has no quantity {name}; names look like arm.length, '
+        'intrinsic_curvature.curvature.3.5, moment_law.rigidity.0.1, effects.gravity.weight_y'
+    )
+
+
+def moved(owner: Any, path: list[str], amount: float, name: str) -> Any:
+    """A copy of `owner` in which the number at `path` is larger by `amount`."""
+    if not path:
+        if isinstance(owner, bool) or not isinstance(owner, (int, float)):
+            raise ModelError(unknown_quantity(name))
+        return float(owner) + amount
+    key, *rest = path
+    if isinstance(owner, np.ndarray):
+        copy = np.array(owner)
+        try:
+            index = tuple(int(item) for item in path)
+            copy[index] = moved(float(copy[index]), [], amount, name)
+        except (ValueError, IndexError, TypeError):
+            raise ModelError(unknown_quantity(name)) from None
+        return copy
+    if isinstance(owner, tuple):
+        if key not in [effect.name for effect in owner]:
+            raise ModelError(unknown_quantity(name))
+        return tuple(
+            moved(effect, rest, amount, name) if effect.name == key else effect for effect in owner
+        )
+    known = [item.name for item in dataclasses.fields(owner) if item.init]
+    if key not in known:
+        raise ModelError(unknown_quantity(name))
+    return dataclasses.replace(owner, **{key: moved(getattr(owner, key), rest, amount, name)})

@@ -1,0 +1,96 @@
+"""The intrinsic curvature kappa_p0(p, s) of the pressurized, unloaded arm (Eqs 5-6 of the paper)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from pneunet_ros.errors import ModelError
+from pneunet_ros.shape import Array, frozen_array
+
+
+def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], Array]:
+    """Rows below `at` in a table over pressure and the weight of the row above, linear beyond the ends.
+
+    pressure (rows,) Pa increasing, at (...) Pa; returns the row index and the weight, each (...).
+    """
+    at = np.asarray(at, dtype=np.float64)
+    row = np.clip(np.searchsorted(pressure, at, side='right') - 1, 0, pressure.size - 2)
+    return row, (at - pressure[row]) / (pressure[row + 1] - pressure[row])
+
+
+def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
+    """A table's pressure column: at least two rows, finite, strictly increasing; else ModelError."""
+    column = table_array(pressure, f'{where}.pressure', 1)
+    if column.size < 2 or not np.all(np.diff(column) > 0.0):
+        raise ModelError(f'{where}.pressure must hold at least two strictly increasing values in Pa')
+    return column
+
+
+def table_array(values: npt.ArrayLike, where: str, dimensions: int) -> Array:
+    """A read-only table of finite numbers with so many dimensions; else ModelError."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ModelError(f'{where} must be a table of numbers with rows of equal length') from None
+    if array.ndim != dimensions:
+        kind = ['a number', 'a list of numbers', 'a list of rows of numbers'][dimensions]
+        raise ModelError(f'{where} must be {kind}, got an array of shape {array.shape}')
+    if not np.all(np.isfinite(array)):
+        raise ModelError(f'{where} holds NaN or infinity')
+    return frozen_array(array)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IntrinsicCurvature:
+    """Table of kappa_p0: linear in p between rows, C2 cubic spline (not-a-knot) in s.
+
+    pressure (rows,) Pa; arclength (columns,) as s / l from 0 to 1; curvature (rows, columns) 1/m.
+    `turning` (rows, columns - 1, 5) holds the antiderivative in s / l, piece by piece, as ascending powers
+    of the distance from the piece's start: the angle that the unloaded arm has turned, per unit length.
+    """
+
+    pressure: Array
+    arclength: Array
+    curvature: Array
+    turning: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the table and integrate it."""
+        where = 'intrinsic_curvature'
+        pressure = checked_pressures(self.pressure, where)
+        arclength = table_array(self.arclength, f'{where}.arclength', 1)
+        curvature = table_array(self.curvature, f'{where}.curvature', 2)
+        inside = arclength.size >= 2 and arclength[0] == 0.0 and arclength[-1] == 1.0
+        if not inside or not np.all(np.diff(arclength) > 0.0):
+            raise ModelError(f'{where}.arclength must increase from 0.0 to 1.0 (s / l)')
+        expected = (pressure.size, arclength.size)
+        if curvature.shape != expected:
+            raise ModelError(
+                f'{where}.curvature must have a row per pressure and a column per arclength, '
+                f'{expected[0]} x {expected[1]}, not {curvature.shape[0]} x {curvature.shape[1]}'
+            )
+        spline = CubicSpline(arclength, curvature, axis=1)
+        integral = spline.antiderivative()
+        turning = np.moveaxis(integral.c[::-1], (0, 1, 2), (2, 1, 0))
+        object.__setattr__(self, 'pressure', pressure)
+        object.__setattr__(self, 'arclength', arclength)
+        object.__setattr__(self, 'curvature', curvature)
+        object.__setattr__(self, 'turning', frozen_array(turning))
+
+    def turning_of(self, pressure: Array, length: float) -> Array:
+        """The pieces of the turning angle over material arclength in m; (pressures, columns - 1, 5)."""
+        row, weight = pressure_rows(self.pressure, pressure)
+        weight = weight[:, None, None]
+        per_length = (1.0 - weight) * self.turning[row] + weight * self.turning[row + 1]
+        # kappa = sum c_k u^(k-1) k with u = s / l, so theta = l sum c_k (s / l)^k
+        return per_length * (length ** (1.0 - np.arange(5.0)))
+
+    def at(self, pressure: float, arclength: npt.ArrayLike) -> Array:
+        """kappa_p0 (1/m) at one pressure (Pa) and any s / l."""
+        row, weight = pressure_rows(self.pressure, pressure)
+        values = (1.0 - weight) * self.curvature[row] + weight * self.curvature[row + 1]
+        return frozen_array(CubicSpline(self.arclength, values)(np.asarray(arclength)))

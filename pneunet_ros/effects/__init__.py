@@ -1,0 +1,32 @@
+"""The table of effects: a new effect is one file in this folder and one line here.
+
+The order of the table is the order in which sensing and actuation are applied.
+"""
+
+from __future__ import annotations
+
+from pneunet_ros.effects.clamp_compliance import ClampCompliance
+from pneunet_ros.effects.effect import Effect
+from pneunet_ros.effects.extensibility import Extensibility
+from pneunet_ros.effects.gravity import Gravity
+from pneunet_ros.effects.load_offset import LoadOffset
+from pneunet_ros.effects.pressure_elongation import PressureElongation
+from pneunet_ros.effects.pressure_gain import PressureGain
+from pneunet_ros.effects.pressure_lag import PressureLag
+from pneunet_ros.effects.pressure_offset import PressureOffset
+from pneunet_ros.effects.stiffening import Stiffening
+
+EFFECTS: dict[str, type[Effect]] = {
+    effect.name: effect
+    for effect in (
+        PressureGain,
+        PressureOffset,
+        PressureLag,
+        Stiffening,
+        Extensibility,
+        PressureElongation,
+        Gravity,
+        ClampCompliance,
+        LoadOffset,
+    )
+}

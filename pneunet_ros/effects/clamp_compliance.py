@@ -1,0 +1,31 @@
+"""The clamp gives way under the moment it carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pneunet_ros.effects.effect import Effect, Place, Terms
+from pneunet_ros.shape import Array
+from pneunet_ros.units import quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClampCompliance(Effect):
+    """theta(0) = clamp angle + compliance x M(0)."""
+
+    name: ClassVar[str] = 'clamp_compliance'
+    place: ClassVar[Place] = 'mechanics'
+    meaning: ClassVar[str] = 'the clamp turns by compliance x M(0)'
+    compliance: float = quantity(
+        0.0,
+        unit='rad/(N m)',
+        meaning='turn of the clamp per moment',
+        bounds=(0.0, 1e4),
+        prior=(0.0, 20.0),
+        source='prior: up to 0.1 rad at the 5 mN m of Table 1',
+    )
+
+    def terms(self, pressure: Array) -> Terms:
+        """The compliance of the clamp."""
+        return Terms(clamp_compliance=self.compliance)

@@ -1,0 +1,121 @@
+"""The contract of a physical effect: one file, one frozen dataclass, parameters declared once.
+
+An effect may speak in four places and nowhere else:
+
+- *sensing* (`sense`): what a reading means;
+- *actuation* (`initial`, `actuate`): from the pressure at the sensor, with its history, to the pressure in
+  the chamber; history comes in and goes out as a tuple of numbers;
+- *material* and *mechanics* (`terms`): what it adds to the record of the rod.
+
+The default of every parameter is its neutral value, at which the effect does nothing at all.
+"""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from pneunet_ros.rod import (
+    AXIAL_COMPLIANCE,
+    CLAMP_ANGLE,
+    CLAMP_COMPLIANCE,
+    CUBIC,
+    LOAD_OFFSET,
+    LOAD_X,
+    LOAD_Y,
+    MOMENT_OFFSET,
+    REST_STRAIN,
+    RIGIDITY,
+)
+from pneunet_ros.shape import Array
+from pneunet_ros.units import check_quantities
+
+Place = Literal['sensing', 'actuation', 'material', 'mechanics']
+History = tuple[float, ...]
+NOTHING = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """Gauge pressure (Pa), force (N) and moment (N m) at the free end, in the base frame."""
+
+    pressure: float
+    force_x: float = 0.0
+    force_y: float = 0.0
+    moment: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Terms:
+    """What an effect adds to the record of the rod; contributions of effects are summed.
+
+    Only rigidity factors multiply. Each term is a number or an array (pressures,); it holds for the whole
+    length. Units: moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -, line loads N/m,
+    clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
+    """
+
+    rigidity_factor: float | Array = 1.0
+    moment_offset: float | Array = NOTHING
+    cubic: float | Array = NOTHING
+    axial_compliance: float | Array = NOTHING
+    rest_strain: float | Array = NOTHING
+    line_load_x: float | Array = NOTHING
+    line_load_y: float | Array = NOTHING
+    clamp_angle: float | Array = NOTHING
+    clamp_compliance: float | Array = NOTHING
+    load_offset: float | Array = NOTHING
+
+    def add_to(self, sections: Array, clamp: Array) -> None:
+        """Add these terms to the records of a rod: sections (n, sections, 8), clamp (n, 3), see `rod`."""
+        per_section, per_clamp = sections.transpose(2, 1, 0), clamp.T
+        per_section[RIGIDITY] *= self.rigidity_factor
+        for column, term in (
+            (MOMENT_OFFSET, self.moment_offset),
+            (CUBIC, self.cubic),
+            (AXIAL_COMPLIANCE, self.axial_compliance),
+            (REST_STRAIN, self.rest_strain),
+            (LOAD_X, self.line_load_x),
+            (LOAD_Y, self.line_load_y),
+        ):
+            if term is not NOTHING:
+                per_section[column] += term
+        for column, term in (
+            (CLAMP_ANGLE, self.clamp_angle),
+            (CLAMP_COMPLIANCE, self.clamp_compliance),
+            (LOAD_OFFSET, self.load_offset),
+        ):
+            if term is not NOTHING:
+                per_clamp[column] += term
+
+
+NO_TERMS = Terms()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effect(abc.ABC):
+    """A physical effect beside the base model; see the module for the four places it may speak in."""
+
+    name: ClassVar[str]
+    place: ClassVar[Place]
+    meaning: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        """Refuse parameters outside their bounds."""
+        check_quantities(self, f'effects.{self.name}')
+
+    def sense(self, load: Load) -> Load:
+        """The true load behind a reading."""
+        return load
+
+    def initial(self, pressure: float) -> History:
+        """History of an arm that has rested at this pressure (Pa) for ever."""
+        return ()
+
+    def actuate(self, history: History, seconds: float, pressure: float) -> tuple[History, float]:
+        """History and chamber pressure (Pa) when, `seconds` after the last call, the pressure is this."""
+        return history, pressure
+
+    def terms(self, pressure: Array) -> Terms:
+        """What the effect adds to the rod at these chamber pressures (n,) Pa."""
+        return NO_TERMS

@@ -1,0 +1,32 @@
+"""The arm stretches under the force along it; the paper suspects this behind its wrong F1 (section 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import ClassVar
+
+from pneunet_ros.effects.effect import Effect, Place, Terms
+from pneunet_ros.shape import Array
+from pneunet_ros.units import quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extensibility(Effect):
+    """Stretch = n.t / EA."""
+
+    name: ClassVar[str] = 'extensibility'
+    place: ClassVar[Place] = 'mechanics'
+    meaning: ClassVar[str] = 'stretch = n.t / EA'
+    axial_stiffness: float = quantity(
+        math.inf,
+        unit='N',
+        meaning='EA; infinite = inextensible',
+        bounds=(0.1, math.inf),
+        prior=(5.0, 500.0),
+        source='prior: silicone of E = 0.1 to 3 MPa on 50 to 150 mm^2',
+    )
+
+    def terms(self, pressure: Array) -> Terms:
+        """The axial compliance 1/EA."""
+        return Terms(axial_compliance=1.0 / self.axial_stiffness)

@@ -1,0 +1,31 @@
+"""The end force acts beside the centerline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pneunet_ros.effects.effect import Effect, Place, Terms
+from pneunet_ros.shape import Array
+from pneunet_ros.units import quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadOffset(Effect):
+    """The load acts at tip + offset x normal, normal = (-sin theta, cos theta) at the tip."""
+
+    name: ClassVar[str] = 'load_offset'
+    place: ClassVar[Place] = 'mechanics'
+    meaning: ClassVar[str] = 'the load acts at tip + offset x normal'
+    offset: float = quantity(
+        0.0,
+        unit='m',
+        meaning='distance of the point of action from the centerline',
+        bounds=(-0.1, 0.1),
+        prior=(-0.012, 0.012),
+        source="prior: the paper's arm is 12 mm high",
+    )
+
+    def terms(self, pressure: Array) -> Terms:
+        """The arm of the end force."""
+        return Terms(load_offset=self.offset)

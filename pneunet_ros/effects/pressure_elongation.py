@@ -1,0 +1,40 @@
+"""Inflation lengthens the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pneunet_ros.effects.effect import Effect, Place, Terms
+from pneunet_ros.shape import Array
+from pneunet_ros.units import quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureElongation(Effect):
+    """Rest strain = strain_per_pascal p + strain_per_pascal_squared p^2, of the chamber pressure p."""
+
+    name: ClassVar[str] = 'pressure_elongation'
+    place: ClassVar[Place] = 'mechanics'
+    meaning: ClassVar[str] = 'inflation lengthens the arm'
+    strain_per_pascal: float = quantity(
+        0.0,
+        unit='1/Pa',
+        meaning='linear part',
+        bounds=(-1e-5, 1e-5),
+        prior=(-1e-6, 5e-6),
+        source='prior: up to a third of the length at 66 kPa',
+    )
+    strain_per_pascal_squared: float = quantity(
+        0.0,
+        unit='1/Pa^2',
+        meaning='quadratic part',
+        bounds=(-1e-9, 1e-9),
+        prior=(-5e-11, 5e-11),
+        source='prior: as much as the linear part at 66 kPa',
+    )
+
+    def terms(self, pressure: Array) -> Terms:
+        """The strain of the unloaded arm."""
+        strain = self.strain_per_pascal * pressure + self.strain_per_pascal_squared * pressure**2
+        return Terms(rest_strain=strain)

@@ -1,0 +1,72 @@
+"""The record of the rod: everything that the equations of equilibrium know, summed from the parts of an arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pneunet_ros.shape import Array
+
+# Columns of a section: start m, rigidity N m^2, moment offset N m, cubic term m^2, axial compliance 1/N,
+# rest strain -, line load N/m.
+START, RIGIDITY, MOMENT_OFFSET, CUBIC, AXIAL_COMPLIANCE, REST_STRAIN, LOAD_X, LOAD_Y = range(8)
+SECTION_WIDTH = 8
+# Columns of the clamp: angle rad, compliance rad/(N m); and how far beside the tip the load acts, m.
+CLAMP_ANGLE, CLAMP_COMPLIANCE, LOAD_OFFSET = range(3)
+CLAMP_WIDTH = 3
+TURNING_WIDTH = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rods:
+    """Records of one arm at several pressures.
+
+    pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 3) with the columns
+    above, the same along each section; knots (pieces + 1,) m and turning (pressures, pieces, 5): the angle
+    rad that the unloaded rod has turned, as ascending powers of the distance from the knot before.
+    """
+
+    length: float
+    pressure: Array
+    sections: Array
+    clamp: Array
+    knots: Array
+    turning: Array
+
+    def one(self, which: int) -> Rods:
+        """The record at one of the pressures, as records of one pressure."""
+        only = slice(which, which + 1)
+        return Rods(
+            length=self.length,
+            pressure=self.pressure[only],
+            sections=self.sections[only],
+            clamp=self.clamp[only],
+            knots=self.knots,
+            turning=self.turning[only],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RodTable:
+    """Sections and turning of an arm without effects, side by side, at every pressure of its tables.
+
+    Curvature and moment laws are linear in pressure between tables' rows, so this is one linear table.
+    pressure (rows,) Pa; record (rows, 8 sections + 5 pieces).
+    """
+
+    pressure: Array
+    record: Array
+    sections: int
+
+    def at(self, pressure: Array) -> tuple[Array, Array]:
+        """Sections (n, sections, 8) and turning (n, pieces, 5) at these pressures (n,), linear beyond."""
+        row = self.pressure[1:-1].searchsorted(pressure, side='right')
+        below, above = self.pressure[row], self.pressure[row + 1]
+        weight = ((pressure - below) / (above - below))[:, None]
+        blend = (1.0 - weight) * self.record[row] + weight * self.record[row + 1]
+        width = self.sections * SECTION_WIDTH
+        return (
+            np.ascontiguousarray(blend[:, :width]).reshape(-1, self.sections, SECTION_WIDTH),
+            np.ascontiguousarray(blend[:, width:]).reshape(pressure.size, -1, TURNING_WIDTH),
+        )
