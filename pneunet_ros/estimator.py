@@ -1,0 +1,435 @@
+"""From readings to shape estimates: one pure step, the same for live nodes and for recordings.
+
+`Estimator.step(state, reading) -> state, outcome` knows no clock, no topic and no file. A pressure reading
+gives a `ShapeEstimate` or a `Refusal`; a wrench reading gives nothing or a `Refusal`. Stamps are those of
+the message headers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from dataclasses import dataclass, field, replace
+import math
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from pneunet_ros.arm import EXTRAPOLATION, Arm
+from pneunet_ros.effects.effect import History, Load
+from pneunet_ros.equilibrium import (
+    DEFAULT_STATIONS,
+    Change,
+    out_of_range,
+    respond,
+    solve_rod,
+    station_arclength,
+    with_pressure_change,
+)
+from pneunet_ros.errors import RequestError
+from pneunet_ros.frames import BASE_FRAME, rotate
+from pneunet_ros.readings import PressureReading, Reading, WrenchReading
+from pneunet_ros.shape import (
+    Array,
+    Refusal,
+    Shape,
+    ShapeEstimate,
+    SolverNodes,
+    frozen_array,
+)
+from pneunet_ros.solver.sensitivity import LOADS
+from pneunet_ros.units import (
+    STANDARD_ATMOSPHERE,
+    check_quantities,
+    kilopascals,
+    quantity,
+    seconds_between,
+)
+
+BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
+COLUMN_STEP = 0.01  # of a column of the model's covariance, for its derivative
+PRESSURE = LOADS  # index of the chamber pressure among the causes of a response
+
+
+def setting(default: Any, meaning: str, choices: tuple[Any, ...] = ()) -> Any:
+    """Declare a setting that is no physical quantity."""
+    return field(default=default, metadata={'meaning': meaning, 'choices': choices})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatorSettings:
+    """What the estimator must know of the sensors and the stack around it; never physics of the arm."""
+
+    frame_id: str = setting(BASE_FRAME, 'frame of all outputs, at the clamp')
+    stations: int = setting(DEFAULT_STATIONS, 'number of stations along the arm, 2 to 2000')
+    wrench_required: bool = setting(
+        True, 'estimate only with a fresh end wrench; false: no wrench topic, the arm is unloaded'
+    )
+    wrench_timeout: float = quantity(
+        0.5, unit='s', meaning='largest age of the end wrench that is used', bounds=(1e-3, 3600.0)
+    )
+    input_timeout: float = quantity(
+        0.5, unit='s', meaning='silence of the pressure that is an error', bounds=(1e-3, 3600.0)
+    )
+    pressure_reference: str = setting(
+        'gauge', 'what the pressure sensor reports', ('gauge', 'absolute')
+    )
+    ambient_pressure: float = quantity(
+        STANDARD_ATMOSPHERE,
+        unit='Pa',
+        meaning='subtracted where the pressure is absolute',
+        bounds=(3e4, 1.2e5),
+    )
+    pressure_offset: float = quantity(
+        0.0, unit='Pa', meaning='added to every pressure reading', bounds=(-1e6, 1e6)
+    )
+    wrench_sign: int = setting(
+        1, '-1 where the sensor reports the force of the arm on it', (1, -1)
+    )
+    wrench_yaw: float = quantity(
+        0.0,
+        unit='rad',
+        meaning='angle of the wrench axes in the base frame, counter-clockwise',
+        bounds=(-7.0, 7.0),
+    )
+    wrench_frame: str = setting(
+        '', 'frame id, beside frame_id, that wrench messages may carry'
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their declaration."""
+        check_quantities(self, '', RequestError)
+        for item in dataclasses.fields(self):
+            choices = item.metadata.get('choices')
+            if choices and getattr(self, item.name) not in choices:
+                allowed = ', '.join(str(choice) for choice in choices)
+                raise RequestError(
+                    f'{item.name} must be one of {allowed}, not {getattr(self, item.name)!r}'
+                )
+        if not 2 <= self.stations <= 2000:
+            raise RequestError(f'stations must lie between 2 and 2000, not {self.stations}')
+        if not self.frame_id:
+            raise RequestError('frame_id must not be empty')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EstimatorState:
+    """All that an estimator remembers from one reading to the next."""
+
+    pressure_stamp_ns: int | None = None
+    wrench: WrenchReading | None = None
+    history: tuple[History, ...] | None = None
+    solution: SolverNodes | None = None
+    estimates: int = 0
+    resets: int = 0
+    rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+
+Outcome = ShapeEstimate | Refusal | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimator:
+    """A calibrated arm with the settings of its sensors."""
+
+    arm: Arm
+    settings: EstimatorSettings = field(default_factory=EstimatorSettings)
+    arclength: Array = field(init=False, repr=False)
+    model_columns: tuple[tuple[Arm, Arm], ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Prepare stations and the neighbors of the arm along each column of its covariance."""
+        stations = station_arclength(self.arm.length, self.settings.stations)
+        columns = () if self.arm.covariance is None else self.arm.covariance.columns()
+        neighbors = tuple(
+            (
+                self.arm.changed({name: -COLUMN_STEP * std for name, std in column.items()}),
+                self.arm.changed({name: COLUMN_STEP * std for name, std in column.items()}),
+            )
+            for column in columns
+        )
+        object.__setattr__(self, 'arclength', stations)
+        object.__setattr__(self, 'model_columns', neighbors)
+
+    def step(
+        self, state: EstimatorState, reading: Reading
+    ) -> tuple[EstimatorState, Outcome]:
+        """Take one reading; see the module."""
+        state, refusal, note = admitted(state, reading)
+        if refusal is None:
+            if isinstance(reading, WrenchReading):
+                state, refusal = self.take_wrench(state, reading)
+                if refusal is None:
+                    return state, None
+            else:
+                state, outcome = self.take_pressure(state, reading, note)
+                if not isinstance(outcome, Refusal):
+                    return state, outcome
+                refusal = outcome
+        counts = dict(state.rejected)
+        counts[refusal.reason] = counts.get(refusal.reason, 0) + 1
+        return replace(state, rejected=MappingProxyType(counts)), refusal
+
+    def take_wrench(
+        self, state: EstimatorState, reading: WrenchReading
+    ) -> tuple[EstimatorState, Refusal | None]:
+        """Remember an end wrench in the base frame."""
+        known = [self.settings.frame_id, self.settings.wrench_frame]
+        if reading.frame_id not in known:
+            named = ' nor '.join(frame for frame in known if frame)
+            return state, Refusal(
+                stamp_ns=reading.stamp_ns,
+                reason='wrong_frame',
+                sentence=f'end wrench in frame {reading.frame_id!r}, which is not {named}; set '
+                'wrench_frame (and wrench_yaw, wrench_sign) to what the sensor reports',
+                error=True,
+            )
+        sign = float(self.settings.wrench_sign)
+        force = rotate(self.settings.wrench_yaw, sign * reading.force_x, sign * reading.force_y)
+        resolved = replace(
+            reading,
+            force_x=force[0],
+            force_y=force[1],
+            moment=sign * reading.moment,
+            frame_id=self.settings.frame_id,
+        )
+        return replace(state, wrench=resolved), None
+
+    def take_pressure(
+        self, state: EstimatorState, reading: PressureReading, note: str
+    ) -> tuple[EstimatorState, ShapeEstimate | Refusal]:
+        """Estimate the shape at a pressure reading."""
+        elapsed = 0.0
+        if state.pressure_stamp_ns is not None:
+            elapsed = seconds_between(state.pressure_stamp_ns, reading.stamp_ns)
+        notes = [note] if note else []
+        if elapsed > self.settings.input_timeout:
+            notes.append(f'first pressure after {elapsed:.3g} s')
+        gauge = reading.pressure + self.settings.pressure_offset
+        if self.settings.pressure_reference == 'absolute':
+            gauge -= self.settings.ambient_pressure
+        wrench, age, refusal = self.wrench_at(state, reading.stamp_ns)
+        load = self.arm.sense(
+            Load(
+                pressure=gauge,
+                force_x=wrench.force_x,
+                force_y=wrench.force_y,
+                moment=wrench.moment,
+            )
+        )
+        history = state.history
+        if history is None:
+            history = self.arm.initial_history(load.pressure)
+        history, chamber = self.arm.actuate(history, elapsed, load.pressure)
+        state = replace(state, pressure_stamp_ns=reading.stamp_ns, history=history)
+        if refusal is None and self.arm.beyond_range(chamber) > EXTRAPOLATION:
+            sentence = out_of_range(self.arm, chamber) + self.reference_hint(reading.pressure)
+            refusal = Refusal(
+                stamp_ns=reading.stamp_ns, reason='out_of_range', sentence=sentence, error=True
+            )
+        if refusal is not None:
+            return state, refusal
+        rods, change = with_pressure_change(self.arm, chamber)
+        shape = solve_rod(self.arm, rods, load, state.solution, self.arclength)
+        if shape.solution is None:
+            refusal = Refusal(
+                stamp_ns=reading.stamp_ns,
+                reason='no_equilibrium',
+                sentence=shape.status,
+                error=True,
+            )
+            return replace(state, solution=None), refusal
+        if shape.extrapolated:
+            notes.append('pressure beyond the calibrated range: extrapolated')
+        if shape.stable is False:
+            notes.append('the equilibrium is unstable under dead load')
+        changes = [change]
+        for before, after in self.model_columns:
+            pressures = np.array([chamber])
+            changes.append(
+                Change(
+                    before=before.rods(pressures),
+                    after=after.rods(pressures),
+                    distance=2.0 * COLUMN_STEP,
+                )
+            )
+        response = respond(shape.solution, rods, tuple(changes), self.arclength)
+        mixing = self.noise_columns(reading, gauge, wrench)
+        tip = mixing @ response.tip
+        std = np.sqrt(np.sum(np.tensordot(mixing, response.stations, 1) ** 2, axis=0))
+        if not (np.all(np.isfinite(tip)) and np.all(np.isfinite(std))):
+            refusal = Refusal(
+                stamp_ns=reading.stamp_ns,
+                reason='no_uncertainty',
+                sentence='the shape answers to its loads without bound (limit point)',
+                error=True,
+            )
+            return replace(state, solution=None), refusal
+        estimate = ShapeEstimate(
+            stamp_ns=reading.stamp_ns,
+            shape=shape,
+            chamber_pressure=chamber,
+            jacobian=frozen_array(response.tip[[PRESSURE, 0, 1, 2]].T),
+            tip_covariance=frozen_array(tip.T @ tip),
+            std_x=frozen_array(std[0]),
+            std_y=frozen_array(std[1]),
+            std_curvature=frozen_array(std[3]),
+            wrench_age=age,
+            warnings=tuple(notes),
+        )
+        return replace(
+            state, solution=shape.solution, estimates=state.estimates + 1
+        ), estimate
+
+    def wrench_at(
+        self, state: EstimatorState, stamp_ns: int
+    ) -> tuple[WrenchReading, float | None, Refusal | None]:
+        """The end wrench to use at a stamp, its age (s), or why there is none to use."""
+        unloaded = WrenchReading(
+            stamp_ns=stamp_ns, force_x=0.0, force_y=0.0, moment=0.0, frame_id=self.settings.frame_id
+        )
+        if not self.settings.wrench_required:
+            return unloaded, None, None
+        if state.wrench is None:
+            reason, sentence = 'no_wrench', (
+                'no end wrench received; set wrench_required to false if the arm carries no load'
+            )
+            return unloaded, None, refused(stamp_ns, reason, sentence)
+        age = seconds_between(state.wrench.stamp_ns, stamp_ns)
+        if abs(age) <= self.settings.wrench_timeout:
+            return state.wrench, age, None
+        side = 'older' if age > 0.0 else 'newer'
+        sentence = (
+            f'the end wrench is {abs(age):.3g} s {side} than the pressure, more than '
+            f'wrench_timeout = {self.settings.wrench_timeout:.3g} s'
+        )
+        return state.wrench, age, refused(stamp_ns, 'stale_wrench', sentence)
+
+    def reference_hint(self, raw: float) -> str:
+        """What to do where the reading fits the calibrated range only as the other kind of pressure."""
+        ambient = self.settings.ambient_pressure
+        if self.settings.pressure_reference == 'gauge':
+            other, gauge = 'absolute', raw - ambient
+        else:
+            other, gauge = 'gauge', raw
+        if self.arm.beyond_range(gauge + self.settings.pressure_offset) > EXTRAPOLATION:
+            return ''
+        return (
+            f'; as {other} pressure it would be {kilopascals(gauge):.4g} kPa gauge: '
+            f'set pressure_reference to {other} if the sensor reports that'
+        )
+
+    def noise_columns(
+        self, reading: PressureReading, gauge: float, wrench: WrenchReading
+    ) -> Array:
+        """One row per independent source of error: what one sigma of it does to every cause.
+
+        (sources, causes): pressure, force x, force y, moment, then the columns of the model's covariance;
+        the causes are those of the response: F1, F2, M, chamber pressure, model columns.
+        """
+        sensors = self.arm.sensors
+        pressure_std = math.sqrt(reading.variance) if reading.variance > 0.0 else sensors.pressure_std
+        loaded = 1.0 if self.settings.wrench_required else 0.0
+        base = Load(
+            pressure=gauge,
+            force_x=wrench.force_x,
+            force_y=wrench.force_y,
+            moment=wrench.moment,
+        )
+        sensed = self.arm.sense(base)
+        columns = len(self.model_columns)
+        mixing = np.zeros((4 + columns, LOADS + 1 + columns))
+        for row, moved in enumerate(
+            (
+                replace(base, pressure=base.pressure + pressure_std),
+                replace(base, force_x=base.force_x + loaded * sensors.force_std),
+                replace(base, force_y=base.force_y + loaded * sensors.force_std),
+                replace(base, moment=base.moment + loaded * sensors.moment_std),
+            )
+        ):
+            true = self.arm.sense(moved)
+            mixing[row, 0] = true.force_x - sensed.force_x
+            mixing[row, 1] = true.force_y - sensed.force_y
+            mixing[row, 2] = true.moment - sensed.moment
+            mixing[row, PRESSURE] = true.pressure - sensed.pressure
+        for column in range(columns):
+            mixing[4 + column, PRESSURE + 1 + column] = 1.0
+        return mixing
+
+
+def refused(stamp_ns: int, reason: str, sentence: str) -> Refusal:
+    """A refusal that stops the estimates."""
+    return Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=True)
+
+
+def admitted(
+    state: EstimatorState, reading: Reading
+) -> tuple[EstimatorState, Refusal | None, str]:
+    """Whether a reading may be used: finite, stamped, and later than the last one of its kind.
+
+    A stamp that jumps back by more than a second (a looping bag, a restarted simulation) starts anew: the
+    third value says so.
+    """
+    what = 'pressure' if isinstance(reading, PressureReading) else 'end wrench'
+    last = state.pressure_stamp_ns
+    if isinstance(reading, WrenchReading):
+        last = None if state.wrench is None else state.wrench.stamp_ns
+        values = (reading.force_x, reading.force_y, reading.moment)
+    else:
+        values = (reading.pressure, reading.variance)
+    stamp_ns = reading.stamp_ns
+
+    def dropped(reason: str, sentence: str) -> tuple[EstimatorState, Refusal, str]:
+        return state, Refusal(
+            stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False
+        ), ''
+
+    if not all(math.isfinite(value) for value in values):
+        return dropped('not_finite', f'{what} reading holds NaN or infinity')
+    if stamp_ns <= 0:
+        return dropped('no_stamp', f'{what} reading without a header stamp')
+    if last is None or stamp_ns > last:
+        return state, None, ''
+    if stamp_ns == last:
+        return dropped('duplicate', f'{what} reading with the stamp of the last one')
+    back = seconds_between(stamp_ns, last)
+    if back <= BACKWARD_JUMP:
+        return dropped('older', f'{what} reading {back:.3g} s older than the last one')
+    fresh = EstimatorState(
+        estimates=state.estimates, resets=state.resets + 1, rejected=state.rejected
+    )
+    return fresh, None, f'time jumped back by {back:.3g} s: state reset'
+
+
+def pressure_zero(
+    estimator: Estimator, readings: tuple[PressureReading, ...]
+) -> tuple[float | None, str]:
+    """The offset (Pa) that makes these readings of the vented arm zero, and a sentence about it.
+
+    No offset where there are fewer than 5 readings, where they move by more than 5 sigma or 1 % of the
+    range, or where the offset would exceed a tenth of the calibrated range.
+    """
+    if len(readings) < 5:
+        return None, f'only {len(readings)} recent pressure readings; at least 5 are needed'
+    values = np.array([reading.pressure for reading in readings])
+    if estimator.settings.pressure_reference == 'absolute':
+        values = values - estimator.settings.ambient_pressure
+    low, high = estimator.arm.pressure_range
+    spread, mean = float(np.ptp(values)), float(values.mean())
+    allowed = max(10.0 * estimator.arm.sensors.pressure_std, 0.01 * (high - low))
+    if not spread <= allowed:
+        return None, f'the pressure moves by {spread:.4g} Pa; hold the vented arm still'
+    if abs(mean) > 0.1 * (high - low):
+        return None, f'the pressure is {mean:.4g} Pa, too far from zero for a vented arm'
+    return -mean, f'pressure offset {-mean:.4g} Pa from {len(readings)} readings'
+
+
+__all__ = [
+    'Estimator',
+    'EstimatorSettings',
+    'EstimatorState',
+    'Outcome',
+    'Shape',
+    'pressure_zero',
+]
