@@ -52,9 +52,17 @@ COLUMN_STEP = 0.01  # of a column of the model's covariance, for its derivative
 PRESSURE = LOADS  # index of the chamber pressure among the causes of a response
 
 
-def setting(default: Any, meaning: str, choices: tuple[Any, ...] = ()) -> Any:
-    """Declare a setting that is no physical quantity."""
-    return field(default=default, metadata={'meaning': meaning, 'choices': choices})
+def setting(
+    default: Any,
+    meaning: str,
+    choices: tuple[Any, ...] = (),
+    bounds: tuple[int, int] | None = None,
+) -> Any:
+    """Declare a setting that is no physical quantity; bounds: closed interval of allowed values."""
+    metadata = {'meaning': meaning, 'choices': choices}
+    if bounds is not None:
+        metadata['bounds'] = bounds
+    return field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +70,9 @@ class EstimatorSettings:
     """What the estimator must know of the sensors and the stack around it; never physics of the arm."""
 
     frame_id: str = setting(BASE_FRAME, 'frame of all outputs, at the clamp')
-    stations: int = setting(DEFAULT_STATIONS, 'number of stations along the arm, 2 to 2000')
+    stations: int = setting(
+        DEFAULT_STATIONS, 'number of stations along the arm', bounds=(2, 2000)
+    )
     wrench_required: bool = setting(
         True, 'estimate only with a fresh end wrench; false: no wrench topic, the arm is unloaded'
     )
@@ -107,8 +117,13 @@ class EstimatorSettings:
                 raise RequestError(
                     f'{item.name} must be one of {allowed}, not {getattr(self, item.name)!r}'
                 )
-        if not 2 <= self.stations <= 2000:
-            raise RequestError(f'stations must lie between 2 and 2000, not {self.stations}')
+            if isinstance(item.default, int) and 'bounds' in item.metadata:
+                low, high = item.metadata['bounds']
+                if not low <= getattr(self, item.name) <= high:
+                    raise RequestError(
+                        f'{item.name} must lie between {low} and {high}, '
+                        f'not {getattr(self, item.name)}'
+                    )
         if not self.frame_id:
             raise RequestError('frame_id must not be empty')
 
@@ -124,6 +139,12 @@ class EstimatorState:
     estimates: int = 0
     resets: int = 0
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+    def fresh(self) -> EstimatorState:
+        """Forget all readings and start anew; only the counts go on."""
+        return EstimatorState(
+            estimates=self.estimates, resets=self.resets + 1, rejected=self.rejected
+        )
 
 
 Outcome = ShapeEstimate | Refusal | None
@@ -396,10 +417,7 @@ def admitted(
     back = seconds_between(stamp_ns, last)
     if back <= BACKWARD_JUMP:
         return dropped('older', f'{what} reading {back:.3g} s older than the last one')
-    fresh = EstimatorState(
-        estimates=state.estimates, resets=state.resets + 1, rejected=state.rejected
-    )
-    return fresh, None, f'time jumped back by {back:.3g} s: state reset'
+    return state.fresh(), None, f'time jumped back by {back:.3g} s: state reset'
 
 
 def pressure_zero(
