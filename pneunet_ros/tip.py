@@ -1,12 +1,12 @@
 """From the position of the tip to the end force and the shape (Figure 9 of the paper).
 
-The end force is found by Levenberg and Marquardt's method on the tip's distance; each trial is a full solve
-of the rod. Where the tip hardly moves with some force, that force is not determined, and this is said.
+The end force is found by Levenberg and Marquardt's method on the distance of the tip; each trial is a full
+solve of the rod. Where the tip hardly moves with some force, that force is not determined, and this is said.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -23,12 +23,13 @@ from pneunet_ros.equilibrium import (
     steady_pressure,
 )
 from pneunet_ros.rod import Rods
-from pneunet_ros.shape import Array, Shape
+from pneunet_ros.shape import Array, Shape, SolverNodes
 
 DETERMINED = 1e-4  # m/N; below this singular value of d tip / d force a force is not determined
-REACHED = 1e-14  # m; rounding of a tip position
-NEAR = 1e-9  # of the length; a tip this close that cannot be improved counts as reached
-MOST_TRIALS = 200
+ROUNDING = 1e-13  # of the length; a tip this near has arrived
+NEAR = 1e-3  # of the length; nearly there, where the force is not determined anyway
+PULLS = (-1.5, 1.5, 5.0, 15.0, 50.0)  # in B / l^2
+MOST_TRIALS = 150
 
 
 def solve_tip(
@@ -50,69 +51,101 @@ def solve_tip(
     load = arm.sense(Load(pressure=pressure, moment=moment))
     rods = arm.rods(np.array([steady_pressure(arm, load.pressure)]))
     arclength = station_arclength(arm.length, stations)
-    first = solve_rod(arm, rods, load, None, arclength, 0.0)
-    if not first.converged:
-        return first
-    if start is not None and start.solution is not None:
-        begun = replace(load, force_x=start.force[0], force_y=start.force[1])
-        followed = solve_rod(arm, rods, begun, start.solution, arclength, 0.0)
-        first = followed if followed.converged else first
-    return descend(arm, rods, load, first, np.array(tip, dtype=np.float64))
-
-
-def descend(arm: Arm, rods: Rods, load: Load, shape: Shape, tip: Array) -> Shape:
-    """Levenberg-Marquardt from a shape to the one whose tip is at `tip`."""
-    damping = 0.0
-    miss = tip - shape.tip[:2]
-    jacobian = force_jacobian(rods, shape)
-    for _ in range(MOST_TRIALS):
-        if math.hypot(*miss) <= REACHED:
+    search = TipSearch(arm=arm, rods=rods, load=load, tip=np.array(tip, dtype=np.float64))
+    unloaded = search.at((0.0, 0.0), None, arclength)
+    if not unloaded.converged:
+        return unloaded
+    begins = search.begins(unloaded)
+    if start is not None and start.solution is not None and start.force is not None:
+        followed = search.at(start.force, start.solution, arclength)
+        begins = [followed, *begins] if followed.converged else begins
+    found = [begins[0]]
+    for begin in begins:
+        found.append(search.descend(begin))
+        if search.miss(found[-1]) <= ROUNDING * arm.length:
             break
-        normal = jacobian.T @ jacobian
-        scale = max(float(np.trace(normal)), DETERMINED**2)
-        step = np.linalg.lstsq(
-            np.vstack([jacobian, math.sqrt(damping * scale) * np.eye(2)]),
-            np.concatenate([miss, np.zeros(2)]),
-            rcond=1e-12,
-        )[0]
-        trial = solve_rod(
-            arm,
-            rods,
-            replace(
-                load,
-                force_x=shape.force[0] + float(step[0]),
-                force_y=shape.force[1] + float(step[1]),
-            ),
-            shape.solution,
-            shape.arclength,
-            0.0,
-        )
-        if trial.converged and math.dist(tip, trial.tip[:2]) < math.hypot(*miss):
-            shape = trial
-            miss = tip - shape.tip[:2]
-            jacobian = force_jacobian(rods, shape)
-            damping = 0.0 if damping < 1e-6 else 0.1 * damping
-        else:
-            if math.hypot(*miss) <= 1e-12 * arm.length or damping > 1e8:
+    return search.judged(min(found, key=search.miss))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TipSearch:
+    """The search for the end force that brings the tip of one rod to `tip` (2,) m."""
+
+    arm: Arm
+    rods: Rods
+    load: Load
+    tip: Array
+
+    def at(
+        self, force: tuple[float, float], start: SolverNodes | None, arclength: Array
+    ) -> Shape:
+        """The shape under a trial force."""
+        load = replace(self.load, force_x=float(force[0]), force_y=float(force[1]))
+        return solve_rod(self.arm, self.rods, load, start, arclength, 0.0)
+
+    def miss(self, shape: Shape) -> float:
+        """Distance (m) of a shape's tip from where it should be."""
+        return math.dist(shape.tip[:2], self.tip)
+
+    def begins(self, unloaded: Shape) -> list[Shape]:
+        """Shapes to start from, nearest tip first: unloaded, and pulled or pushed along the chord.
+
+        The pulls are multiples of B / l^2, the force at which the arm's own stiffness gives way.
+        """
+        stiffness = float(np.abs(self.rods.sections[0, :, 1]).min()) / self.arm.length**2
+        chord = self.tip / max(float(np.hypot(*self.tip)), 1e-9)
+        shapes = [unloaded]
+        for pull in PULLS:
+            force = pull * stiffness * chord
+            shape = self.at((force[0], force[1]), None, unloaded.arclength)
+            if shape.converged and shape.stable is not False:
+                shapes.append(shape)
+        return sorted(shapes, key=self.miss)
+
+    def descend(self, shape: Shape) -> Shape:
+        """Levenberg-Marquardt on the distance of the tip, among stable shapes where stability is defined."""
+        damping = 0.0
+        left = self.miss(shape)
+        jacobian = force_jacobian(self.rods, shape)
+        for _ in range(MOST_TRIALS):
+            scale = float(np.linalg.norm(jacobian))
+            rows = np.vstack([jacobian, math.sqrt(damping) * scale * np.eye(2)])
+            aim = np.concatenate([self.tip - shape.tip[:2], np.zeros(2)])
+            step = np.linalg.lstsq(rows, aim, rcond=1e-12)[0]
+            force = (shape.force[0] + float(step[0]), shape.force[1] + float(step[1]))
+            trial = self.at(force, shape.solution, shape.arclength)
+            fits = trial.converged and trial.stable is shape.stable
+            if fits and self.miss(trial) < left:
+                shape, left = trial, self.miss(trial)
+                jacobian = force_jacobian(self.rods, shape)
+                damping = 0.0 if damping < 1e-9 else 0.1 * damping
+            elif damping > 1e6 or left <= ROUNDING * self.arm.length:
                 break
-            damping = max(10.0 * damping, 1e-4)
-    distance = math.hypot(*miss)
-    sentence = ''
-    weakest = float(np.linalg.svd(jacobian, compute_uv=False)[-1])
-    if distance > NEAR * arm.length:
-        sentence = (
-            f'no end force found that brings the tip to ({tip[0]:.6g}, {tip[1]:.6g}) m; '
-            f'the nearest equilibrium found leaves {1000.0 * distance:.3g} mm'
+            else:
+                damping = max(10.0 * damping, 1e-9)
+        return shape
+
+    def judged(self, shape: Shape) -> Shape:
+        """The shape, or a failed one where its tip is not at the goal or does not tell the force."""
+        weakest = float(np.linalg.svd(force_jacobian(self.rods, shape), compute_uv=False)[-1])
+        distance = self.miss(shape)
+        if weakest < DETERMINED and distance < NEAR * self.arm.length:
+            sentence = (
+                'the end force is not determined by this tip position: in one direction 1 N moves the '
+                f'tip by {1000.0 * weakest:.2g} mm only '
+                f'(at least {1000.0 * DETERMINED:.2g} mm is needed)'
+            )
+        elif distance > ROUNDING * self.arm.length:
+            sentence = (
+                f'no end force found that brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
+                f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'
+            )
+        else:
+            return shape
+        unknown = replace(self.load, force_x=math.nan, force_y=math.nan)
+        return failed(
+            self.arm, unknown, shape.arclength, sentence, distance / self.arm.length, shape.iterations
         )
-    elif weakest < DETERMINED:
-        sentence = (
-            'the end force is not determined by this tip position: along one direction 1 N moves the '
-            f'tip by {1000.0 * weakest:.2g} mm only (at least {1000.0 * DETERMINED:.2g} mm is needed)'
-        )
-    if sentence:
-        unknown = replace(load, force_x=math.nan, force_y=math.nan)
-        return failed(arm, unknown, shape.arclength, sentence, distance, shape.iterations)
-    return shape
 
 
 def force_jacobian(rods: Rods, shape: Shape) -> Array:

@@ -24,9 +24,12 @@ def kernel(function: Function) -> Function:
         return function
     import numba
 
-    compiled: Function = numba.njit(cache=True, error_model='numpy', fastmath={'contract'})(
-        function
-    )
+    options = {'error_model': 'numpy', 'fastmath': {'contract'}}
+    compiled: Function
+    try:
+        compiled = numba.njit(cache=True, **options)(function)
+    except RuntimeError:  # nowhere to keep a cache: neither beside this file nor in the home folder
+        compiled = numba.njit(**options)(function)
     return compiled
 
 

@@ -50,14 +50,14 @@ def sine_cosine(x: float) -> tuple[float, float]:
 
     Without branches or table, so that loops over rods vectorize; 8 times the speed of libm here.
     """
-    k = math.floor(x * ONE_OVER_PI + 0.5)
+    k = np.floor(x * ONE_OVER_PI + 0.5)
     r = (x - k * PI_HIGH) - k * PI_LOW
     z = r * r
     sine = S6 + z * (S7 + z * (S8 + z * S9))
     sine = r * (S0 + z * (S1 + z * (S2 + z * (S3 + z * (S4 + z * (S5 + z * sine))))))
     cosine = K6 + z * (K7 + z * (K8 + z * (K9 + z * K10)))
     cosine = K0 + z * (K1 + z * (K2 + z * (K3 + z * (K4 + z * (K5 + z * cosine)))))
-    sign = 1.0 - 2.0 * (k - 2.0 * math.floor(0.5 * k))
+    sign = 1.0 - 2.0 * (k - 2.0 * np.floor(0.5 * k))
     return sign * sine, sign * cosine
 
 
