@@ -146,6 +146,12 @@ class EstimatorState:
             estimates=self.estimates, resets=self.resets + 1, rejected=self.rejected
         )
 
+    def counting(self, refusal: Refusal) -> EstimatorState:
+        """Count one more rejected reading, by its reason."""
+        counts = dict(self.rejected)
+        counts[refusal.reason] = counts.get(refusal.reason, 0) + 1
+        return replace(self, rejected=MappingProxyType(counts))
+
 
 Outcome = ShapeEstimate | Refusal | None
 
@@ -188,9 +194,7 @@ class Estimator:
                 if not isinstance(outcome, Refusal):
                     return state, outcome
                 refusal = outcome
-        counts = dict(state.rejected)
-        counts[refusal.reason] = counts.get(refusal.reason, 0) + 1
-        return replace(state, rejected=MappingProxyType(counts)), refusal
+        return state.counting(refusal), refusal
 
     def take_wrench(
         self, state: EstimatorState, reading: WrenchReading
