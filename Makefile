@@ -87,8 +87,10 @@ $(VENV)/all: $(VENV)/python-$(VERSION) setup.py
 	$(VENV)/bin/python $(PIP) -e '.[dev,ros]'
 	@touch $(VENV)/run $@
 
+# Nothing is compiled, so that no compiler is needed; empy is plain Python and has no wheel.
 $(OLDEST)/all: $(OLDEST)/python-$(VERSION) setup.py test/constraints-oldest.txt
-	$(OLDEST)/bin/python $(PIP) --constraint test/constraints-oldest.txt -e '.[dev,ros]'
+	$(OLDEST)/bin/python $(PIP) --only-binary :all: --no-binary empy \
+		--constraint test/constraints-oldest.txt -e '.[dev,ros]'
 	@touch $@
 
 # All that the package needs and not the package itself: that is what colcon installs.
