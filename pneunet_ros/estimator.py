@@ -33,7 +33,6 @@ from pneunet_ros.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.shape import (
     Array,
     Refusal,
-    Shape,
     ShapeEstimate,
     SolverNodes,
     frozen_array,
@@ -146,10 +145,10 @@ class EstimatorState:
             estimates=self.estimates, resets=self.resets + 1, rejected=self.rejected
         )
 
-    def counting(self, refusal: Refusal) -> EstimatorState:
-        """Count one more rejected reading, by its reason."""
+    def counting(self, reason: str) -> EstimatorState:
+        """Count one more rejected reading."""
         counts = dict(self.rejected)
-        counts[refusal.reason] = counts.get(refusal.reason, 0) + 1
+        counts[reason] = counts.get(reason, 0) + 1
         return replace(self, rejected=MappingProxyType(counts))
 
 
@@ -194,7 +193,7 @@ class Estimator:
                 if not isinstance(outcome, Refusal):
                     return state, outcome
                 refusal = outcome
-        return state.counting(refusal), refusal
+        return state.counting(refusal.reason), refusal
 
     def take_wrench(
         self, state: EstimatorState, reading: WrenchReading
@@ -445,13 +444,3 @@ def pressure_zero(
     if abs(mean) > 0.1 * (high - low):
         return None, f'the pressure is {mean:.4g} Pa, too far from zero for a vented arm'
     return -mean, f'pressure offset {-mean:.4g} Pa from {len(readings)} readings'
-
-
-__all__ = [
-    'Estimator',
-    'EstimatorSettings',
-    'EstimatorState',
-    'Outcome',
-    'Shape',
-    'pressure_zero',
-]

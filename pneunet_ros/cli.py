@@ -1,0 +1,57 @@
+"""The command `pneunet`: one verb each, and the one place where an error becomes a sentence and an exit code."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+from collections.abc import Sequence
+import os
+import sys
+
+from pneunet_ros import __version__
+from pneunet_ros.errors import PneunetError
+from pneunet_ros.verbs import demo, effects, predict, replay
+from pneunet_ros.verbs.verb import WRONG, Verb
+
+VERBS: tuple[Verb, ...] = (demo.VERB, predict.VERB, replay.VERB, effects.VERB)
+INTERRUPTED = 130
+
+
+def parser() -> ArgumentParser:
+    """The command line of all verbs."""
+    command = ArgumentParser(
+        prog='pneunet',
+        description='Where a pneu-net arm is, from pressure and end force, by a calibrated rod model.',
+        epilog='Exit codes: 0 done; 1 done, and the answer is negative; 2 the request or a file was wrong.',
+        allow_abbrev=False,
+    )
+    command.add_argument('--version', action='version', version=f'pneunet_ros {__version__}')
+    verbs = command.add_subparsers(dest='verb', metavar='VERB', required=True)
+    for verb in VERBS:
+        options = verbs.add_parser(
+            verb.name, help=verb.help, description=verb.help, allow_abbrev=False
+        )
+        verb.options(options)
+        options.set_defaults(run=verb.run)
+    return command
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb; returns the exit code."""
+    given = parser().parse_args(arguments)
+    try:
+        code: int = given.run(given)
+        sys.stdout.flush()
+        return code
+    except PneunetError as error:
+        print(f'pneunet {given.verb}: {error}', file=sys.stderr)
+        return WRONG
+    except KeyboardInterrupt:
+        print(f'pneunet {given.verb}: interrupted, nothing written', file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone, as in `pneunet effects | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

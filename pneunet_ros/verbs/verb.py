@@ -1,0 +1,153 @@
+"""What every verb has: how it is called, what it prints, and the settings of an estimator as options."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, BooleanOptionalAction, Namespace
+from collections.abc import Callable, Iterable
+import dataclasses
+from dataclasses import dataclass
+import json
+import math
+from pathlib import Path
+import sys
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from pneunet_ros.arm import Arm
+from pneunet_ros.errors import RequestError
+from pneunet_ros.estimator import EstimatorSettings
+from pneunet_ros.model_file import load_model
+from pneunet_ros.resources import shipped
+
+DONE, NEGATIVE, WRONG = 0, 1, 2  # exit codes
+PAPER_ARM = 'config/paper_arm.yaml'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verb:
+    """A verb: name, one line of help, its options, and what it does; `run` returns the exit code."""
+
+    name: str
+    help: str
+    options: Callable[[ArgumentParser], None]
+    run: Callable[[Namespace], int]
+
+
+def output_console() -> Console:
+    """Where tables go; a pipe is as wide as the table needs."""
+    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+
+
+def progress_bar(shown: bool) -> Progress:
+    """A progress bar on stderr, for people only."""
+    return Progress(
+        TextColumn('{task.description}'),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=not shown or not sys.stderr.isatty(),
+    )
+
+
+def print_json(content: dict[str, Any]) -> None:
+    """Print one JSON object, numbers to the last digit; what is no number is null."""
+    sys.stdout.write(json.dumps(plain(content), allow_nan=False) + '\n')
+
+
+def plain(value: Any) -> Any:
+    """Arrays as lists, paths as text, NaN and infinity as None: what JSON can carry."""
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.integer):
+        return int(value)
+    return str(value) if isinstance(value, Path) else value
+
+
+def add_json(parser: ArgumentParser) -> None:
+    """Every verb takes --json."""
+    parser.add_argument(
+        '--json', action='store_true', help='print one JSON object on stdout and nothing else'
+    )
+
+
+def add_model(parser: ArgumentParser) -> None:
+    """The model file."""
+    parser.add_argument(
+        '--model',
+        type=Path,
+        metavar='FILE',
+        help="model file, YAML (default: the shipped model of the paper's arm)",
+    )
+
+
+def model_of(arguments: Namespace) -> Arm:
+    """The model that was asked for."""
+    return load_model(arguments.model or shipped(PAPER_ARM))
+
+
+def add_overwrite(parser: ArgumentParser) -> None:
+    """Existing outputs are refused without this."""
+    parser.add_argument(
+        '--overwrite', action='store_true', help='replace outputs that exist (default: refuse)'
+    )
+
+
+def add_settings(parser: ArgumentParser) -> None:
+    """The settings of the estimator, one option each, from their declaration."""
+    group = parser.add_argument_group('sensors and stack (as the parameters of the node)')
+    for item in dataclasses.fields(EstimatorSettings):
+        meaning, unit = item.metadata['meaning'], item.metadata.get('unit')
+        shown = f' {unit}' if unit else ''
+        option: dict[str, Any] = {'help': f'{meaning} (default: {item.default}{shown})'}
+        if isinstance(item.default, bool):
+            option['action'] = BooleanOptionalAction
+        else:
+            option['type'] = type(item.default)
+            option['choices'] = item.metadata.get('choices') or None
+            if not option['choices']:
+                option['metavar'] = (unit or item.name.split('_')[-1]).upper()
+        group.add_argument(
+            f'--{item.name.replace("_", "-")}', dest=item.name, default=item.default, **option
+        )
+
+
+def settings_of(arguments: Namespace) -> EstimatorSettings:
+    """The settings that were asked for."""
+    names = [item.name for item in dataclasses.fields(EstimatorSettings)]
+    return EstimatorSettings(**{name: getattr(arguments, name) for name in names})
+
+
+def add_topics(parser: ArgumentParser) -> None:
+    """Topics of other names than usual."""
+    parser.add_argument(
+        '--topic',
+        action='append',
+        default=[],
+        metavar='NAME=TOPIC',
+        help='read this topic instead, e.g. pressure=/my/pressure; may be repeated',
+    )
+
+
+def topics_of(pairs: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+    """Full topic name by last name; RequestError on another form."""
+    chosen: dict[str, str] = {}
+    known = tuple(known)
+    for pair in pairs:
+        name, equals, topic = pair.partition('=')
+        if not equals or not topic or name not in known:
+            raise RequestError(
+                f'--topic {pair} is not of the form NAME=TOPIC with NAME one of {", ".join(known)}'
+            )
+        chosen[name] = topic
+    return chosen
