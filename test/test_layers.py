@@ -18,7 +18,7 @@ FLOORS = {
         errors units frames readings shape resources
     """,
     '1 physics': """
-        solver solver.compiled solver.panel solver.collocation solver.stations solver.sensitivity
+        solver solver.compiled solver.panel solver.collocation solver.lanes solver.stations solver.sensitivity
         solver.chain solver.collocation_numpy
         curvature moment_law noise rod
         effects.effect
@@ -30,23 +30,26 @@ FLOORS = {
         arm attempt equilibrium tip
     """,
     '2 inference': """
-        estimator
+        estimator holds
     """,
     '3 outside': """
-        output model_file estimate_messages messages cdr_template
-        mcap_blocks mcap_file message_store recording
-        recording_writer plots
+        output model_file plots
+        estimate_messages messages cdr_template
+        message_store mcap_blocks mcap_file bag_folder recording recording_writer
         __init__
     """,
     '4 edges': """
-        replay demo cli
-        nodes nodes.estimator
+        replay
+        verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.effects
+        cli
+        nodes nodes.parameters nodes.process nodes.ros_types nodes.topics nodes.health
+        nodes.warm_up nodes.model_info nodes.estimator
     """,
 }
 ORDER = [module for floor in FLOORS.values() for module in floor.split()]
 FLOOR_OF = {module: floor for floor, modules in FLOORS.items() for module in modules.split()}
 
-ROS = ('rclpy', 'std_srvs', 'builtin_interfaces', 'ament_index_python', 'rosidl_runtime_py')
+ROS = ('ament_index_python', 'builtin_interfaces', 'rcl_interfaces', 'rclpy', 'std_srvs')
 
 
 def module_name(file: Path) -> str:

@@ -13,6 +13,7 @@ import sys
 import venv
 from xml.etree import ElementTree
 
+import pneunet_ros
 from pneunet_ros import resources
 from pneunet_ros.errors import PneunetError
 from pneunet_ros.resources import shipped
@@ -72,7 +73,7 @@ def imported_outside_the_house():
 
 
 def test_versions_agree(manifest, setup_arguments):
-    assert manifest.findtext('version') == setup_arguments['version']
+    assert manifest.findtext('version') == setup_arguments['version'] == pneunet_ros.__version__
 
 
 def test_names_agree(manifest, setup_arguments):
