@@ -18,8 +18,8 @@ FLOORS = {
         errors units frames readings shape resources
     """,
     '1 physics': """
-        solver solver.compiled solver.panel solver.collocation solver.lanes solver.stations solver.sensitivity
-        solver.chain solver.collocation_numpy
+        solver solver.compiled solver.panel solver.collocation solver.lanes solver.stations
+        solver.sensitivity solver.chain solver.collocation_numpy
         curvature moment_law noise rod
         effects.effect
         effects.pressure_offset effects.pressure_gain effects.pressure_lag effects.hysteresis
