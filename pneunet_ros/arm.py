@@ -28,7 +28,8 @@ class Arm:
     """A pneu-net arm as a rod: the whole content of a model file.
 
     `target_arclength` (targets,) m is the place of every white target; `effects` are in the order of the
-    table of effects; `sources` says where each number comes from.
+    table of effects; `sources` says where each number comes from. `pressure_range` (Pa) is where both
+    intrinsic curvature and moment law are calibrated.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Arm:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     knots: Array = field(init=False, repr=False)
     table: RodTable = field(init=False, repr=False)
+    pressure_range: tuple[float, float] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the numbers and put the effects into the order of the table."""
@@ -67,7 +69,10 @@ class Arm:
         object.__setattr__(
             self, 'knots', frozen_array(self.length * self.intrinsic_curvature.arclength)
         )
-        low, high = self.pressure_range
+        low, high = self.moment_law.pressure_range
+        rows = self.intrinsic_curvature.pressure
+        low, high = max(low, float(rows[0])), min(high, float(rows[-1]))
+        object.__setattr__(self, 'pressure_range', (low, high))
         if not low < high:
             raise ModelError(
                 'intrinsic_curvature and moment_law have no pressure in common; '
@@ -77,13 +82,6 @@ class Arm:
         if self.covariance is not None:
             for column in self.covariance.columns():
                 self.changed(column)
-
-    @property
-    def pressure_range(self) -> tuple[float, float]:
-        """Pressures (Pa) at which both intrinsic curvature and moment law are calibrated."""
-        low, high = self.moment_law.pressure_range
-        table = self.intrinsic_curvature.pressure
-        return max(low, float(table[0])), min(high, float(table[-1]))
 
     def beyond_range(self, pressure: float) -> float:
         """How far a pressure lies outside the calibrated range, as a share of that range; 0 inside."""

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pneunet_ros.rod import Rods
-from pneunet_ros.shape import Array, SolverNodes, frozen_array
+from pneunet_ros.shape import Array, SolverNodes, freeze
 from pneunet_ros.solver import chain, collocation, stations
 from pneunet_ros.solver.panel import GAUSS_ABSCISSAE
 
@@ -135,11 +135,11 @@ class Attempt:
         return ''
 
     def solution(self) -> SolverNodes:
-        """The present nodes, frozen."""
+        """The present nodes, frozen; the attempt may go on only on a new mesh."""
         return SolverNodes(
-            panels=frozen_array(self.panels),
-            ends=frozen_array(self.ends),
-            nodes=frozen_array(self.nodes),
+            panels=freeze(self.panels),
+            ends=freeze(self.ends),
+            nodes=freeze(self.nodes),
             counts=tuple(self.counts.tolist()),
         )
 

@@ -16,14 +16,15 @@ from pneunet_ros.arm import EXTRAPOLATION, Arm
 from pneunet_ros.attempt import Attempt
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.errors import RequestError
-from pneunet_ros.rod import Rods
-from pneunet_ros.shape import Array, Shape, SolverNodes, frozen_array
+from pneunet_ros.rod import REST_STRAIN, RIGIDITY, Rods
+from pneunet_ros.shape import Array, Shape, SolverNodes, freeze, frozen_array
 from pneunet_ros.solver import collocation
 from pneunet_ros.solver.sensitivity import LOADS, sensitivities
 from pneunet_ros.solver.stations import at_stations, station_changes
 from pneunet_ros.units import kilopascals
 
 DEFAULT_STATIONS = 57
+SHORTEST = 0.05  # of the length, of an arm shortened by rest strain
 NO_PANELS = np.zeros((0, 0, collocation.PANEL_WIDTH))
 NO_ENDS = np.zeros((0, 6))
 PRESSURE_STEP = 1e-5  # of the calibrated range, for the change of the record with pressure
@@ -107,7 +108,7 @@ def solve_rod(
     beyond = arm.beyond_range(chamber)
     if beyond > EXTRAPOLATION:
         return failed(arm, load, arclength, out_of_range(arm, chamber), math.nan, 0)
-    if not (1.0 + rods.sections[0, :, 5]).min() > 0.05:
+    if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > SHORTEST:
         sentence = 'rest strain shortens the arm to less than 5 % of its length'
         return failed(arm, load, arclength, sentence, math.nan, 0)
     attempt = Attempt(rods, (load.force_x, load.force_y), load.moment, tolerance)
@@ -118,11 +119,11 @@ def solve_rod(
     at_stations(
         attempt.panels, attempt.nodes, rods.knots, rods.turning[0], arclength, values
     )
-    values.flags.writeable = False
+    freeze(values)
     solution = attempt.solution()
     stable = None
     words = ['converged']
-    if rods.sections[0, :, 1].min() > 0.0:
+    if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
         stable = linearized(solution, NO_PANELS, NO_ENDS)[2]
         words.append('stable' if stable else 'unstable under dead load')
     else:
@@ -230,7 +231,7 @@ def respond(
         arclength,
         out,
     )
-    positive = bool(solution.panels[:, 1].min() > 0.0)
+    positive = min(solution.panels[:, 1].tolist()) > 0.0
     return Response(tip=tip, stations=out, stable=stable if positive else None)
 
 

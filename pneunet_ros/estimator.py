@@ -35,7 +35,7 @@ from pneunet_ros.shape import (
     Refusal,
     ShapeEstimate,
     SolverNodes,
-    frozen_array,
+    freeze,
 )
 from pneunet_ros.solver.sensitivity import LOADS
 from pneunet_ros.units import (
@@ -48,6 +48,7 @@ from pneunet_ros.units import (
 
 BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
 COLUMN_STEP = 0.01  # of a column of the model's covariance, for its derivative
+SPREAD = (0, 1, 3)  # x, y and curvature among the fields of a station
 PRESSURE = LOADS  # index of the chamber pressure among the causes of a response
 
 
@@ -139,6 +140,31 @@ class EstimatorState:
     resets: int = 0
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
+    def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
+        """After a pressure reading without an estimate: there is no branch to follow any more."""
+        return EstimatorState(
+            pressure_stamp_ns=stamp_ns,
+            wrench=self.wrench,
+            history=history,
+            estimates=self.estimates,
+            resets=self.resets,
+            rejected=self.rejected,
+        )
+
+    def with_estimate(
+        self, stamp_ns: int, history: tuple[History, ...], solution: SolverNodes
+    ) -> EstimatorState:
+        """After an estimate, whose branch the next one follows."""
+        return EstimatorState(
+            pressure_stamp_ns=stamp_ns,
+            wrench=self.wrench,
+            history=history,
+            solution=solution,
+            estimates=self.estimates + 1,
+            resets=self.resets,
+            rejected=self.rejected,
+        )
+
     def fresh(self) -> EstimatorState:
         """Forget all readings and start anew; only the counts go on."""
         return EstimatorState(
@@ -202,17 +228,15 @@ class Estimator:
         known = [self.settings.frame_id, self.settings.wrench_frame]
         if reading.frame_id not in known:
             named = ' nor '.join(frame for frame in known if frame)
-            return state, Refusal(
-                stamp_ns=reading.stamp_ns,
-                reason='wrong_frame',
-                sentence=f'end wrench in frame {reading.frame_id!r}, which is not {named}; set '
-                'wrench_frame (and wrench_yaw, wrench_sign) to what the sensor reports',
-                error=True,
+            sentence = (
+                f'end wrench in frame {reading.frame_id!r}, which is not {named}; set '
+                'wrench_frame (and wrench_yaw, wrench_sign) to what the sensor reports'
             )
+            return state, refused(reading.stamp_ns, 'wrong_frame', sentence)
         sign = float(self.settings.wrench_sign)
         force = rotate(self.settings.wrench_yaw, sign * reading.force_x, sign * reading.force_y)
-        resolved = replace(
-            reading,
+        resolved = WrenchReading(
+            stamp_ns=reading.stamp_ns,
             force_x=force[0],
             force_y=force[1],
             moment=sign * reading.moment,
@@ -246,24 +270,16 @@ class Estimator:
         if history is None:
             history = self.arm.initial_history(load.pressure)
         history, chamber = self.arm.actuate(history, elapsed, load.pressure)
-        state = replace(state, pressure_stamp_ns=reading.stamp_ns, history=history)
         if refusal is None and self.arm.beyond_range(chamber) > EXTRAPOLATION:
             sentence = out_of_range(self.arm, chamber) + self.reference_hint(reading.pressure)
-            refusal = Refusal(
-                stamp_ns=reading.stamp_ns, reason='out_of_range', sentence=sentence, error=True
-            )
+            refusal = refused(reading.stamp_ns, 'out_of_range', sentence)
         if refusal is not None:
-            return state, refusal
+            return state.with_reading(reading.stamp_ns, history), refusal
         rods, change = with_pressure_change(self.arm, chamber)
         shape = solve_rod(self.arm, rods, load, state.solution, self.arclength)
+        state = state.with_reading(reading.stamp_ns, history)
         if shape.solution is None:
-            refusal = Refusal(
-                stamp_ns=reading.stamp_ns,
-                reason='no_equilibrium',
-                sentence=shape.status,
-                error=True,
-            )
-            return replace(state, solution=None), refusal
+            return state, refused(reading.stamp_ns, 'no_equilibrium', shape.status)
         if shape.extrapolated:
             notes.append('pressure beyond the calibrated range: extrapolated')
         if shape.stable is False:
@@ -281,30 +297,28 @@ class Estimator:
         response = respond(shape.solution, rods, tuple(changes), self.arclength)
         mixing = self.noise_columns(reading, gauge, wrench)
         tip = mixing @ response.tip
-        std = np.sqrt(np.sum(np.tensordot(mixing, response.stations, 1) ** 2, axis=0))
-        if not (np.all(np.isfinite(tip)) and np.all(np.isfinite(std))):
-            refusal = Refusal(
-                stamp_ns=reading.stamp_ns,
-                reason='no_uncertainty',
-                sentence='the shape answers to its loads without bound (limit point)',
-                error=True,
+        fields = response.stations[:, SPREAD].reshape(response.tip.shape[0], -1)
+        std = np.sqrt(((mixing @ fields) ** 2).sum(axis=0)).reshape(len(SPREAD), -1)
+        if not (np.isfinite(tip).all() and np.isfinite(std).all()):
+            refusal = refused(
+                reading.stamp_ns,
+                'no_uncertainty',
+                'the shape answers to its loads without bound (limit point)',
             )
-            return replace(state, solution=None), refusal
+            return state, refusal
         estimate = ShapeEstimate(
             stamp_ns=reading.stamp_ns,
             shape=shape,
             chamber_pressure=chamber,
-            jacobian=frozen_array(response.tip[[PRESSURE, 0, 1, 2]].T),
-            tip_covariance=frozen_array(tip.T @ tip),
-            std_x=frozen_array(std[0]),
-            std_y=frozen_array(std[1]),
-            std_curvature=frozen_array(std[3]),
+            jacobian=freeze(response.tip[[PRESSURE, 0, 1, 2]].T),
+            tip_covariance=freeze(tip.T @ tip),
+            std_x=freeze(std[0]),
+            std_y=freeze(std[1]),
+            std_curvature=freeze(std[2]),
             wrench_age=age,
             warnings=tuple(notes),
         )
-        return replace(
-            state, solution=shape.solution, estimates=state.estimates + 1
-        ), estimate
+        return state.with_estimate(reading.stamp_ns, history, shape.solution), estimate
 
     def wrench_at(
         self, state: EstimatorState, stamp_ns: int
@@ -349,37 +363,41 @@ class Estimator:
     ) -> Array:
         """One row per independent source of error: what one sigma of it does to every cause.
 
-        (sources, causes): pressure, force x, force y, moment, then the columns of the model's covariance;
-        the causes are those of the response: F1, F2, M, chamber pressure, model columns.
+        (sources, causes): F1, F2, M, pressure, then the columns of the model's covariance; the causes are
+        those of the response, in the same order.
         """
         sensors = self.arm.sensors
         pressure_std = math.sqrt(reading.variance) if reading.variance > 0.0 else sensors.pressure_std
         loaded = 1.0 if self.settings.wrench_required else 0.0
-        base = Load(
-            pressure=gauge,
-            force_x=wrench.force_x,
-            force_y=wrench.force_y,
-            moment=wrench.moment,
+        sigmas = (
+            loaded * sensors.force_std,
+            loaded * sensors.force_std,
+            loaded * sensors.moment_std,
+            pressure_std,
         )
-        sensed = self.arm.sense(base)
         columns = len(self.model_columns)
-        mixing = np.zeros((4 + columns, LOADS + 1 + columns))
-        for row, moved in enumerate(
-            (
-                replace(base, pressure=base.pressure + pressure_std),
-                replace(base, force_x=base.force_x + loaded * sensors.force_std),
-                replace(base, force_y=base.force_y + loaded * sensors.force_std),
-                replace(base, moment=base.moment + loaded * sensors.moment_std),
-            )
-        ):
-            true = self.arm.sense(moved)
-            mixing[row, 0] = true.force_x - sensed.force_x
-            mixing[row, 1] = true.force_y - sensed.force_y
-            mixing[row, 2] = true.moment - sensed.moment
-            mixing[row, PRESSURE] = true.pressure - sensed.pressure
+        mixing = np.zeros((LOADS + 1 + columns, LOADS + 1 + columns))
+        for source, sigma in enumerate(sigmas):
+            mixing[source, source] = sigma
+        if self.arm.effects:  # an effect may change what an error of a reading means
+            base = (wrench.force_x, wrench.force_y, wrench.moment, gauge)
+            sensed = self.sensed(base)
+            for source, sigma in enumerate(sigmas):
+                moved = tuple(
+                    value + sigma if place == source else value
+                    for place, value in enumerate(base)
+                )
+                mixing[source, : LOADS + 1] = self.sensed(moved) - sensed
         for column in range(columns):
-            mixing[4 + column, PRESSURE + 1 + column] = 1.0
+            mixing[PRESSURE + 1 + column, PRESSURE + 1 + column] = 1.0
         return mixing
+
+    def sensed(self, load: tuple[float, ...]) -> Array:
+        """True F1, F2, M and pressure behind the readings of them, as an array in this order."""
+        true = self.arm.sense(
+            Load(force_x=load[0], force_y=load[1], moment=load[2], pressure=load[3])
+        )
+        return np.array([true.force_x, true.force_y, true.moment, true.pressure])
 
 
 def refused(stamp_ns: int, reason: str, sentence: str) -> Refusal:

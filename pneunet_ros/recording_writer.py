@@ -12,10 +12,11 @@ import os
 from pathlib import Path
 from typing import Any
 
+from pneunet_ros.bag_folder import FOLDER_FILES
 from pneunet_ros.errors import RecordingError
 from pneunet_ros.message_store import serialize, store_for
 from pneunet_ros.output import atomic_output
-from pneunet_ros.recording import METADATA, RecordedTopic
+from pneunet_ros.recording import RecordedTopic
 from rosbags.interfaces import (
     Connection,
     Qos,
@@ -105,7 +106,7 @@ def write_recording(
             f'{path} cannot be written: a recording is an .mcap file or a folder without suffix'
         )
     bare = path.suffix == '.mcap'
-    replaceable = () if bare else (METADATA, '*.mcap')
+    replaceable = () if bare else FOLDER_FILES
     with atomic_output(
         path, overwrite=overwrite, inputs=inputs, replaceable=replaceable
     ) as temporary:

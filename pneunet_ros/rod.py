@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pneunet_ros.shape import Array
+from pneunet_ros.solver.compiled import kernel
 
 # Columns of a section: start m, rigidity N m^2, moment offset N m, cubic term m^2, axial compliance 1/N,
 # rest strain -, line load N/m.
@@ -47,6 +48,19 @@ class Rods:
         )
 
 
+@kernel
+def interpolate_rows(pressure: Array, record: Array, at: Array, out: Array) -> None:
+    """Rows of a table over pressure, linear between its rows and beyond them, into out (n, columns)."""
+    for index in range(at.size):
+        row = 0
+        while row < pressure.size - 2 and at[index] >= pressure[row + 1]:
+            row += 1
+        weight = (at[index] - pressure[row]) / (pressure[row + 1] - pressure[row])
+        for column in range(record.shape[1]):
+            below, above = record[row, column], record[row + 1, column]
+            out[index, column] = (1.0 - weight) * below + weight * above
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RodTable:
     """Sections and turning of an arm without effects, side by side, at every pressure of its tables.
@@ -61,10 +75,8 @@ class RodTable:
 
     def at(self, pressure: Array) -> tuple[Array, Array]:
         """Sections (n, sections, 8) and turning (n, pieces, 5) at these pressures (n,), linear beyond."""
-        row = self.pressure[1:-1].searchsorted(pressure, side='right')
-        below, above = self.pressure[row], self.pressure[row + 1]
-        weight = ((pressure - below) / (above - below))[:, None]
-        blend = (1.0 - weight) * self.record[row] + weight * self.record[row + 1]
+        blend = np.empty((pressure.size, self.record.shape[1]))
+        interpolate_rows(self.pressure, self.record, pressure, blend)
         width = self.sections * SECTION_WIDTH
         return (
             np.ascontiguousarray(blend[:, :width]).reshape(-1, self.sections, SECTION_WIDTH),

@@ -25,6 +25,12 @@ def frozen_array(value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> 
     return array
 
 
+def freeze(array: Array) -> Array:
+    """Make an array that is this function's caller's own read-only, without a copy."""
+    array.flags.writeable = False
+    return array
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolverNodes:
     """The converged unknowns of the rod equations, from which a neighboring solve starts.
