@@ -1,0 +1,133 @@
+"""Serialized messages filled in place: the same bytes as plain serialization, many times faster.
+
+From estimate to estimate only stamps and numbers of a message change. So it is serialized once,
+the places of stamps and numbers are found in the bytes by known values, and from then on only
+these are filled in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+import struct
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.errors import MessageError
+from pneunet_ros.estimate_messages import MessageTypes
+from pneunet_ros.messages import Output
+from pneunet_ros.shape import ShapeEstimate
+from pneunet_ros.units import NANOSECONDS_PER_SECOND
+
+Serialize = Callable[[Any, str], bytes]
+
+# A stamp that no message holds by chance: 1234567890 s, 987654321 ns.
+_PROBE_STAMP = 1_234_567_890_987_654_321
+_ENCAPSULATION = 4  # bytes before the body; the body is aligned, not the whole
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CdrTemplate:
+    """A serialized message with the places of its stamps and of its rows of numbers.
+
+    `stamps`: indices of seconds among the 32-bit words of the body, nanoseconds follow each. The
+    rows are `row_bytes` long, at `offset` and every `stride` bytes from there.
+    """
+
+    raw: bytes
+    stamps: npt.NDArray[np.intp]
+    offset: int
+    stride: int
+    row_bytes: int
+
+    def fill(self, stamp_ns: int, numbers: npt.NDArray[Any]) -> bytes:
+        """Return the message with this stamp (ns) and these numbers, a row per first index."""
+        raw = bytearray(self.raw)
+        if self.stamps.size:
+            words = np.frombuffer(raw, np.int32, (len(raw) - _ENCAPSULATION) // 4, _ENCAPSULATION)
+            seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
+            words[self.stamps] = seconds
+            words[self.stamps + 1] = nanoseconds
+        rows = len(numbers)
+        source = np.ascontiguousarray(numbers).view(np.uint8).reshape(rows, self.row_bytes)
+        strides = (self.stride, 1)
+        np.ndarray(source.shape, np.uint8, raw, self.offset, strides)[...] = source
+        return bytes(raw)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EstimateSerializer:
+    """Serializes the outputs of one estimator: same frame, same binding, changing numbers.
+
+    serialize: plain serialization of a message of a named type into little-endian CDR.
+    """
+
+    types: MessageTypes
+    serialize: Serialize
+    frame_id: str
+    _templates: dict[tuple[Any, ...], CdrTemplate] = field(default_factory=dict)
+
+    def bytes_of(self, output: Output, estimate: ShapeEstimate) -> bytes:
+        """Return the serialized message of one output for an estimate."""
+        if output.numbers is None:
+            return self._plainly(output, estimate)
+        numbers = output.numbers(estimate)
+        key = (output.name, output.type, numbers.shape)
+        template = self._templates.get(key)
+        if template is None:
+            template = self._templates[key] = self._template(output, estimate)
+        return template.fill(estimate.stamp_ns, numbers)
+
+    def _plainly(self, output: Output, estimate: ShapeEstimate) -> bytes:
+        return bytes(
+            self.serialize(output.encode(estimate, self.frame_id, self.types), output.type)
+        )
+
+    def _template(self, output: Output, estimate: ShapeEstimate) -> CdrTemplate:
+        assert output.numbers is not None
+        probe = _probe(estimate)
+        raw = self._plainly(output, probe)
+        rows = [row.tobytes() for row in output.numbers(probe)]
+        offsets = [raw.find(row) for row in rows]
+        stride = offsets[1] - offsets[0] if len(offsets) > 1 else len(rows[0])
+        regular = [offsets[0] + stride * place for place in range(len(rows))]
+        if offsets[0] < 0 or offsets != regular:
+            raise MessageError(
+                f'{output.name} ({output.type}) cannot be filled in place, as its numbers do not '
+                'stand in it as rows: leave out `numbers` in its line of TOPICS'
+            )
+        return CdrTemplate(
+            raw=raw,
+            stamps=_stamp_words(raw),
+            offset=offsets[0],
+            stride=stride,
+            row_bytes=len(rows[0]),
+        )
+
+
+def _stamp_words(raw: bytes) -> npt.NDArray[np.intp]:
+    """Where the stamp of the probe stands, in 32-bit words of the body."""
+    pattern = struct.pack('<iI', *divmod(_PROBE_STAMP, NANOSECONDS_PER_SECOND))
+    places = []
+    place = raw.find(pattern)
+    while place >= 0:
+        places.append((place - _ENCAPSULATION) // 4)
+        place = raw.find(pattern, place + len(pattern))
+    return np.array(places, dtype=np.intp)
+
+
+def _probe(estimate: ShapeEstimate) -> ShapeEstimate:
+    """Make an estimate of the same size in which every number is another one."""
+    random = np.random.default_rng(0)
+
+    def distinct(owner: Any) -> dict[str, Any]:
+        values = {field.name: getattr(owner, field.name) for field in fields(owner)}
+        return {
+            name: random.uniform(1.0, 2.0, value.shape)
+            for name, value in values.items()
+            if isinstance(value, np.ndarray)
+        }
+
+    shape = replace(estimate.shape, **distinct(estimate.shape))
+    return replace(estimate, stamp_ns=_PROBE_STAMP, shape=shape, **distinct(estimate))
