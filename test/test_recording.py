@@ -1,0 +1,299 @@
+"""Recordings read: their topics, the order of their messages, and what is said about the rest."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+from mcap.writer import CompressionType, Writer
+from pneunet_ros.errors import RecordingError
+from pneunet_ros.message_store import jazzy, serialize
+from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recording import open_recording
+from pneunet_ros.recording_writer import write_recording
+import pytest
+
+from bags import (
+    PRESSURE,
+    pressure,
+    STEP_NS,
+    WRENCH,
+    write_by_mcap,
+    write_readings,
+)
+
+
+@pytest.fixture(params=['file.mcap', 'folder'])
+def recording(request, tmp_path):
+    return open_recording(write_readings(tmp_path / request.param))
+
+
+# ---- topics -------------------------------------------------------------------------------------
+
+
+def test_topics_are_listed_with_type_and_count(recording):
+    assert [(topic.name, topic.type, topic.count) for topic in recording.topics] == [
+        (WRENCH, WRENCH_TYPE, 100),
+        (PRESSURE, PRESSURE_TYPE, 100),
+    ]
+    assert recording.topic(PRESSURE).definition.splitlines()[0] == 'std_msgs/Header header'
+    assert recording.sentences == ()
+    assert recording.count([PRESSURE]) == 100
+    assert recording.count([PRESSURE, WRENCH, '/missing']) == 200
+    assert (recording.start_ns, recording.end_ns) == (0, 99 * STEP_NS)
+
+
+def test_a_topic_is_found_by_type_and_last_name(recording):
+    assert recording.find('pressure', PRESSURE_TYPE) == PRESSURE
+    assert recording.find('end_wrench', WRENCH_TYPE) == WRENCH
+    assert recording.candidates('pressure', PRESSURE_TYPE) == (PRESSURE,)
+    assert recording.candidates('sure', PRESSURE_TYPE) == ()
+
+
+def test_a_last_name_may_have_parts(tmp_path):
+    path = write_readings(tmp_path / 'r.mcap', pressure_topic='/arm/line/pressure')
+    recording = open_recording(path)
+    assert recording.find('line/pressure', PRESSURE_TYPE) == '/arm/line/pressure'
+    assert recording.find('arm/line/pressure', PRESSURE_TYPE) == '/arm/line/pressure'
+    assert recording.candidates('ine/pressure', PRESSURE_TYPE) == ()
+
+
+def test_a_missing_topic_lists_those_that_are_there(recording):
+    with pytest.raises(RecordingError) as caught:
+        recording.find('pressure', WRENCH_TYPE)
+    assert str(caught.value) == (
+        f'{recording.path} has no topic pressure of type geometry_msgs/msg/WrenchStamped; '
+        'it holds /pneunet/end_wrench (geometry_msgs/msg/WrenchStamped), '
+        '/pneunet/pressure (sensor_msgs/msg/FluidPressure); '
+        'name one of that type with --topic pressure=/its/name'
+    )
+
+
+def test_two_candidates_are_listed(tmp_path):
+    with write_recording(tmp_path / 'r.mcap') as writer:
+        for topic in ('/left/pressure', '/right/pressure'):
+            writer.write(writer.add(topic, PRESSURE_TYPE), 0, pressure(0))
+    recording = open_recording(tmp_path / 'r.mcap')
+    with pytest.raises(RecordingError) as caught:
+        recording.find('pressure', PRESSURE_TYPE)
+    assert '2 topics pressure' in str(caught.value)
+    assert '/left/pressure, /right/pressure; choose one as in --topic pressure=' in str(
+        caught.value
+    )
+    assert recording.find('pressure', PRESSURE_TYPE, '/right/pressure') == '/right/pressure'
+
+
+def test_an_override_must_name_a_topic_of_the_type(recording):
+    assert recording.find('gauge', PRESSURE_TYPE, PRESSURE) == PRESSURE
+    with pytest.raises(RecordingError, match=r'no topic /gauge; it holds /pneunet/end_wrench \('):
+        recording.find('pressure', PRESSURE_TYPE, '/gauge')
+    with pytest.raises(
+        RecordingError, match=f'pressure={WRENCH} names a topic of type {WRENCH_TYPE}'
+    ):
+        recording.find('pressure', PRESSURE_TYPE, WRENCH)
+
+
+# ---- messages -----------------------------------------------------------------------------------
+
+
+def test_messages_come_in_log_time_order_and_ties_in_the_order_asked_for(recording):
+    messages = list(recording.messages([WRENCH, PRESSURE]))
+    assert [(m.topic, m.log_time_ns) for m in messages] == [
+        (topic, index * STEP_NS) for index in range(100) for topic in (WRENCH, PRESSURE)
+    ]
+    turned = [message.topic for message in recording.messages([PRESSURE, WRENCH])]
+    assert turned == [PRESSURE, WRENCH] * 100
+    assert [message.topic for message in recording.messages([PRESSURE])] == [PRESSURE] * 100
+
+
+def test_messages_hold_what_was_written(recording):
+    for index, (topic, log_time, message, raw) in enumerate(recording.messages([PRESSURE])):
+        reading = decode_pressure(message)
+        assert (reading.stamp_ns, reading.pressure) == (index * STEP_NS, float(index))
+        assert topic == PRESSURE
+        assert raw == serialize(pressure(log_time, float(index)), PRESSURE_TYPE)
+    forces = [decode_wrench(entry.message).force_x for entry in recording.messages([WRENCH])]
+    assert forces == [float(index) for index in range(100)]
+
+
+def test_raw_messages_are_the_same_without_decoding(recording):
+    decoded = [(m.topic, m.log_time_ns, m.raw) for m in recording.messages([WRENCH, PRESSURE])]
+    assert [tuple(message) for message in recording.raw_messages([WRENCH, PRESSURE])] == decoded
+
+
+@pytest.mark.parametrize('options', [{}, {'use_chunking': False}, {'chunk_size': 10**6}])
+def test_messages_logged_out_of_order_are_put_in_order(tmp_path, options):
+    # Every tenth is late by two chunks or so, and all log times come twice.
+    times = [(index // 2 - (40 if index % 10 == 0 else 0)) * 1000 + 10**6 for index in range(400)]
+    recording = open_recording(write_by_mcap(tmp_path / 'r.mcap', times, **options))
+    found = list(recording.messages([PRESSURE]))
+    assert [message.log_time_ns for message in found] == sorted(times)
+    # Of equal log times, the one written first comes first.
+    order = sorted(range(400), key=lambda index: (times[index], index))
+    assert [decode_pressure(message.message).pressure for message in found] == order
+
+
+def test_files_of_a_folder_are_merged_in_log_time_order(tmp_path):
+    folder = write_readings(tmp_path / 'bag')
+    times = [index * STEP_NS + STEP_NS // 2 for index in range(100)]
+    write_by_mcap(folder / 'bag_1.mcap', times)
+    metadata = folder / 'metadata.yaml'
+    text = metadata.read_text()
+    assert '- bag.mcap' in text
+    metadata.write_text(text.replace('- bag.mcap', '- bag.mcap\n  - bag/bag_1.mcap', 1))
+    recording = open_recording(folder)
+    assert recording.topic(PRESSURE).count == 200
+    log_times = [message.log_time_ns for message in recording.raw_messages([PRESSURE])]
+    assert log_times == [index * STEP_NS // 2 for index in range(200)]
+
+
+def test_a_large_recording_is_not_held_in_memory(tmp_path):
+    path = write_by_mcap(tmp_path / 'r.mcap', list(range(20_000)), chunk_size=20_000)
+    size = path.stat().st_size
+    recording = open_recording(path)
+    tracemalloc.start()
+    assert sum(1 for _ in recording.raw_messages([PRESSURE])) == 20_000
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < size / 4
+
+
+def test_a_recording_can_be_left_early_and_read_again(recording):
+    messages = recording.messages([PRESSURE])
+    next(messages)
+    messages.close()
+    assert sum(1 for _ in recording.messages([PRESSURE])) == 100
+
+
+def test_a_topic_that_is_not_there_is_an_error(recording):
+    with pytest.raises(RecordingError, match='has no topic /missing'):
+        next(recording.messages(['/missing']))
+
+
+# ---- what cannot be read ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('share', [0.2, 0.5, 0.8, 0.95])
+def test_a_truncated_recording_is_read_as_far_as_it_goes(tmp_path, share):
+    path = write_readings(tmp_path / 'r.mcap')
+    raw = path.read_bytes()
+    path.write_bytes(raw[: int(share * len(raw))])
+    recording = open_recording(path)
+    found = list(recording.messages([topic.name for topic in recording.topics]))
+    assert recording.sentences == (
+        f'{path} ends in the middle of a record: {len(found)} messages were read',
+    )
+    assert all(message.log_time_ns == index // 2 * STEP_NS for index, message in enumerate(found))
+
+
+def write_channels(path, channels, compression=CompressionType.NONE):
+    """Write one pressure to each channel: topic, message encoding, type, schema encoding, text."""
+    with path.open('wb') as stream:
+        writer = Writer(stream, compression=compression)
+        writer.start('ros2')
+        for topic, encoding, type_name, schema_encoding, text in channels:
+            schema = 0
+            if type_name:
+                schema = writer.register_schema(type_name, schema_encoding, text.encode())
+            channel = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channel, 5, serialize(pressure(5), PRESSURE_TYPE), 5)
+        writer.finish()
+    return path
+
+
+DEFINITION = jazzy().generate_msgdef(PRESSURE_TYPE, ros_version=2)[0]
+GOOD = ('/p', 'cdr', PRESSURE_TYPE, 'ros2msg', DEFINITION)
+
+
+def test_channels_of_other_encodings_are_left_out_and_said(tmp_path):
+    path = write_channels(
+        tmp_path / 'r.mcap',
+        [
+            GOOD,
+            ('/json', 'json', 'Pressure', 'jsonschema', '{}'),
+            ('/proto', 'cdr', 'Pressure', 'protobuf', ''),
+            ('/bare', 'cdr', '', '', ''),
+            ('/p', 'cdr', 'std_msgs/msg/Empty', 'ros2msg', ''),
+        ],
+    )
+    recording = open_recording(path)
+    assert [(topic.name, topic.count) for topic in recording.topics] == [('/p', 1)]
+    assert recording.sentences == (
+        f'/json in {path} is left out: it holds no ROS 2 messages (json with jsonschema)',
+        f'/proto in {path} is left out: it holds no ROS 2 messages (cdr with protobuf)',
+        f'/bare in {path} is left out: it holds no ROS 2 messages (cdr with nothing)',
+        f'/p in {path} is read as sensor_msgs/msg/FluidPressure only; what was recorded of it as '
+        'std_msgs/msg/Empty (cdr with ros2msg) is left out',
+    )
+    assert len(list(recording.messages(['/p']))) == 1
+
+
+def test_two_publishers_of_a_topic_are_one_topic(tmp_path):
+    recording = open_recording(write_channels(tmp_path / 'r.mcap', [GOOD, GOOD]))
+    assert [topic.count for topic in recording.topics] == [2]
+    assert len(list(recording.messages(['/p']))) == 2
+
+
+def test_a_type_unknown_to_ros_is_read_by_its_definition(tmp_path):
+    channel = ('/p', 'cdr', 'lab_msgs/msg/Gauge', 'ros2msg', DEFINITION)
+    recording = open_recording(write_channels(tmp_path / 'r.mcap', [GOOD, channel]))
+    (message,) = recording.messages(['/p'])
+    assert decode_pressure(message.message).pressure == 31e3
+
+
+def test_a_type_that_is_nowhere_defined_is_an_error_only_when_it_is_needed(tmp_path):
+    channel = ('/gauge', 'cdr', 'lab_msgs/msg/Gauge', 'ros2msg', '')
+    recording = open_recording(write_channels(tmp_path / 'r.mcap', [GOOD, channel]))
+    assert len(list(recording.messages(['/p']))) == 1
+    assert len(list(recording.raw_messages(['/gauge']))) == 1
+    with pytest.raises(RecordingError, match='lab_msgs/msg/Gauge is no type of ROS 2 Jazzy'):
+        next(recording.messages(['/gauge']))
+
+
+def test_a_message_of_another_type_is_an_error_with_topic_and_time(tmp_path):
+    channel = ('/w', 'cdr', WRENCH_TYPE, 'ros2msg', '')
+    recording = open_recording(write_channels(tmp_path / 'r.mcap', [channel]))
+    with pytest.raises(
+        RecordingError, match=r'message of /w at log time 5 ns is no geometry_msgs'
+    ):
+        next(recording.messages(['/w']))
+
+
+def test_a_folder_without_metadata_is_refused_with_what_to_do(tmp_path):
+    folder = write_readings(tmp_path / 'bag')
+    (folder / 'metadata.yaml').unlink()
+    with pytest.raises(RecordingError, match=r'is a folder without metadata.*bag\.mcap.*reindex'):
+        open_recording(folder)
+    assert open_recording(folder / 'bag.mcap').count([PRESSURE]) == 100
+
+
+@pytest.mark.parametrize('text', ['', '[]', 'a: 1', '\0', 'rosbag2_bagfile_information: {}', '{'])
+def test_other_metadata_is_refused(tmp_path, text):
+    folder = write_readings(tmp_path / 'bag')
+    (folder / 'metadata.yaml').write_text(text)
+    with pytest.raises(RecordingError, match=r'bag/metadata\.yaml is no metadata of rosbag2'):
+        open_recording(folder)
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'sentence'),
+    [
+        ('storage_identifier: mcap', 'storage_identifier: sqlite3', 'stored as sqlite3'),
+        ("compression_mode: ''", 'compression_mode: FILE', 'stored as mcap FILE'),
+    ],
+)
+def test_other_storage_is_refused(tmp_path, old, new, sentence):
+    folder = write_readings(tmp_path / 'bag')
+    metadata = folder / 'metadata.yaml'
+    assert old in metadata.read_text()
+    metadata.write_text(metadata.read_text().replace(old, new))
+    with pytest.raises(RecordingError, match=f'{sentence}.*ros2 bag convert'):
+        open_recording(folder)
+
+
+def test_a_missing_recording_or_file_of_it_is_named(tmp_path):
+    with pytest.raises(RecordingError, match='nowhere does not exist'):
+        open_recording(tmp_path / 'nowhere')
+    folder = write_readings(tmp_path / 'bag')
+    (folder / 'bag.mcap').unlink()
+    with pytest.raises(RecordingError, match=r'bag/bag\.mcap cannot be read: No such file'):
+        open_recording(folder)
