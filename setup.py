@@ -13,12 +13,10 @@ def shipped_files():
     """(folder below the install prefix, files) for all that is installed beside the code."""
     yield 'share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']
     yield SHARE, ['package.xml']
-    for top in map(Path, SHIPPED):
-        for folder in [top, *sorted(path for path in top.rglob('*') if path.is_dir())]:
-            files = [str(file) for file in sorted(folder.iterdir()) if file.is_file()]
-            files = [file for file in files if not file.endswith(('.pyc', '.gitkeep'))]
-            if files:
-                yield f'{SHARE}/{folder.as_posix()}', files
+    files = [file for top in SHIPPED for file in sorted(Path(top).rglob('*')) if file.is_file()]
+    for file in files:
+        if '__pycache__' not in file.parts:
+            yield f'{SHARE}/{file.parent.as_posix()}', [str(file)]
 
 
 TEST = ['hypothesis>=6.98', 'pytest>=7.4']
