@@ -20,6 +20,7 @@ from pneunet_ros.solver.panel import (
     substitute,
     times,
 )
+from pneunet_ros.solver.stations import at_stations, resolution
 
 Array = npt.NDArray[np.float64]
 L = 16  # rods at a time: their work fits the cache
@@ -146,21 +147,21 @@ def newton_many(
     """
     count = starts.shape[1] - 1
     panels = np.empty(count * PANEL_WIDTH * L)
+    columns = panels.reshape(count, PANEL_WIDTH, L)
     nodes = np.empty((count + 1) * NODE_WIDTH * L)
     slopes = np.empty(count * SLOPE_WIDTH * L)
     steps = np.empty(count * STEP_WIDTH * L)
-    row = np.empty((count, PANEL_WIDTH))
     end, v = np.empty(6 * L), np.empty(5 * L)
     scale, worst = np.empty(L), np.empty(L)
     for first in range(0, ends.shape[0], L):
         for k in range(L):
             rod = min(first + k, ends.shape[0] - 1)
-            prepare(length, sections[rod], knots, turning[rod], ends[rod], counts, row)
+            prepare(
+                length, sections[rod], knots, turning[rod], ends[rod], counts, columns[:, :, k]
+            )
             scale[k] = 0.0
-            for p in range(count):
-                for column in range(PANEL_WIDTH):
-                    panels[(p * PANEL_WIDTH + column) * L + k] = row[p, column]
-                scale[k] = max(scale[k], length * abs(row[p, 1]))
+            for section in range(sections.shape[1]):
+                scale[k] = max(scale[k], length / abs(sections[rod, section, 1]))
             for p in range(count + 1):
                 for column in range(NODE_WIDTH):
                     nodes[(p * NODE_WIDTH + column) * L + k] = starts[rod, p, column]
@@ -177,3 +178,26 @@ def newton_many(
             for p in range(count + 1):
                 for column in range(NODE_WIDTH):
                     out[first + k, p, column] = nodes[(p * NODE_WIDTH + column) * L + k]
+
+
+@kernel
+def evaluate_many(
+    length: float,
+    sections: Array,
+    knots: Array,
+    turning: Array,
+    ends: Array,
+    counts: npt.NDArray[np.int64],
+    nodes: Array,
+    arclength: Array,
+    fields: Array,
+    detail: Array,
+) -> None:
+    """Stations of solved rods into fields (6, rods, stations), and `resolution` of each into `detail`."""
+    panels = np.empty((nodes.shape[1] - 1, PANEL_WIDTH))
+    out = np.empty((6, arclength.size))
+    for rod in range(nodes.shape[0]):
+        prepare(length, sections[rod], knots, turning[rod], ends[rod], counts, panels)
+        at_stations(panels, nodes[rod], knots, turning[rod], arclength, out)
+        fields[:, rod] = out
+        detail[rod] = resolution(panels, nodes[rod])

@@ -1,0 +1,85 @@
+"""How many readings per second go from file to file: `pneunet replay` on the shipped recording.
+
+    python bench/replay.py [--json] [--repeats N]
+
+Decoding, estimating with covariance, encoding all five topics and writing them, after the kernels are
+compiled. The peer of the same run is reading and writing alone: what a replay without a model would take.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import statistics
+import tempfile
+import time
+
+from pneunet_ros import load_model
+from pneunet_ros.estimator import Estimator
+from pneunet_ros.recording import open_recording
+from pneunet_ros.recording_writer import write_recording
+from pneunet_ros.replay import Step, Tally, input_topics, record_steps
+from pneunet_ros.resources import shipped
+
+
+def replay(folder: Path) -> tuple[float, int, int]:
+    """Seconds, readings and estimates of one replay from file to file."""
+    estimator = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
+    begun = time.perf_counter()
+    recording = open_recording(shipped('bags/table1'))
+    topics = input_topics(recording, estimator, {})
+    tally = Tally()
+
+    def each(step: Step) -> None:
+        tally.count(step, '/pneunet/pressure')
+
+    with write_recording(folder / 'out.mcap', overwrite=True) as writer:
+        record_steps(writer, recording, estimator, topics, each)
+    assert tally.state is not None
+    return time.perf_counter() - begun, tally.messages, tally.state.estimates
+
+
+def copy(folder: Path) -> float:
+    """Seconds to decode the result of a replay and write it again."""
+    begun = time.perf_counter()
+    recording = open_recording(folder / 'out.mcap')
+    names = [topic.name for topic in recording.topics]
+    with write_recording(folder / 'copy.mcap', overwrite=True) as writer:
+        copies = {name: writer.add_copy(recording.topic(name)) for name in names}
+        for message in recording.messages(names):
+            writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
+    return time.perf_counter() - begun
+
+
+def main() -> None:
+    """Run and print."""
+    command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    command.add_argument('--json', action='store_true', help='print one JSON object')
+    command.add_argument('--repeats', type=int, default=7, help='repeats (default: 7)')
+    arguments = command.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        replay(folder)
+        runs = [(*replay(folder), copy(folder)) for _ in range(arguments.repeats)]
+    readings = statistics.median(run[1] / run[0] for run in runs)
+    estimates = statistics.median(run[2] / run[0] for run in runs)
+    share = statistics.median(run[3] / run[0] for run in runs)
+    result = {
+        'bench': 'replay',
+        'readings_per_second': readings,
+        'estimates_per_second': estimates,
+        'copying_alone_share': share,
+        'readings': runs[0][1],
+        'estimates': runs[0][2],
+    }
+    if arguments.json:
+        print(json.dumps(result))
+        return
+    print(f'{readings:.0f} readings/s (pressure and wrench), {estimates:.0f} estimates/s, file to file')
+    print(f'decoding and writing the same messages alone takes {share:.0%} of that time')
+    print('target: at least 3000 readings/s')
+
+
+if __name__ == '__main__':
+    main()

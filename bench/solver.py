@@ -1,0 +1,429 @@
+"""How fast and how exact the rod solver is: everything against scipy's solve_bvp in one interleaved run.
+
+    python bench/solver.py [--json] [--repeats N]
+
+Every method solves the rows of Table 1 from the same start: the solution at 2 % less F1, 2 % more F2 and
+500 Pa less. Times are medians over rows and repeats; ratios are medians of ratios taken within one repeat,
+so that a noisy machine disturbs both sides. Errors are against a reference that shares no code with the
+solver: shooting with an adaptive eighth-order integrator, split at l1 and at every knot of the curvature.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+import dataclasses
+import json
+import platform
+import statistics
+import time
+
+import numpy as np
+from scipy.integrate import solve_bvp, solve_ivp
+from scipy.optimize import root_scalar
+
+from pneunet_ros import load_model, solve
+from pneunet_ros.arm import Arm
+from pneunet_ros.attempt import Attempt
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.equilibrium import linearized, panels_of, with_pressure_change
+from pneunet_ros.estimator import Estimator, EstimatorState
+from pneunet_ros.many import MOST_ITERATIONS, TOLERANCE, predicted
+from pneunet_ros.readings import PressureReading, WrenchReading
+from pneunet_ros.resources import shipped
+from pneunet_ros.solver import chain, collocation, sensitivity, stations
+from pneunet_ros.solver.compiled import kernel
+from pneunet_ros.solver.lanes import newton_many
+
+TABLE_1 = (
+    (5.0, 0.25, 0.0), (10.5, 0.225, 0.0), (17.2, 0.2, 0.025), (24.2, 0.2, 0.05),
+    (31.0, 0.175, 0.07), (37.1, 0.16, 0.1), (44.9, 0.15, 0.125), (51.5, 0.15, 0.175),
+    (53.8, 0.15, 0.2), (56.6, 0.15, 0.2), (58.2, 0.15, 0.225), (61.3, 0.15, 0.25),
+    (63.6, 0.15, 0.26), (65.5, 0.15, 0.275),
+)  # fmt: skip
+MECHANICS = {
+    'extensibility': {'axial_stiffness': 40.0},
+    'pressure_elongation': {'strain_per_pascal': 2e-7},
+    'gravity': {'weight_x': 0.0, 'weight_y': -1.0},
+    'clamp_compliance': {'compliance': 5.0},
+    'load_offset': {'offset': 0.003},
+}
+CALLS = 100  # of a kernel per timing
+
+
+@kernel
+def warm_loop(length, sections, knots, turning, ends, counts, start, nodes, calls):
+    """Prepare, solve and check the mesh, from the neighbor's nodes, `calls` times."""
+    panels = np.empty((start.shape[0] - 1, 16))
+    worst = 0.0
+    for _ in range(calls):
+        nodes[:] = start
+        collocation.prepare(length, sections, knots, turning, ends, counts, panels)
+        residual, _steps = collocation.newton(panels, ends, nodes, 25, 1e-13)
+        worst = max(residual, worst) + 0.0 * stations.resolution(panels, nodes)
+    return worst
+
+
+@kernel
+def cold_loop(length, sections, knots, turning, ends, counts, nodes, calls):
+    """The same from nothing."""
+    panels = np.empty((nodes.shape[0] - 1, 16))
+    worst = 0.0
+    for _ in range(calls):
+        collocation.prepare(length, sections, knots, turning, ends, counts, panels)
+        chain.loaded_guess(panels, ends, nodes)
+        residual, _steps = collocation.newton(panels, ends, nodes, 25, 1e-13)
+        worst = max(residual, worst) + 0.0 * stations.resolution(panels, nodes)
+    return worst
+
+
+@kernel
+def jacobian_loop(panels, ends, nodes, panel_changes, end_changes, node_changes, tip, calls):
+    """Sensitivities of nodes and tip to F1, F2, M and pressure."""
+    for _ in range(calls):
+        sensitivity.sensitivities(
+            panels, ends, nodes, panel_changes, end_changes, node_changes, tip
+        )
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rod:
+    """One rod of the reference: the numbers of the record, and the intrinsic curvature as a function."""
+
+    arm: Arm
+    pressure: float
+    force: np.ndarray
+
+    def pieces(self) -> list[tuple[float, float, np.ndarray]]:
+        """Start, end and record of each section of the moment law."""
+        sections = self.arm.rods(np.array([self.pressure])).sections[0]
+        stops = [*sections[1:, 0], self.arm.length]
+        return [(s[0], stop, s) for s, stop in zip(sections, stops, strict=True)]
+
+    def kappa0(self) -> Callable[[np.ndarray], np.ndarray]:
+        """Intrinsic curvature over arclength in m."""
+        from scipy.interpolate import CubicSpline
+
+        field, length = self.arm.intrinsic_curvature, self.arm.length
+        return CubicSpline(
+            field.arclength * length, field.at(self.pressure, field.arclength).copy()
+        )
+
+    def slopes(self, section: np.ndarray, kappa0, s, theta, moment):
+        """theta', M', x', y' (Eq 4 with stretch and line load)."""
+        _, rigidity, offset, _, axial, strain, load_x, load_y = section
+        n1 = self.force[0] + load_x * (self.arm.length - s)
+        n2 = self.force[1] + load_y * (self.arm.length - s)
+        cosine, sine = np.cos(theta), np.sin(theta)
+        stretched = 1.0 + strain + axial * (n1 * cosine + n2 * sine)
+        return (
+            kappa0(s) + (moment - offset) / rigidity,
+            -stretched * (n2 * cosine - n1 * sine),
+            stretched * cosine,
+            stretched * sine,
+        )
+
+    def end_moment(self, theta: float) -> float:
+        """Moment that the offset load puts on the free end."""
+        offset = self.arm.rods(np.array([self.pressure])).clamp[0, 2]
+        return -offset * (self.force[0] * np.cos(theta) + self.force[1] * np.sin(theta))
+
+    def clamp(self) -> tuple[float, float]:
+        """Angle and compliance."""
+        clamp = self.arm.rods(np.array([self.pressure])).clamp[0]
+        return float(clamp[0]), float(clamp[1])
+
+    def reference(self, guess: float) -> np.ndarray:
+        """Tip (x, y, theta) by shooting from a guess of the moment at the clamp."""
+        kappa0, (angle, compliance) = self.kappa0(), self.clamp()
+        knots = self.arm.knots
+
+        def end_state(moment: float) -> np.ndarray:
+            state = np.array([angle + compliance * moment, moment, 0.0, 0.0])
+            for start, stop, section in self.pieces():
+                inside = knots[(knots > start) & (knots < stop)]
+                marks = [start, *inside, stop]
+                for a, b in zip(marks[:-1], marks[1:], strict=True):
+                    state = solve_ivp(
+                        lambda s, y, section=section: np.array(
+                            self.slopes(section, kappa0, s, y[0], y[1])
+                        ),
+                        (a, b), state, method='DOP853', rtol=1e-13, atol=1e-15,
+                    ).y[:, -1]  # fmt: skip
+            return state
+
+        def miss(moment: float) -> float:
+            state = end_state(moment)
+            return state[1] - self.end_moment(state[0])
+
+        root = root_scalar(miss, x0=guess, x1=guess * (1.0 + 1e-6), xtol=1e-15, rtol=1e-15).root
+        return end_state(root)[[2, 3, 0]]
+
+    def bvp(self, tolerance: float, mesh: np.ndarray, guess: np.ndarray):
+        """The textbook way: solve_bvp, one set of unknowns per section, all mapped to [0, 1]."""
+        kappa0, pieces = self.kappa0(), self.pieces()
+        (angle, compliance), length = self.clamp(), self.arm.length
+        unit = 1e-3  # N m; lengths in l
+
+        def equations(u, y):
+            out = np.empty_like(y)
+            for k, (start, stop, section) in enumerate(pieces):
+                row, h = 4 * k, stop - start
+                slopes = self.slopes(section, kappa0, start + u * h, y[row], unit * y[row + 1])
+                out[row] = h * slopes[0]
+                out[row + 1] = h / unit * slopes[1]
+                out[row + 2] = h / length * slopes[2]
+                out[row + 3] = h / length * slopes[3]
+            return out
+
+        def conditions(a, b):
+            joints = [b[4 * k : 4 * k + 4] - a[4 * k + 4 : 4 * k + 8] for k in range(len(pieces) - 1)]
+            clamp = [a[0] - angle - compliance * unit * a[1], a[2], a[3]]
+            free = [b[-3] - self.end_moment(b[-4]) / unit]
+            return np.concatenate([clamp, *joints, free])
+
+        return solve_bvp(equations, conditions, mesh, guess, tol=tolerance, max_nodes=10_000)
+
+
+def best_of(call: Callable[[], object], calls: int = 1) -> float:
+    """Seconds per call, one timing."""
+    begun = time.perf_counter()
+    call()
+    return (time.perf_counter() - begun) / calls
+
+
+class Case:
+    """One row of Table 1 with everything prepared that a method starts from."""
+
+    def __init__(self, arm: Arm, row: tuple[float, float, float]) -> None:
+        self.arm = arm
+        self.pressure = 1000.0 * row[0]
+        self.force = np.array(row[1:])
+        before = self.force * [0.98, 1.02]
+        self.near = solve(arm, self.pressure - 500.0, (before[0], before[1]))
+        self.shape = solve(arm, self.pressure, (row[1], row[2]), start=self.near)
+        assert self.shape.solution is not None and self.near.solution is not None
+        self.rods, change = with_pressure_change(arm, self.pressure)
+        attempt = Attempt(self.rods, (row[1], row[2]), 0.0, 1e-13)
+        attempt.start_from(self.near.solution)
+        self.start, self.counts, self.ends = attempt.nodes.copy(), attempt.counts, attempt.ends
+        self.nodes = np.empty_like(self.start)
+        solution = self.shape.solution
+        difference = panels_of(change.after, solution) - panels_of(change.before, solution)
+        self.panel_changes = (difference / change.distance)[None]
+        self.end_changes = np.zeros((1, 6))
+        self.node_changes, self.tip, _ = linearized(solution, self.panel_changes, self.end_changes)
+        self.bvp_start = {}
+        for tolerance in (1e-6, 1e-3):
+            rod = Rod(arm=arm, pressure=self.pressure - 500.0, force=before)
+            mesh = np.linspace(0.0, 1.0, 11)
+            guess = np.zeros((4 * self.rods.sections.shape[1], mesh.size))
+            for share in (0.25, 0.5, 0.75, 1.0):  # far from the solution solve_bvp gets lost
+                part = dataclasses.replace(rod, force=share * before)
+                result = part.bvp(tolerance, mesh, guess)
+                mesh, guess = result.x, result.y
+            self.bvp_start[tolerance] = (mesh, guess)
+        self.rod = Rod(arm=arm, pressure=self.pressure, force=self.force)
+        self.reference = self.rod.reference(float(self.shape.moment[0]))
+        estimator = Estimator(arm=arm)
+        self.estimator = estimator
+        self.wrench = WrenchReading(
+            stamp_ns=1, force_x=row[1], force_y=row[2], moment=0.0, frame_id='pneunet_base'
+        )
+        state, _ = estimator.step(EstimatorState(solution=self.near.solution), self.wrench)
+        self.state = state
+        self.reading = PressureReading(stamp_ns=1, pressure=self.pressure)
+
+    def record(self) -> tuple:
+        """The record of the rod as the kernels take it."""
+        rods = self.rods
+        return rods.length, rods.sections[0], rods.knots, rods.turning[0], self.ends, self.counts
+
+    def methods(self) -> dict[str, Callable[[], float]]:
+        """Every method as a call that returns its seconds per solve."""
+        solution = self.shape.solution
+        warm = (*self.record(), self.start, self.nodes)
+        cold = (*self.record(), self.nodes)
+        linear = (
+            solution.panels, solution.ends, solution.nodes, self.panel_changes, self.end_changes,
+            self.node_changes, self.tip,
+        )  # fmt: skip
+        force = (float(self.force[0]), float(self.force[1]))
+        return {
+            'solve_bvp 1e-6': lambda: best_of(lambda: self.rod.bvp(1e-6, *self.bvp_start[1e-6])),
+            'solve_bvp 1e-3': lambda: best_of(lambda: self.rod.bvp(1e-3, *self.bvp_start[1e-3])),
+            'kernel warm': lambda: best_of(lambda: warm_loop(*warm, CALLS), CALLS),
+            'kernel cold': lambda: best_of(lambda: cold_loop(*cold, CALLS), CALLS),
+            'Jacobian': lambda: best_of(lambda: jacobian_loop(*linear, CALLS), CALLS),
+            'solve()': lambda: best_of(
+                lambda: solve(self.arm, self.pressure, force, start=self.near)
+            ),
+            'estimator.step': lambda: best_of(
+                lambda: self.estimator.step(self.state, self.reading)
+            ),
+        }
+
+    def errors(self) -> dict[str, float]:
+        """Distance of the tip from the reference, m."""
+        tips = {'kernel warm': np.array(self.shape.tip)}
+        for tolerance in (1e-6, 1e-3):
+            y = self.rod.bvp(tolerance, *self.bvp_start[tolerance]).y[-4:, -1]
+            tips[f'solve_bvp {tolerance:.0e}'.replace('e-0', 'e-')] = np.array(
+                [y[2] * self.arm.length, y[3] * self.arm.length, y[0]]
+            )
+        return {
+            name: float(np.hypot(*(tip[:2] - self.reference[:2]))) for name, tip in tips.items()
+        }
+
+
+class Batch:
+    """1000 rods around one row of Table 1, all at once and one by one."""
+
+    def __init__(self, case: Case, rods: int = 1000) -> None:
+        random = np.random.default_rng(1)
+        pressure = case.pressure + random.uniform(-500.0, 500.0, rods)
+        records = case.arm.rods(pressure)
+        ends = np.zeros((rods, 6))
+        ends[:, :3] = records.clamp
+        ends[:, 3:5] = case.force * random.uniform(0.98, 1.02, (rods, 2))
+        self.rods = rods
+        solution = case.shape.solution
+        self.record = (
+            case.arm.length, records.sections, records.knots, records.turning, ends,
+            np.array(solution.counts),
+        )  # fmt: skip
+        self.known = np.broadcast_to(solution.nodes, (rods, *solution.nodes.shape)).copy()
+        causes = np.column_stack([ends[:, 3:], pressure])
+        self.predicted = predicted(case.arm, case.shape, causes)
+        self.many, self.one = np.empty_like(self.known), np.empty_like(self.known)
+        self.residual = np.empty(rods)
+
+    def together(self) -> float:
+        """Seconds per rod, all at once, as `solve_many` does it: from the tangent at the known rod."""
+        return best_of(
+            lambda: newton_many(
+                *self.record, self.predicted, MOST_ITERATIONS, TOLERANCE, self.many, self.residual
+            ),
+            self.rods,
+        )
+
+    def one_by_one(self) -> float:
+        """Seconds per rod, one after the other, from the known rod."""
+        return best_of(lambda: one_by_one(*self.record, self.known, self.one), self.rods)
+
+
+@kernel
+def one_by_one(length, sections, knots, turning, ends, counts, starts, out):
+    """The rods of a batch by the single solver."""
+    panels = np.empty((starts.shape[1] - 1, 16))
+    for rod in range(ends.shape[0]):
+        out[rod] = starts[rod]
+        collocation.prepare(
+            length, sections[rod], knots, turning[rod], ends[rod], counts, panels
+        )
+        collocation.newton(panels, ends[rod], out[rod], 25, 1e-13)
+
+
+def measure(arm: Arm, repeats: int) -> dict[str, object]:
+    """Medians, ratios and errors for one arm over Table 1."""
+    cases = [Case(arm, row) for row in TABLE_1]
+    times: dict[str, list[float]] = {}
+    ratios: dict[str, list[float]] = {}
+    for repeat in range(repeats + 1):
+        for case in cases:
+            seconds = {name: method() for name, method in case.methods().items()}
+            if repeat == 0:  # warm-up
+                continue
+            for name, value in seconds.items():
+                times.setdefault(name, []).append(value)
+            pairs = {
+                'solve_bvp 1e-6 / kernel warm': ('solve_bvp 1e-6', 'kernel warm'),
+                'solve_bvp 1e-3 / kernel warm': ('solve_bvp 1e-3', 'kernel warm'),
+                'kernel cold / warm': ('kernel cold', 'kernel warm'),
+                'Jacobian / kernel warm': ('Jacobian', 'kernel warm'),
+                'solve_bvp 1e-3 / solve()': ('solve_bvp 1e-3', 'solve()'),
+                'solve_bvp 1e-3 / estimator.step': ('solve_bvp 1e-3', 'estimator.step'),
+            }
+            for name, (above, below) in pairs.items():
+                ratios.setdefault(name, []).append(seconds[above] / seconds[below])
+    batch = Batch(cases[len(cases) // 2])
+    for repeat in range(repeats + 1):
+        together, alone = batch.together(), batch.one_by_one()
+        if repeat:
+            times.setdefault('batch of 1000, per rod', []).append(together)
+            times.setdefault('one by one, per rod', []).append(alone)
+            ratios.setdefault('one by one / batch', []).append(alone / together)
+    errors = [case.errors() for case in cases]
+    return {
+        'median_us': {name: 1e6 * statistics.median(values) for name, values in times.items()},
+        'ratio': {name: statistics.median(values) for name, values in ratios.items()},
+        'tip_error_m': {name: max(row[name] for row in errors) for name in errors[0]},
+        'worst_residual_rad': max(case.shape.residual for case in cases),
+        'batch_disagreement_rad': float(np.abs(batch.many[:, :-1] - batch.one[:, :-1]).max()),
+    }
+
+
+def arms() -> dict[str, Arm]:
+    """The shipped arm, a stiffer one, and the shipped one with every mechanical term."""
+    soft = load_model(shipped('config/paper_arm.yaml'))
+    law = dataclasses.replace(soft.moment_law, rigidity=9.0 * soft.moment_law.rigidity)
+    effects = tuple(EFFECTS[name](**values) for name, values in MECHANICS.items())
+    return {
+        'soft': soft,
+        'stiff': dataclasses.replace(soft, moment_law=law),
+        'soft, all mechanics': dataclasses.replace(soft, effects=effects),
+    }
+
+
+TARGETS = {
+    'solve_bvp 1e-6 / kernel warm': ('>=', 800.0, 400.0),
+    'solve_bvp 1e-3 / kernel warm': ('>=', 300.0, 150.0),
+    'kernel cold / warm': ('<=', 1.5, 1.5),
+    'Jacobian / kernel warm': ('<=', 0.5, 0.5),
+    'solve_bvp 1e-3 / solve()': ('>=', 25.0, 25.0),
+    'solve_bvp 1e-3 / estimator.step': ('>=', 10.0, 10.0),
+    'one by one / batch': ('>=', 4.0, 4.0),
+}
+
+
+def show(results: dict[str, dict]) -> None:
+    """The results as tables."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=110)
+    for title, values in (('median time per solve, us', 'median_us'), ('ratio', 'ratio')):
+        table = Table(title=title)
+        table.add_column('')
+        for name in results:
+            table.add_column(name, justify='right')
+        if values == 'ratio':
+            table.add_column('target (all mechanics)', justify='right')
+        for row in results['soft'][values]:
+            cells = [f'{result[values][row]:.3g}' for result in results.values()]
+            if values == 'ratio':
+                sign, bare, full = TARGETS[row]
+                cells.append(f'{sign} {bare:g}' + (f' ({full:g})' if full != bare else ''))
+            table.add_row(row, *cells)
+        console.print(table)
+    for name, result in results.items():
+        errors = ', '.join(f'{key} {value:.1e}' for key, value in result['tip_error_m'].items())
+        console.print(f'{name}: largest tip error (m): {errors}')
+
+
+def main() -> None:
+    """Run and print."""
+    command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    command.add_argument('--json', action='store_true', help='print one JSON object')
+    command.add_argument('--repeats', type=int, default=15, help='interleaved repeats (default: 15)')
+    arguments = command.parse_args()
+    results = {name: measure(arm, arguments.repeats) for name, arm in arms().items()}
+    if arguments.json:
+        machine = {'machine': platform.machine(), 'python': platform.python_version()}
+        print(json.dumps({'bench': 'solver', **machine, 'results': results}))
+    else:
+        show(results)
+
+
+if __name__ == '__main__':
+    main()
