@@ -25,7 +25,7 @@ MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, log time, publish ti
 _CHUNK_HEAD = struct.Struct('<QQQII')
 
 # What the decompressors and the parsing of damaged bytes raise.
-DAMAGE = (ValueError, struct.error, RuntimeError, zstandard.ZstdError)
+DAMAGE = (ValueError, OverflowError, struct.error, RuntimeError, zstandard.ZstdError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,18 +65,18 @@ def read_block(path: Path, stream: BinaryIO, block: Block) -> Iterator[tuple[int
     """
     stream.seek(block.offset)
     data = stream.read(block.length)
-    if not block.loose:
-        try:
+    try:
+        if not block.loose:
             data = chunk_content(data)
-        except DAMAGE as error:
-            raise RecordingError(
-                f'{path} is damaged in the chunk at byte {block.offset} ({error}): '
-                'recover it with `mcap recover`'
-            ) from error
-    for opcode, start, end in records(data):
-        if opcode == Opcode.MESSAGE:
-            channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, start)
-            yield channel, log_time, data[start + MESSAGE_HEAD.size : end]
+        for opcode, start, end in records(data):
+            if opcode == Opcode.MESSAGE:
+                channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, start)
+                yield channel, log_time, data[start + MESSAGE_HEAD.size : end]
+    except DAMAGE as error:
+        raise RecordingError(
+            f'{path} is damaged in the chunk at byte {block.offset} ({error}): '
+            'recover it with `mcap recover`'
+        ) from error
 
 
 def records(data: bytes) -> Iterator[tuple[int, int, int]]:

@@ -10,7 +10,6 @@ from collections import Counter
 from dataclasses import dataclass, field
 import io
 from pathlib import Path
-import struct
 from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
@@ -65,7 +64,7 @@ def _from_index(path: Path, stream: BinaryIO, size: int) -> McapFile | None:
     stream.seek(0)
     try:
         summary = SeekingReader(stream).get_summary()
-    except (McapError, struct.error, UnicodeDecodeError):
+    except (*DAMAGE, McapError):
         return None
     if summary is None or summary.statistics is None:
         return None
@@ -75,6 +74,7 @@ def _from_index(path: Path, stream: BinaryIO, size: int) -> McapFile | None:
         and sum(counts.values()) == summary.statistics.message_count
         and counts.keys() <= summary.channels.keys()
         and {c.schema_id for c in summary.channels.values()} <= {0, *summary.schemas}
+        and all(c.chunk_start_offset + c.chunk_length <= size for c in summary.chunk_indexes)
     )
     if not reliable:
         return None

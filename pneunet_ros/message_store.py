@@ -16,7 +16,6 @@ from rosbags.typesys import (
     get_types_from_msg,
     get_typestore,
     Stores,
-    TypesysError,
 )
 from rosbags.typesys.store import Typestore
 
@@ -80,7 +79,8 @@ def store_for(type_name: str, definition: str) -> Typestore:
         own.register(types)
         own.get_msgdef(type_name)
         return own
-    except (TypesysError, KeyError, ValueError) as error:
+    except Exception as error:
+        # The parser, the code made from a definition, and looking up what it lacks: all may fail.
         raise RecordingError(
             f'the definition of {type_name} in the recording is not complete or cannot be parsed'
         ) from error

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+import random
 import tracemalloc
 
 from mcap.writer import CompressionType, Writer
@@ -183,6 +185,28 @@ def test_a_truncated_recording_is_read_as_far_as_it_goes(tmp_path, share):
         f'{path} ends in the middle of a record: {len(found)} messages were read',
     )
     assert all(message.log_time_ns == index // 2 * STEP_NS for index, message in enumerate(found))
+
+
+@pytest.mark.parametrize('shape', ['plain', 'zstd', 'lz4', 'no_chunks'])
+def test_damage_anywhere_is_a_sentence_or_a_difference_but_no_crash(tmp_path, shape):
+    options = {
+        'plain': {},
+        'zstd': {'compression': CompressionType.ZSTD},
+        'lz4': {'compression': CompressionType.LZ4},
+        'no_chunks': {'use_chunking': False},
+    }
+    path = write_by_mcap(tmp_path / 'r.mcap', list(range(60)), **options[shape])
+    whole = path.read_bytes()
+    dice = random.Random(7)
+    for _ in range(300):
+        raw = bytearray(whole[: dice.choice([len(whole), dice.randrange(20, len(whole))])])
+        for _ in range(dice.randrange(1, 6)):
+            raw[dice.randrange(8, len(raw))] = dice.randrange(256)
+        path.write_bytes(raw)
+        with suppress(RecordingError):
+            recording = open_recording(path)
+            for _ in recording.messages([topic.name for topic in recording.topics]):
+                pass
 
 
 def write_channels(path, channels, compression=CompressionType.NONE):
