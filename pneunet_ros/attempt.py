@@ -1,4 +1,4 @@
-"""One rod under one load: from nothing or from a neighbor to nodes that hold the equations, or to the reason."""
+"""One rod under one load: from nothing or a neighbor to equilibrium, or to the reason why not."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-
 from pneunet_ros.rod import Rods
-from pneunet_ros.shape import Array, SolverNodes, freeze
+from pneunet_ros.shape import Array, freeze, SolverNodes
 from pneunet_ros.solver import chain, collocation, stations
 from pneunet_ros.solver.panel import GAUSS_ABSCISSAE
 
 # A panel is at most so many decay lengths sqrt(B/F) long, and turns at most so far (rad).
 DECAY_PER_PANEL = 0.8
 TURN_PER_PANEL = 0.5
-FINEST_DETAIL = 3e-6  # of the length; larger in the last Legendre term means the mesh is too coarse
+FINEST_DETAIL = (
+    1e-6  # of the length; larger in the last Legendre term means the mesh is too coarse
+)
 MOST_PANELS = 400
 MOST_ITERATIONS = 25
 CONTINUATION_STEPS = 20
@@ -24,7 +25,16 @@ CONTINUATION_STEPS = 20
 class Attempt:
     """One rod under one load on a mesh that is refined until it carries the solution."""
 
-    __slots__ = ('counts', 'ends', 'iterations', 'nodes', 'panels', 'residual', 'rods', 'tolerance')
+    __slots__ = (
+        'counts',
+        'ends',
+        'iterations',
+        'nodes',
+        'panels',
+        'residual',
+        'rods',
+        'tolerance',
+    )
 
     def __init__(
         self, rods: Rods, force: tuple[float, float], moment: float, tolerance: float
@@ -92,7 +102,7 @@ class Attempt:
         return self.continued()
 
     def continued(self) -> bool:
-        """Follow the equilibrium from the unloaded rod while the load grows, in steps that adapt."""
+        """Follow the equilibrium from the unloaded rod as the load grows, in adaptive steps."""
         collocation.unloaded_nodes(self.panels, self.ends, self.nodes)
         panels = np.empty_like(self.panels)
         ends = self.ends.copy()
@@ -103,9 +113,7 @@ class Attempt:
             panels[:] = self.panels
             panels[:, 6:10] *= share
             ends[3:] = share * self.ends[3:]
-            self.residual, steps = collocation.newton(
-                panels, ends, self.nodes, 10, self.tolerance
-            )
+            self.residual, steps = collocation.newton(panels, ends, self.nodes, 10, self.tolerance)
             self.iterations += steps
             if self.residual > collocation.ACCEPTED:
                 self.nodes[:] = before
@@ -145,7 +153,7 @@ class Attempt:
 
 
 def gauss_stations(panels: Array) -> tuple[Array, Array]:
-    """Arclength of all joints and Gauss points, and the angle the unloaded rod has turned up to them."""
+    """Arclength of all joints and Gauss points, and how far the unloaded rod has turned there."""
     s = np.empty((panels.shape[0], 5))
     s[:, 0] = panels[:, 15]
     s[:, 1:] = panels[:, 15:16] + panels[:, :1] * GAUSS_ABSCISSAE

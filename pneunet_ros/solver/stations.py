@@ -1,20 +1,19 @@
-"""The solved rod between its Gauss points: position, tangent, curvature and moment anywhere along it.
+"""The solved rod between its Gauss points: position, tangent, curvature and moment.
 
-On each panel the integrands (x', y', M', kappa - kappa0) are interpolated through the four Gauss points and
-both joints, where collocation is most accurate, and integrated exactly.
+On each panel the integrands (x', y', M', kappa - kappa0) are interpolated through the four Gauss
+points and both joints, where collocation is most accurate, and integrated exactly.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
 from pneunet_ros.solver.collocation import load_panel
 from pneunet_ros.solver.compiled import kernel
 from pneunet_ros.solver.panel import (
+    curvature_change,
     GAUSS_ABSCISSAE,
     GAUSS_INTEGRATION,
-    curvature_change,
     resolve,
     sine_cosine,
 )
@@ -29,7 +28,7 @@ LEADING_OF_LEGENDRE = 252.0  # of the shifted Legendre polynomial of degree five
 
 @kernel
 def panel_integrands(panels: Array, nodes: Array, p: int, values: Array) -> None:
-    """x', y' (stretch included), M' and kappa - kappa0 of panel p at POINTS, into values (4, 6)."""
+    """x', y' (stretched), M' and kappa - kappa0 of panel p at POINTS, into values (4, 6)."""
     h, law, mechanics, _ = load_panel(panels, p)
     axial, stretch, n1, n2, q1, q2 = mechanics
     for i in range(6):
@@ -51,11 +50,14 @@ def panel_integrands(panels: Array, nodes: Array, p: int, values: Array) -> None
 
 @kernel
 def resolution(panels: Array, nodes: Array) -> float:
-    """Size (m) of the finest detail that the mesh carries; where it is not tiny the mesh is too coarse.
+    """Size (m) of the finest detail that the mesh carries; not tiny: the mesh is too coarse.
 
-    It is the largest contribution of the Legendre term of degree five to the position, over all panels.
+    It is the largest contribution of the Legendre term of degree five to the position, over all
+    panels. Where the moment law is cubic the curvature can have detail that the position hardly
+    shows, and counts as well: by the angle it adds, times the length of the panel.
     """
     worst = 0.0
+    values = np.empty((4, 6))
     for p in range(panels.shape[0]):
         panel = panels[p]
         x, y = 0.0, 0.0
@@ -67,7 +69,14 @@ def resolution(panels: Array, nodes: Array) -> float:
             stretched = (panel[5] + panel[4] * axial) * FROM_VALUES[5, i]
             x += stretched * cosine
             y += stretched * sine
-        worst = max(worst, max(abs(x), abs(y)) * panel[0] / LEADING_OF_LEGENDRE)
+        detail = max(abs(x), abs(y)) * panel[0]
+        if panel[3] > 0.0:
+            panel_integrands(panels, nodes, p, values)
+            bend = 0.0
+            for i in range(6):
+                bend += FROM_VALUES[5, i] * values[3, i]
+            detail = max(detail, abs(bend) * panel[0] * panel[0])
+        worst = max(worst, detail / LEADING_OF_LEGENDRE)
     return worst
 
 
@@ -137,11 +146,11 @@ def station_changes(
     arclength: Array,
     out: Array,
 ) -> None:
-    """Change of x, y, theta, kappa, kappa0, M at fixed stations per cause, into out (causes, 6, stations).
+    """Change of x, y, theta, kappa, kappa0, M at stations, into out (causes, 6, stations).
 
     The causes are those of `sensitivity.sensitivities`: F1, F2, M and the further ones, for which
-    panel_changes and turning_changes are given. Central difference of `at_stations` along the known change
-    of the nodes; its step turns no joint by more than 1e-5 rad.
+    panel_changes and turning_changes are given. Central difference of `at_stations` along the
+    known change of the nodes; its step turns no joint by more than 1e-5 rad.
     """
     loads = node_changes.shape[0] - panel_changes.shape[0]
     before = np.empty((6, arclength.size))
