@@ -43,7 +43,7 @@ FLOORS = {
         verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.effects
         cli
         nodes nodes.parameters nodes.process nodes.ros_types nodes.topics nodes.health
-        nodes.warm_up nodes.model_info nodes.estimator
+        nodes.warm_up nodes.model_info nodes.log nodes.configuration nodes.estimator
     """,
 }
 ORDER = [module for floor in FLOORS.values() for module in floor.split()]

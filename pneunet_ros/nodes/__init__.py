@@ -1,0 +1,1 @@
+"""The nodes, and all that knows ROS: message -> core -> message, nothing else."""

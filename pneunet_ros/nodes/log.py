@@ -1,0 +1,32 @@
+"""The log of a node: what goes on for long is said once in a while, not with every message."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+SAY_AGAIN = 60.0  # s
+
+
+class Log:
+    """Writes to a logger of rclpy, a sentence of one kind at most once in `SAY_AGAIN` seconds."""
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._said: dict[str, float] = {}
+
+    def warn(self, kind: str, sentence: str, now: float) -> None:
+        """Say a warning, unless one of its kind was said lately; now: s of a steady clock."""
+        if self._is_new(kind, now):
+            self._logger.warning(sentence)
+
+    def error(self, kind: str, sentence: str, now: float) -> None:
+        """Say an error, unless one of its kind was said lately; now: s of a steady clock."""
+        if self._is_new(kind, now):
+            self._logger.error(sentence)
+
+    def _is_new(self, kind: str, now: float) -> bool:
+        if now - self._said.get(kind, -math.inf) < SAY_AGAIN:
+            return False
+        self._said[kind] = now
+        return True

@@ -1,0 +1,81 @@
+"""The life of a node's process: signals end it cleanly, a wrong request becomes one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import gc
+import re
+import signal
+import sys
+from types import FrameType
+from typing import Any
+
+from pneunet_ros.errors import PneunetError, RequestError
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.utilities import remove_ros_args
+
+DONE, WRONG_REQUEST = 0, 2
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def run(make_node: Callable[[], Any], usage: str, arguments: list[str] | None = None) -> int:
+    """Make a node and let it work until a signal comes; returns the exit code.
+
+    arguments: the command line with the name of the program, by default that of this process. What
+    a user got wrong (PneunetError) is one sentence on stderr and exit code 2.
+    """
+    arguments = sys.argv if arguments is None else arguments
+    node = None
+    _on_signals(_end)
+    try:
+        if {'-h', '--help'} & set(arguments[1:]):
+            print(usage)
+            return DONE
+        _start_ros(arguments)
+        node = make_node()
+        # All made up to here stays; the collector need not look through it while readings wait.
+        gc.collect()
+        gc.freeze()
+        rclpy.spin(node, SingleThreadedExecutor())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except PneunetError as error:
+        print(error, file=sys.stderr)
+        return WRONG_REQUEST
+    finally:
+        _on_signals(_ignore)
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return DONE
+
+
+def _start_ros(arguments: list[str]) -> None:
+    """Initialize ROS; RequestError for arguments that cannot be used."""
+    try:
+        rclpy.init(args=arguments)
+    except RuntimeError as error:
+        # Errors of rcl end with the lines of its sources they passed through.
+        reason = re.sub(r'failed to initialize rcl: |, at /\S+:\d+', '', str(error))
+        raise RequestError(f'the ROS arguments cannot be used: {reason}') from error
+    others = remove_ros_args(arguments)[1:]
+    if others:
+        raise RequestError(
+            f'unknown argument {others[0]}: parameters and names are given after --ros-args'
+        )
+
+
+def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
+    for number in _SIGNALS:
+        signal.signal(number, handler)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    """Stop at the first signal; from now on others are ignored, as they would hit the clean-up."""
+    _on_signals(_ignore)
+    raise KeyboardInterrupt
+
+
+def _ignore(number: int, frame: FrameType | None) -> None:
+    """Do nothing. SIG_IGN would not do: rclpy puts back the handler it found when it ends."""

@@ -1,0 +1,40 @@
+"""The message classes of rclpy, for the encoders that know messages by field names only."""
+
+from __future__ import annotations
+
+import array
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy.typing as npt
+from rclpy.serialization import serialize_message
+
+
+class RclpyTypes:
+    """The message classes of rclpy; a `MessageTypes`."""
+
+    def __call__(self, type_name: str, /) -> Callable[..., Any]:
+        """Return the class of a type such as 'nav_msgs/msg/Path'."""
+        return message_class(type_name)
+
+    def sequence(self, values: npt.NDArray[Any], /) -> Any:
+        """Return an array.array: rclpy takes it whole, and all else item by item."""
+        return array.array(values.dtype.char, values.tobytes())
+
+
+RCLPY_TYPES = RclpyTypes()
+
+
+@cache
+def message_class(type_name: str) -> Callable[..., Any]:
+    """Import the class of a type such as 'nav_msgs/msg/Path'."""
+    package, _, name = type_name.split('/')
+    found: Callable[..., Any] = getattr(import_module(f'{package}.msg'), name)
+    return found
+
+
+def serialize(message: Any, type_name: str) -> bytes:
+    """Return the little-endian CDR of a message; the bytes between its fields are undefined."""
+    return bytes(serialize_message(message))

@@ -1,0 +1,50 @@
+"""What is slow the first time, done before the first reading: kernels and message templates."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.attempt import Attempt
+from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.estimator import Estimator, EstimatorState
+from pneunet_ros.messages import OUTPUTS
+from pneunet_ros.readings import PressureReading, WrenchReading
+from pneunet_ros.shape import ShapeEstimate
+from pneunet_ros.solver.collocation import TOLERANCE
+
+
+def warm_up(estimator: Estimator, serializer: EstimateSerializer) -> str:
+    """Run every kernel and every encoder once; returns why the model gave no estimate, or ''.
+
+    A kernel that is compiled or loaded at its first use would hold up the readings of a running
+    arm, so the ones for hard cases are run as well.
+    """
+    arm = estimator.arm
+    low, high = arm.pressure_range
+    middle = 0.5 * (low + high)
+    Attempt(arm.rods(np.array([middle])), (0.0, 0.0), 0.0, TOLERANCE).continued()
+    readings = (
+        WrenchReading(
+            stamp_ns=1,
+            force_x=0.0,
+            force_y=0.1 * arm.weight,
+            moment=0.0,
+            frame_id=estimator.settings.frame_id,
+        ),
+        PressureReading(stamp_ns=1, pressure=sensed(estimator, middle)),
+        PressureReading(stamp_ns=2, pressure=sensed(estimator, middle + 0.01 * (high - low))),
+    )
+    state, outcome = EstimatorState(), None
+    for reading in readings:
+        state, outcome = estimator.step(state, reading)
+    if not isinstance(outcome, ShapeEstimate):
+        return '' if outcome is None else outcome.sentence
+    for topic in OUTPUTS:
+        serializer.bytes_of(topic, outcome)
+    return ''
+
+
+def sensed(estimator: Estimator, pressure: float) -> float:
+    """Return what the sensor reports at a gauge pressure (Pa)."""
+    settings = estimator.settings
+    absolute = settings.pressure_reference == 'absolute'
+    return pressure - settings.pressure_offset + absolute * settings.ambient_pressure
