@@ -2,8 +2,9 @@
 
     python bench/replay.py [--json] [--repeats N]
 
-Decoding, estimating with covariance, encoding all five topics and writing them, after the kernels are
-compiled. The peer of the same run is reading and writing alone: what a replay without a model would take.
+Decoding, estimating with covariance, encoding all five topics and writing them, after the kernels
+are compiled. The peer of the same run is reading and writing alone: what a replay without a model
+would take.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from pneunet_ros import load_model
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.recording import open_recording
 from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.replay import Step, Tally, input_topics, record_steps
+from pneunet_ros.replay import input_topics, record_steps, Step, Tally
 from pneunet_ros.resources import shipped
 
 
@@ -76,7 +77,9 @@ def main() -> None:
     if arguments.json:
         print(json.dumps(result))
         return
-    print(f'{readings:.0f} readings/s (pressure and wrench), {estimates:.0f} estimates/s, file to file')
+    print(
+        f'{readings:.0f} readings/s (pressure, wrench), {estimates:.0f} estimates/s, file to file'
+    )
     print(f'decoding and writing the same messages alone takes {share:.0%} of that time')
     print('target: at least 3000 readings/s')
 

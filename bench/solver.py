@@ -1,11 +1,12 @@
-"""How fast and how exact the rod solver is: everything against scipy's solve_bvp in one interleaved run.
+"""How fast and how exact the rod solver is, against scipy's solve_bvp in one interleaved run.
 
     python bench/solver.py [--json] [--repeats N]
 
-Every method solves the rows of Table 1 from the same start: the solution at 2 % less F1, 2 % more F2 and
-500 Pa less. Times are medians over rows and repeats; ratios are medians of ratios taken within one repeat,
-so that a noisy machine disturbs both sides. Errors are against a reference that shares no code with the
-solver: shooting with an adaptive eighth-order integrator, split at l1 and at every knot of the curvature.
+Every method solves the rows of Table 1 from the same start: the solution at 2 % less F1, 2 % more
+F2 and 500 Pa less. Times are medians over rows and repeats; ratios are medians of ratios taken
+within one repeat, so that a noisy machine disturbs both sides. Errors are against a reference that
+shares no code with the solver: shooting with an adaptive eighth-order integrator, split at l1 and
+at every knot of the curvature.
 """
 
 from __future__ import annotations
@@ -13,27 +14,27 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 import dataclasses
+import itertools
 import json
 import platform
 import statistics
 import time
 
 import numpy as np
-from scipy.integrate import solve_bvp, solve_ivp
-from scipy.optimize import root_scalar
-
 from pneunet_ros import load_model, solve
 from pneunet_ros.arm import Arm
 from pneunet_ros.attempt import Attempt
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.equilibrium import linearized, panels_of, with_pressure_change
 from pneunet_ros.estimator import Estimator, EstimatorState
-from pneunet_ros.many import MOST_ITERATIONS, TOLERANCE, predicted
+from pneunet_ros.many import MOST_ITERATIONS, predicted, TOLERANCE
 from pneunet_ros.readings import PressureReading, WrenchReading
 from pneunet_ros.resources import shipped
 from pneunet_ros.solver import chain, collocation, sensitivity, stations
 from pneunet_ros.solver.compiled import kernel
 from pneunet_ros.solver.lanes import newton_many
+from scipy.integrate import solve_bvp, solve_ivp
+from scipy.optimize import root_scalar
 
 TABLE_1 = (
     (5.0, 0.25, 0.0), (10.5, 0.225, 0.0), (17.2, 0.2, 0.025), (24.2, 0.2, 0.05),
@@ -88,7 +89,7 @@ def jacobian_loop(panels, ends, nodes, panel_changes, end_changes, node_changes,
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rod:
-    """One rod of the reference: the numbers of the record, and the intrinsic curvature as a function."""
+    """One rod of the reference: its record, and the intrinsic curvature as a function."""
 
     arm: Arm
     pressure: float
@@ -143,7 +144,7 @@ class Rod:
             for start, stop, section in self.pieces():
                 inside = knots[(knots > start) & (knots < stop)]
                 marks = [start, *inside, stop]
-                for a, b in zip(marks[:-1], marks[1:], strict=True):
+                for a, b in itertools.pairwise(marks):
                     state = solve_ivp(
                         lambda s, y, section=section: np.array(
                             self.slopes(section, kappa0, s, y[0], y[1])
@@ -177,7 +178,9 @@ class Rod:
             return out
 
         def conditions(a, b):
-            joints = [b[4 * k : 4 * k + 4] - a[4 * k + 4 : 4 * k + 8] for k in range(len(pieces) - 1)]
+            joints = [
+                b[4 * k : 4 * k + 4] - a[4 * k + 4 : 4 * k + 8] for k in range(len(pieces) - 1)
+            ]
             clamp = [a[0] - angle - compliance * unit * a[1], a[2], a[3]]
             free = [b[-3] - self.end_moment(b[-4]) / unit]
             return np.concatenate([clamp, *joints, free])
@@ -299,7 +302,7 @@ class Batch:
         self.residual = np.empty(rods)
 
     def together(self) -> float:
-        """Seconds per rod, all at once, as `solve_many` does it: from the tangent at the known rod."""
+        """Seconds per rod, all at once, as `solve_many` does it: from the known rod's tangent."""
         return best_of(
             lambda: newton_many(
                 *self.record, self.predicted, MOST_ITERATIONS, TOLERANCE, self.many, self.residual
@@ -318,9 +321,7 @@ def one_by_one(length, sections, knots, turning, ends, counts, starts, out):
     panels = np.empty((starts.shape[1] - 1, 16))
     for rod in range(ends.shape[0]):
         out[rod] = starts[rod]
-        collocation.prepare(
-            length, sections[rod], knots, turning[rod], ends[rod], counts, panels
-        )
+        collocation.prepare(length, sections[rod], knots, turning[rod], ends[rod], counts, panels)
         collocation.newton(panels, ends[rod], out[rod], 25, 1e-13)
 
 
@@ -415,7 +416,9 @@ def main() -> None:
     """Run and print."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--repeats', type=int, default=15, help='interleaved repeats (default: 15)')
+    command.add_argument(
+        '--repeats', type=int, default=15, help='interleaved repeats (default: 15)'
+    )
     arguments = command.parse_args()
     results = {name: measure(arm, arguments.repeats) for name, arm in arms().items()}
     if arguments.json:

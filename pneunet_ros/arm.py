@@ -1,4 +1,4 @@
-"""The arm: length, intrinsic curvature, moment law and effects, summed into the record of a rod."""
+"""The arm: length, curvature, moment law and effects, summed into the record of a rod."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-
 from pneunet_ros.curvature import IntrinsicCurvature, table_array
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, History, Load
 from pneunet_ros.errors import ModelError
 from pneunet_ros.moment_law import MomentLaw
 from pneunet_ros.noise import ModelCovariance, SensorNoise
-from pneunet_ros.rod import CLAMP_ANGLE, CLAMP_WIDTH, SECTION_WIDTH, Rods, RodTable
+from pneunet_ros.rod import CLAMP_ANGLE, CLAMP_WIDTH, Rods, RodTable, SECTION_WIDTH
 from pneunet_ros.shape import Array, frozen_array
 from pneunet_ros.units import check_quantities, quantity
 
@@ -27,9 +26,9 @@ EXTRAPOLATION = 0.05  # of the calibrated range, beyond either end
 class Arm:
     """A pneu-net arm as a rod: the whole content of a model file.
 
-    `target_arclength` (targets,) m is the place of every white target; `effects` are in the order of the
-    table of effects; `sources` says where each number comes from. `pressure_range` (Pa) is where both
-    intrinsic curvature and moment law are calibrated.
+    `target_arclength` (targets,) m is the place of every white target; `effects` are in the order
+    of the table of effects; `sources` says where each number comes from. `pressure_range` (Pa) is
+    where both intrinsic curvature and moment law are calibrated.
     """
 
     name: str
@@ -52,7 +51,9 @@ class Arm:
         """Check the numbers and put the effects into the order of the table."""
         check_quantities(self, 'arm')
         targets = table_array(self.target_arclength, 'arm.target_arclength', 1)
-        inside = targets.size == 0 or (targets[0] >= 0.0 and targets[-1] <= self.length * (1 + 1e-9))
+        inside = targets.size == 0 or (
+            targets[0] >= 0.0 and targets[-1] <= self.length * (1 + 1e-9)
+        )
         if not inside or not np.all(np.diff(targets) > 0.0):
             raise ModelError(
                 f'arm.target_arclength must increase within 0 and the length {self.length} m'
@@ -84,7 +85,7 @@ class Arm:
                 self.changed(column)
 
     def beyond_range(self, pressure: float) -> float:
-        """How far a pressure lies outside the calibrated range, as a share of that range; 0 inside."""
+        """How far a pressure is outside the calibrated range, as a share of it; 0 inside."""
         low, high = self.pressure_range
         return max(low - pressure, pressure - high, 0.0) / (high - low)
 
@@ -101,7 +102,7 @@ class Arm:
     def actuate(
         self, history: tuple[History, ...], seconds: float, pressure: float
     ) -> tuple[tuple[History, ...], float]:
-        """History and chamber pressure (Pa), `seconds` after the last call with the history given."""
+        """History and chamber pressure (Pa), `seconds` after the call that gave the history."""
         following = []
         for effect, state in zip(self.effects, history, strict=True):
             state, pressure = effect.actuate(state, seconds, pressure)
@@ -143,7 +144,8 @@ class Arm:
     def changed(self, changes: Mapping[str, float]) -> Arm:
         """This arm with quantities of the model file moved; ModelError names an unknown quantity.
 
-        changes: dotted path, such as `moment_law.rigidity.0.1` or `arm.length`, to an amount in SI.
+        changes: dotted path, such as `moment_law.rigidity.0.1` or `arm.length`, to an amount in
+        SI.
         """
         arm = dataclasses.replace(self, covariance=None)
         for name, amount in changes.items():

@@ -1,4 +1,4 @@
-"""The command `pneunet`: one verb each, and the one place where an error becomes a sentence and an exit code."""
+"""The command `pneunet`: the one place where an error becomes a sentence and an exit code."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import sys
 from pneunet_ros import __version__
 from pneunet_ros.errors import PneunetError
 from pneunet_ros.verbs import demo, effects, predict, replay
-from pneunet_ros.verbs.verb import WRONG, Verb
+from pneunet_ros.verbs.verb import Verb, WRONG
 
 VERBS: tuple[Verb, ...] = (demo.VERB, predict.VERB, replay.VERB, effects.VERB)
 INTERRUPTED = 130
@@ -20,8 +20,8 @@ def parser() -> ArgumentParser:
     """The command line of all verbs."""
     command = ArgumentParser(
         prog='pneunet',
-        description='Where a pneu-net arm is, from pressure and end force, by a calibrated rod model.',
-        epilog='Exit codes: 0 done; 1 done, and the answer is negative; 2 the request or a file was wrong.',
+        description='Where a pneu-net arm is, from pressure and end force, by a rod model.',
+        epilog='Exit codes: 0 done; 1 done, the answer is negative; 2 request or file was wrong.',
         allow_abbrev=False,
     )
     command.add_argument('--version', action='version', version=f'pneunet_ros {__version__}')

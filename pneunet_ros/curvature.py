@@ -1,4 +1,4 @@
-"""The intrinsic curvature kappa_p0(p, s) of the pressurized, unloaded arm (Eqs 5-6 of the paper)."""
+"""The intrinsic curvature kappa_p0(p, s) of the pressurized, unloaded arm (Eqs 5-6)."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
-
 from pneunet_ros.errors import ModelError
 from pneunet_ros.shape import Array, frozen_array
+from scipy.interpolate import CubicSpline
 
 
 def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], Array]:
-    """Rows below `at` in a table over pressure and the weight of the row above, linear beyond the ends.
+    """Rows below `at` in a table over pressure, and the weight of the row above.
 
     pressure (rows,) Pa increasing, at (...) Pa; returns the row index and the weight, each (...).
     """
@@ -23,10 +22,12 @@ def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.in
 
 
 def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
-    """A table's pressure column: at least two rows, finite, strictly increasing; else ModelError."""
+    """A table's pressure column: two or more rows, finite, increasing; else ModelError."""
     column = table_array(pressure, f'{where}.pressure', 1)
     if column.size < 2 or not np.all(np.diff(column) > 0.0):
-        raise ModelError(f'{where}.pressure must hold at least two strictly increasing values in Pa')
+        raise ModelError(
+            f'{where}.pressure must hold at least two strictly increasing values in Pa'
+        )
     return column
 
 
@@ -49,8 +50,9 @@ class IntrinsicCurvature:
     """Table of kappa_p0: linear in p between rows, C2 cubic spline (not-a-knot) in s.
 
     pressure (rows,) Pa; arclength (columns,) as s / l from 0 to 1; curvature (rows, columns) 1/m.
-    `turning` (rows, columns - 1, 5) holds the antiderivative in s / l, piece by piece, as ascending powers
-    of the distance from the piece's start: the angle that the unloaded arm has turned, per unit length.
+    `turning` (rows, columns - 1, 5) holds the antiderivative in s / l, piece by piece, as
+    ascending powers of the distance from the piece's start: the angle that the unloaded arm has
+    turned, per unit length.
     """
 
     pressure: Array
@@ -82,7 +84,7 @@ class IntrinsicCurvature:
         object.__setattr__(self, 'turning', frozen_array(turning))
 
     def turning_of(self, pressure: Array, length: float) -> Array:
-        """The pieces of the turning angle over material arclength in m; (pressures, columns - 1, 5)."""
+        """Pieces of the turning angle over arclength in m; (pressures, columns - 1, 5)."""
         row, weight = pressure_rows(self.pressure, pressure)
         weight = weight[:, None, None]
         per_length = (1.0 - weight) * self.turning[row] + weight * self.turning[row + 1]

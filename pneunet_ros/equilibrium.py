@@ -1,7 +1,8 @@
 """Equilibrium of the rod (Eq 4): from load to shape, and how the shape answers to small changes.
 
-A solve that fails is a value: a `Shape` of NaN with a status sentence and the residual that was left.
-`solve` takes what the sensors read, held steady: sensing effects of the model apply, history does not.
+A solve that fails is a value: a `Shape` of NaN with a status sentence and the residual that was
+left. `solve` takes what the sensors read, held steady: sensing effects of the model apply, history
+does not.
 """
 
 from __future__ import annotations
@@ -11,13 +12,12 @@ import functools
 import math
 
 import numpy as np
-
-from pneunet_ros.arm import EXTRAPOLATION, Arm
+from pneunet_ros.arm import Arm, EXTRAPOLATION
 from pneunet_ros.attempt import Attempt
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.errors import RequestError
 from pneunet_ros.rod import REST_STRAIN, RIGIDITY, Rods
-from pneunet_ros.shape import Array, Shape, SolverNodes, freeze, frozen_array
+from pneunet_ros.shape import Array, freeze, frozen_array, Shape, SolverNodes
 from pneunet_ros.solver import collocation
 from pneunet_ros.solver.sensitivity import LOADS, sensitivities
 from pneunet_ros.solver.stations import at_stations, station_changes
@@ -32,7 +32,7 @@ PRESSURE_STEP = 1e-5  # of the calibrated range, for the change of the record wi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Change:
-    """A small change of the record of a rod: two records with the distance between them, per unit of a cause."""
+    """A small change of the record of a rod: two records and how far apart their cause is."""
 
     before: Rods
     after: Rods
@@ -43,8 +43,8 @@ class Change:
 class Response:
     """How a solved rod answers to unit changes of F1, F2, M and of further causes, in that order.
 
-    tip (causes, 3): x, y, theta of the free end. stations (causes, 6, stations): x, y, theta, curvature,
-    intrinsic curvature, moment at fixed material arclength. stable: see Shape.
+    tip (causes, 3): x, y, theta of the free end. stations (causes, 6, stations): x, y, theta,
+    curvature, intrinsic curvature, moment at fixed material arclength. stable: see Shape.
     """
 
     tip: Array
@@ -60,16 +60,14 @@ def solve(
     start: Shape | None = None,
     stations: int = DEFAULT_STATIONS,
 ) -> Shape:
-    """Predict the shape of the arm at a pressure (Pa, gauge) under an end force (N) and moment (N m).
+    """Predict the shape of the arm at a gauge pressure (Pa) under end force (N) and moment (N m).
 
-    `start` is a neighboring shape whose branch is followed; without it the shape grows from the unloaded
-    arm. Returns a Shape at `stations` equally spaced stations. Raises RequestError for a value that is no
-    finite number.
+    `start` is a neighboring shape whose branch is followed; without it the shape grows from the
+    unloaded arm. Returns a Shape at `stations` equally spaced stations. Raises RequestError for a
+    value that is no finite number.
     """
     check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
-    load = arm.sense(
-        Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
-    )
+    load = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))
     rods = arm.rods(np.array([steady_pressure(arm, load.pressure)]))
     known = start.solution if start is not None else None
     return solve_rod(arm, rods, load, known, station_arclength(arm.length, stations))
@@ -103,7 +101,7 @@ def solve_rod(
     arclength: Array,
     tolerance: float = collocation.TOLERANCE,
 ) -> Shape:
-    """Shape of the first of these records under the true load, from the record at the chamber pressure."""
+    """Shape of the first of these records, taken at the chamber pressure, under a true load."""
     chamber = float(rods.pressure[0])
     beyond = arm.beyond_range(chamber)
     if beyond > EXTRAPOLATION:
@@ -116,9 +114,7 @@ def solve_rod(
     if reason:
         return failed(arm, load, arclength, reason, attempt.residual, attempt.iterations)
     values = np.empty((6, arclength.size))
-    at_stations(
-        attempt.panels, attempt.nodes, rods.knots, rods.turning[0], arclength, values
-    )
+    at_stations(attempt.panels, attempt.nodes, rods.knots, rods.turning[0], arclength, values)
     freeze(values)
     solution = attempt.solution()
     stable = None
@@ -195,7 +191,7 @@ def pressure_step(arm: Arm) -> float:
 def linearized(
     solution: SolverNodes, panel_changes: Array, end_changes: Array
 ) -> tuple[Array, Array, bool]:
-    """Changes of nodes and tip per cause (F1, F2, M, further ones), and whether the rod is stable."""
+    """Changes of nodes and tip per cause (F1, F2, M, further), and whether it is stable."""
     causes = LOADS + panel_changes.shape[0]
     nodes = np.empty((causes, *solution.nodes.shape))
     tip = np.empty((causes, 3))
@@ -259,7 +255,7 @@ def with_pressure_change(arm: Arm, chamber_pressure: float) -> tuple[Rods, Chang
 
 
 def tip_jacobian(arm: Arm, shape: Shape) -> Array:
-    """d(x, y, theta) of the tip / d(chamber pressure, F1, F2, M), (3, 4) SI, at a converged shape."""
+    """d(x, y, theta) of the tip / d(chamber pressure, F1, F2, M), (3, 4) SI."""
     if shape.solution is None:
         raise RequestError(f'no Jacobian without a shape: {shape.status}')
     chamber = steady_pressure(arm, shape.pressure)

@@ -1,8 +1,8 @@
 """From readings to shape estimates: one pure step, the same for live nodes and for recordings.
 
-`Estimator.step(state, reading) -> state, outcome` knows no clock, no topic and no file. A pressure reading
-gives a `ShapeEstimate` or a `Refusal`; a wrench reading gives nothing or a `Refusal`. Stamps are those of
-the message headers.
+`Estimator.step(state, reading) -> state, outcome` knows no clock, no topic and no file. A pressure
+reading gives a `ShapeEstimate` or a `Refusal`; a wrench reading gives nothing or a `Refusal`.
+Stamps are those of the message headers.
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-
-from pneunet_ros.arm import EXTRAPOLATION, Arm
+from pneunet_ros.arm import Arm, EXTRAPOLATION
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.equilibrium import (
-    DEFAULT_STATIONS,
     Change,
+    DEFAULT_STATIONS,
     out_of_range,
     respond,
     solve_rod,
@@ -32,18 +31,18 @@ from pneunet_ros.frames import BASE_FRAME, rotate
 from pneunet_ros.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.shape import (
     Array,
+    freeze,
     Refusal,
     ShapeEstimate,
     SolverNodes,
-    freeze,
 )
 from pneunet_ros.solver.sensitivity import LOADS
 from pneunet_ros.units import (
-    STANDARD_ATMOSPHERE,
     check_quantities,
     kilopascals,
     quantity,
     seconds_between,
+    STANDARD_ATMOSPHERE,
 )
 
 BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
@@ -58,7 +57,7 @@ def setting(
     choices: tuple[Any, ...] = (),
     bounds: tuple[int, int] | None = None,
 ) -> Any:
-    """Declare a setting that is no physical quantity; bounds: closed interval of allowed values."""
+    """Declare a setting that is no physical quantity; bounds: closed interval allowed."""
     metadata = {'meaning': meaning, 'choices': choices}
     if bounds is not None:
         metadata['bounds'] = bounds
@@ -67,12 +66,10 @@ def setting(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorSettings:
-    """What the estimator must know of the sensors and the stack around it; never physics of the arm."""
+    """What the estimator must know of sensors and stack around it; never physics of the arm."""
 
     frame_id: str = setting(BASE_FRAME, 'frame of all outputs, at the clamp')
-    stations: int = setting(
-        DEFAULT_STATIONS, 'number of stations along the arm', bounds=(2, 2000)
-    )
+    stations: int = setting(DEFAULT_STATIONS, 'number of stations along the arm', bounds=(2, 2000))
     wrench_required: bool = setting(
         True, 'estimate only with a fresh end wrench; false: no wrench topic, the arm is unloaded'
     )
@@ -103,9 +100,7 @@ class EstimatorSettings:
         meaning='angle of the wrench axes in the base frame, counter-clockwise',
         bounds=(-7.0, 7.0),
     )
-    wrench_frame: str = setting(
-        '', 'frame id, beside frame_id, that wrench messages may carry'
-    )
+    wrench_frame: str = setting('', 'frame id, beside frame_id, that wrench messages may carry')
 
     def __post_init__(self) -> None:
         """Refuse values outside their declaration."""
@@ -204,9 +199,7 @@ class Estimator:
         object.__setattr__(self, 'arclength', stations)
         object.__setattr__(self, 'model_columns', neighbors)
 
-    def step(
-        self, state: EstimatorState, reading: Reading
-    ) -> tuple[EstimatorState, Outcome]:
+    def step(self, state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Outcome]:
         """Take one reading; see the module."""
         state, refusal, note = admitted(state, reading)
         if refusal is None:
@@ -325,13 +318,18 @@ class Estimator:
     ) -> tuple[WrenchReading, float | None, Refusal | None]:
         """The end wrench to use at a stamp, its age (s), or why there is none to use."""
         unloaded = WrenchReading(
-            stamp_ns=stamp_ns, force_x=0.0, force_y=0.0, moment=0.0, frame_id=self.settings.frame_id
+            stamp_ns=stamp_ns,
+            force_x=0.0,
+            force_y=0.0,
+            moment=0.0,
+            frame_id=self.settings.frame_id,
         )
         if not self.settings.wrench_required:
             return unloaded, None, None
         if state.wrench is None:
-            reason, sentence = 'no_wrench', (
-                'no end wrench received; set wrench_required to false if the arm carries no load'
+            reason, sentence = (
+                'no_wrench',
+                ('no end wrench received; set wrench_required to false if there is no load'),
             )
             return unloaded, None, refused(stamp_ns, reason, sentence)
         age = seconds_between(state.wrench.stamp_ns, stamp_ns)
@@ -345,7 +343,7 @@ class Estimator:
         return state.wrench, age, refused(stamp_ns, 'stale_wrench', sentence)
 
     def reference_hint(self, raw: float) -> str:
-        """What to do where the reading fits the calibrated range only as the other kind of pressure."""
+        """What to do where a reading fits the calibrated range as the other kind of pressure."""
         ambient = self.settings.ambient_pressure
         if self.settings.pressure_reference == 'gauge':
             other, gauge = 'absolute', raw - ambient
@@ -363,11 +361,13 @@ class Estimator:
     ) -> Array:
         """One row per independent source of error: what one sigma of it does to every cause.
 
-        (sources, causes): F1, F2, M, pressure, then the columns of the model's covariance; the causes are
-        those of the response, in the same order.
+        (sources, causes): F1, F2, M, pressure, then the columns of the model's covariance; the
+        causes are those of the response, in the same order.
         """
         sensors = self.arm.sensors
-        pressure_std = math.sqrt(reading.variance) if reading.variance > 0.0 else sensors.pressure_std
+        pressure_std = (
+            math.sqrt(reading.variance) if reading.variance > 0.0 else sensors.pressure_std
+        )
         loaded = 1.0 if self.settings.wrench_required else 0.0
         sigmas = (
             loaded * sensors.force_std,
@@ -384,8 +384,7 @@ class Estimator:
             sensed = self.sensed(base)
             for source, sigma in enumerate(sigmas):
                 moved = tuple(
-                    value + sigma if place == source else value
-                    for place, value in enumerate(base)
+                    value + sigma if place == source else value for place, value in enumerate(base)
                 )
                 mixing[source, : LOADS + 1] = self.sensed(moved) - sensed
         for column in range(columns):
@@ -410,22 +409,20 @@ def admitted(
 ) -> tuple[EstimatorState, Refusal | None, str]:
     """Whether a reading may be used: finite, stamped, and later than the last one of its kind.
 
-    A stamp that jumps back by more than a second (a looping bag, a restarted simulation) starts anew: the
-    third value says so.
+    A stamp that jumps back by more than a second (a looping bag, a restarted simulation) starts
+    anew: the third value says so.
     """
     what = 'pressure' if isinstance(reading, PressureReading) else 'end wrench'
     last = state.pressure_stamp_ns
     if isinstance(reading, WrenchReading):
         last = None if state.wrench is None else state.wrench.stamp_ns
-        values = (reading.force_x, reading.force_y, reading.moment)
+        values: tuple[float, ...] = (reading.force_x, reading.force_y, reading.moment)
     else:
         values = (reading.pressure, reading.variance)
     stamp_ns = reading.stamp_ns
 
     def dropped(reason: str, sentence: str) -> tuple[EstimatorState, Refusal, str]:
-        return state, Refusal(
-            stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False
-        ), ''
+        return state, Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False), ''
 
     if not all(math.isfinite(value) for value in values):
         return dropped('not_finite', f'{what} reading holds NaN or infinity')
@@ -446,8 +443,8 @@ def pressure_zero(
 ) -> tuple[float | None, str]:
     """The offset (Pa) that makes these readings of the vented arm zero, and a sentence about it.
 
-    No offset where there are fewer than 5 readings, where they move by more than 5 sigma or 1 % of the
-    range, or where the offset would exceed a tenth of the calibrated range.
+    No offset where there are fewer than 5 readings, where they move by more than 5 sigma or 1 % of
+    the range, or where the offset would exceed a tenth of the calibrated range.
     """
     if len(readings) < 5:
         return None, f'only {len(readings)} recent pressure readings; at least 5 are needed'

@@ -1,7 +1,7 @@
 """Frame ids, axes and the sign of angles.
 
-`pneunet_base`: origin at the clamp (s = 0), x = E1 along the straight arm at the clamp, y = E2 in the
-bending plane, right-handed; angles are counter-clockwise about z.
+`pneunet_base`: origin at the clamp (s = 0), x = E1 along the straight arm at the clamp, y = E2 in
+the bending plane, right-handed; angles are counter-clockwise about z.
 """
 
 from __future__ import annotations

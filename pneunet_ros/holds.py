@@ -1,4 +1,4 @@
-"""Holds of a recording: stretches in which pressure and load stand still, found from the data alone."""
+"""Holds of a recording: stretches in which pressure and end load stand still."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SHORTEST_HOLD = 1.5  # s
 def held_estimates(
     estimates: Iterable[ShapeEstimate], shortest: float = SHORTEST_HOLD
 ) -> list[ShapeEstimate]:
-    """The last estimate of every stretch of at least `shortest` s of constant pressure and end load."""
+    """The last estimate of every stretch of at least `shortest` s of constant load."""
     holds: list[ShapeEstimate] = []
     first: ShapeEstimate | None = None
     last: ShapeEstimate | None = None

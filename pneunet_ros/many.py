@@ -1,7 +1,7 @@
 """Many equilibria of one arm at once, around a known one: for fits, samples and sweeps.
 
-The tangent at the known shape predicts every start; vector instructions do the rest. A rod that this does
-not bring to equilibrium is solved by itself.
+The tangent at the known shape predicts every start; vector instructions do the rest. A rod that
+this does not bring to equilibrium is solved by itself.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-
-from pneunet_ros.arm import EXTRAPOLATION, Arm
+from pneunet_ros.arm import Arm, EXTRAPOLATION
 from pneunet_ros.attempt import FINEST_DETAIL
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.equilibrium import (
@@ -25,7 +24,7 @@ from pneunet_ros.equilibrium import (
 )
 from pneunet_ros.errors import RequestError
 from pneunet_ros.rod import CUBIC, Rods
-from pneunet_ros.shape import Array, Shape, freeze, frozen_array
+from pneunet_ros.shape import Array, freeze, frozen_array, Shape
 from pneunet_ros.solver.collocation import ACCEPTED
 from pneunet_ros.solver.lanes import evaluate_many, newton_many
 from pneunet_ros.solver.sensitivity import LOADS
@@ -38,8 +37,8 @@ TOLERANCE = 1e-11  # rad, for the sum over all equations of the slowest rod of a
 class Shapes:
     """Centerlines of many rods at common stations, in the base frame.
 
-    arclength (stations,) m; x, y (m), theta (rad), curvature, intrinsic_curvature (1/m) and moment (N m)
-    are (rods, stations), NaN where `converged` (rods,) is False; residual (rods,) rad.
+    arclength (stations,) m; x, y (m), theta (rad), curvature, intrinsic_curvature (1/m) and moment
+    (N m) are (rods, stations), NaN where `converged` (rods,) is False; residual (rods,) rad.
     """
 
     arclength: Array
@@ -64,8 +63,9 @@ def solve_many(
 ) -> Shapes:
     """Shapes at chamber pressures (n,) Pa under end forces (n, 2) N and moments (n,) or one, N m.
 
-    `start` is a converged shape near them. The loads are the true ones: sensing effects and history do not
-    enter. Raises RequestError for values of other shape, NaN or infinity, or a start without solution.
+    `start` is a converged shape near them. The loads are the true ones: sensing effects and
+    history do not enter. Raises RequestError for values of other shape, NaN or infinity, or a
+    start without solution.
     """
     pressure = np.atleast_1d(np.asarray(pressure, dtype=np.float64))
     loads = np.empty((pressure.size, LOADS))
@@ -74,7 +74,7 @@ def solve_many(
         loads[:, 2] = np.asarray(moment, dtype=np.float64)
     except ValueError:
         raise RequestError(
-            f'for {pressure.size} pressures, {pressure.size} x 2 forces and as many moments are needed'
+            f'{pressure.size} pressures need {pressure.size} x 2 forces and as many moments'
         ) from None
     if pressure.ndim != 1 or not (np.isfinite(pressure).all() and np.isfinite(loads).all()):
         raise RequestError('pressures, forces and moments must be finite numbers')

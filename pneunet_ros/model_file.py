@@ -1,9 +1,9 @@
-"""The model file: YAML in SI <-> an immutable `Arm`. An unknown key is an error that lists the known ones."""
+"""The model file: YAML in SI <-> an immutable `Arm`; an unknown key is an error."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
+from dataclasses import fields, MISSING
 import hashlib
 import io
 import json
@@ -12,18 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from pneunet_ros.arm import Arm
 from pneunet_ros.curvature import IntrinsicCurvature
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.errors import ModelError
-from pneunet_ros.moment_law import MOMENT_LAWS, MomentLaw, law_fields
+from pneunet_ros.moment_law import law_fields, MOMENT_LAWS, MomentLaw
 from pneunet_ros.noise import ModelCovariance, SensorNoise
 from pneunet_ros.output import atomic_output
 from pneunet_ros.units import quantities
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 SCHEMA_VERSION = 1
 LARGEST_FILE = 20_000_000  # bytes
@@ -47,7 +46,9 @@ def load_model(path: str | Path) -> Arm:
     path = Path(path)
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise ModelError(f'{path} is larger than {LARGEST_FILE // 1_000_000} MB: no model file')
+            raise ModelError(
+                f'{path} is larger than {LARGEST_FILE // 1_000_000} MB: no model file'
+            )
         text = path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError) as error:
         raise ModelError(f'cannot read the model file {path}: {error}') from None
@@ -66,7 +67,7 @@ def save_model(arm: Arm, path: str | Path, overwrite: bool = False) -> None:
     """Write a model file, whole or not at all; an existing file is refused without `overwrite`."""
     yaml = YAML(typ='safe', pure=True)
     yaml.default_flow_style = None
-    yaml.sort_base_mapping_type_on_output = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     yaml.width = 99
     stream = io.StringIO()
     yaml.dump(mapping_from_arm(arm), stream)
@@ -75,7 +76,7 @@ def save_model(arm: Arm, path: str | Path, overwrite: bool = False) -> None:
 
 
 def model_hash(arm: Arm) -> str:
-    """Identity of a model: SHA-256 over its content, independent of layout and comments of the file."""
+    """Identity of a model: SHA-256 over its content, whatever the layout of the file."""
     canonical = json.dumps(mapping_from_arm(arm), sort_keys=True, default=str)
     return hashlib.sha256(canonical.encode()).hexdigest()
 
@@ -85,7 +86,7 @@ def arm_from_mapping(content: Any) -> Arm:
     top = block(content, '', TOP, OPTIONAL)
     if top['schema_version'] != SCHEMA_VERSION:
         raise ModelError(
-            f'schema_version {top["schema_version"]!r} is not known; this version reads {SCHEMA_VERSION}'
+            f'schema_version {top["schema_version"]!r} is not known; known: {SCHEMA_VERSION}'
         )
     arm_keys = ('length', 'weight', 'clamp_angle', 'target_arclength')
     arm = block(top['arm'], 'arm', arm_keys, {'clamp_angle', 'target_arclength'})
@@ -97,7 +98,7 @@ def arm_from_mapping(content: Any) -> Arm:
     return Arm(
         name=top['name'],
         **{key: number(value, f'arm.{key}') for key, value in arm.items() if key != arm_keys[3]},
-        target_arclength=arm.get('target_arclength') or [],
+        target_arclength=np.array(arm.get('target_arclength') or []),
         intrinsic_curvature=IntrinsicCurvature(**curvature),
         moment_law=law_from_mapping(top['moment_law']),
         effects=effects_from_mapping(top.get('effects') or {}),

@@ -1,7 +1,7 @@
-"""How the bending moment answers to a change of curvature: M = M_O + B (kappa - kappa0) on each section.
+"""How the bending moment answers to a change of curvature: M = M_O + B (kappa - kappa0).
 
-The paper's law (Eq 10) has two sections whose border moves with pressure; the plain law M = EI (kappa -
-kappa0) and the law of Majidi et al. (Eq 11) have one.
+The paper's law (Eq 10) has two sections whose border moves with pressure; the plain law M = EI
+(kappa - kappa0) and the law of Majidi et al. (Eq 11) have one.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
-
 from pneunet_ros.curvature import checked_pressures, pressure_rows, table_array
 from pneunet_ros.errors import ModelError
 from pneunet_ros.shape import Array
@@ -46,8 +45,8 @@ class MomentLaw(abc.ABC):
 class PiecewiseLinearLaw(MomentLaw):
     """Eq 10: rigidities alpha1 on [0, l1) and alpha2 on [l1, l], all linear in p between rows.
 
-    pressure (rows,) Pa; split (rows,) l1 / l; rigidity (rows, 2) alpha = B / (mg l^2); moment_offset
-    (rows, 2) M_O / (mg l).
+    pressure (rows,) Pa; split (rows,) l1 / l; rigidity (rows, 2) alpha = B / (mg l^2);
+    moment_offset (rows, 2) M_O / (mg l).
     """
 
     kind: ClassVar[str] = 'piecewise_linear'
@@ -71,7 +70,7 @@ class PiecewiseLinearLaw(MomentLaw):
             table = table_array(getattr(self, name), f'{where}.{name}', 2)
             if table.shape != (pressure.size, 2):
                 raise ModelError(
-                    f'{where}.{name} must have {pressure.size} rows (one per pressure) of 2 values, '
+                    f'{where}.{name} must have {pressure.size} rows (one per pressure) of 2, '
                     f'not {table.shape[0]} x {table.shape[1]}'
                 )
             object.__setattr__(self, name, table)

@@ -1,4 +1,4 @@
-"""How uncertain sensors and model are: one sigma per sensor, and a low-rank covariance of model quantities."""
+"""How uncertain sensors and model are: a sigma per sensor, a low-rank covariance of the model."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-
 from pneunet_ros.curvature import table_array
 from pneunet_ros.errors import ModelError
 from pneunet_ros.shape import Array
@@ -30,7 +29,9 @@ class SensorNoise:
     registration_std: float = quantity(
         0.0, unit='m', meaning='place of the camera, per recording', bounds=_POSITIVE
     )
-    drift_std: float = quantity(0.0, unit='m', meaning='slow drift of the camera', bounds=_POSITIVE)
+    drift_std: float = quantity(
+        0.0, unit='m', meaning='slow drift of the camera', bounds=_POSITIVE
+    )
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -39,7 +40,7 @@ class SensorNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelCovariance:
-    """Covariance C = factor factor^T of model quantities, named by dotted paths into the model file.
+    """Covariance C = factor factor^T of model quantities, named by dotted paths.
 
     quantities: names such as `moment_law.rigidity.0.1` or `effects.extensibility.axial_stiffness`;
     factor (quantities, columns), SI, at most 12 columns.
@@ -53,7 +54,7 @@ class ModelCovariance:
         factor = table_array(self.factor, 'covariance.factor', 2)
         if factor.shape[0] != len(self.quantities) or not 1 <= factor.shape[1] <= MOST_COLUMNS:
             raise ModelError(
-                f'covariance.factor must have a row for each of the {len(self.quantities)} quantities '
+                f'covariance.factor must have a row for each of {len(self.quantities)} quantities '
                 f'and 1 to {MOST_COLUMNS} columns, not {factor.shape[0]} x {factor.shape[1]}'
             )
         if len(set(self.quantities)) != len(self.quantities):

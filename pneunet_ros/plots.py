@@ -11,7 +11,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 import numpy as np
-
 from pneunet_ros.arm import Arm
 from pneunet_ros.rod import START
 from pneunet_ros.shape import ShapeEstimate
@@ -23,7 +22,7 @@ ELLIPSE_SIGMAS = 2.0
 
 
 def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str) -> None:
-    """Shapes, curvatures and moment law of some estimates, colored by pressure, as a picture file."""
+    """Shapes, curvatures and moment law of estimates, colored by pressure, as a picture."""
     pressures = [kilopascals(hold.shape.pressure) for hold in holds]
     scale = Normalize(min(pressures), max(pressures) or 1.0)
     figure = Figure(figsize=(15.0, 5.6), layout='constrained')
@@ -59,7 +58,11 @@ def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str)
         axes.grid(color='0.9', linewidth=0.7)
         axes.spines[['top', 'right']].set_visible(False)
     figure.colorbar(
-        ScalarMappable(norm=scale, cmap=COLORS), ax=moments, label='pressure (kPa)', fraction=0.05, pad=0.02
+        ScalarMappable(norm=scale, cmap=COLORS),
+        ax=moments,
+        label='pressure (kPa)',
+        fraction=0.05,
+        pad=0.02,
     )
     figure.suptitle(title, fontsize=14)
     figure.savefig(path, dpi=130, format=path.suffix.lstrip('.') or 'png')
@@ -86,9 +89,7 @@ def draw_shape(axes: Axes, estimate: ShapeEstimate, color: tuple[float, ...]) ->
     axes.plot(x[-1] + ellipse[0], y[-1] + ellipse[1], color=color, linewidth=1.0)
 
 
-def draw_moment(
-    axes: Axes, arm: Arm, estimate: ShapeEstimate, color: tuple[float, ...]
-) -> None:
+def draw_moment(axes: Axes, arm: Arm, estimate: ShapeEstimate, color: tuple[float, ...]) -> None:
     """Moment against change of curvature over the stations, one line per section of the law."""
     shape = estimate.shape
     sections = arm.rods(np.array([estimate.chamber_pressure])).sections[0]
@@ -98,5 +99,9 @@ def draw_moment(
         inside = (shape.arclength >= section[START]) & (shape.arclength <= stop)
         style = '--' if index + 1 < len(sections) else '-'
         axes.plot(
-            change[inside], 1000.0 * shape.moment[inside], color=color, linestyle=style, linewidth=1.6
+            change[inside],
+            1000.0 * shape.moment[inside],
+            color=color,
+            linestyle=style,
+            linewidth=1.6,
         )

@@ -1,7 +1,7 @@
 """What the sensors said: immutable, SI, stamped in integer nanoseconds of the message header.
 
-A reading is kept as it came. What it means (gauge or absolute, sign and yaw of a force sensor, sensing
-effects of the model) is the estimator's business.
+A reading is kept as it came. What it means (gauge or absolute, sign and yaw of a force sensor,
+sensing effects of the model) is the estimator's business.
 """
 
 from __future__ import annotations

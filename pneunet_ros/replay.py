@@ -1,4 +1,4 @@
-"""Replay: recording -> `Estimator.step` -> recording, through the same messages and the same step as live."""
+"""Replay: recording -> `Estimator.step` -> recording, through the messages and step of live."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pneunet_ros.cdr_template import EstimateSerializer
 from pneunet_ros.errors import MessageError
 from pneunet_ros.estimator import Estimator, EstimatorState, Outcome
 from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
-from pneunet_ros.messages import INPUTS, OUTPUTS, Input
+from pneunet_ros.messages import Input, INPUTS, OUTPUTS
 from pneunet_ros.recording import RecordedMessage, Recording
 from pneunet_ros.recording_writer import RecordingWriter
 from pneunet_ros.shape import Refusal, ShapeEstimate

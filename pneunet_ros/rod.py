@@ -1,19 +1,19 @@
-"""The record of the rod: everything that the equations of equilibrium know, summed from the parts of an arm."""
+"""The record of the rod: everything that the equations of equilibrium know of an arm."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-
 from pneunet_ros.shape import Array
 from pneunet_ros.solver.compiled import kernel
 
-# Columns of a section: start m, rigidity N m^2, moment offset N m, cubic term m^2, axial compliance 1/N,
-# rest strain -, line load N/m.
+# Columns of a section: start m, rigidity N m^2, moment offset N m, cubic term m^2, axial
+# compliance 1/N, rest strain -, line load N/m.
 START, RIGIDITY, MOMENT_OFFSET, CUBIC, AXIAL_COMPLIANCE, REST_STRAIN, LOAD_X, LOAD_Y = range(8)
 SECTION_WIDTH = 8
-# Columns of the clamp: angle rad, compliance rad/(N m); and how far beside the tip the load acts, m.
+# Columns of the clamp: angle rad, compliance rad/(N m); and how far beside the tip the load acts,
+# m.
 CLAMP_ANGLE, CLAMP_COMPLIANCE, LOAD_OFFSET = range(3)
 CLAMP_WIDTH = 3
 TURNING_WIDTH = 5
@@ -23,9 +23,10 @@ TURNING_WIDTH = 5
 class Rods:
     """Records of one arm at several pressures.
 
-    pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 3) with the columns
-    above, the same along each section; knots (pieces + 1,) m and turning (pressures, pieces, 5): the angle
-    rad that the unloaded rod has turned, as ascending powers of the distance from the knot before.
+    pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 3) with the
+    columns above, the same along each section; knots (pieces + 1,) m and turning (pressures,
+    pieces, 5): the angle rad that the unloaded rod has turned, as ascending powers of the distance
+    from the knot before.
     """
 
     length: float
@@ -50,7 +51,7 @@ class Rods:
 
 @kernel
 def interpolate_rows(pressure: Array, record: Array, at: Array, out: Array) -> None:
-    """Rows of a table over pressure, linear between its rows and beyond them, into out (n, columns)."""
+    """Rows of a table over pressure, linear also beyond its ends, into out (n, columns)."""
     for index in range(at.size):
         row = 0
         while row < pressure.size - 2 and at[index] >= pressure[row + 1]:
@@ -63,10 +64,10 @@ def interpolate_rows(pressure: Array, record: Array, at: Array, out: Array) -> N
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RodTable:
-    """Sections and turning of an arm without effects, side by side, at every pressure of its tables.
+    """Sections and turning of an arm without effects at every pressure of its tables.
 
-    Curvature and moment laws are linear in pressure between tables' rows, so this is one linear table.
-    pressure (rows,) Pa; record (rows, 8 sections + 5 pieces).
+    Curvature and moment laws are linear in pressure between tables' rows, so this is one linear
+    table. pressure (rows,) Pa; record (rows, 8 sections + 5 pieces).
     """
 
     pressure: Array
@@ -74,7 +75,7 @@ class RodTable:
     sections: int
 
     def at(self, pressure: Array) -> tuple[Array, Array]:
-        """Sections (n, sections, 8) and turning (n, pieces, 5) at these pressures (n,), linear beyond."""
+        """Sections (n, sections, 8) and turning (n, pieces, 5) at these pressures (n,)."""
         blend = np.empty((pressure.size, self.record.shape[1]))
         interpolate_rows(self.pressure, self.record, pressure, blend)
         width = self.sections * SECTION_WIDTH

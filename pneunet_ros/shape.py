@@ -1,4 +1,4 @@
-"""What we claim: the shape of the arm, an estimate of it with its uncertainty, or a refusal with its reason."""
+"""What we claim: a shape, an estimate with its uncertainty, or a refusal with its reason."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
 from pneunet_ros.errors import RequestError
 
 Array = npt.NDArray[np.float64]
@@ -35,8 +34,8 @@ def freeze(array: Array) -> Array:
 class SolverNodes:
     """The converged unknowns of the rod equations, from which a neighboring solve starts.
 
-    `panels`, `ends` and `nodes` have the layout of `solver.collocation`; `counts` are the panels of each
-    section of the moment law.
+    `panels`, `ends` and `nodes` have the layout of `solver.collocation`; `counts` are the panels
+    of each section of the moment law.
     """
 
     panels: Array
@@ -49,13 +48,14 @@ class SolverNodes:
 class Shape:
     """The centerline of the arm in equilibrium, at stations along it, in the base frame.
 
-    All arrays have one entry per station, from the clamp to the free end: material arclength (m), x and y
-    (m), theta (rad), curvature and intrinsic curvature (1/m, per unstretched length), moment (N m). Where
-    the solve failed (`converged` is False) all but `arclength` are NaN, and `status` says why.
+    All arrays have one entry per station, from the clamp to the free end: material arclength (m),
+    x and y (m), theta (rad), curvature and intrinsic curvature (1/m, per unstretched length),
+    moment (N m). Where the solve failed (`converged` is False) all but `arclength` are NaN, and
+    `status` says why.
 
-    `residual` is the largest violation of the rod equations in rad; `stable` says whether the equilibrium
-    is a minimum of energy under dead load (None: not defined, negative rigidity); `extrapolated` that the
-    pressure lies outside the calibrated range.
+    `residual` is the largest violation of the rod equations in rad; `stable` says whether the
+    equilibrium is a minimum of energy under dead load (None: not defined, negative rigidity);
+    `extrapolated` that the pressure lies outside the calibrated range.
     """
 
     arclength: Array
@@ -87,8 +87,9 @@ class ShapeEstimate:
     """A shape predicted from readings, with its uncertainty.
 
     `jacobian` (3, 4): d(x, y, theta of the tip) / d(pressure in the chamber, F1, F2, M).
-    `tip_covariance` (3, 3) of (x, y, theta). `std_x`, `std_y` (m) and `std_curvature` (1/m) per station.
-    `stamp_ns` is the pressure reading's; `warnings` are sentences about what limits the estimate.
+    `tip_covariance` (3, 3) of (x, y, theta). `std_x`, `std_y` (m) and `std_curvature` (1/m) per
+    station. `stamp_ns` is the pressure reading's; `warnings` are sentences about what limits the
+    estimate.
     """
 
     stamp_ns: int
@@ -105,7 +106,7 @@ class ShapeEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """A reading that gave no estimate: `reason` is a short key for counting, `sentence` is for a person.
+    """A reading that gave no estimate: `reason` is a key for counting, `sentence` for a person.
 
     `error` tells that the estimator has stopped giving estimates, not just dropped one reading.
     """

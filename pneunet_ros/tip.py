@@ -1,7 +1,8 @@
 """From the position of the tip to the end force and the shape (Figure 9 of the paper).
 
-The end force is found by Levenberg and Marquardt's method on the distance of the tip; each trial is a full
-solve of the rod. Where the tip hardly moves with some force, that force is not determined, and this is said.
+The end force is found by Levenberg and Marquardt's method on the distance of the tip; each trial
+is a full solve of the rod. Where the tip hardly moves with some force, that force is not
+determined, and this is said.
 """
 
 from __future__ import annotations
@@ -10,12 +11,11 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-
 from pneunet_ros.arm import Arm
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.equilibrium import (
-    DEFAULT_STATIONS,
     check_finite,
+    DEFAULT_STATIONS,
     failed,
     respond,
     solve_rod,
@@ -42,10 +42,10 @@ def solve_tip(
 ) -> Shape:
     """Find end force (N) and shape from the pressure (Pa, gauge) and the position of the tip (m).
 
-    `moment` (N m) is the end moment, which must be known; `start` a neighboring shape whose branch is
-    followed. The result's `force` is the force that the surroundings apply; where the tip does not
-    determine it, the result is a failed Shape that says so. Raises RequestError for values that are no
-    finite number.
+    `moment` (N m) is the end moment, which must be known; `start` a neighboring shape whose branch
+    is followed. The result's `force` is the force that the surroundings apply; where the tip does
+    not determine it, the result is a failed Shape that says so. Raises RequestError for values
+    that are no finite number.
     """
     check_finite(pressure=pressure, tip_x=tip[0], tip_y=tip[1], moment=moment)
     load = arm.sense(Load(pressure=pressure, moment=moment))
@@ -76,9 +76,7 @@ class TipSearch:
     load: Load
     tip: Array
 
-    def at(
-        self, force: tuple[float, float], start: SolverNodes | None, arclength: Array
-    ) -> Shape:
+    def at(self, force: tuple[float, float], start: SolverNodes | None, arclength: Array) -> Shape:
         """The shape under a trial force."""
         load = replace(self.load, force_x=float(force[0]), force_y=float(force[1]))
         return solve_rod(self.arm, self.rods, load, start, arclength, 0.0)
@@ -103,7 +101,7 @@ class TipSearch:
         return sorted(shapes, key=self.miss)
 
     def descend(self, shape: Shape) -> Shape:
-        """Levenberg-Marquardt on the distance of the tip, among stable shapes where stability is defined."""
+        """Levenberg-Marquardt on the distance of the tip, among shapes of the same stability."""
         damping = 0.0
         left = self.miss(shape)
         jacobian = force_jacobian(self.rods, shape)
@@ -126,25 +124,30 @@ class TipSearch:
         return shape
 
     def judged(self, shape: Shape) -> Shape:
-        """The shape, or a failed one where its tip is not at the goal or does not tell the force."""
+        """The shape, or a failed one: tip not at the goal, or it does not tell the force."""
         weakest = float(np.linalg.svd(force_jacobian(self.rods, shape), compute_uv=False)[-1])
         distance = self.miss(shape)
         if weakest < DETERMINED and distance < NEAR * self.arm.length:
             sentence = (
-                'the end force is not determined by this tip position: in one direction 1 N moves the '
+                'the end force is not determined by this tip position: one way, 1 N moves the '
                 f'tip by {1000.0 * weakest:.2g} mm only '
                 f'(at least {1000.0 * DETERMINED:.2g} mm is needed)'
             )
         elif distance > ROUNDING * self.arm.length:
             sentence = (
-                f'no end force found that brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
+                f'no end force brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'
             )
         else:
             return shape
         unknown = replace(self.load, force_x=math.nan, force_y=math.nan)
         return failed(
-            self.arm, unknown, shape.arclength, sentence, distance / self.arm.length, shape.iterations
+            self.arm,
+            unknown,
+            shape.arclength,
+            sentence,
+            distance / self.arm.length,
+            shape.iterations,
         )
 
 

@@ -1,7 +1,8 @@
-"""SI inside, everywhere; the only conversions, and `quantity`, which gives a dataclass field its unit.
+"""SI inside; the only conversions, and `quantity`, which gives a dataclass field its unit.
 
-A field made by `quantity` carries unit, bounds, source and meaning in its metadata. The same declaration
-serves validation, the model file, `--help`, ROS parameter descriptions and the table of effects.
+A field made by `quantity` carries unit, bounds, source and meaning in its metadata. The same
+declaration serves validation, the model file, `--help`, ROS parameter descriptions and the table
+of effects.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def millimeters(length: float) -> float:
 
 
 def seconds_between(earlier_ns: int, later_ns: int) -> float:
-    """Seconds from one stamp to another; exact subtraction first, so that large stamps lose nothing."""
+    """Seconds from one stamp to another, exact also for large stamps."""
     return (later_ns - earlier_ns) / NANOSECONDS_PER_SECOND
 
 
@@ -43,8 +44,8 @@ def quantity(
 ) -> Any:
     """Declare a dataclass field that is a physical quantity.
 
-    unit: SI unit, '-' for none. bounds: closed interval of allowed values. prior: interval in which the
-    value is expected before any data. source: where the default or the bounds come from.
+    unit: SI unit, '-' for none. bounds: closed interval of allowed values. prior: interval in
+    which the value is expected before any data. source: where the default or the bounds come from.
     """
     metadata = {
         'unit': unit,

@@ -18,7 +18,7 @@ FLOORS = {
         errors units frames readings shape resources
     """,
     '1 physics': """
-        solver solver.compiled solver.panel solver.collocation solver.lanes solver.stations
+        solver solver.compiled solver.panel solver.collocation solver.stations solver.lanes
         solver.sensitivity solver.chain solver.collocation_numpy
         curvature moment_law noise rod
         effects.effect
@@ -27,7 +27,7 @@ FLOORS = {
         effects.extensibility effects.gravity effects.clamp_compliance effects.load_offset
         effects.force_misalignment effects.camera_scale effects.camera_rotation
         effects
-        arm attempt equilibrium tip
+        arm attempt equilibrium tip many
     """,
     '2 inference': """
         estimator holds

@@ -3,8 +3,8 @@
 An effect may speak in four places and nowhere else:
 
 - *sensing* (`sense`): what a reading means;
-- *actuation* (`initial`, `actuate`): from the pressure at the sensor, with its history, to the pressure in
-  the chamber; history comes in and goes out as a tuple of numbers;
+- *actuation* (`initial`, `actuate`): from the pressure at the sensor, with its history, to the
+  pressure in the chamber; history comes in and goes out as a tuple of numbers;
 - *material* and *mechanics* (`terms`): what it adds to the record of the rod.
 
 The default of every parameter is its neutral value, at which the effect does nothing at all.
@@ -50,9 +50,9 @@ class Load:
 class Terms:
     """What an effect adds to the record of the rod; contributions of effects are summed.
 
-    Only rigidity factors multiply. Each term is a number or an array (pressures,); it holds for the whole
-    length. Units: moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -, line loads N/m,
-    clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
+    Only rigidity factors multiply. Each term is a number or an array (pressures,); it holds for
+    the whole length. Units: moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -,
+    line loads N/m, clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
     """
 
     rigidity_factor: float | Array = 1.0
@@ -67,7 +67,7 @@ class Terms:
     load_offset: float | Array = NOTHING
 
     def add_to(self, sections: Array, clamp: Array) -> None:
-        """Add these terms to the records of a rod: sections (n, sections, 8), clamp (n, 3), see `rod`."""
+        """Add these terms to records of a rod: sections (n, sections, 8), clamp (n, 3)."""
         per_section, per_clamp = sections.transpose(2, 1, 0), clamp.T
         per_section[RIGIDITY] *= self.rigidity_factor
         for column, term in (
@@ -94,7 +94,7 @@ NO_TERMS = Terms()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect(abc.ABC):
-    """A physical effect beside the base model; see the module for the four places it may speak in."""
+    """A physical effect beside the base model; the module names its four places."""
 
     name: ClassVar[str]
     place: ClassVar[Place]
@@ -113,7 +113,7 @@ class Effect(abc.ABC):
         return ()
 
     def actuate(self, history: History, seconds: float, pressure: float) -> tuple[History, float]:
-        """History and chamber pressure (Pa) when, `seconds` after the last call, the pressure is this."""
+        """History and chamber pressure (Pa), `seconds` after the last call, at this pressure."""
         return history, pressure
 
     def terms(self, pressure: Array) -> Terms:

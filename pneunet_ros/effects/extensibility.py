@@ -1,4 +1,4 @@
-"""The arm stretches under the force along it; the paper suspects this behind its wrong F1 (section 6)."""
+"""The arm stretches under the force along it, the paper's suspect for its wrong F1."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from pneunet_ros.units import quantity
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureElongation(Effect):
-    """Rest strain = strain_per_pascal p + strain_per_pascal_squared p^2, of the chamber pressure p."""
+    """Rest strain = strain_per_pascal p + strain_per_pascal_squared p^2 in the chamber."""
 
     name: ClassVar[str] = 'pressure_elongation'
     place: ClassVar[Place] = 'mechanics'

@@ -14,7 +14,8 @@ from pneunet_ros.units import quantity
 class PressureLag(Effect):
     """First-order line: time_constant z' = p - z, exact for readings joined by straight lines.
 
-    History: the last pressure at the sensor and the pressure z in the chamber (Pa). Starts in equilibrium.
+    History: the last pressure at the sensor and the pressure z in the chamber (Pa). Starts in
+    equilibrium.
     """
 
     name: ClassVar[str] = 'pressure_lag'

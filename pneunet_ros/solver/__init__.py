@@ -1,1 +1,1 @@
-"""The rod's boundary value problem as compiled kernels: equations of a panel, Newton, stations, sensitivities."""
+"""The boundary value problem of the rod as compiled kernels."""

@@ -1,14 +1,14 @@
-"""A first guess for the loaded rod: a short chain of elements that descends in energy from the unloaded shape.
+"""A first guess for the loaded rod: a short chain that descends in energy.
 
-Descent in energy ends at a stable equilibrium from any start, which Newton on the rod's equations does not.
-It needs positive rigidity. Second order in the element length, which is enough for Newton to take over.
+Descent in energy ends at a stable equilibrium from any start, which Newton on the rod's equations
+does not. It needs positive rigidity. Second order in the element length, which is enough for
+Newton to take over.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
 from pneunet_ros.solver.compiled import kernel
 from pneunet_ros.solver.panel import (
     GAUSS_ABSCISSAE,
@@ -29,15 +29,17 @@ def chain_energy(
 ) -> float:
     """Energy (J) of the chain with joint angles theta, its gradient and tridiagonal Hessian.
 
-    links[j] = length, rigidity, moment offset, cubic term, axial compliance, stretch, n1, n2 at mid-link,
-    turning of the unloaded link. The tangent of a link is that of its mean angle.
+    links[j] = length, rigidity, moment offset, cubic term, axial compliance, stretch, n1, n2 at
+    mid-link, turning of the unloaded link. The tangent of a link is that of its mean angle.
     """
     count = links.shape[0]
     gradient[:] = 0.0
     diagonal[:] = 0.0
     energy = 0.0
     for j in range(count):
-        h, rigidity, offset, cubic, axial, stretch, n1, n2, turned = links[j]
+        link = links[j]
+        h, rigidity, offset, cubic, axial = link[0], link[1], link[2], link[3], link[4]
+        stretch, n1, n2, turned = link[5], link[6], link[7], link[8]
         d = (theta[j + 1] - theta[j] - turned) / h
         middle = 0.5 * (theta[j] + theta[j + 1])
         sine, cosine = sine_cosine(middle)
@@ -53,7 +55,7 @@ def chain_energy(
         diagonal[j] += stiffness + bend
         diagonal[j + 1] += stiffness + bend
         beside[j] = bend - stiffness
-    sine, cosine = sine_cosine(theta[count])
+    sine, cosine = sine_cosine(float(theta[count]))
     across = ends[3] * cosine + ends[4] * sine
     along = ends[4] * cosine - ends[3] * sine
     energy -= ends[5] * theta[count] + ends[2] * along
@@ -70,9 +72,7 @@ def chain_energy(
 
 
 @kernel
-def descend(
-    links: Array, ends: Array, theta: Array, most_iterations: int
-) -> None:
+def descend(links: Array, ends: Array, theta: Array, most_iterations: int) -> None:
     """Newton in energy with line search, in place; indefinite directions are turned downhill."""
     count = links.shape[0]
     size = count + 1
@@ -153,8 +153,6 @@ def loaded_guess(panels: Array, ends: Array, nodes: Array) -> None:
             bent = u * (4.0 * middle - last + u * (2.0 * last - 4.0 * middle))
             node[1 + i] = theta[2 * p] + panel[10 + i] + bent
             sine, cosine = sine_cosine(node[1 + i])
-            along, across = resolve(
-                sine, cosine, panel[6] - u * panel[8], panel[7] - u * panel[9]
-            )
+            along, across = resolve(sine, cosine, panel[6] - u * panel[8], panel[7] - u * panel[9])
             moment += panel[0] * GAUSS_WEIGHTS[i] * (panel[5] + panel[4] * along) * across
         node[5] = moment

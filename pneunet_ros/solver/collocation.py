@@ -1,15 +1,16 @@
-"""The boundary value problem of the rod by Gauss collocation: one Newton method, for one rod or for many.
+"""The boundary value problem of the rod by Gauss collocation and Newton's method.
 
-The rod is cut into panels, always at a jump of the moment law. On each panel the field equations hold at
-four Gauss points (order eight at the joints); the linearized panels are eliminated one by one and joined
-by an orthonormalized sweep, which stays stable where shooting grows like exp(l sqrt(F/B)). The turning of
-the unloaded rod is known in closed form and subtracted, so kinks of its table do little harm.
+The rod is cut into panels, always at a jump of the moment law. On each panel the field equations
+hold at four Gauss points (order eight at the joints); the linearized panels are eliminated one by
+one and joined by an orthonormalized sweep, which stays stable where shooting grows like exp(l
+sqrt(F/B)). The turning of the unloaded rod is known in closed form and subtracted, so kinks of its
+table do little harm.
 
-`panels[p]` = length h, 1/B, M_O, cubic term, axial compliance, stretch at no force, force n1, n2 at the
-start, their loss over the panel, turning of the unloaded rod to the four Gauss points and the end,
-arclength of the start. `nodes[p]` = theta at the start, theta at the Gauss points, moment at the start;
-the last row of `nodes` holds theta and moment at the free end. `ends` = clamp angle, clamp compliance,
-load offset, end force F1, F2, end moment.
+`panels[p]` = length h, 1/B, M_O, cubic term, axial compliance, stretch at no force, force n1, n2
+at the start, their loss over the panel, turning of the unloaded rod to the four Gauss points and
+the end, arclength of the start. `nodes[p]` = theta at the start, theta at the Gauss points, moment
+at the start; the last row of `nodes` holds theta and moment at the free end. `ends` = clamp angle,
+clamp compliance, load offset, end force F1, F2, end moment.
 """
 
 from __future__ import annotations
@@ -18,23 +19,22 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-
 from pneunet_ros.solver.compiled import inlined, kernel
 from pneunet_ros.solver.panel import (
     C1,
     C2,
     C3,
     C4,
-    Law,
-    Mechanics,
-    Turn,
-    W,
     dot,
+    Law,
     linear_panel,
+    Mechanics,
     panel_residual,
     sine_cosine,
     substitute,
     times,
+    Turn,
+    W,
 )
 
 Array = npt.NDArray[np.float64]
@@ -67,7 +67,7 @@ def panel_counts(
     turn: float,
     most: int,
 ) -> npt.NDArray[np.int64]:
-    """Panels per section so that none is longer than so many decay lengths sqrt(B/n) or turns further."""
+    """Panels per section: none longer than so many decay lengths sqrt(B/n), none turns further."""
     counts = np.empty(sections.shape[0], dtype=np.int64)
     bend = 0.0
     for piece in range(turning.shape[0]):
@@ -99,7 +99,8 @@ def prepare(
 ) -> None:
     """Fill `panels` for a mesh of counts[k] equal panels on each section of the moment law.
 
-    sections[k] = start, rigidity, moment offset, cubic term, axial compliance, rest strain, line load x, y.
+    sections[k] = start, rigidity, moment offset, cubic term, axial compliance, rest strain, line
+    load x, y.
     """
     n1, n2 = ends[3], ends[4]
     first = panels.shape[0]
@@ -130,7 +131,7 @@ def prepare(
         t2, piece = turning_at(s + C2 * h, knots, turning, piece)
         t3, piece = turning_at(s + C3 * h, knots, turning, piece)
         t4, piece = turning_at(s + C4 * h, knots, turning, piece)
-        t5, following = turning_at(s + h, knots, turning, piece)
+        t5, _ = turning_at(s + h, knots, turning, piece)
         panel[10], panel[11], panel[12] = t1 - start, t2 - start, t3 - start
         panel[13], panel[14] = t4 - start, t5 - start
 
@@ -164,7 +165,7 @@ def load_panel(panels: Array, p: int) -> tuple[float, Law, Mechanics, Turn]:
 def residual_pass(
     panels: Array, ends: Array, nodes: Array, slopes: Array, moment_scale: float
 ) -> float:
-    """Residual of the whole rod, in rad (moments times `moment_scale`); fills `slopes` for Newton."""
+    """Residual of the rod in rad (moments times `moment_scale`); fills `slopes` for Newton."""
     count = panels.shape[0]
     sine, cosine = sine_cosine(nodes[count, 0])
     end_moment = ends[5] - ends[2] * (ends[3] * cosine + ends[4] * sine)
@@ -199,8 +200,8 @@ def newton_step(
     """One full Newton step from the slopes of `residual_pass`; `steps` is scratch."""
     count = slopes.shape[0]
     s = moment_scale
-    # The state at a joint is w + t v: v spans what the clamp leaves free, kept at unit length in (rad,
-    # moment * s) and orthogonal to w, so that neither grows (Godunov's orthonormalization).
+    # The state at a joint is w + t v: v spans what the clamp leaves free, kept at unit length in
+    # (rad, moment * s) and orthogonal to w, so that neither grows (Godunov's orthonormalization).
     norm = 1.0 / math.sqrt(ends[1] * ends[1] + s * s)
     v0, v1 = ends[1] * norm, norm
     w0, w1 = ends[0] + ends[1] * nodes[0, 5] - nodes[0, 0], 0.0
@@ -262,8 +263,8 @@ def newton(
     """Newton's method from the given nodes, in place; a step that does not help is halved.
 
     It stops at `tolerance` (rad), or where rounding lets no step help any more.
-    Returns the residual (rad) and the number of steps. The nodes solve the equations only where the
-    residual is at most ACCEPTED.
+    Returns the residual (rad) and the number of steps. The nodes solve the equations only where
+    the residual is at most ACCEPTED.
     """
     count = panels.shape[0]
     slopes = np.empty((count, SLOPE_WIDTH))

@@ -1,21 +1,20 @@
 """The same collocation in plain numpy: one dense Newton matrix, solved with pivoting.
 
-It shares no arithmetic with the compiled kernel and is its cross-check; where there is no numba it takes
-the kernel's place.
+It shares no arithmetic with the compiled kernel and is its cross-check; where there is no numba it
+takes the kernel's place.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
 from pneunet_ros.solver.panel import GAUSS_ABSCISSAE, GAUSS_INTEGRATION, GAUSS_WEIGHTS
 
 Array = npt.NDArray[np.float64]
 
 
 def curvature_change(moment: Array, panels: Array) -> tuple[Array, Array]:
-    """Solve M = M_O + B d (1 + c d^2) for d in closed form, and d d/d M; moment (panels, points)."""
+    """Solve M = M_O + B d (1 + c d^2) for d in closed form; also d d/d M."""
     compliance, offset, cubic = (panels[:, column, None] for column in (1, 2, 3))
     mu = (moment - offset) * compliance
     root = np.sqrt(3.0 * np.where(cubic > 0.0, cubic, 1.0))

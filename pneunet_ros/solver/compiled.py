@@ -1,7 +1,8 @@
-"""Compile the numeric kernels where numba is at hand, and run them as plain Python where it is not.
+"""Compile the kernels where numba is at hand; they run as plain Python where it is not.
 
-The kernels of this package are written so that both give the same numbers; `HAVE_NUMBA` tells which it
-is. Contraction to fused multiply-adds is the only relaxation of IEEE arithmetic: NaN stays NaN.
+The kernels of this package are written so that both give the same numbers; `HAVE_NUMBA` tells
+which it is. Contraction to fused multiply-adds is the only relaxation of IEEE arithmetic: NaN
+stays NaN.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from typing import Any, TypeVar
 
 Function = TypeVar('Function', bound=Callable[..., Any])
 
-HAVE_NUMBA = (
-    importlib.util.find_spec('numba') is not None and not os.environ.get('PNEUNET_NO_NUMBA')
+HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.get(
+    'PNEUNET_NO_NUMBA'
 )
 
 
@@ -28,18 +29,20 @@ def kernel(function: Function) -> Function:
     compiled: Function
     try:
         compiled = numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # nowhere to keep a cache: neither beside this file nor in the home folder
+    except (
+        RuntimeError
+    ):  # nowhere to keep a cache: neither beside this file nor in the home folder
         compiled = numba.njit(**options)(function)
     return compiled
 
 
 def inlined(function: Function) -> Function:
-    """Compile an equation that is copied into the kernels that call it, so that loops vectorize."""
+    """Compile an equation that is copied into its callers, so that loops vectorize."""
     if not HAVE_NUMBA:
         return function
     import numba
 
-    compiled: Function = numba.njit(
-        error_model='numpy', fastmath={'contract'}, forceinline=True
-    )(function)
+    compiled: Function = numba.njit(error_model='numpy', fastmath={'contract'}, forceinline=True)(
+        function
+    )
     return compiled

@@ -1,24 +1,30 @@
 """Many rods of one mesh at once: the loops over rods are innermost and become vector instructions.
 
-The arrays are those of `collocation` with a last axis over rods. Every rod takes full Newton steps until
-the slowest has converged; a rod that does not is left with its residual, for the single solver to take up.
+The arrays are those of `collocation` with a last axis over rods. Every rod takes full Newton steps
+until the slowest has converged; a rod that does not is left with its residual, for the single
+solver to take up.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
-from pneunet_ros.solver.collocation import NODE_WIDTH, PANEL_WIDTH, SLOPE_WIDTH, STEP_WIDTH, prepare
+from pneunet_ros.solver.collocation import (
+    NODE_WIDTH,
+    PANEL_WIDTH,
+    prepare,
+    SLOPE_WIDTH,
+    STEP_WIDTH,
+)
 from pneunet_ros.solver.compiled import kernel
 from pneunet_ros.solver.panel import (
-    W,
     dot,
     linear_panel,
     panel_residual,
     sine_cosine,
     substitute,
     times,
+    W,
 )
 from pneunet_ros.solver.stations import at_stations, resolution
 
@@ -27,13 +33,17 @@ L = 16  # rods at a time: their work fits the cache
 
 
 @kernel
-def residuals(panels: Array, ends: Array, nodes: Array, slopes: Array, scale: Array, worst: Array) -> None:
+def residuals(
+    panels: Array, ends: Array, nodes: Array, slopes: Array, scale: Array, worst: Array
+) -> None:
     """Residual of every rod (rad) into `worst`, and the slopes for the Newton step."""
     count = panels.size // (PANEL_WIDTH * L)
     last = nodes[count * NODE_WIDTH * L :]
     for k in range(L):
         sine, cosine = sine_cosine(last[0 * L + k])
-        end_moment = ends[5 * L + k] - ends[2 * L + k] * (ends[3 * L + k] * cosine + ends[4 * L + k] * sine)
+        end_moment = ends[5 * L + k] - ends[2 * L + k] * (
+            ends[3 * L + k] * cosine + ends[4 * L + k] * sine
+        )
         at_clamp = abs(nodes[0 * L + k] - ends[0 * L + k] - ends[1 * L + k] * nodes[5 * L + k])
         worst[k] = at_clamp + abs(last[5 * L + k] - end_moment) * scale[k]
     for p in range(count):
@@ -45,8 +55,21 @@ def residuals(panels: Array, ends: Array, nodes: Array, slopes: Array, scale: Ar
             r, theta_b, moment_b, slope, e = panel_residual(
                 row[0 * L + k],
                 (row[1 * L + k], row[2 * L + k], 0.0),
-                (row[4 * L + k], row[5 * L + k], row[6 * L + k], row[7 * L + k], row[8 * L + k], row[9 * L + k]),
-                (row[10 * L + k], row[11 * L + k], row[12 * L + k], row[13 * L + k], row[14 * L + k]),
+                (
+                    row[4 * L + k],
+                    row[5 * L + k],
+                    row[6 * L + k],
+                    row[7 * L + k],
+                    row[8 * L + k],
+                    row[9 * L + k],
+                ),
+                (
+                    row[10 * L + k],
+                    row[11 * L + k],
+                    row[12 * L + k],
+                    row[13 * L + k],
+                    row[14 * L + k],
+                ),
                 node[0 * L + k],
                 (node[1 * L + k], node[2 * L + k], node[3 * L + k], node[4 * L + k]),
                 node[5 * L + k],
@@ -62,7 +85,9 @@ def residuals(panels: Array, ends: Array, nodes: Array, slopes: Array, scale: Ar
 
 
 @kernel
-def full_steps(ends: Array, nodes: Array, slopes: Array, steps: Array, scale: Array, v: Array) -> None:
+def full_steps(
+    ends: Array, nodes: Array, slopes: Array, steps: Array, scale: Array, v: Array
+) -> None:
     """One full Newton step of every rod; `steps` and `v` (5, rods) are scratch."""
     count = slopes.size // (SLOPE_WIDTH * L)
     last = nodes[count * NODE_WIDTH * L :]
@@ -80,7 +105,9 @@ def full_steps(ends: Array, nodes: Array, slopes: Array, steps: Array, scale: Ar
                 slope, (row[10 * L + k], row[11 * L + k], row[12 * L + k], row[13 * L + k])
             )
             to_theta, to_moment = times(flexibility[4], slope), times(W, slope)
-            z = substitute(triangle, (row[0 * L + k], row[1 * L + k], row[2 * L + k], row[3 * L + k]))
+            z = substitute(
+                triangle, (row[0 * L + k], row[1 * L + k], row[2 * L + k], row[3 * L + k])
+            )
             y = substitute(triangle, (1.0, 1.0, 1.0, 1.0))
             x = substitute(triangle, x)
             out[0 * L + k], out[1 * L + k], out[2 * L + k], out[3 * L + k] = z
@@ -102,7 +129,9 @@ def full_steps(ends: Array, nodes: Array, slopes: Array, steps: Array, scale: Ar
             v[2 * L + k], v[3 * L + k] = w2 - along * v2, w3 - along * v3
     for k in range(L):
         sine, cosine = sine_cosine(last[0 * L + k])
-        end_moment = ends[5 * L + k] - ends[2 * L + k] * (ends[3 * L + k] * cosine + ends[4 * L + k] * sine)
+        end_moment = ends[5 * L + k] - ends[2 * L + k] * (
+            ends[3 * L + k] * cosine + ends[4 * L + k] * sine
+        )
         end_slope = ends[2 * L + k] * (ends[4 * L + k] * cosine - ends[3 * L + k] * sine)
         given = end_moment - last[5 * L + k] - v[3 * L + k] - end_slope * v[2 * L + k]
         t = given / (v[1 * L + k] + end_slope * v[0 * L + k])
@@ -118,10 +147,18 @@ def full_steps(ends: Array, nodes: Array, slopes: Array, steps: Array, scale: Ar
             d0 = out[14 * L + k] + t * out[12 * L + k]
             d1 = out[15 * L + k] + t * out[13 * L + k]
             node[0 * L + k] = node[0 * L + k] + d0
-            node[1 * L + k] = node[1 * L + k] + out[0 * L + k] + out[4 * L + k] * d0 + out[8 * L + k] * d1
-            node[2 * L + k] = node[2 * L + k] + out[1 * L + k] + out[5 * L + k] * d0 + out[9 * L + k] * d1
-            node[3 * L + k] = node[3 * L + k] + out[2 * L + k] + out[6 * L + k] * d0 + out[10 * L + k] * d1
-            node[4 * L + k] = node[4 * L + k] + out[3 * L + k] + out[7 * L + k] * d0 + out[11 * L + k] * d1
+            node[1 * L + k] = (
+                node[1 * L + k] + out[0 * L + k] + out[4 * L + k] * d0 + out[8 * L + k] * d1
+            )
+            node[2 * L + k] = (
+                node[2 * L + k] + out[1 * L + k] + out[5 * L + k] * d0 + out[9 * L + k] * d1
+            )
+            node[3 * L + k] = (
+                node[3 * L + k] + out[2 * L + k] + out[6 * L + k] * d0 + out[10 * L + k] * d1
+            )
+            node[4 * L + k] = (
+                node[4 * L + k] + out[3 * L + k] + out[7 * L + k] * d0 + out[11 * L + k] * d1
+            )
             node[5 * L + k] = node[5 * L + k] + d1
 
 
@@ -141,9 +178,9 @@ def newton_many(
 ) -> None:
     """Solve many rods of one mesh, a block of them at a time.
 
-    sections (rods, sections, 8), turning (rods, pieces, 5), ends (rods, 6); starts (rods, panels + 1, 6)
-    are the first guesses; the nodes go to `out` (rods, panels + 1, 6) and the residuals (rad; here the sum
-    over the equations) to `reached` (rods,).
+    sections (rods, sections, 8), turning (rods, pieces, 5), ends (rods, 6); starts (rods, panels +
+    1, 6) are the first guesses; the nodes go to `out` (rods, panels + 1, 6) and the residuals
+    (rad; here the sum over the equations) to `reached` (rods,).
     """
     count = starts.shape[1] - 1
     panels = np.empty(count * PANEL_WIDTH * L)
@@ -193,7 +230,7 @@ def evaluate_many(
     fields: Array,
     detail: Array,
 ) -> None:
-    """Stations of solved rods into fields (6, rods, stations), and `resolution` of each into `detail`."""
+    """Stations of solved rods into fields (6, rods, stations), `resolution` into `detail`."""
     panels = np.empty((nodes.shape[1] - 1, PANEL_WIDTH))
     out = np.empty((6, arclength.size))
     for rod in range(nodes.shape[0]):

@@ -1,7 +1,8 @@
-"""The equations of one panel of the rod (Eq 4), collocated at four Gauss points, and their linearization.
+"""The equations of one panel of the rod (Eq 4) at four Gauss points, and their linearization.
 
-Everything here works on plain numbers and tuples, without branches in the common case, so that the same
-code serves one rod and a loop over many rods that the compiler turns into vector instructions.
+Everything here works on plain numbers and tuples, without branches in the common case, so that the
+same code serves one rod and a loop over many rods that the compiler turns into vector
+instructions.
 """
 
 from __future__ import annotations
@@ -9,15 +10,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-
 from pneunet_ros.solver.compiled import inlined
 
 Four = tuple[float, float, float, float]
 Triangle = tuple[Four, Four, Four, Four, Four]
 Law = tuple[float, float, float]  # 1/B, M_O, cubic term
-# Axial compliance, stretch at no force, force n1, n2 at the start of the panel, their loss over it.
+# Axial compliance, stretch at no force, force n1, n2 at the start of the panel, their loss over
+# it.
 Mechanics = tuple[float, float, float, float, float, float]
-Turn = tuple[float, float, float, float, float]  # of the unloaded rod to the Gauss points and the end
+Turn = tuple[
+    float, float, float, float, float
+]  # of the unloaded rod to the Gauss points and the end
 
 GAUSS_POINTS = 4
 _points, _weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
@@ -33,9 +36,7 @@ W = tuple(GAUSS_WEIGHTS.tolist())
 A1, A2, A3, A4 = (tuple(row) for row in GAUSS_INTEGRATION.tolist())
 T1, T2, T3, T4 = (tuple(column) for column in GAUSS_INTEGRATION.T.tolist())
 
-S0, S1, S2, S3, S4, S5, S6, S7, S8, S9 = (
-    (-1) ** n / math.factorial(2 * n + 1) for n in range(10)
-)
+S0, S1, S2, S3, S4, S5, S6, S7, S8, S9 = ((-1) ** n / math.factorial(2 * n + 1) for n in range(10))
 K0, K1, K2, K3, K4, K5, K6, K7, K8, K9, K10 = (
     (-1) ** n / math.factorial(2 * n) for n in range(11)
 )
@@ -63,7 +64,7 @@ def sine_cosine(x: float) -> tuple[float, float]:
 
 @inlined
 def curvature_change(moment: float, law: Law) -> tuple[float, float]:
-    """Solve M = M_O + B d (1 + c d^2) for d = kappa - kappa0; also d d/d M. law = (1/B, M_O, c)."""
+    """Solve M = M_O + B d (1 + c d^2) for d = kappa - kappa0; also d d/d M."""
     compliance, offset, cubic = law
     mu = (moment - offset) * compliance
     d = mu
@@ -80,7 +81,7 @@ def curvature_change(moment: float, law: Law) -> tuple[float, float]:
 
 @inlined
 def resolve(sine: float, cosine: float, n1: float, n2: float) -> tuple[float, float]:
-    """Axial and transverse part of the force: t = n1 cos + n2 sin, u = n2 cos - n1 sin; dt/d theta = u."""
+    """Axial and transverse force: t = n1 cos + n2 sin, u = n2 cos - n1 sin = dt/d theta."""
     return n1 * cosine + n2 * sine, n2 * cosine - n1 * sine
 
 
@@ -114,8 +115,8 @@ def panel_fields(
 ) -> tuple[Four, Four, Four, Four, Four, Four, Four, Four]:
     """The rod at the Gauss points of a panel, for given theta there and moment at the start.
 
-    Returns sin, cos, axial force t = n.t, transverse force u = n x t, stretch, moment, d = kappa - kappa0
-    and d d/dM. M' = -stretch u.
+    Returns sin, cos, axial force t = n.t, transverse force u = n x t, stretch, moment, d = kappa -
+    kappa0 and d d/dM. M' = -stretch u.
     """
     a, stretch, n1, n2, q1, q2 = mechanics
     s1, c1 = sine_cosine(theta[0])
@@ -152,7 +153,7 @@ def panel_fields(
 
 @inlined
 def panel_slopes(h: float, axial: float, t: Four, u: Four, stretched: Four) -> Four:
-    """h d M'/d theta at the Gauss points: d(-stretch u)/d theta = stretch t - axial u^2."""
+    """Slopes h dM'/d theta at the Gauss points: d(-stretch u)/d theta = stretch t - axial u^2."""
     return (
         h * (stretched[0] * t[0] - axial * u[0] * u[0]),
         h * (stretched[1] * t[1] - axial * u[1] * u[1]),
@@ -194,8 +195,8 @@ def panel_residual(
 def eliminate(m1: Four, m2: Four, m3: Four, m4: Four) -> Triangle:
     """Triangular factors of the 4 x 4 matrix with these rows, multipliers below the diagonal.
 
-    Without pivoting: the mesh keeps the matrix of a panel near the identity, and the residual after every
-    step is checked. The fifth row holds the reciprocal pivots.
+    Without pivoting: the mesh keeps the matrix of a panel near the identity, and the residual
+    after every step is checked. The fifth row holds the reciprocal pivots.
     """
     p1 = 1.0 / m1[0]
     f2, f3, f4 = m2[0] * p1, m3[0] * p1, m4[0] * p1
@@ -231,10 +232,11 @@ def substitute(triangle: Triangle, r: Four) -> Four:
 
 @inlined
 def linear_panel(k: Four, e: Four) -> tuple[Triangle, Four, Triangle, float]:
-    """The linearized panel, (I - E k) d theta = r + d theta_a + x d M_a at the Gauss points, E = A e A.
+    """The linearized panel, (I - E k) d theta = r + d theta_a + x d M_a with E = A e A.
 
     Returns the factors of its matrix; x; E with a fifth row for the end of the panel, where
-    d theta_b = r + d theta_a + (E_5 k) . d theta + b d M_a and d M_b = r + d M_a + (W k) . d theta; and b.
+    d theta_b = r + d theta_a + (E_5 k) . d theta + b d M_a and d M_b = r + d M_a + (W k) . d
+    theta; and b.
     """
     b1, b2, b3, b4, b5 = times(A1, e), times(A2, e), times(A3, e), times(A4, e), times(W, e)
     e1 = (dot(b1, T1), dot(b1, T2), dot(b1, T3), dot(b1, T4))

@@ -1,7 +1,7 @@
-"""How the solved rod answers to small changes: one linear solve at the solution for any number of causes.
+"""How the solved rod answers to small changes: one linear solve for any number of causes.
 
-The first three causes are the loads F1, F2 and M. Every further cause is a change of the panels and of the
-ends, such as a change of pressure or of a model parameter makes.
+The first three causes are the loads F1, F2 and M. Every further cause is a change of the panels
+and of the ends, such as a change of pressure or of a model parameter makes.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-
 from pneunet_ros.solver.collocation import load_panel, scale_of_moments
 from pneunet_ros.solver.compiled import inlined, kernel
 from pneunet_ros.solver.panel import (
@@ -22,10 +21,9 @@ from pneunet_ros.solver.panel import (
     C2,
     C3,
     C4,
+    dot,
     Four,
     Law,
-    W,
-    dot,
     linear_panel,
     panel_fields,
     panel_slopes,
@@ -34,6 +32,7 @@ from pneunet_ros.solver.panel import (
     sine_cosine,
     substitute,
     times,
+    W,
 )
 
 Array = npt.NDArray[np.float64]
@@ -42,7 +41,7 @@ LOADS = 3
 
 @inlined
 def force_slope(h: float, axial: float, u: Four, stretched: Four, t: Four, v: Four) -> Four:
-    """h dM' at the Gauss points when the force changes by one whose axial and transverse parts are t, v."""
+    """Change h dM' at the Gauss points with a force of axial and transverse parts t, v."""
     return (
         -h * (axial * t[0] * u[0] + stretched[0] * v[0]),
         -h * (axial * t[1] * u[1] + stretched[1] * v[1]),
@@ -55,14 +54,21 @@ def force_slope(h: float, axial: float, u: Four, stretched: Four, t: Four, v: Fo
 def bent(
     h: float, law: Law, moment: float, d: float, e: float, change: Array, moment_changed: float
 ) -> float:
-    """Change of h (kappa - kappa0) at a Gauss point with its moment, its law and its panel length."""
+    """Change of h (kappa - kappa0) at a Gauss point with moment, law and panel length."""
     mu = (moment - law[1]) * change[1] - law[0] * change[2] - change[3] * d * d * d
     return change[0] * d + h * e * (moment_changed + mu / law[0])
 
 
 @inlined
-def strained(i: int, abscissa: float, sine: Four, cosine: Four, axial_force: Four, change: Array,
-             axial: float) -> tuple[float, float]:
+def strained(
+    i: int,
+    abscissa: float,
+    sine: Four,
+    cosine: Four,
+    axial_force: Four,
+    change: Array,
+    axial: float,
+) -> tuple[float, float]:
     """Change of stretch and of transverse force at Gauss point i, theta held."""
     t, u = resolve(
         sine[i], cosine[i], change[6] - abscissa * change[8], change[7] - abscissa * change[9]
@@ -80,12 +86,12 @@ def sensitivities(
     node_changes: Array,
     tip_changes: Array,
 ) -> bool:
-    """Change of the nodes and of the tip (x, y, theta) per cause; returns whether the rod is stable.
+    """Change of nodes and tip (x, y, theta) per cause; returns whether the rod is stable.
 
-    panel_changes (further causes, panels, 16) and end_changes (further causes, 6) come in; node_changes
-    (3 + further causes, panels + 1, 6) and tip_changes (3 + further causes, 3) go out. Stable means: no
-    bending that the clamp allows leaves the energy unchanged before the free end (Jacobi's condition),
-    valid for positive rigidity under dead load.
+    panel_changes (further causes, panels, 16) and end_changes (further causes, 6) come in;
+    node_changes (3 + further causes, panels + 1, 6) and tip_changes (3 + further causes, 3) go
+    out. Stable means: no bending that the clamp allows leaves the energy unchanged before the free
+    end (Jacobi's condition), valid for positive rigidity under dead load.
     """
     count, causes = panels.shape[0], LOADS + panel_changes.shape[0]
     scale = scale_of_moments(panels)

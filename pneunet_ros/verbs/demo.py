@@ -1,4 +1,4 @@
-"""`pneunet demo`: the first minute. Table 1 of the paper through the estimator, as table, MCAP and picture."""
+"""`pneunet demo`: Table 1 of the paper through the estimator, as table, MCAP and picture."""
 
 from __future__ import annotations
 
@@ -7,29 +7,28 @@ import math
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
-
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.holds import held_estimates
 from pneunet_ros.output import atomic_output
 from pneunet_ros.recording import open_recording
 from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.replay import Step, input_topics, record_steps
+from pneunet_ros.replay import input_topics, record_steps, Step
+from pneunet_ros.resources import shipped
 from pneunet_ros.shape import ShapeEstimate
 from pneunet_ros.units import kilopascals, millimeters
 from pneunet_ros.verbs.verb import (
-    DONE,
-    NEGATIVE,
-    Verb,
     add_json,
     add_model,
     add_overwrite,
+    DONE,
     model_of,
+    NEGATIVE,
     output_console,
     print_json,
     progress_bar,
+    Verb,
 )
-from pneunet_ros.resources import shipped
+from rich.table import Table
 
 RECORDING = 'bags/table1'
 

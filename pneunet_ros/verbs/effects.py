@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from rich.table import Table
-
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.units import quantities
-from pneunet_ros.verbs.verb import DONE, Verb, add_json, output_console, print_json
+from pneunet_ros.verbs.verb import add_json, DONE, output_console, print_json, Verb
+from rich.table import Table
 
 
 def run(arguments: Namespace) -> int:
@@ -32,7 +31,16 @@ def run(arguments: Namespace) -> int:
         )
         return DONE
     table = Table(title='Effects a model file may hold under `effects:`', show_lines=True)
-    for column in ('effect', 'place', 'meaning', 'parameter', 'unit', 'neutral', 'allowed', 'prior'):
+    for column in (
+        'effect',
+        'place',
+        'meaning',
+        'parameter',
+        'unit',
+        'neutral',
+        'allowed',
+        'prior',
+    ):
         table.add_column(column, overflow='fold')
     for effect in EFFECTS.values():
         for index, item in enumerate(quantities(effect)):

@@ -6,8 +6,6 @@ from argparse import ArgumentParser, Namespace
 import math
 
 import numpy as np
-from rich.table import Table
-
 from pneunet_ros.equilibrium import DEFAULT_STATIONS, solve
 from pneunet_ros.errors import RequestError
 from pneunet_ros.estimator import Estimator, EstimatorSettings, EstimatorState
@@ -17,15 +15,16 @@ from pneunet_ros.shape import Shape, ShapeEstimate
 from pneunet_ros.tip import solve_tip
 from pneunet_ros.units import kilopascals, millimeters
 from pneunet_ros.verbs.verb import (
-    DONE,
-    NEGATIVE,
-    Verb,
     add_json,
     add_model,
+    DONE,
     model_of,
+    NEGATIVE,
     output_console,
     print_json,
+    Verb,
 )
+from rich.table import Table
 
 
 def options(parser: ArgumentParser) -> None:
@@ -73,7 +72,11 @@ def run(arguments: Namespace) -> int:
     pressure, moment = arguments.pressure, arguments.moment
     if arguments.tip:
         shape = solve_tip(
-            arm, pressure, (arguments.tip[0], arguments.tip[1]), moment, stations=arguments.stations
+            arm,
+            pressure,
+            (arguments.tip[0], arguments.tip[1]),
+            moment,
+            stations=arguments.stations,
         )
     else:
         force = arguments.force or (0.0, 0.0)
@@ -90,7 +93,7 @@ def run(arguments: Namespace) -> int:
 
 
 def uncertain(estimator: Estimator, shape: Shape, pressure: float) -> ShapeEstimate | None:
-    """The same answer as the estimator gives it: with Jacobian and covariance, on the same branch."""
+    """The answer as the estimator gives it: with Jacobian and covariance, on the same branch."""
     state = EstimatorState(solution=shape.solution)
     force = WrenchReading(
         stamp_ns=1,
@@ -125,8 +128,9 @@ def content(shape: Shape, estimate: ShapeEstimate | None) -> dict[str, object]:
         'intrinsic_curvature': shape.intrinsic_curvature,
         'moment': shape.moment,
         'tip': {'x': x, 'y': y, 'theta': theta},
-        'tip_std': None if estimate is None else dict(zip('xy', tip_std(estimate)[:2], strict=True))
-        | {'theta': tip_std(estimate)[2]},
+        'tip_std': None
+        if estimate is None
+        else dict(zip('xy', tip_std(estimate)[:2], strict=True)) | {'theta': tip_std(estimate)[2]},
         'jacobian': None if estimate is None else estimate.jacobian,
     }
 
@@ -154,7 +158,9 @@ def show(shape: Shape, estimate: ShapeEstimate | None) -> None:
     table.add_row('end moment', f'{1000.0 * shape.end_moment:.4f}', '', 'mN m')
     table.add_row('tip x', f'{millimeters(x):.3f}', f'{millimeters(std[0]):.3f}', 'mm')
     table.add_row('tip y', f'{millimeters(y):.3f}', f'{millimeters(std[1]):.3f}', 'mm')
-    table.add_row('tip heading', f'{math.degrees(theta):.3f}', f'{math.degrees(std[2]):.3f}', 'deg')
+    table.add_row(
+        'tip heading', f'{math.degrees(theta):.3f}', f'{math.degrees(std[2]):.3f}', 'deg'
+    )
     largest = int(np.argmax(np.abs(shape.curvature)))
     at = millimeters(float(shape.arclength[largest]))
     table.add_row(

@@ -7,31 +7,30 @@ from contextlib import ExitStack
 from pathlib import Path
 import time
 
-from rich.table import Table
-
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.messages import INPUTS
 from pneunet_ros.model_file import model_hash
 from pneunet_ros.recording import open_recording
 from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.replay import Step, Tally, input_topics, record_steps, steps
+from pneunet_ros.replay import input_topics, record_steps, Step, steps, Tally
 from pneunet_ros.units import kilopascals, millimeters
 from pneunet_ros.verbs.verb import (
-    DONE,
-    NEGATIVE,
-    Verb,
     add_json,
     add_model,
     add_overwrite,
     add_settings,
     add_topics,
+    DONE,
     model_of,
+    NEGATIVE,
     output_console,
     print_json,
     progress_bar,
     settings_of,
     topics_of,
+    Verb,
 )
+from rich.table import Table
 
 
 def options(parser: ArgumentParser) -> None:

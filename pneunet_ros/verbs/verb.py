@@ -1,4 +1,4 @@
-"""What every verb has: how it is called, what it prints, and the settings of an estimator as options."""
+"""What every verb has: how it is called, what it prints, and common options."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ import sys
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
 from pneunet_ros.arm import Arm
 from pneunet_ros.errors import RequestError
 from pneunet_ros.estimator import EstimatorSettings
 from pneunet_ros.model_file import load_model
 from pneunet_ros.resources import shipped
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 DONE, NEGATIVE, WRONG = 0, 1, 2  # exit codes
 PAPER_ARM = 'config/paper_arm.yaml'
@@ -28,7 +27,7 @@ PAPER_ARM = 'config/paper_arm.yaml'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verb:
-    """A verb: name, one line of help, its options, and what it does; `run` returns the exit code."""
+    """A verb: name, one line of help, options, and what it does; `run` gives the exit code."""
 
     name: str
     help: str
