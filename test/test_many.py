@@ -1,0 +1,76 @@
+"""Many rods at once give what each gives alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros import load_model, solve
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.errors import RequestError
+from pneunet_ros.many import FIELDS, solve_many
+from pneunet_ros.resources import shipped
+import pytest
+
+ARM = load_model(shipped('config/paper_arm.yaml'))
+MECHANICS = (
+    EFFECTS['extensibility'](axial_stiffness=40.0),
+    EFFECTS['gravity'](weight_y=-1.0),
+    EFFECTS['clamp_compliance'](compliance=5.0),
+    EFFECTS['load_offset'](offset=0.003),
+)
+
+
+def loads(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    random = np.random.default_rng(3)
+    force = np.array([0.175, 0.07]) * random.uniform(0.9, 1.1, (count, 2))
+    return random.uniform(29e3, 33e3, count), force, random.uniform(-1e-4, 1e-4, count)
+
+
+@pytest.mark.parametrize('effects', [(), MECHANICS], ids=['bare', 'mechanics'])
+def test_each_rod_is_the_one_solved_alone(effects) -> None:
+    arm = replace(ARM, effects=effects)
+    pressure, force, moment = loads(70)  # several blocks, the last one not full
+    shapes = solve_many(
+        arm, pressure, force, moment, start=solve(arm, 31e3, (0.175, 0.07)), stations=23
+    )
+    assert shapes.converged.all()
+    assert shapes.residual.max() < 1e-10
+    for which in range(pressure.size):
+        alone = solve(
+            arm, pressure[which], (force[which, 0], force[which, 1]), moment[which], stations=23
+        )
+        for name in FIELDS:
+            np.testing.assert_allclose(
+                getattr(shapes, name)[which], getattr(alone, name), rtol=0.0, atol=2e-6, err_msg=name
+            )
+        np.testing.assert_allclose(shapes.x[which], alone.x, rtol=0.0, atol=1e-8)
+
+
+def test_a_cubic_law_is_solved_rod_by_rod() -> None:
+    arm = replace(ARM, effects=(EFFECTS['stiffening'](coefficient=1e-4),))
+    start = solve(arm, 31e3, (0.175, 0.07))
+    shapes = solve_many(arm, [30e3, 32e3], [[0.17, 0.07], [0.18, 0.06]], start=start)
+    alone = solve(arm, 32e3, (0.18, 0.06))
+    assert shapes.converged.all()
+    np.testing.assert_allclose(shapes.y[1], alone.y, rtol=0.0, atol=1e-9)
+
+
+def test_a_rod_far_from_the_start_is_solved_or_says_so() -> None:
+    start = solve(ARM, 31e3, (0.175, 0.07))
+    shapes = solve_many(
+        ARM, [31e3, 90e3, 60e3], [[0.175, 0.07], [0.1, 0.0], [-0.02, 0.2]], start=start
+    )
+    assert shapes.converged.tolist() == [True, False, True]
+    assert np.isnan(shapes.x[1]).all()
+    assert np.isfinite(shapes.x[2]).all()
+
+
+def test_misuse_is_refused() -> None:
+    start = solve(ARM, 31e3)
+    with pytest.raises(RequestError, match='3 x 2 forces'):
+        solve_many(ARM, [1e3, 2e3, 3e3], [[0.1, 0.0]] * 2, start=start)
+    with pytest.raises(RequestError, match='finite'):
+        solve_many(ARM, [np.nan], [[0.1, 0.0]], start=start)
+    with pytest.raises(RequestError, match='start'):
+        solve_many(ARM, [1e3], [[0.1, 0.0]], start=solve(ARM, 90e3))
