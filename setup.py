@@ -41,7 +41,7 @@ setup(
         'numba>=0.58',
         'numpy>=1.26',
         'rich>=13',
-        'rosbags>=0.10.9',
+        'rosbags>=0.11.7',
         'ruamel.yaml>=0.17',
         'scipy>=1.11',
         'zstandard>=0.22',
