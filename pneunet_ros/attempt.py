@@ -146,7 +146,7 @@ class Attempt:
         """The present nodes, frozen; the attempt may go on only on a new mesh."""
         return SolverNodes(
             panels=freeze(self.panels),
-            ends=freeze(self.ends),
+            ends=freeze(self.ends.copy()),
             nodes=freeze(self.nodes),
             counts=tuple(self.counts.tolist()),
         )

@@ -239,7 +239,7 @@ def panels_of(rods: Rods, solution: SolverNodes) -> Array:
         rods.sections[0],
         rods.knots,
         rods.turning[0],
-        solution.ends,
+        solution.ends.copy(),
         np.array(solution.counts),
         panels,
     )

@@ -33,8 +33,8 @@ def chain_energy(
     mid-link, turning of the unloaded link. The tangent of a link is that of its mean angle.
     """
     count = links.shape[0]
-    gradient[:] = 0.0
-    diagonal[:] = 0.0
+    for j in range(count + 1):
+        gradient[j], diagonal[j] = 0.0, 0.0
     energy = 0.0
     for j in range(count):
         link = links[j]
@@ -79,7 +79,11 @@ def descend(links: Array, ends: Array, theta: Array, most_iterations: int) -> No
     gradient, diagonal, beside = np.empty(size), np.empty(size), np.empty(size)
     step, trial = np.empty(size), np.empty(size)
     energy = chain_energy(links, ends, theta, gradient, diagonal, beside)
-    softest = 0.01 * links[:, 1].min() / links[:, 0].sum()
+    length, softest = 0.0, np.inf
+    for j in range(count):
+        length += links[j, 0]
+        softest = min(softest, links[j, 1])
+    softest *= 0.01 / length
     for _ in range(most_iterations):
         for j in range(size):  # factor L D L^T, pivots kept positive
             pivot = abs(diagonal[j])
@@ -105,7 +109,8 @@ def descend(links: Array, ends: Array, theta: Array, most_iterations: int) -> No
             if lowered <= energy:
                 break
             reach *= 0.5
-        theta[:] = trial
+        for j in range(size):
+            theta[j] = trial[j]
         energy = lowered
         if largest * reach < SETTLED:
             return

@@ -44,6 +44,7 @@ NODE_WIDTH = 6
 SLOPE_WIDTH = 14
 STEP_WIDTH = 18
 TOLERANCE = 1e-13  # rad; the residual a Newton iteration aims at
+FEWEST_PANELS = 6.0  # per length of the rod: the intrinsic curvature has detail of this size
 ACCEPTED = 1e-10  # rad; the residual that still counts as equilibrium where rounding stops Newton
 
 
@@ -81,6 +82,7 @@ def panel_counts(
         per_length = max(
             math.sqrt(force * flexibility) / decay_lengths,
             (bend + abs(ends[5]) * flexibility) / turn,
+            FEWEST_PANELS / length,
         )
         needed = math.ceil((stop - sections[k, 0]) * per_length)
         counts[k] = max(1, int(min(needed, most // sections.shape[0])))
@@ -257,6 +259,14 @@ def scale_of_moments(panels: Array) -> float:
 
 
 @kernel
+def blend(nodes: Array, share: float, other: Array, out: Array) -> None:
+    """Set out to nodes with a share of other nodes."""
+    for p in range(nodes.shape[0]):
+        for i in range(nodes.shape[1]):
+            out[p, i] = (1.0 - share) * nodes[p, i] + share * other[p, i]
+
+
+@kernel
 def newton(
     panels: Array, ends: Array, nodes: Array, most_iterations: int, tolerance: float
 ) -> tuple[float, int]:
@@ -275,15 +285,15 @@ def newton(
     for iteration in range(most_iterations):
         if residual <= tolerance:
             return residual, iteration
-        before[:] = nodes
+        blend(nodes, 0.0, nodes, before)
         newton_step(ends, nodes, slopes, steps, scale)
         following = residual_pass(panels, ends, nodes, slopes, scale)
         halvings = 0
         while not following < residual and halvings < 8:
             if residual <= ACCEPTED:  # rounding: no step will help any more
-                nodes[:] = before
+                blend(before, 0.0, before, nodes)
                 return residual, iteration
-            nodes[:] = 0.5 * (nodes + before)
+            blend(nodes, 0.5, before, nodes)
             following = residual_pass(panels, ends, nodes, slopes, scale)
             halvings += 1
         if not following < residual:

@@ -103,7 +103,8 @@ def sensitivities(
     norm = 1.0 / math.sqrt(ends[1] * ends[1] + scale * scale)
     v0, v1 = ends[1] * norm, norm
     stable = True
-    tip_changes[:] = 0.0
+    for cause in range(causes):
+        tip_changes[cause, 0], tip_changes[cause, 1] = 0.0, 0.0
     for cause in range(LOADS, causes):
         end = end_changes[cause - LOADS]
         w[cause, 0] = end[0] + end[1] * nodes[0, 5]

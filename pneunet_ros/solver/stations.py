@@ -106,8 +106,9 @@ def at_stations(
                     for j in range(6):
                         total += FROM_VALUES[k, j] * values[field, j]
                     series[field, k] = total * h / (k + 1.0)
-            following_x += series[0].sum()
-            following_y += series[1].sum()
+            for k in range(6):
+                following_x += series[0, k]
+                following_y += series[1, k]
         u = (s - start) / h
         for field in range(4):
             total = 0.0
@@ -135,6 +136,14 @@ def at_stations(
 
 
 @kernel
+def move(base: Array, size: float, change: Array, out: Array) -> None:
+    """Set out = base + size change, for tables."""
+    for i in range(base.shape[0]):
+        for j in range(base.shape[1]):
+            out[i, j] = base[i, j] + size * change[i, j]
+
+
+@kernel
 def station_changes(
     panels: Array,
     nodes: Array,
@@ -153,8 +162,9 @@ def station_changes(
     known change of the nodes; its step turns no joint by more than 1e-5 rad.
     """
     loads = node_changes.shape[0] - panel_changes.shape[0]
-    before = np.empty((6, arclength.size))
-    moved = np.empty_like(panels)
+    sides = np.empty((2, 6, arclength.size))
+    moved_panels, moved_nodes = np.empty(panels.shape), np.empty(nodes.shape)
+    moved_turning = np.empty(turning.shape)
     for cause in range(node_changes.shape[0]):
         largest = 0.0
         for p in range(nodes.shape[0]):
@@ -162,17 +172,18 @@ def station_changes(
         step = 1e-5 / largest if largest > 0.0 else 1e-5
         for side in range(2):
             signed = step if side == 1 else -step
-            moved[:] = panels
-            turned = turning
-            if cause >= loads:
-                moved += signed * panel_changes[cause - loads]
-                turned = turning + signed * turning_changes[cause - loads]
-            elif cause < 2:
-                moved[:, 6 + cause] += signed
-            at_stations(
-                moved, nodes + signed * node_changes[cause], knots, turned, arclength, out[cause]
-            )
-            if side == 0:
-                before[:] = out[cause]
-        out[cause] -= before
-        out[cause] *= 0.5 / step
+            move(nodes, signed, node_changes[cause], moved_nodes)
+            if cause < loads:
+                move(panels, 0.0, panels, moved_panels)
+                move(turning, 0.0, turning, moved_turning)
+            else:
+                move(panels, signed, panel_changes[cause - loads], moved_panels)
+                move(turning, signed, turning_changes[cause - loads], moved_turning)
+            if cause < 2:
+                for p in range(panels.shape[0]):
+                    moved_panels[p, 6 + cause] += signed
+            at_stations(moved_panels, moved_nodes, knots, moved_turning, arclength, sides[side])
+        for field in range(6):
+            for i in range(arclength.size):
+                difference = sides[1, field, i] - sides[0, field, i]
+                out[cause, field, i] = difference * (0.5 / step)
