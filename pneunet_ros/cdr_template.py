@@ -7,7 +7,7 @@ these are filled in.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
 import struct
 from typing import Any
@@ -24,35 +24,31 @@ Serialize = Callable[[Any, str], bytes]
 
 # A stamp that no message holds by chance: 1234567890 s, 987654321 ns.
 _PROBE_STAMP = 1_234_567_890_987_654_321
-_ENCAPSULATION = 4  # bytes before the body; the body is aligned, not the whole
+_BODY = 4  # bytes of encapsulation before the body; the body is aligned, not the whole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CdrTemplate:
     """A serialized message with the places of its stamps and of its rows of numbers.
 
-    `stamps`: indices of seconds among the 32-bit words of the body, nanoseconds follow each. The
-    rows are `row_bytes` long, at `offset` and every `stride` bytes from there.
+    `stamps` (k, 2): indices of seconds and nanoseconds among 32-bit words of the body. The rows
+    are as long as `row` and stand at `offset` (bytes) and every `stride` bytes from there.
     """
 
     raw: bytes
     stamps: npt.NDArray[np.intp]
     offset: int
     stride: int
-    row_bytes: int
+    row: np.dtype[np.void]
 
     def fill(self, stamp_ns: int, numbers: npt.NDArray[Any]) -> bytes:
         """Return the message with this stamp (ns) and these numbers, a row per first index."""
         raw = bytearray(self.raw)
-        if self.stamps.size:
-            words = np.frombuffer(raw, np.int32, (len(raw) - _ENCAPSULATION) // 4, _ENCAPSULATION)
-            seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
-            words[self.stamps] = seconds
-            words[self.stamps + 1] = nanoseconds
-        rows = len(numbers)
-        source = np.ascontiguousarray(numbers).view(np.uint8).reshape(rows, self.row_bytes)
-        strides = (self.stride, 1)
-        np.ndarray(source.shape, np.uint8, raw, self.offset, strides)[...] = source
+        if len(self.stamps):
+            words = np.frombuffer(raw, np.int32, (len(raw) - _BODY) // 4, _BODY)
+            words[self.stamps] = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
+        rows = np.ndarray(len(numbers), self.row, raw, self.offset, self.stride)
+        rows[:] = np.ascontiguousarray(numbers).view(self.row).ravel()
         return bytes(raw)
 
 
@@ -99,22 +95,20 @@ class EstimateSerializer:
             )
         return CdrTemplate(
             raw=raw,
-            stamps=_stamp_words(raw),
+            stamps=np.array([((p - _BODY) // 4, (p - _BODY) // 4 + 1) for p in _stamps(raw)]),
             offset=offsets[0],
             stride=stride,
-            row_bytes=len(rows[0]),
+            row=np.dtype((np.void, len(rows[0]))),
         )
 
 
-def _stamp_words(raw: bytes) -> npt.NDArray[np.intp]:
-    """Where the stamp of the probe stands, in 32-bit words of the body."""
+def _stamps(raw: bytes) -> Iterator[int]:
+    """Yield the places of the stamp of the probe."""
     pattern = struct.pack('<iI', *divmod(_PROBE_STAMP, NANOSECONDS_PER_SECOND))
-    places = []
     place = raw.find(pattern)
     while place >= 0:
-        places.append((place - _ENCAPSULATION) // 4)
+        yield place
         place = raw.find(pattern, place + len(pattern))
-    return np.array(places, dtype=np.intp)
 
 
 def _probe(estimate: ShapeEstimate) -> ShapeEstimate:
