@@ -66,6 +66,8 @@ format: $(VENV)/all ## put the code into shape
 .PHONY: colcon
 colcon: $(COLCON)/all ## build as on a robot, with colcon from PyPI: install/local_setup.bash
 	AMENT_PREFIX_PATH=$(abspath $(COLCON)) $(COLCON)/bin/python -m colcon build --base-paths .
+	bash -c 'source install/local_setup.bash && install/pneunet_ros/lib/pneunet_ros/pneunet --version'
+	test -x install/pneunet_ros/lib/pneunet_ros/estimator
 
 .PHONY: clean
 clean: ## remove all that was made here
@@ -75,16 +77,18 @@ clean: ## remove all that was made here
 # One environment for one version of Python.
 %/python-$(VERSION):
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed: make PYTHON=python3.12 ...")'
-	rm -rf $*
-	$(PYTHON) -m venv $*
+	@rm -rf $*
+	@$(PYTHON) -m venv $*
 	@touch $@
 
 $(VENV)/run: $(VENV)/python-$(VERSION) setup.py
-	$(VENV)/bin/python $(PIP) -e .
+	@echo 'installing pneunet_ros and what it needs into $(VENV): a minute or two'
+	@$(VENV)/bin/python $(PIP) -e .
 	@touch $@
 
 $(VENV)/all: $(VENV)/python-$(VERSION) setup.py
-	$(VENV)/bin/python $(PIP) -e '.[dev,ros]'
+	@echo 'installing pneunet_ros, ROS and the tools for testing into $(VENV): a minute or two'
+	@$(VENV)/bin/python $(PIP) -e '.[dev,ros]'
 	@touch $(VENV)/run $@
 
 # Nothing is compiled, so that no compiler is needed; empy is plain Python and has no wheel.
