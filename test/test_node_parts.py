@@ -1,0 +1,167 @@
+"""The parts of the node without DDS: parameters and their documents, rates, levels, log."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from estimates import random_estimate
+from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.estimator import EstimatorState
+from pneunet_ros.resources import shipped
+from pneunet_ros.shape import Refusal
+import pytest
+from ruamel.yaml import YAML
+
+# The wheels of ROS import a parser that is older than Python 3.11.
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
+]
+pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
+
+from pneunet_ros.nodes.health import Health, Level  # noqa: E402
+from pneunet_ros.nodes.log import Log  # noqa: E402
+from pneunet_ros.nodes.parameters import describe, PARAMETERS, READ_ONLY  # noqa: E402
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
+from pneunet_ros.nodes.topics import EstimatePublisher, PUBLISHED  # noqa: E402
+
+# Parameters
+
+
+def test_the_shipped_parameters_are_the_defaults():
+    content = YAML(typ='safe', pure=True).load(shipped('config/estimator.yaml').read_text())
+    assert content == {
+        '/**': {'ros__parameters': {field.name: field.default for field in PARAMETERS}}
+    }
+    for field in PARAMETERS:
+        value = content['/**']['ros__parameters'][field.name]
+        assert type(value) is type(field.default)
+
+
+def test_each_shipped_parameter_has_a_comment():
+    lines = shipped('config/estimator.yaml').read_text().splitlines()
+    for field in PARAMETERS:
+        (place,) = (i for i, line in enumerate(lines) if line.startswith(f'    {field.name}:'))
+        assert lines[place - 1].startswith('    #')
+
+
+def test_the_manual_has_the_table_of_parameters(checkout):
+    manual = (checkout / 'docs/estimator.md').read_text()
+    for field in PARAMETERS:
+        assert manual_row(field) in manual
+
+
+def manual_row(field):
+    """The row of a parameter in the manual."""
+    meta = field.metadata
+    allowed = ', '.join(str(choice) for choice in meta.get('choices') or ())
+    if 'bounds' in meta:
+        low, high = meta['bounds']
+        allowed = f'{low:g} to {high:g}' + (f' {meta["unit"]}' if 'unit' in meta else '')
+    when = 'at start' if field.name in READ_ONLY else 'any time'
+    default = repr(field.default).lower() if isinstance(field.default, bool) else field.default
+    return f'| `{field.name}` | `{default!s}` | {allowed} | {when} | {meta["meaning"]} |'
+
+
+@pytest.mark.parametrize('field', PARAMETERS, ids=lambda field: field.name)
+def test_a_parameter_is_described(field):
+    descriptor = describe(field)
+    assert field.metadata['meaning'] in descriptor.description
+    ranges = len(descriptor.floating_point_range) + len(descriptor.integer_range)
+    assert ranges == ('bounds' in field.metadata)
+    assert descriptor.read_only == (field.name in READ_ONLY)
+
+
+# Rates and levels, with a clock of the test's own
+
+
+class SilentPublisher:
+    """As much of a publisher as `EstimatePublisher` needs."""
+
+    def __init__(self):
+        self.subscribers, self.published = 1, 0
+
+    def get_subscription_count(self):
+        return self.subscribers
+
+    def publish(self, message):
+        self.published += 1
+
+
+class SilentNode:
+    """As much of a node as `EstimatePublisher` needs."""
+
+    def __init__(self):
+        self.publishers = {}
+
+    def create_publisher(self, kind, topic, qos, **options):
+        return self.publishers.setdefault(topic, SilentPublisher())
+
+
+def published_in(seconds, rate, centerline_rate, subscribers=1):
+    """How many messages of each topic estimates of a steady rate bring."""
+    node = SilentNode()
+    serializer = EstimateSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
+    outputs = EstimatePublisher(node, serializer, centerline_rate)
+    for publisher in node.publishers.values():
+        publisher.subscribers = subscribers
+    estimate = random_estimate(3)
+    for index in range(round(seconds * rate)):
+        outputs.publish(estimate, 1000.0 + index / rate)
+    return {topic: publisher.published for topic, publisher in node.publishers.items()}
+
+
+@pytest.mark.parametrize(
+    ('centerline_rate', 'expected'), [(30.0, 60), (0.0, 200), (1000.0, 200), (0.5, 1)]
+)
+def test_the_centerline_keeps_its_rate(centerline_rate, expected):
+    counts = published_in(2.0, 100.0, centerline_rate)
+    assert counts.pop('centerline') == pytest.approx(expected, abs=1)
+    assert counts == dict.fromkeys(('shape', 'tip', 'tip_jacobian', 'curvature'), 200)
+
+
+def test_nothing_is_published_for_nobody():
+    assert not any(published_in(1.0, 100.0, 30.0, subscribers=0).values())
+
+
+def error_at(stamp_ns=1):
+    return Refusal(stamp_ns=stamp_ns, reason='no_wrench', sentence='no wrench', error=True)
+
+
+def test_health_is_an_error_until_there_are_estimates_again():
+    health = Health('/pressure', 100.0)
+    state = EstimatorState()
+    assert health.report(state, 0.5, 100.4).level == Level.OK
+    assert health.report(state, 0.5, 101.0).level == Level.ERROR
+    health.took_pressure(random_estimate(), 101.1, 0.001)
+    report = health.report(state, 0.5, 101.2)
+    assert (report.level, report.message) == (Level.OK, 'estimating at 5 Hz')
+    health.took_pressure(error_at(), 101.3, 0.001)
+    assert health.report(state, 0.5, 101.4).message == 'no wrench'
+    assert health.report(state, 0.5, 101.5).level == Level.ERROR
+    health.took_pressure(random_estimate(), 101.6, 0.001)
+    assert health.report(state, 0.5, 101.7).level == Level.OK
+    assert health.report(state, 0.5, 105.0).level == Level.ERROR
+
+
+def test_pressure_that_cannot_be_used_is_silence():
+    health = Health('/pressure', 100.0)
+    dropped = Refusal(stamp_ns=1, reason='not_finite', sentence='holds NaN', error=False)
+    health.took_pressure(dropped, 100.4, 0.001)
+    report = health.report(EstimatorState(), 0.5, 101.0)
+    assert report.level == Level.ERROR
+    assert report.message == 'no usable pressure on /pressure for 1.0 s; holds NaN'
+
+
+def test_the_log_repeats_itself_once_a_minute():
+    said = []
+    log = Log(SimpleNamespace(warning=said.append, error=said.append))
+    for second in range(120):
+        log.warn('older', f'{second} older', float(second))
+        log.error('no_wrench', f'{second} wrench', float(second))
+    assert said == ['0 older', '0 wrench', '60 older', '60 wrench']
+
+
+def test_what_controllers_need_is_published_first():
+    names = [topic.name for topic in PUBLISHED]
+    assert names == ['shape', 'tip', 'tip_jacobian', 'curvature', 'centerline']

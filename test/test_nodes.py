@@ -1,0 +1,540 @@
+"""The node as it runs: real processes, real DDS, and what it makes of good and bad input."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import re
+import signal
+import time
+
+from estimates import plain
+import numpy as np
+from pneunet_ros import __version__
+from pneunet_ros.estimate_messages import SHAPE_POINT
+from pneunet_ros.estimator import Estimator
+from pneunet_ros.message_store import ROSBAGS_TYPES
+from pneunet_ros.messages import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.model_file import load_model, model_hash, save_model
+from pneunet_ros.recording import open_recording
+from pneunet_ros.recording_writer import write_recording
+from pneunet_ros.replay import input_topics, steps
+from pneunet_ros.resources import shipped
+from pneunet_ros.shape import ShapeEstimate
+import pytest
+
+import bags
+
+# The wheels of ROS import a parser that is older than Python 3.11.
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
+]
+pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
+
+from dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
+from pneunet_ros.nodes.health import Level  # noqa: E402
+from sensor_msgs.msg import FluidPressure  # noqa: E402
+
+# The node that most tests share, and those with a node of their own, must not hear each other.
+DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
+OTHER_DOMAIN = (DOMAIN + 50) % 101 + 1
+
+# What gives every estimate on every topic, and takes every reading sent.
+EVERYTHING = (
+    *('-p', 'centerline_rate:=0.0', '-p', 'input_timeout:=30.0'),
+    *('-p', 'qos_overrides./pneunet/pressure.subscription.reliability:=reliable'),
+    *('-p', 'qos_overrides./pneunet/end_wrench.subscription.reliability:=reliable'),
+)
+
+
+@pytest.fixture(scope='module')
+def node(tmp_path_factory):
+    """A node that ends cleanly when asked to, after all that the tests of this file did to it."""
+    output = tmp_path_factory.mktemp('node') / 'output'
+    with running_node(output, DOMAIN, *EVERYTHING) as process:
+        process.wait_for('ready')
+        yield process
+        assert process.end(signal.SIGTERM) == 0, process.text
+        assert 'Traceback' not in process.text
+
+
+@pytest.fixture(scope='module')
+def connected(node):
+    peer = Peer(DOMAIN)
+    peer.connect()
+    yield peer
+    peer.close()
+
+
+@pytest.fixture
+def peer(connected):
+    """The peer of a node that remembers nothing."""
+    connected.start_anew()
+    return connected
+
+
+@pytest.fixture
+def lonely_peer():
+    """A peer for a node of the test's own."""
+    peer = Peer(OTHER_DOMAIN)
+    yield peer
+    peer.close()
+
+
+# Live and replay
+
+
+def played_back(path):
+    """(recorded message, messages of all outputs by topic or None) for a recording, by replay."""
+    recording = open_recording(path)
+    estimator = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
+    frame_id = estimator.settings.frame_id
+    for step in steps(recording, estimator, input_topics(recording, estimator, {})):
+        messages = None
+        if isinstance(step.outcome, ShapeEstimate):
+            messages = {
+                output.name: output.encode(step.outcome, frame_id, ROSBAGS_TYPES)
+                for output in OUTPUTS
+            }
+        yield step.message, messages
+
+
+def played_live(peer, path):
+    """What `played_back` gives, by the node; one reading after the other."""
+    for message, expected in played_back(path):
+        publisher = peer.pressures if message.topic.endswith('pressure') else peer.wrenches
+        publisher.publish(bytes(message.raw))
+        if expected is None:
+            peer.barrier()
+        else:
+            assert peer.spin_until(lambda: all(peer.outputs().values())), peer.outputs()
+        got = {name: messages.pop() for name, messages in peer.received.items() if messages}
+        assert not any(peer.outputs().values())
+        yield message, got or None
+
+
+def exactly(messages):
+    """Messages of either binding as text that tells the last bit of every number."""
+    return messages and {name: repr(plain(messages[name])) for name in sorted(messages)}
+
+
+def same_live_as_replayed(peer, path):
+    """Compare all messages of all topics field by field; returns how many estimates there were."""
+    estimates = 0
+    for (_, live), (_, replayed) in zip(played_live(peer, path), played_back(path), strict=True):
+        assert exactly(live) == exactly(replayed)
+        estimates += live is not None
+    return estimates
+
+
+def test_live_equals_replay_bit_for_bit(peer, tmp_path):
+    """A part of the shipped recording, over all its loads."""
+    recording = open_recording(shipped('bags/table1'))
+    part = tmp_path / 'part.mcap'
+    with write_recording(part) as writer:
+        topics = {topic.name: writer.add_copy(topic) for topic in recording.topics}
+        for message in recording.raw_messages(list(topics)):
+            if round(message.log_time_ns * 1e-9 / 0.05) % 10 == 0:
+                writer.write_raw(topics[message.topic], message.log_time_ns, message.raw)
+    assert same_live_as_replayed(peer, part) > 150
+
+
+def write_bad_readings(path):
+    """Good readings with all kinds of bad ones in between, and a jump back in time at the end."""
+    good = [(kind, 1.0 + 0.05 * index) for index in range(10) for kind in ('wrench', 'pressure')]
+    readings = [
+        *((kind, at, 20e3 if kind == 'pressure' else 0.1) for kind, at in good),
+        ('pressure', 1.50, math.nan),
+        ('wrench', 1.50, math.inf),
+        ('pressure', 1.50, 21e3),
+        ('pressure', 1.50, 22e3),  # the same stamp again
+        ('pressure', 1.45, 22e3),  # a little older
+        ('pressure', 1.90, 23e3),
+        ('pressure', 2.00, 24e3),  # the wrench is from 1.45
+        ('wrench', 2.05, 0.12),
+        ('pressure', 2.05, 25e3),
+        ('pressure', 2.10, 80e3),
+        ('pressure', 2.15, 67e3),  # extrapolated
+        ('pressure', 2.20, 131e3),
+        ('pressure', 2.25, 26e3),
+        *((kind, at - 0.9, 30e3 if kind == 'pressure' else 0.2) for kind, at in good),
+    ]
+    with write_recording(path) as writer:
+        topics = {
+            'pressure': (writer.add(bags.PRESSURE, PRESSURE_TYPE), bags.pressure),
+            'wrench': (writer.add(bags.WRENCH, WRENCH_TYPE), bags.wrench),
+        }
+        for index, (kind, seconds, value) in enumerate(readings):
+            topic, make = topics[kind]
+            writer.write(topic, index * bags.STEP_NS, make(round(seconds * 1e9), value))
+
+
+def test_live_equals_replay_where_readings_are_refused(peer, tmp_path):
+    readings = tmp_path / 'bad.mcap'
+    write_bad_readings(readings)
+    before = peer.report()[2]
+    assert same_live_as_replayed(peer, readings) == 25
+    after = peer.report()[2]
+    reasons = [name.partition('/')[2] for name in after if '/' in name]
+    assert {name: rejected(after, name) - rejected(before, name) for name in reasons} == {
+        'not_finite': 2,
+        'duplicate': 1,
+        'older': 1,
+        'stale_wrench': 1,
+        'out_of_range': 2,
+    }
+    assert int(after['resets']) == int(before['resets']) + 1
+
+
+# Bad input
+
+
+def expect_estimate(peer, seconds, value=30e3):
+    """Send good readings and return the shape."""
+    peer.received['shape'].clear()
+    peer.send(seconds, value)
+    assert peer.spin_until(lambda: peer.received['shape'])
+    (shape,) = peer.received['shape']
+    sent = divmod(round(seconds * 1e9), 1_000_000_000)
+    assert (shape.header.stamp.sec, shape.header.stamp.nanosec) == sent
+    assert shape.is_dense
+    assert np.isfinite(np.frombuffer(shape.data, SHAPE_POINT)['x']).all()
+    return shape
+
+
+def same_shape(left, right):
+    """Whether two shapes agree but for what is left by solving from different neighbors."""
+    angles = (np.frombuffer(message.data, SHAPE_POINT)['theta'] for message in (left, right))
+    return np.allclose(*angles, rtol=0.0, atol=1e-8)
+
+
+def pressure_with_bad_stamp(peer):
+    message = FluidPressure(fluid_pressure=30e3)
+    message.header.stamp.nanosec = 4_000_000_000
+    peer.pressures.publish(message)
+
+
+def test_dropped_readings_are_counted_by_reason(peer):
+    expect_estimate(peer, 100.0)
+    before = peer.report()[2]
+    peer.pressure(100.1, math.nan)
+    peer.pressure(100.0)
+    peer.pressure(99.7)
+    pressure_with_bad_stamp(peer)
+    peer.barrier()
+    level, message, after = peer.report()
+    assert Level(level).name == 'WARN'
+    for words in (
+        'pressure reading holds NaN or infinity',
+        'the stamp of the last one',
+        '0.3 s older than the last one',
+        'nanosec = 4000000000',
+    ):
+        assert words in message
+    for reason in ('not_finite', 'duplicate', 'older', 'unreadable'):
+        assert rejected(after, reason) == rejected(before, reason) + 1
+    assert len(peer.received['shape']) == 1
+    expect_estimate(peer, 100.1)
+    assert peer.report()[0] == Level.OK
+
+
+def rejected(values, reason):
+    """How many readings were rejected for a reason, by the values of diagnostics."""
+    return int(values.get(f'rejected/{reason}', 0))
+
+
+STOPPED = {
+    'stale': (101.0, 30e3, 'stale_wrench', 'wrench_timeout = 0.5 s'),
+    'absolute': (100.1, 131e3, 'out_of_range', 'set pressure_reference to absolute'),
+    'too high': (100.1, 80e3, 'out_of_range', 'pressure 80 kPa is outside the calibrated range'),
+}
+
+
+@pytest.mark.parametrize('what', STOPPED)
+def test_no_shape_is_better_than_a_wrong_one(peer, what):
+    seconds, value, reason, words = STOPPED[what]
+    expect_estimate(peer, 100.0)
+    before = peer.report()[2]
+    peer.pressure(seconds, value)
+    peer.barrier()
+    level, message, after = peer.report()
+    assert Level(level).name == 'ERROR'
+    assert words in message
+    assert rejected(after, reason) == rejected(before, reason) + 1
+    assert len(peer.received['shape']) == 1
+    expect_estimate(peer, 101.1)
+
+
+@pytest.mark.parametrize(
+    ('reason', 'frame_id', 'force', 'level', 'words'),
+    [
+        (
+            'wrong_frame',
+            'tool0',
+            0.1,
+            'ERROR',
+            "'tool0', which is not pneunet_base; set wrench_frame",
+        ),
+        (
+            'not_finite',
+            'pneunet_base',
+            math.inf,
+            'WARN',
+            'end wrench reading holds NaN or infinity',
+        ),
+    ],
+)
+def test_a_bad_wrench_is_refused_and_the_last_good_one_used(
+    peer, reason, frame_id, force, level, words
+):
+    good = expect_estimate(peer, 100.0)
+    before = peer.report()[2]
+    peer.wrench(100.1, force, frame_id)
+    peer.barrier()
+    peer.pressure(100.1)
+    assert peer.spin_until(lambda: len(peer.received['shape']) == 2)
+    assert same_shape(peer.received['shape'][-1], good)
+    found, message, after = peer.report()
+    assert Level(found).name == level
+    assert words in message
+    assert rejected(after, reason) == rejected(before, reason) + 1
+
+
+def test_without_a_wrench_there_is_no_estimate(peer):
+    peer.pressure(100.0)
+    peer.barrier()
+    level, message, _ = peer.report()
+    assert Level(level).name == 'ERROR'
+    assert 'set wrench_required to false' in message
+    assert not any(peer.outputs().values())
+    expect_estimate(peer, 100.1)
+
+
+def test_a_jump_back_in_time_starts_anew(peer):
+    expect_estimate(peer, 100.0)
+    before = peer.report()[2]
+    expect_estimate(peer, 50.0)
+    after = peer.report()[2]
+    assert int(after['resets']) == int(before['resets']) + 1
+
+
+def test_extrapolation_is_published_with_a_warning(peer):
+    expect_estimate(peer, 100.0, 67e3)
+    level, message, values = peer.report()
+    assert Level(level).name == 'WARN'
+    assert 'extrapolated' in message
+    assert values['extrapolated'] == 'True'
+
+
+def test_diagnostics_hold_all_numbers(peer):
+    for index in range(20):
+        expect_estimate(peer, 100.0 + 0.01 * index)
+    level, message, values = peer.report()
+    assert Level(level).name == 'OK'
+    assert message.startswith('estimating at ')
+    assert float(values['residual_rad']) < 1e-9
+    assert int(values['iterations']) >= 0
+    assert 0.0 < float(values['solve_time_s']) < 1.0
+    assert 0.0 < float(values['rate_hz']) < 1000.0
+    assert 0.0 <= float(values['pressure_age_s']) <= float(values['wrench_age_s']) < 10.0
+    assert float(values['wrench_lag_s']) == 0.0
+    assert 0.0 < float(values['latency_p50_s']) <= float(values['latency_p99_s'])
+    assert int(values['estimates']) >= 20
+    assert values['stable'] == 'True'
+    assert values['warnings'] == ''
+    assert float(values['pressure_offset_pa']) == 0.0
+    assert values['model'] == model_name(shipped('config/paper_arm.yaml'))
+
+
+# Services and parameters
+
+
+def model_name(path):
+    arm = load_model(path)
+    return f'{arm.name} {model_hash(arm)[:12]}'
+
+
+def test_model_info_is_there_for_those_who_come_late(peer):
+    arm = load_model(shipped('config/paper_arm.yaml'))
+    info = json.loads(peer.model_info())
+    assert info['name'] == arm.name
+    assert info['hash'] == model_hash(arm)
+    assert info['pressure_range'] == [0.0, 66000.0]
+    assert info['length'] == arm.length
+    assert info['pressure_offset'] == 0.0
+    assert info['effects'] == {}
+    assert info['version'] == __version__
+
+
+def test_zero_pressure_finds_the_offset(peer):
+    refused = peer.trigger('zero_pressure')
+    assert not refused.success
+    assert 'at least 5' in refused.message
+    for index in range(10):
+        expect_estimate(peer, 100.0 + 0.01 * index, 300.0 + index % 2)
+    answer = peer.trigger('zero_pressure')
+    assert answer.success, answer.message
+    try:
+        assert peer.get('pressure_offset') == pytest.approx(-300.5)
+        assert json.loads(peer.model_info())['pressure_offset'] == pytest.approx(-300.5)
+        assert float(peer.report()[2]['pressure_offset_pa']) == pytest.approx(-300.5)
+        zeroed = expect_estimate(peer, 101.0, 30e3 + 300.5)
+    finally:
+        assert peer.set(pressure_offset=0.0).successful
+    assert same_shape(expect_estimate(peer, 101.1, 30e3), zeroed)
+
+
+def test_another_model_is_used_and_a_bad_one_is_not(peer, tmp_path):
+    arm = load_model(shipped('config/paper_arm.yaml'))
+    file = tmp_path / 'model.yaml'
+    save_model(dataclasses.replace(arm, name='mine', length=0.13), file)
+    expect_estimate(peer, 100.0)
+    assert peer.set(model_file=str(file)).successful
+    try:
+        assert json.loads(peer.model_info())['length'] == 0.13
+        longer = expect_estimate(peer, 100.1)
+        assert np.frombuffer(longer.data, SHAPE_POINT)['s'][-1] == 0.13
+
+        file.write_text('name: nothing\n')
+        answer = peer.trigger('reload_model')
+        assert not answer.success
+        assert str(file) in answer.message
+        assert 'the old model stays in use' in answer.message
+        expect_estimate(peer, 100.2)
+
+        save_model(dataclasses.replace(arm, name='mine', length=0.12), file, overwrite=True)
+        answer = peer.trigger('reload_model')
+        assert answer.success, answer.message
+        assert answer.message.endswith(model_name(file))
+        assert json.loads(peer.model_info())['length'] == 0.12
+
+        refused = peer.set(model_file=str(tmp_path / 'nothing.yaml'))
+        assert not refused.successful
+        assert 'nothing.yaml' in refused.reason
+        assert peer.get('model_file') == str(file)
+    finally:
+        assert peer.set(model_file='').successful
+    assert json.loads(peer.model_info())['length'] == 0.112
+
+
+def test_parameters_are_used_from_then_on(peer):
+    plain_force = expect_estimate(peer, 100.0)
+    assert peer.set(wrench_sign=-1).successful
+    try:
+        peer.pressure(100.1)  # the wrench that was taken by the old sign is not used
+        peer.barrier()
+        assert len(peer.received['shape']) == 1
+        turned = expect_estimate(peer, 100.2)
+        assert not same_shape(turned, plain_force)
+    finally:
+        assert peer.set(wrench_sign=1).successful
+    assert peer.set(wrench_frame='tool0').successful
+    peer.wrench(100.3, frame_id='tool0')
+    peer.barrier()
+    peer.received['shape'].clear()
+    peer.pressure(100.3)
+    assert peer.spin_until(lambda: peer.received['shape'])
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'words'),
+    [
+        ('wrench_timeout', -1.0, 'wrench_timeout'),
+        ('wrench_timeout', 1, 'type'),
+        ('wrench_yaw', math.nan, 'wrench_yaw'),
+        ('wrench_sign', 2, 'must be one of 1, -1'),
+        ('pressure_reference', 'relative', 'must be one of gauge, absolute'),
+        ('stations', 11, 'read-only'),
+        ('frame_id', 'other', 'read-only'),
+        ('model_file', '/nowhere.yaml', '/nowhere.yaml'),
+    ],
+)
+def test_an_unfit_parameter_changes_nothing(peer, name, value, words):
+    before = peer.get(name)
+    answer = peer.set(**{name: value})
+    assert not answer.successful
+    assert words in answer.reason
+    assert peer.get(name) == before
+    expect_estimate(peer, 100.0)
+
+
+# Starting and ending
+
+
+def test_without_wrench_on_simulated_time_until_silence(tmp_path, lonely_peer):
+    """The shipped parameters, but without a wrench, and a centerline now and then."""
+    peer = lonely_peer
+    arguments = (
+        *('--params-file', str(shipped('config/estimator.yaml'))),
+        *('-p', 'wrench_required:=false', '-p', 'use_sim_time:=true'),
+        *('-p', 'centerline_rate:=5.0', '-p', 'wrench_timout:=1.0'),
+    )
+    with running_node(tmp_path / 'output', OTHER_DOMAIN, *arguments) as node:
+        peer.barrier()
+        begin = time.monotonic()
+        seconds = 100.0
+        while time.monotonic() - begin < 2.5:
+            seconds += 0.01
+            peer.pressure(seconds)
+            peer.spin_for(0.01)
+        assert peer.wrenches.get_subscription_count() == 0
+        counts = peer.outputs()
+        assert counts['shape'] > 50
+        assert 5 <= counts['centerline'] <= 14
+        assert peer.report()[2]['wrench_age_s'] == ''
+
+        assert peer.spin_until(lambda: peer.report()[0] == Level.ERROR)
+        counts = peer.outputs()
+        _, message, values = peer.report()
+        assert 'no usable pressure on /pneunet/pressure for' in message
+        assert float(values['pressure_age_s']) > 0.5
+        assert peer.outputs() == counts
+        assert node.end(signal.SIGINT) == 0
+    assert 'Traceback' not in node.text
+    assert 'parameters that do not exist here: wrench_timout' in node.text
+
+
+def test_a_second_interrupt_changes_nothing(tmp_path):
+    with running_node(tmp_path / 'output', OTHER_DOMAIN) as node:
+        node.wait_for('ready')
+        node.process.send_signal(signal.SIGINT)
+        node.process.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+        node.process.send_signal(signal.SIGINT)
+        assert node.process.wait(10) == 0, node.text
+    assert 'Traceback' not in node.text
+
+
+def test_an_interrupt_while_it_gets_ready_ends_it(tmp_path):
+    with running_node(tmp_path / 'output', OTHER_DOMAIN) as node:
+        node.wait_for('preparing')
+        assert node.end(signal.SIGINT) == 0, node.text
+    assert 'Traceback' not in node.text
+
+
+WRONG = {
+    'no model': (['-p', 'model_file:=/nowhere.yaml'], 'cannot read the model file /nowhere.yaml'),
+    'integer': (
+        ['-p', 'wrench_timeout:=1'],
+        'wrench_timeout must be a number with a decimal point',
+    ),
+    'bounds': (['-p', 'stations:=1'], 'stations must lie between 2 and 2000'),
+    'mixed list': (['-p', 'x:=[1, 2.0]'], 'the ROS arguments cannot be used'),
+    'qos': (
+        ['-p', 'qos_overrides./pneunet/shape.publisher.reliability:=some'],
+        'a qos_overrides parameter cannot be used',
+    ),
+}
+
+
+@pytest.mark.parametrize('what', WRONG)
+def test_a_wrong_start_is_one_sentence(tmp_path, what):
+    arguments, words = WRONG[what]
+    with running_node(tmp_path / 'output', OTHER_DOMAIN, *arguments) as node:
+        assert node.process.wait(START_TIMEOUT) == 2, node.text
+    said = [line for line in node.text.splitlines() if not re.match(r'\[(INFO|ERROR)\]', line)]
+    assert len(said) == 1
+    assert words in said[0]
