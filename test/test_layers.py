@@ -35,8 +35,7 @@ FLOORS = {
     '3 outside': """
         output model_file plots
         estimate_messages messages cdr_template
-        message_store mcap_blocks mcap_file mcap_writer bag_folder recording
-        recording_writer
+        message_store mcap_blocks mcap_file bag_folder recording recording_writer
         __init__
     """,
     '4 edges': """

@@ -225,7 +225,7 @@ def test_the_input_is_not_overwritten(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['file.mcap', 'folder'])
-@pytest.mark.parametrize('when', ['write', 'finish'])
+@pytest.mark.parametrize('when', ['write', 'close'])
 def test_a_full_disk_is_a_sentence_and_leaves_nothing(tmp_path, monkeypatch, name, when):
     def full(*_):
         raise OSError(errno.ENOSPC, 'No space left on device')
@@ -234,7 +234,7 @@ def test_a_full_disk_is_a_sentence_and_leaves_nothing(tmp_path, monkeypatch, nam
         pytest.raises(RecordingError, match=f'{name} cannot be written: No space left.*nothing'),
         write_recording(tmp_path / name) as writer,
     ):
-        monkeypatch.setattr(f'pneunet_ros.mcap_writer.McapWriter.{when}', full)
+        monkeypatch.setattr(f'rosbags.rosbag2.storage_mcap.McapWriter.{when}', full)
         writer.write(writer.add(PRESSURE, PRESSURE_TYPE), 0, pressure(0))
     assert names(tmp_path) == []
 
