@@ -118,11 +118,10 @@ class Arm:
         sections = np.zeros((rows.size, base.shape[1], SECTION_WIDTH))
         sections[:, :, :3] = base
         turning = self.intrinsic_curvature.turning_of(rows, self.length)
-        flat = [sections.reshape(rows.size, -1), turning.reshape(rows.size, -1)]
         return RodTable(
             pressure=frozen_array(rows),
-            record=frozen_array(np.concatenate(flat, axis=1)),
-            sections=base.shape[1],
+            sections=frozen_array(sections),
+            turning=frozen_array(turning),
         )
 
     def rods(self, pressure: Array) -> Rods:

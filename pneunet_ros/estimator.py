@@ -36,7 +36,7 @@ from pneunet_ros.shape import (
     ShapeEstimate,
     SolverNodes,
 )
-from pneunet_ros.solver.sensitivity import LOADS
+from pneunet_ros.solver.sensitivity import LOADS, spread
 from pneunet_ros.units import (
     check_quantities,
     kilopascals,
@@ -47,7 +47,6 @@ from pneunet_ros.units import (
 
 BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
 COLUMN_STEP = 0.01  # of a column of the model's covariance, for its derivative
-SPREAD = (0, 1, 3)  # x, y and curvature among the fields of a station
 PRESSURE = LOADS  # index of the chamber pressure among the causes of a response
 
 
@@ -289,10 +288,8 @@ class Estimator:
             )
         response = respond(shape.solution, rods, tuple(changes), self.arclength)
         mixing = self.noise_columns(reading, gauge, wrench)
-        tip = mixing @ response.tip
-        fields = response.stations[:, SPREAD].reshape(response.tip.shape[0], -1)
-        std = np.sqrt(((mixing @ fields) ** 2).sum(axis=0)).reshape(len(SPREAD), -1)
-        if not (np.isfinite(tip).all() and np.isfinite(std).all()):
+        covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
+        if not spread(mixing, response.tip, response.stations, covariance, std):
             refusal = refused(
                 reading.stamp_ns,
                 'no_uncertainty',
@@ -304,7 +301,7 @@ class Estimator:
             shape=shape,
             chamber_pressure=chamber,
             jacobian=freeze(response.tip[[PRESSURE, 0, 1, 2]].T),
-            tip_covariance=freeze(tip.T @ tip),
+            tip_covariance=freeze(covariance),
             std_x=freeze(std[0]),
             std_y=freeze(std[1]),
             std_curvature=freeze(std[2]),

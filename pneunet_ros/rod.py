@@ -16,7 +16,6 @@ SECTION_WIDTH = 8
 # m.
 CLAMP_ANGLE, CLAMP_COMPLIANCE, LOAD_OFFSET = range(3)
 CLAMP_WIDTH = 3
-TURNING_WIDTH = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,16 +49,17 @@ class Rods:
 
 
 @kernel
-def interpolate_rows(pressure: Array, record: Array, at: Array, out: Array) -> None:
-    """Rows of a table over pressure, linear also beyond its ends, into out (n, columns)."""
+def interpolate_rows(pressure: Array, table: Array, at: Array, out: Array) -> None:
+    """Tables over pressure (rows, i, j), linear also beyond their ends, into out (n, i, j)."""
     for index in range(at.size):
         row = 0
         while row < pressure.size - 2 and at[index] >= pressure[row + 1]:
             row += 1
         weight = (at[index] - pressure[row]) / (pressure[row + 1] - pressure[row])
-        for column in range(record.shape[1]):
-            below, above = record[row, column], record[row + 1, column]
-            out[index, column] = (1.0 - weight) * below + weight * above
+        for i in range(table.shape[1]):
+            for j in range(table.shape[2]):
+                below, above = table[row, i, j], table[row + 1, i, j]
+                out[index, i, j] = (1.0 - weight) * below + weight * above
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,19 +67,17 @@ class RodTable:
     """Sections and turning of an arm without effects at every pressure of its tables.
 
     Curvature and moment laws are linear in pressure between tables' rows, so this is one linear
-    table. pressure (rows,) Pa; record (rows, 8 sections + 5 pieces).
+    table. pressure (rows,) Pa; sections (rows, sections, 8); turning (rows, pieces, 5).
     """
 
     pressure: Array
-    record: Array
-    sections: int
+    sections: Array
+    turning: Array
 
     def at(self, pressure: Array) -> tuple[Array, Array]:
         """Sections (n, sections, 8) and turning (n, pieces, 5) at these pressures (n,)."""
-        blend = np.empty((pressure.size, self.record.shape[1]))
-        interpolate_rows(self.pressure, self.record, pressure, blend)
-        width = self.sections * SECTION_WIDTH
-        return (
-            np.ascontiguousarray(blend[:, :width]).reshape(-1, self.sections, SECTION_WIDTH),
-            np.ascontiguousarray(blend[:, width:]).reshape(pressure.size, -1, TURNING_WIDTH),
-        )
+        sections = np.empty((pressure.size, *self.sections.shape[1:]))
+        turning = np.empty((pressure.size, *self.turning.shape[1:]))
+        interpolate_rows(self.pressure, self.sections, pressure, sections)
+        interpolate_rows(self.pressure, self.turning, pressure, turning)
+        return sections, turning
