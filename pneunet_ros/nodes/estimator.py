@@ -47,10 +47,11 @@ USAGE = """usage: estimator [--ros-args ...]
 Estimates the shape of a pneu-net arm from the topics pressure and end_wrench. All settings are
 ROS parameters, as in
 
-  estimator --ros-args -r __ns:=/pneunet -p model_file:=/path/to/model.yaml
-  estimator --ros-args -r __ns:=/pneunet --params-file config/estimator.yaml
+  estimator --ros-args -p model_file:=/path/to/model.yaml
+  estimator --ros-args --params-file config/estimator.yaml
 """
 UNREADABLE = 'unreadable'  # reason of a refusal: the message is not what its topic promises
+DEFAULT_NAMESPACE = '/pneunet'  # where no other is given with `-r __ns:=/other`
 REPORT_PERIOD = 1.0  # s
 ZERO_SPAN = 1.0  # s of pressure readings that ~/zero_pressure looks at
 ZERO_READINGS = 1000  # of which it keeps no more than the last so many
@@ -61,7 +62,7 @@ class EstimatorNode(Node):
 
     def __init__(self) -> None:
         """Declare all parameters, get everything warm, and only then open the topics."""
-        super().__init__('estimator')
+        super().__init__('estimator', namespace=DEFAULT_NAMESPACE)
         self.configuration = self.candidate = configured(parameters.declare(self), None)
         self.state = EstimatorState()
         self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)
