@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.errors import ModelError
-from pneunet_ros.shape import Array, frozen_array
+from pneunet_ros.shape import Array, freeze, frozen_array
 from scipy.interpolate import CubicSpline
 
 
@@ -95,4 +95,4 @@ class IntrinsicCurvature:
         """kappa_p0 (1/m) at one pressure (Pa) and any s / l."""
         row, weight = pressure_rows(self.pressure, pressure)
         values = (1.0 - weight) * self.curvature[row] + weight * self.curvature[row + 1]
-        return frozen_array(CubicSpline(self.arclength, values)(np.asarray(arclength)))
+        return freeze(np.asarray(CubicSpline(self.arclength, values)(np.asarray(arclength))))
