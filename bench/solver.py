@@ -26,7 +26,8 @@ from pneunet_ros.arm import Arm
 from pneunet_ros.attempt import Attempt
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.equilibrium import linearized, panels_of, with_pressure_change
-from pneunet_ros.estimator import Estimator, EstimatorState
+from pneunet_ros.estimator import Estimator
+from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.many import MOST_ITERATIONS, predicted, TOLERANCE
 from pneunet_ros.readings import PressureReading, WrenchReading
 from pneunet_ros.resources import shipped

@@ -7,170 +7,30 @@ Stamps are those of the message headers.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-import dataclasses
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from pneunet_ros.arm import Arm, EXTRAPOLATION
-from pneunet_ros.effects.effect import History, Load
+from pneunet_ros.effects.effect import Load
 from pneunet_ros.equilibrium import (
     Change,
-    DEFAULT_STATIONS,
     out_of_range,
     respond,
     solve_rod,
     station_arclength,
     with_pressure_change,
 )
-from pneunet_ros.errors import RequestError
-from pneunet_ros.frames import BASE_FRAME, rotate
+from pneunet_ros.estimator_state import admitted, EstimatorState
+from pneunet_ros.frames import rotate
 from pneunet_ros.readings import PressureReading, Reading, WrenchReading
-from pneunet_ros.shape import (
-    Array,
-    freeze,
-    Refusal,
-    ShapeEstimate,
-    SolverNodes,
-)
+from pneunet_ros.settings import EstimatorSettings
+from pneunet_ros.shape import Array, freeze, Refusal, ShapeEstimate
 from pneunet_ros.solver.sensitivity import LOADS, spread
-from pneunet_ros.units import (
-    check_quantities,
-    kilopascals,
-    quantity,
-    seconds_between,
-    STANDARD_ATMOSPHERE,
-)
+from pneunet_ros.units import kilopascals, seconds_between
 
-BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
 COLUMN_STEP = 0.01  # of a column of the model's covariance, for its derivative
 PRESSURE = LOADS  # index of the chamber pressure among the causes of a response
-
-
-def setting(
-    default: Any,
-    meaning: str,
-    choices: tuple[Any, ...] = (),
-    bounds: tuple[int, int] | None = None,
-) -> Any:
-    """Declare a setting that is no physical quantity; bounds: closed interval allowed."""
-    metadata = {'meaning': meaning, 'choices': choices}
-    if bounds is not None:
-        metadata['bounds'] = bounds
-    return field(default=default, metadata=metadata)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EstimatorSettings:
-    """What the estimator must know of sensors and stack around it; never physics of the arm."""
-
-    frame_id: str = setting(BASE_FRAME, 'frame of all outputs, at the clamp')
-    stations: int = setting(DEFAULT_STATIONS, 'number of stations along the arm', bounds=(2, 2000))
-    wrench_required: bool = setting(
-        True, 'estimate only with a fresh end wrench; false: no wrench topic, the arm is unloaded'
-    )
-    wrench_timeout: float = quantity(
-        0.5, unit='s', meaning='largest age of the end wrench that is used', bounds=(1e-3, 3600.0)
-    )
-    input_timeout: float = quantity(
-        0.5, unit='s', meaning='silence of the pressure that is an error', bounds=(1e-3, 3600.0)
-    )
-    pressure_reference: str = setting(
-        'gauge', 'what the pressure sensor reports', ('gauge', 'absolute')
-    )
-    ambient_pressure: float = quantity(
-        STANDARD_ATMOSPHERE,
-        unit='Pa',
-        meaning='subtracted where the pressure is absolute',
-        bounds=(3e4, 1.2e5),
-    )
-    pressure_offset: float = quantity(
-        0.0, unit='Pa', meaning='added to every pressure reading', bounds=(-1e6, 1e6)
-    )
-    wrench_sign: int = setting(
-        1, '-1 where the sensor reports the force of the arm on it', (1, -1)
-    )
-    wrench_yaw: float = quantity(
-        0.0,
-        unit='rad',
-        meaning='angle of the wrench axes in the base frame, counter-clockwise',
-        bounds=(-7.0, 7.0),
-    )
-    wrench_frame: str = setting('', 'frame id, beside frame_id, that wrench messages may carry')
-
-    def __post_init__(self) -> None:
-        """Refuse values outside their declaration."""
-        check_quantities(self, '', RequestError)
-        for item in dataclasses.fields(self):
-            choices = item.metadata.get('choices')
-            if choices and getattr(self, item.name) not in choices:
-                allowed = ', '.join(str(choice) for choice in choices)
-                raise RequestError(
-                    f'{item.name} must be one of {allowed}, not {getattr(self, item.name)!r}'
-                )
-            if isinstance(item.default, int) and 'bounds' in item.metadata:
-                low, high = item.metadata['bounds']
-                if not low <= getattr(self, item.name) <= high:
-                    raise RequestError(
-                        f'{item.name} must lie between {low} and {high}, '
-                        f'not {getattr(self, item.name)}'
-                    )
-        if not self.frame_id:
-            raise RequestError('frame_id must not be empty')
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class EstimatorState:
-    """All that an estimator remembers from one reading to the next."""
-
-    pressure_stamp_ns: int | None = None
-    wrench: WrenchReading | None = None
-    history: tuple[History, ...] | None = None
-    solution: SolverNodes | None = None
-    estimates: int = 0
-    resets: int = 0
-    rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
-
-    def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
-        """After a pressure reading without an estimate: there is no branch to follow any more."""
-        return EstimatorState(
-            pressure_stamp_ns=stamp_ns,
-            wrench=self.wrench,
-            history=history,
-            estimates=self.estimates,
-            resets=self.resets,
-            rejected=self.rejected,
-        )
-
-    def with_estimate(
-        self, stamp_ns: int, history: tuple[History, ...], solution: SolverNodes
-    ) -> EstimatorState:
-        """After an estimate, whose branch the next one follows."""
-        return EstimatorState(
-            pressure_stamp_ns=stamp_ns,
-            wrench=self.wrench,
-            history=history,
-            solution=solution,
-            estimates=self.estimates + 1,
-            resets=self.resets,
-            rejected=self.rejected,
-        )
-
-    def fresh(self) -> EstimatorState:
-        """Forget all readings and start anew; only the counts go on."""
-        return EstimatorState(
-            estimates=self.estimates, resets=self.resets + 1, rejected=self.rejected
-        )
-
-    def counting(self, reason: str) -> EstimatorState:
-        """Count one more rejected reading."""
-        counts = dict(self.rejected)
-        counts[reason] = counts.get(reason, 0) + 1
-        return replace(self, rejected=MappingProxyType(counts))
-
 
 Outcome = ShapeEstimate | Refusal | None
 
@@ -234,7 +94,7 @@ class Estimator:
             moment=sign * reading.moment,
             frame_id=self.settings.frame_id,
         )
-        return replace(state, wrench=resolved), None
+        return state.with_wrench(resolved), None
 
     def take_pressure(
         self, state: EstimatorState, reading: PressureReading, note: str
@@ -399,60 +259,3 @@ class Estimator:
 def refused(stamp_ns: int, reason: str, sentence: str) -> Refusal:
     """A refusal that stops the estimates."""
     return Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=True)
-
-
-def admitted(
-    state: EstimatorState, reading: Reading
-) -> tuple[EstimatorState, Refusal | None, str]:
-    """Whether a reading may be used: finite, stamped, and later than the last one of its kind.
-
-    A stamp that jumps back by more than a second (a looping bag, a restarted simulation) starts
-    anew: the third value says so.
-    """
-    what = 'pressure' if isinstance(reading, PressureReading) else 'end wrench'
-    last = state.pressure_stamp_ns
-    if isinstance(reading, WrenchReading):
-        last = None if state.wrench is None else state.wrench.stamp_ns
-        values: tuple[float, ...] = (reading.force_x, reading.force_y, reading.moment)
-    else:
-        values = (reading.pressure, reading.variance)
-    stamp_ns = reading.stamp_ns
-
-    def dropped(reason: str, sentence: str) -> tuple[EstimatorState, Refusal, str]:
-        return state, Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False), ''
-
-    if not all(math.isfinite(value) for value in values):
-        return dropped('not_finite', f'{what} reading holds NaN or infinity')
-    if stamp_ns <= 0:
-        return dropped('no_stamp', f'{what} reading without a header stamp')
-    if last is None or stamp_ns > last:
-        return state, None, ''
-    if stamp_ns == last:
-        return dropped('duplicate', f'{what} reading with the stamp of the last one')
-    back = seconds_between(stamp_ns, last)
-    if back <= BACKWARD_JUMP:
-        return dropped('older', f'{what} reading {back:.3g} s older than the last one')
-    return state.fresh(), None, f'time jumped back by {back:.3g} s: state reset'
-
-
-def pressure_zero(
-    estimator: Estimator, readings: tuple[PressureReading, ...]
-) -> tuple[float | None, str]:
-    """The offset (Pa) that makes these readings of the vented arm zero, and a sentence about it.
-
-    No offset where there are fewer than 5 readings, where they move by more than 5 sigma or 1 % of
-    the range, or where the offset would exceed a tenth of the calibrated range.
-    """
-    if len(readings) < 5:
-        return None, f'only {len(readings)} recent pressure readings; at least 5 are needed'
-    values = np.array([reading.pressure for reading in readings])
-    if estimator.settings.pressure_reference == 'absolute':
-        values = values - estimator.settings.ambient_pressure
-    low, high = estimator.arm.pressure_range
-    spread, mean = float(np.ptp(values)), float(values.mean())
-    allowed = max(10.0 * estimator.arm.sensors.pressure_std, 0.01 * (high - low))
-    if not spread <= allowed:
-        return None, f'the pressure moves by {spread:.4g} Pa; hold the vented arm still'
-    if abs(mean) > 0.1 * (high - low):
-        return None, f'the pressure is {mean:.4g} Pa, too far from zero for a vented arm'
-    return -mean, f'pressure offset {-mean:.4g} Pa from {len(readings)} readings'

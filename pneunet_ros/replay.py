@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from pneunet_ros.cdr_template import EstimateSerializer
 from pneunet_ros.errors import MessageError
-from pneunet_ros.estimator import Estimator, EstimatorState, Outcome
+from pneunet_ros.estimator import Estimator, Outcome
+from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.messages import Input, INPUTS, OUTPUTS
 from pneunet_ros.recording import RecordedMessage, Recording

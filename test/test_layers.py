@@ -29,7 +29,7 @@ FLOORS = {
         arm attempt equilibrium tip many
     """,
     '2 inference': """
-        estimator holds
+        settings estimator_state estimator zero holds
     """,
     '3 outside': """
         output model_file plots

@@ -42,7 +42,11 @@ def test_each_rod_is_the_one_solved_alone(effects) -> None:
         )
         for name in FIELDS:
             np.testing.assert_allclose(
-                getattr(shapes, name)[which], getattr(alone, name), rtol=0.0, atol=2e-6, err_msg=name
+                getattr(shapes, name)[which],
+                getattr(alone, name),
+                rtol=0.0,
+                atol=1e-5,  # of the curvature, on another mesh
+                err_msg=name,
             )
         np.testing.assert_allclose(shapes.x[which], alone.x, rtol=0.0, atol=1e-8)
 

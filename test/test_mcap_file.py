@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from bags import write_by_mcap, write_readings
 from mcap.writer import CompressionType, IndexType
 from pneunet_ros.errors import RecordingError
 from pneunet_ros.mcap_blocks import read_block
 from pneunet_ros.mcap_file import MAGIC, open_mcap
 import pytest
-
-from bags import write_by_mcap, write_readings
 
 TIMES = [index * 1000 for index in range(200)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bags import pressure
 from pneunet_ros.errors import MessageError, RecordingError
 from pneunet_ros.message_store import (
     deserialize,
@@ -13,8 +14,6 @@ from pneunet_ros.message_store import (
 )
 from pneunet_ros.messages import PRESSURE_TYPE
 import pytest
-
-from bags import pressure
 
 IDL = (
     f'{IDL_HEAD}lab_msgs/msg/Volts\n'

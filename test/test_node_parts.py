@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from estimates import random_estimate
 from pneunet_ros.cdr_template import EstimateSerializer
-from pneunet_ros.estimator import EstimatorState
+from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.resources import shipped
 from pneunet_ros.shape import Refusal
 import pytest

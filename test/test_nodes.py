@@ -10,6 +10,7 @@ import re
 import signal
 import time
 
+import bags
 from estimates import plain
 import numpy as np
 from pneunet_ros import __version__
@@ -24,8 +25,6 @@ from pneunet_ros.replay import input_topics, steps
 from pneunet_ros.resources import shipped
 from pneunet_ros.shape import ShapeEstimate
 import pytest
-
-import bags
 
 # The wheels of ROS import a parser that is older than Python 3.11.
 pytestmark = [

@@ -7,8 +7,8 @@ from pathlib import Path
 import re
 import shlex
 
-import pytest
 from pneunet_ros.cli import main, VERBS
+import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / 'README.md').read_text(encoding='utf-8')

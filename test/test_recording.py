@@ -6,14 +6,6 @@ from contextlib import suppress
 import random
 import tracemalloc
 
-from mcap.writer import CompressionType, Writer
-from pneunet_ros.errors import RecordingError
-from pneunet_ros.message_store import jazzy, serialize
-from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
-import pytest
-
 from bags import (
     PRESSURE,
     pressure,
@@ -22,6 +14,13 @@ from bags import (
     write_by_mcap,
     write_readings,
 )
+from mcap.writer import CompressionType, Writer
+from pneunet_ros.errors import RecordingError
+from pneunet_ros.message_store import jazzy, serialize
+from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recording import open_recording
+from pneunet_ros.recording_writer import write_recording
+import pytest
 
 
 @pytest.fixture(params=['file.mcap', 'folder'])

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 
+from bags import header, PRESSURE, pressure, STEP_NS, WRENCH, write_readings
 from estimates import plain, random_estimate
 from mcap.reader import make_reader
 from pneunet_ros.cdr_template import EstimateSerializer
@@ -21,8 +22,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
-
-from bags import header, PRESSURE, pressure, STEP_NS, WRENCH, write_readings
 
 
 def names(folder: Path) -> list[str]:

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pneunet_ros.estimator import Estimator, EstimatorSettings, EstimatorState
+from pneunet_ros.estimator import Estimator
+from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.model_file import load_model
 from pneunet_ros.nodes.parameters import NodeSettings, settings_from
+from pneunet_ros.settings import EstimatorSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from pneunet_ros.cdr_template import EstimateSerializer
 from pneunet_ros.errors import MessageError, PneunetError
-from pneunet_ros.estimator import EstimatorState, pressure_zero
+from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.model_file import model_hash
 from pneunet_ros.nodes import parameters, process
@@ -35,6 +35,7 @@ from pneunet_ros.nodes.warm_up import warm_up
 from pneunet_ros.readings import PressureReading
 from pneunet_ros.shape import Refusal, ShapeEstimate
 from pneunet_ros.units import seconds_between
+from pneunet_ros.zero import pressure_zero
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -67,7 +68,6 @@ class EstimatorNode(Node):
         self.state = EstimatorState()
         self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)
         self.log = Log(self.get_logger())
-        self.health = Health(self.resolve_topic_name('pressure'), time.monotonic())
 
         settings = self.configuration.estimator.settings
         serializer = EstimateSerializer(
@@ -93,6 +93,7 @@ class EstimatorNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(REPORT_PERIOD, self.diagnose, clock=steady)
 
+        self.health = Health(self.resolve_topic_name('pressure'), time.monotonic())
         # Of two readings that are both there, the executor takes that of the first subscription.
         if settings.wrench_required:
             subscription(self, WRENCH_TYPE, 'end_wrench', self.take_wrench, input_qos())

@@ -9,7 +9,7 @@ import enum
 from typing import Any
 
 import numpy as np
-from pneunet_ros.estimator import EstimatorState
+from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.shape import Refusal, ShapeEstimate
 
 LATENCIES = 1000  # readings over which percentiles are taken

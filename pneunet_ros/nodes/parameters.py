@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from pneunet_ros.errors import RequestError
-from pneunet_ros.estimator import EstimatorSettings, setting
 from pneunet_ros.resources import shipped
+from pneunet_ros.settings import EstimatorSettings, setting
 from pneunet_ros.units import check_quantities, quantity
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException

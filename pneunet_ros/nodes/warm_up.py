@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros.attempt import Attempt
 from pneunet_ros.cdr_template import EstimateSerializer
-from pneunet_ros.estimator import Estimator, EstimatorState
+from pneunet_ros.estimator import Estimator
+from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.messages import OUTPUTS
 from pneunet_ros.readings import PressureReading, WrenchReading
 from pneunet_ros.shape import ShapeEstimate

@@ -81,8 +81,8 @@ def spread(mixing: Array, tip: Array, stations: Array, covariance: Array, std: A
     """Carry errors through a linear response; returns whether all of it is finite.
 
     mixing (sources, causes): what one sigma of each independent source does to every cause; tip
-    (causes, 3) and stations (causes, 6, stations) are the response. Into covariance (3, 3) of x, y,
-    theta of the tip, and std (3, stations) of x, y and curvature.
+    (causes, 3) and stations (causes, 6, stations) are the response. Into covariance (3, 3) of x,
+    y, theta of the tip, and std (3, stations) of x, y and curvature.
     """
     sources, causes, count = mixing.shape[0], mixing.shape[1], stations.shape[2]
     moved = np.zeros((sources, 3))

@@ -8,9 +8,11 @@ import math
 import numpy as np
 from pneunet_ros.equilibrium import DEFAULT_STATIONS, solve
 from pneunet_ros.errors import RequestError
-from pneunet_ros.estimator import Estimator, EstimatorSettings, EstimatorState
+from pneunet_ros.estimator import Estimator
+from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.frames import BASE_FRAME
 from pneunet_ros.readings import PressureReading, WrenchReading
+from pneunet_ros.settings import EstimatorSettings
 from pneunet_ros.shape import Shape, ShapeEstimate
 from pneunet_ros.tip import solve_tip
 from pneunet_ros.units import kilopascals, millimeters

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from pneunet_ros.arm import Arm
 from pneunet_ros.errors import RequestError
-from pneunet_ros.estimator import EstimatorSettings
 from pneunet_ros.model_file import load_model
 from pneunet_ros.resources import shipped
+from pneunet_ros.settings import EstimatorSettings
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -1,0 +1,84 @@
+"""The settings of an estimator: what it must know of sensors and stack around it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+from pneunet_ros.equilibrium import DEFAULT_STATIONS
+from pneunet_ros.errors import RequestError
+from pneunet_ros.frames import BASE_FRAME
+from pneunet_ros.units import check_quantities, quantity, STANDARD_ATMOSPHERE
+
+
+def setting(
+    default: Any,
+    meaning: str,
+    choices: tuple[Any, ...] = (),
+    bounds: tuple[int, int] | None = None,
+) -> Any:
+    """Declare a setting that is no physical quantity; bounds: closed interval allowed."""
+    metadata = {'meaning': meaning, 'choices': choices}
+    if bounds is not None:
+        metadata['bounds'] = bounds
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatorSettings:
+    """What the estimator must know of sensors and stack around it; never physics of the arm."""
+
+    frame_id: str = setting(BASE_FRAME, 'frame of all outputs, at the clamp')
+    stations: int = setting(DEFAULT_STATIONS, 'number of stations along the arm', bounds=(2, 2000))
+    wrench_required: bool = setting(
+        True, 'estimate only with a fresh end wrench; false: no wrench topic, the arm is unloaded'
+    )
+    wrench_timeout: float = quantity(
+        0.5, unit='s', meaning='largest age of the end wrench that is used', bounds=(1e-3, 3600.0)
+    )
+    input_timeout: float = quantity(
+        0.5, unit='s', meaning='silence of the pressure that is an error', bounds=(1e-3, 3600.0)
+    )
+    pressure_reference: str = setting(
+        'gauge', 'what the pressure sensor reports', ('gauge', 'absolute')
+    )
+    ambient_pressure: float = quantity(
+        STANDARD_ATMOSPHERE,
+        unit='Pa',
+        meaning='subtracted where the pressure is absolute',
+        bounds=(3e4, 1.2e5),
+    )
+    pressure_offset: float = quantity(
+        0.0, unit='Pa', meaning='added to every pressure reading', bounds=(-1e6, 1e6)
+    )
+    wrench_sign: int = setting(
+        1, '-1 where the sensor reports the force of the arm on it', (1, -1)
+    )
+    wrench_yaw: float = quantity(
+        0.0,
+        unit='rad',
+        meaning='angle of the wrench axes in the base frame, counter-clockwise',
+        bounds=(-7.0, 7.0),
+    )
+    wrench_frame: str = setting('', 'frame id, beside frame_id, that wrench messages may carry')
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their declaration."""
+        check_quantities(self, '', RequestError)
+        for item in dataclasses.fields(self):
+            choices = item.metadata.get('choices')
+            if choices and getattr(self, item.name) not in choices:
+                allowed = ', '.join(str(choice) for choice in choices)
+                raise RequestError(
+                    f'{item.name} must be one of {allowed}, not {getattr(self, item.name)!r}'
+                )
+            if isinstance(item.default, int) and 'bounds' in item.metadata:
+                low, high = item.metadata['bounds']
+                if not low <= getattr(self, item.name) <= high:
+                    raise RequestError(
+                        f'{item.name} must lie between {low} and {high}, '
+                        f'not {getattr(self, item.name)}'
+                    )
+        if not self.frame_id:
+            raise RequestError('frame_id must not be empty')
