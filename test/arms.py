@@ -90,7 +90,7 @@ def plain_arm(
     clamp_angle: float = 0.0,
     length: float = LENGTH,
 ) -> Arm:
-    """A rod whose unloaded curvature (1/m) is the same all along it, at all pressures to 100 kPa."""
+    """A rod of one unloaded curvature (1/m) all along it, at all pressures to 100 kPa."""
     return Arm(
         name='plain',
         length=length,

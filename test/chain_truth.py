@@ -62,7 +62,7 @@ class Cells:
         self.rest = length - self.s
 
     def bending(self, moment: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Curvature beside the intrinsic one at both ends of cells (2, cells), and its slope in M."""
+        """Curvature beside the intrinsic one at both ends of cells (2, cells); its slope in M."""
         ends = np.stack([moment[:-1], moment[1:]]) - self.offset
         d = solved_bending(ends, self.rigidity, self.cubic)
         return d, 1 / (self.rigidity * (1 + 3 * self.cubic * d**2))

@@ -40,7 +40,7 @@ def interpolated(pressure: np.ndarray, table: np.ndarray, at: float) -> np.ndarr
 
 
 def fine_stations(arm: Arm, pressure: float, cells: int = 60) -> np.ndarray:
-    """Edges of cells and Gauss points between them; cells end where curvature or law has a kink."""
+    """Edges of cells, Gauss points between them; a cell ends where curvature or law has a kink."""
     law = arm.moment_law
     split = arm.length * interpolated(law.pressure, law.split, pressure)
     kinks = np.unique(np.append(arm.length * arm.intrinsic_curvature.arclength, split))
