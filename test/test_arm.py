@@ -1,0 +1,307 @@
+"""The arm: its checks, its pressure range, and the record of the rod that its parts make."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError
+
+from arms import ALL_MECHANICS, LENGTH, paper_arm, plain_arm, rebuilt, two_sections
+import numpy as np
+from pneunet_ros.curvature import IntrinsicCurvature
+from pneunet_ros.effects.clamp_compliance import ClampCompliance
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.effects.extensibility import Extensibility
+from pneunet_ros.effects.gravity import Gravity
+from pneunet_ros.effects.pressure_elongation import PressureElongation
+from pneunet_ros.effects.pressure_gain import PressureGain
+from pneunet_ros.effects.pressure_offset import PressureOffset
+from pneunet_ros.equilibrium import solve
+from pneunet_ros.errors import ModelError
+from pneunet_ros.model_file import mapping_from_arm
+from pneunet_ros.moment_law import LinearLaw, MajidiLaw
+from pneunet_ros.noise import ModelCovariance
+from pneunet_ros.rod import (
+    AXIAL_COMPLIANCE,
+    CLAMP_ANGLE,
+    CLAMP_COMPLIANCE,
+    CUBIC,
+    LOAD_OFFSET,
+    LOAD_X,
+    LOAD_Y,
+    MOMENT_OFFSET,
+    REST_STRAIN,
+    RIGIDITY,
+    START,
+)
+import pytest
+
+
+def test_the_record_of_a_bare_arm_is_its_law_and_its_curvature():
+    arm = paper_arm()
+    pressure = np.array([0.0, 12e3, 31e3, 66e3, 68e3])
+    rods = arm.rods(pressure)
+    base = arm.moment_law.sections(pressure, arm.length, arm.weight)
+    assert rods.sections[:, :, [START, RIGIDITY, MOMENT_OFFSET]] == pytest.approx(base, rel=1e-12)
+    others = [CUBIC, AXIAL_COMPLIANCE, REST_STRAIN, LOAD_X, LOAD_Y]
+    assert not rods.sections[:, :, others].any()
+    assert not rods.clamp.any()
+    turning = arm.intrinsic_curvature.turning_of(pressure, arm.length)
+    assert rods.turning == pytest.approx(turning, rel=1e-12, abs=1e-15)
+    assert rods.knots == pytest.approx(arm.length * arm.intrinsic_curvature.arclength)
+
+
+def test_the_record_at_one_pressure_does_not_depend_on_its_company():
+    arm = paper_arm(ALL_MECHANICS)
+    many = arm.rods(np.array([5e3, 31e3, 64e3])).one(1)
+    alone = arm.rods(np.array([31e3]))
+    assert np.array_equal(many.sections, alone.sections)
+    assert np.array_equal(many.clamp, alone.clamp)
+    assert np.array_equal(many.turning, alone.turning)
+
+
+def test_effects_are_summed_into_the_record():
+    elongation = PressureElongation(strain_per_pascal=1e-6, strain_per_pascal_squared=2e-12)
+    rods = rebuilt(paper_arm((*ALL_MECHANICS[:2], elongation, *ALL_MECHANICS[3:]))).rods(
+        np.array([10e3, 50e3])
+    )
+    for section in (0, 1):
+        columns = rods.sections[:, section]
+        assert columns[:, CUBIC].tolist() == [2e-4, 2e-4]
+        assert columns[:, AXIAL_COMPLIANCE].tolist() == [1 / 30, 1 / 30]
+        assert columns[:, REST_STRAIN] == pytest.approx([0.0102, 0.055], rel=1e-12)
+        assert columns[:, LOAD_X].tolist() == [0.4, 0.4]
+        assert columns[:, LOAD_Y].tolist() == [-1.5, -1.5]
+    assert rods.clamp[:, CLAMP_COMPLIANCE].tolist() == [12.0, 12.0]
+    assert rods.clamp[:, LOAD_OFFSET].tolist() == [0.006, 0.006]
+
+
+def test_the_clamp_angle_is_in_the_record():
+    assert plain_arm(clamp_angle=0.3).rods(np.array([1e3])).clamp[0, CLAMP_ANGLE] == 0.3
+
+
+def test_effects_stand_in_the_order_of_the_table_however_they_are_given():
+    gain, offset = PressureGain(gain=1.1), PressureOffset(offset=500.0)
+    for effects in ((gain, offset), (offset, gain)):
+        arm = paper_arm(effects)
+        assert [effect.name for effect in arm.effects] == ['pressure_gain', 'pressure_offset']
+        assert arm.sense(Load(pressure=10e3)).pressure == pytest.approx(1.1 * 10e3 + 500.0)
+
+
+def test_an_effect_stands_once():
+    with pytest.raises(ModelError, match='an effect is given twice: gravity, gravity'):
+        paper_arm((Gravity(), Gravity(weight_y=1.0)))
+
+
+def test_range_is_what_curvature_and_law_have_in_common():
+    assert paper_arm().pressure_range == (0.0, 66e3)
+    law = two_sections(1e-3, 1e-3)
+    assert rebuilt(paper_arm(), moment_law=law).pressure_range == (0.0, 66e3)
+    assert plain_arm(law=LinearLaw(bending_stiffness=1e-3)).pressure_range == (0.0, 100e3)
+    later = IntrinsicCurvature(
+        pressure=[200e3, 300e3], arclength=[0.0, 1.0], curvature=[[0, 0], [1, 1]]
+    )
+    with pytest.raises(ModelError, match='no pressure in common'):
+        rebuilt(paper_arm(), intrinsic_curvature=later)
+
+
+@pytest.mark.parametrize(
+    ('pressure', 'share'),
+    [(0.0, 0.0), (66e3, 0.0), (31e3, 0.0), (66e3 * 1.03, 0.03), (-6.6e3, 0.1), (132e3, 1.0)],
+)
+def test_how_far_beyond_the_range(pressure, share):
+    assert paper_arm().beyond_range(pressure) == pytest.approx(share)
+
+
+def test_a_law_of_other_pressures_meets_its_own_rows():
+    # Rows of both tables count: between them the record is linear, and it is met at each.
+    arm = paper_arm()
+    rows = np.union1d(arm.intrinsic_curvature.pressure, arm.moment_law.pressure)
+    assert arm.table.pressure.tolist() == rows.tolist()
+
+
+def test_majidi_under_pressure_is_linear_too():
+    law = MajidiLaw(modulus=1e6, width=0.015, thickness=0.003, height=0.012, t1=0.002, t2=0.008)
+    rods = plain_arm(law=law).rods(np.array([20e3]))
+    assert rods.sections[0, 0, RIGIDITY] == pytest.approx(law.rigidity(20e3), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'sentence'),
+    [
+        ({'length': 0.0}, r'arm\.length = 0.0 is not within'),
+        ({'length': float('nan')}, r'arm\.length = nan'),
+        ({'weight': -1.0}, r'arm\.weight = -1.0'),
+        ({'clamp_angle': 8.0}, r'arm\.clamp_angle = 8.0'),
+        ({'length': '0.1'}, r'arm\.length must be a number in m'),
+        ({'target_arclength': [0.0, 0.2]}, r'target_arclength must increase within 0 and'),
+        ({'target_arclength': [-0.01, 0.1]}, r'target_arclength must increase within 0 and'),
+        ({'target_arclength': [0.0, 0.05, 0.05]}, r'target_arclength must increase within 0 and'),
+        ({'target_arclength': [[0.0]]}, r'target_arclength must be a list of numbers'),
+    ],
+)
+def test_wrong_arms_are_refused(changes, sentence):
+    with pytest.raises(ModelError, match=sentence):
+        rebuilt(paper_arm(), **changes)
+
+
+def test_an_arm_cannot_be_changed():
+    arm = paper_arm()
+    with pytest.raises(FrozenInstanceError):
+        arm.length = 1.0
+    with pytest.raises(TypeError):
+        arm.sources['arm.length'] = 'mine'
+    with pytest.raises(ValueError, match='read-only'):
+        arm.target_arclength[0] = 1.0
+
+
+# ---- quantities moved by name -------------------------------------------------------------------
+
+
+def numbers(value, name=''):
+    """The numbers of a nested mapping by their dotted names, as in the model file."""
+    if isinstance(value, dict | list):
+        entries = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, entry in entries:
+            yield from numbers(entry, f'{name}.{key}' if name else str(key))
+    else:
+        yield name, value
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        'arm.length',
+        'arm.weight',
+        'arm.clamp_angle',
+        'intrinsic_curvature.curvature.3.5',
+        'intrinsic_curvature.pressure.10',
+        'moment_law.rigidity.0.1',
+        'moment_law.split.2',
+        'moment_law.moment_offset.1.0',
+        'effects.gravity.weight_y',
+        'effects.stiffening.coefficient',
+        'sensors.force_std',
+    ],
+)
+def test_a_quantity_is_moved_by_its_name_and_nothing_else_is(name):
+    arm = paper_arm(ALL_MECHANICS)
+    before = dict(numbers(mapping_from_arm(arm)))
+    after = dict(numbers(mapping_from_arm(arm.changed({name: 1e-5}))))
+    assert after.keys() == before.keys()
+    assert [key for key in before if after[key] != before[key]] == [name]
+    assert after[name] - before[name] == pytest.approx(1e-5, rel=1e-5)
+
+
+def test_quantities_are_moved_together():
+    moved = paper_arm().changed({'arm.length': 0.01, 'moment_law.rigidity.0.0': 0.001})
+    assert moved.length == pytest.approx(0.122)
+    assert moved.moment_law.rigidity[0, 0] == pytest.approx(0.081)
+    assert moved.knots[-1] == pytest.approx(0.122)
+    with_linear = plain_arm().changed({'moment_law.bending_stiffness': 1e-4})
+    assert with_linear.moment_law.bending_stiffness == pytest.approx(1.1e-3)
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        'arm',
+        'arm.name',
+        'arm.target_arclength.0',
+        'arm.moment_law.rigidity.0.0',
+        'arm.sensors.force_std',
+        'name',
+        'moment_law',
+        'moment_law.kind',
+        'moment_law.rigidity',
+        'moment_law.rigidity.0',
+        'moment_law.rigidity.0.0.0',
+        'moment_law.rigidity.99.0',
+        'moment_law.rigidity.first.0',
+        'moment_law.stiffness',
+        'effects',
+        'effects.gravity',
+        'effects.gravity.mass',
+        'effects.hysteresis.width',
+        'sensors',
+        'intrinsic_curvature.turning.0.0.0',
+        '',
+        '.',
+    ],
+)
+def test_a_name_that_leads_to_no_number_is_refused(name):
+    with pytest.raises(ModelError, match='the model has no quantity') as caught:
+        paper_arm(ALL_MECHANICS).changed({name: 1e-6})
+    assert f'no quantity {name}; names look like arm.length' in str(caught.value)
+
+
+def test_a_change_out_of_bounds_is_refused():
+    with pytest.raises(ModelError, match=r'effects\.extensibility\.axial_stiffness'):
+        paper_arm((Extensibility(axial_stiffness=5.0),)).changed(
+            {'effects.extensibility.axial_stiffness': -10.0}
+        )
+
+
+# ---- covariance ---------------------------------------------------------------------------------
+
+
+def covariance(*names, columns=1):
+    return ModelCovariance(quantities=names, factor=np.full((len(names), columns), 1e-6))
+
+
+def test_a_covariance_names_quantities_of_the_model():
+    rebuilt(paper_arm(), covariance=covariance('arm.length', 'moment_law.rigidity.0.1'))
+    with pytest.raises(ModelError, match=r'no quantity effects\.gravity\.weight_y'):
+        rebuilt(paper_arm(), covariance=covariance('effects.gravity.weight_y'))
+
+
+@pytest.mark.parametrize(
+    ('names', 'factor', 'sentence'),
+    [
+        (('arm.length',), [[1e-6], [1e-6]], r'a row for each of 1 quantities'),
+        (('arm.length',), [[1e-6] * 13], r'1 to 12 columns, not 1 x 13'),
+        (('arm.length',), [[]], r'1 to 12 columns, not 1 x 0'),
+        (('arm.length', 'arm.length'), [[1e-6]] * 2, 'names a quantity twice'),
+        (('arm.length',), [[np.nan]], 'factor holds NaN'),
+        (('arm.length',), [1e-6], 'factor must be a list of rows'),
+    ],
+)
+def test_wrong_covariances_are_refused(names, factor, sentence):
+    with pytest.raises(ModelError, match=sentence):
+        ModelCovariance(quantities=names, factor=factor)
+
+
+def test_a_column_that_leads_out_of_bounds_is_refused():
+    huge = ModelCovariance(quantities=('arm.length',), factor=[[-1.0]])
+    with pytest.raises(ModelError, match=r'arm\.length'):
+        rebuilt(paper_arm(), covariance=huge)
+
+
+# ---- what the parts mean for the whole ----------------------------------------------------------
+
+
+def test_a_split_without_a_jump_is_no_split():
+    plain = solve(plain_arm(curvature=12.0), 0.0, (0.1, 0.1))
+    split = solve(plain_arm(curvature=12.0, law=two_sections(1e-3, 1e-3)), 0.0, (0.1, 0.1))
+    assert split.x == pytest.approx(plain.x, abs=1e-12)
+    assert split.curvature == pytest.approx(plain.curvature, abs=1e-8)
+
+
+def test_scaling_length_and_load_scales_the_shape():
+    # Eqs 2-4 have one scale: lengths by k, forces by 1 / k^2, curvatures by 1 / k.
+    small = solve(plain_arm(curvature=12.0), 0.0, (0.1, 0.2), 1e-3)
+    large = solve(plain_arm(curvature=4.0, length=3 * LENGTH), 0.0, (0.1 / 9, 0.2 / 9), 1e-3 / 3)
+    assert large.x == pytest.approx(3 * small.x, abs=1e-12)
+    assert large.curvature == pytest.approx(small.curvature / 3, abs=1e-9)
+
+
+def test_a_mirrored_arm_has_the_mirrored_shape():
+    up = solve(
+        plain_arm(curvature=12.0, clamp_angle=0.2, effects=[ClampCompliance(compliance=9.0)]),
+        0.0, (0.1, 0.2), 1e-3,
+    )  # fmt: skip
+    down = solve(
+        plain_arm(curvature=-12.0, clamp_angle=-0.2, effects=[ClampCompliance(compliance=9.0)]),
+        0.0, (0.1, -0.2), -1e-3,
+    )  # fmt: skip
+    assert down.x == pytest.approx(up.x, abs=1e-15)
+    assert down.y == pytest.approx(-up.y, abs=1e-15)
+    assert down.moment == pytest.approx(-up.moment, abs=1e-15)
