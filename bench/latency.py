@@ -2,13 +2,16 @@
 
 Two processes: the node, started here as a user would, and this one, which plays the sensors and
 listens as a controller would. What is measured includes both ways through DDS and reading the
-message in Python here.
+message in Python here. How much of it is not the node's is measured in the same way with a node
+that answers a pressure with a constant message (`bare`): a machine that is busy or slow shows
+there. The target is for a machine with nothing else to do.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+import contextlib
 from contextlib import contextmanager
 import json
 import math
@@ -28,12 +31,16 @@ TARGET_P99_MS = 2.0
 WARM_UP = 1.0  # s at the beginning that are not counted
 
 
+NODE = ['-m', 'pneunet_ros.nodes.estimator']
+BARE_NODE = [__file__, '--bare-node']
+STATIONS, POINT_BYTES = 57, 72  # size of the message `shape`
+
+
 @contextmanager
-def running_node(arguments: list[str]) -> Iterator[subprocess.Popen[bytes]]:
-    """Start the node and end it by SIGINT."""
-    command = [sys.executable, '-m', 'pneunet_ros.nodes.estimator', '--ros-args']
+def running_node(what: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a node and end it by SIGINT."""
     process = subprocess.Popen(
-        [*command, '-r', f'__ns:={NAMESPACE}', *arguments],
+        [sys.executable, *what, '--ros-args', '-r', f'__ns:={NAMESPACE}'],
         cwd=CHECKOUT,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -43,6 +50,32 @@ def running_node(arguments: list[str]) -> Iterator[subprocess.Popen[bytes]]:
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(10)
+
+
+def bare_node() -> None:
+    """Answer every pressure with a message as large as a shape, and take wrenches as well."""
+    from array import array
+
+    from geometry_msgs.msg import WrenchStamped
+    import rclpy
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.qos import qos_profile_sensor_data
+    from sensor_msgs.msg import FluidPressure, PointCloud2
+
+    rclpy.init()
+    node = rclpy.create_node('estimator')
+    shapes = node.create_publisher(PointCloud2, 'shape', 10)
+    shape = PointCloud2(data=array('B', bytes(STATIONS * POINT_BYTES)))
+
+    def answer(message: FluidPressure) -> None:
+        shape.header = message.header
+        shapes.publish(shape)
+
+    qos = qos_profile_sensor_data
+    node.create_subscription(WrenchStamped, 'end_wrench', lambda message: None, qos)
+    node.create_subscription(FluidPressure, 'pressure', answer, qos)
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node, SingleThreadedExecutor())
 
 
 def cpu_seconds(pid: int) -> float:
@@ -116,10 +149,17 @@ class Controller:
         while time.perf_counter() < end:
             self.executor.spin_once(timeout_sec=0.05)
 
+    def close(self) -> None:
+        import rclpy
 
-def measure(seconds: float, rate: float, arguments: list[str]) -> dict[str, float]:
-    """Run the node for so long at so many readings a second."""
-    with running_node(arguments) as process:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+
+def measure(what: list[str], seconds: float, rate: float) -> dict[str, float]:
+    """Run a node for so long at so many readings a second."""
+    with running_node(what) as process:
         controller = Controller()
         controller.connect()
         controller.run(WARM_UP, rate)
@@ -128,20 +168,16 @@ def measure(seconds: float, rate: float, arguments: list[str]) -> dict[str, floa
         cpu, begin = cpu_seconds(process.pid), time.perf_counter()
         controller.run(seconds, rate)
         share = (cpu_seconds(process.pid) - cpu) / (time.perf_counter() - begin)
+        controller.close()
     latency = np.array(list(controller.latency.values()))
     p50, p99 = np.percentile(latency, [50, 99])
     return {
-        'rate_hz': rate,
-        'seconds': seconds,
         'sent': len(controller.sent),
-        'received': latency.size,
         'lost': len(controller.sent) - latency.size,
         'p50_ms': float(p50),
         'p99_ms': float(p99),
         'max_ms': float(latency.max()),
-        'node_cpu_percent': 100.0 * share,
-        'load_of_machine': os.getloadavg()[0],
-        'target_p99_ms': TARGET_P99_MS,
+        'cpu_percent': 100.0 * share,
     }
 
 
@@ -150,17 +186,28 @@ def main() -> int:
     parser.add_argument('--seconds', type=float, default=20.0, help='how long (default: 20)')
     parser.add_argument('--rate', type=float, default=100.0, help='readings per s (default: 100)')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
-    options, node_arguments = parser.parse_known_args()
+    parser.add_argument('--bare-node', action='store_true', help=argparse.SUPPRESS)
+    options, _ = parser.parse_known_args()
+    if options.bare_node:
+        bare_node()
+        return 0
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 101 + 1))
     with tempfile.TemporaryDirectory() as log:
         os.environ['ROS_LOG_DIR'] = log
-        result = measure(options.seconds, options.rate, node_arguments)
+        results = {
+            name: measure(what, options.seconds, options.rate)
+            for name, what in (('bare', BARE_NODE), ('estimator', NODE))
+        }
+    load = os.getloadavg()[0]
     if options.json:
-        print(json.dumps(result))
-    else:
-        for name, value in result.items():
-            print(f'{name:18} {value:.4g}')
+        settings = {'rate_hz': options.rate, 'seconds': options.seconds}
+        print(json.dumps(settings | results | {'target_p99_ms': TARGET_P99_MS, 'load': load}))
+        return 0
+    print(f'{"":12}{"estimator":>10}{"bare":>10}')
+    for name in results['bare']:
+        print(f'{name:12}{results["estimator"][name]:10.4g}{results["bare"][name]:10.4g}')
+    print(f'target: p99 < {TARGET_P99_MS:g} ms; load of the machine meanwhile: {load:.2g}')
     return 0
 
 

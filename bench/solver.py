@@ -68,7 +68,7 @@ def warm_loop(length, sections, knots, turning, ends, counts, start, nodes, call
 
 @kernel
 def cold_loop(length, sections, knots, turning, ends, counts, nodes, calls):
-    """The same from nothing."""
+    """Solve the same from nothing."""
     panels = np.empty((nodes.shape[0] - 1, 16))
     worst = 0.0
     for _ in range(calls):
@@ -162,7 +162,7 @@ class Rod:
         return end_state(root)[[2, 3, 0]]
 
     def bvp(self, tolerance: float, mesh: np.ndarray, guess: np.ndarray):
-        """The textbook way: solve_bvp, one set of unknowns per section, all mapped to [0, 1]."""
+        """Solve the textbook way: solve_bvp, a set of unknowns per section, mapped to [0, 1]."""
         kappa0, pieces = self.kappa0(), self.pieces()
         (angle, compliance), length = self.clamp(), self.arm.length
         unit = 1e-3  # N m; lengths in l
@@ -239,7 +239,7 @@ class Case:
         self.reading = PressureReading(stamp_ns=1, pressure=self.pressure)
 
     def record(self) -> tuple:
-        """The record of the rod as the kernels take it."""
+        """Return the record of the rod as the kernels take it."""
         rods = self.rods
         return rods.length, rods.sections[0], rods.knots, rods.turning[0], self.ends, self.counts
 
@@ -318,7 +318,7 @@ class Batch:
 
 @kernel
 def one_by_one(length, sections, knots, turning, ends, counts, starts, out):
-    """The rods of a batch by the single solver."""
+    """Solve the rods of a batch by the single solver."""
     panels = np.empty((starts.shape[1] - 1, 16))
     for rod in range(ends.shape[0]):
         out[rod] = starts[rod]
@@ -366,7 +366,7 @@ def measure(arm: Arm, repeats: int) -> dict[str, object]:
 
 
 def arms() -> dict[str, Arm]:
-    """The shipped arm, a stiffer one, and the shipped one with every mechanical term."""
+    """Return the shipped arm, a stiffer one, and the shipped one with every mechanical term."""
     soft = load_model(shipped('config/paper_arm.yaml'))
     law = dataclasses.replace(soft.moment_law, rigidity=9.0 * soft.moment_law.rigidity)
     effects = tuple(EFFECTS[name](**values) for name, values in MECHANICS.items())
@@ -389,7 +389,7 @@ TARGETS = {
 
 
 def show(results: dict[str, dict]) -> None:
-    """The results as tables."""
+    """Print the results as tables."""
     from rich.console import Console
     from rich.table import Table
 

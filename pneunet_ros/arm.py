@@ -90,7 +90,7 @@ class Arm:
         return max(low - pressure, pressure - high, 0.0) / (high - low)
 
     def sense(self, load: Load) -> Load:
-        """The true load behind readings of pressure and wrench."""
+        """Return the true load behind readings of pressure and wrench."""
         for effect in self.effects:
             load = effect.sense(load)
         return load
@@ -125,7 +125,7 @@ class Arm:
         )
 
     def rods(self, pressure: Array) -> Rods:
-        """The record of the rod at each of these chamber pressures (n,) Pa."""
+        """Return the record of the rod at each of these chamber pressures (n,) Pa."""
         sections, turning = self.table.at(pressure)
         clamp = np.zeros((pressure.size, CLAMP_WIDTH))
         clamp[:, CLAMP_ANGLE] = self.clamp_angle
@@ -141,7 +141,7 @@ class Arm:
         )
 
     def changed(self, changes: Mapping[str, float]) -> Arm:
-        """This arm with quantities of the model file moved; ModelError names an unknown quantity.
+        """Return this arm with quantities of the model file moved; ModelError for an unknown one.
 
         changes: dotted path, such as `moment_law.rigidity.0.1` or `arm.length`, to an amount in
         SI.
@@ -160,7 +160,7 @@ class Arm:
 
 
 def unknown_quantity(name: str) -> str:
-    """The sentence for a name that leads to no number of the model."""
+    """Return the sentence for a name that leads to no number of the model."""
     return (
         f'the model has no quantity {name}; names look like arm.length, '
         'intrinsic_curvature.curvature.3.5, moment_law.rigidity.0.1, effects.gravity.weight_y'
@@ -168,7 +168,7 @@ def unknown_quantity(name: str) -> str:
 
 
 def moved(owner: Any, path: list[str], amount: float, name: str) -> Any:
-    """A copy of `owner` in which the number at `path` is larger by `amount`."""
+    """Return a copy of `owner` in which the number at `path` is larger by `amount`."""
     if not path:
         if isinstance(owner, bool) or not isinstance(owner, (int, float)):
             raise ModelError(unknown_quantity(name))
@@ -177,6 +177,8 @@ def moved(owner: Any, path: list[str], amount: float, name: str) -> Any:
     if isinstance(owner, np.ndarray):
         copy = np.array(owner)
         try:
+            if not all(item.isdecimal() for item in path):
+                raise ModelError(unknown_quantity(name))
             index = tuple(int(item) for item in path)
             copy[index] = moved(float(copy[index]), [], amount, name)
         except (ValueError, IndexError, TypeError):
@@ -188,7 +190,9 @@ def moved(owner: Any, path: list[str], amount: float, name: str) -> Any:
         return tuple(
             moved(effect, rest, amount, name) if effect.name == key else effect for effect in owner
         )
-    known = [item.name for item in dataclasses.fields(owner) if item.init]
+    known = []
+    if dataclasses.is_dataclass(owner):
+        known = [item.name for item in dataclasses.fields(owner) if item.init]
     if key not in known:
         raise ModelError(unknown_quantity(name))
     return dataclasses.replace(owner, **{key: moved(getattr(owner, key), rest, amount, name)})

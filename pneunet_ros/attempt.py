@@ -143,7 +143,7 @@ class Attempt:
         return ''
 
     def solution(self) -> SolverNodes:
-        """The present nodes, frozen; the attempt may go on only on a new mesh."""
+        """Return the present nodes, frozen; the attempt may go on only on a new mesh."""
         return SolverNodes(
             panels=freeze(self.panels),
             ends=freeze(self.ends.copy()),

@@ -17,7 +17,7 @@ INTERRUPTED = 130
 
 
 def parser() -> ArgumentParser:
-    """The command line of all verbs."""
+    """Build the command line of all verbs."""
     command = ArgumentParser(
         prog='pneunet',
         description='Where a pneu-net arm is, from pressure and end force, by a rod model.',

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.errors import ModelError
 from pneunet_ros.shape import Array, freeze, frozen_array
 from scipy.interpolate import CubicSpline
+
+LARGEST = 1e30  # no table of an arm holds more; splines of it would overflow
 
 
 def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], Array]:
@@ -22,7 +25,7 @@ def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.in
 
 
 def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
-    """A table's pressure column: two or more rows, finite, increasing; else ModelError."""
+    """Return a table's pressure column: two or more rows, finite, increasing; else ModelError."""
     column = table_array(pressure, f'{where}.pressure', 1)
     if column.size < 2 or not np.all(np.diff(column) > 0.0):
         raise ModelError(
@@ -31,17 +34,31 @@ def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
     return column
 
 
+def only_numbers(values: Any) -> bool:
+    """Whether a nested list or an array holds numbers alone: no texts, no booleans."""
+    if isinstance(values, np.ndarray):
+        return values.dtype.kind in 'iuf'
+    if isinstance(values, (list, tuple)):
+        return all(only_numbers(value) for value in values)
+    return isinstance(values, (int, float, np.number)) and not isinstance(values, bool)
+
+
 def table_array(values: npt.ArrayLike, where: str, dimensions: int) -> Array:
-    """A read-only table of finite numbers with so many dimensions; else ModelError."""
+    """Return a read-only table of finite numbers with so many dimensions; else ModelError."""
+    sentence = f'{where} must be a table of numbers with rows of equal length'
+    if not only_numbers(values):
+        raise ModelError(sentence)
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ModelError(f'{where} must be a table of numbers with rows of equal length') from None
+    except (ValueError, OverflowError):
+        raise ModelError(sentence) from None
     if array.ndim != dimensions:
         kind = ['a number', 'a list of numbers', 'a list of rows of numbers'][dimensions]
         raise ModelError(f'{where} must be {kind}, got an array of shape {array.shape}')
     if not np.all(np.isfinite(array)):
         raise ModelError(f'{where} holds NaN or infinity')
+    if np.any(np.abs(array) > LARGEST):
+        raise ModelError(f'{where} holds a number larger than {LARGEST:g}')
     return frozen_array(array)
 
 

@@ -150,7 +150,7 @@ def solve_rod(
 def failed(
     arm: Arm, load: Load, arclength: Array, sentence: str, residual: float, iterations: int
 ) -> Shape:
-    """The value of a solve that gave no shape."""
+    """Return the value of a solve that gave no shape."""
     nothing = frozen_array(np.full(arclength.size, np.nan))
     return Shape(
         arclength=arclength,
@@ -174,7 +174,7 @@ def failed(
 
 
 def out_of_range(arm: Arm, pressure: float) -> str:
-    """The sentence for a pressure at which the model says nothing."""
+    """Return the sentence for a pressure at which the model says nothing."""
     low, high = (kilopascals(value) for value in arm.pressure_range)
     return (
         f'pressure {kilopascals(pressure):.4g} kPa is outside the calibrated range '
@@ -191,7 +191,7 @@ def pressure_step(arm: Arm) -> float:
 def linearized(
     solution: SolverNodes, panel_changes: Array, end_changes: Array
 ) -> tuple[Array, Array, bool]:
-    """Changes of nodes and tip per cause (F1, F2, M, further), and whether it is stable."""
+    """Return changes of nodes and tip per cause (F1, F2, M, further), and whether it is stable."""
     causes = LOADS + panel_changes.shape[0]
     nodes = np.empty((causes, *solution.nodes.shape))
     tip = np.empty((causes, 3))
@@ -232,7 +232,7 @@ def respond(
 
 
 def panels_of(rods: Rods, solution: SolverNodes) -> Array:
-    """The panels of another record on the mesh of a solution, under the same load."""
+    """Return the panels of another record on the mesh of a solution, under the same load."""
     panels = np.empty_like(solution.panels)
     collocation.prepare(
         rods.length,
@@ -247,7 +247,7 @@ def panels_of(rods: Rods, solution: SolverNodes) -> Array:
 
 
 def with_pressure_change(arm: Arm, chamber_pressure: float) -> tuple[Rods, Change]:
-    """The record of the rod at a chamber pressure (Pa), and how it changes per pascal."""
+    """Return the record of the rod at a chamber pressure (Pa), and how it changes per pascal."""
     step = pressure_step(arm)
     pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
     rods = arm.rods(np.array(pressures))

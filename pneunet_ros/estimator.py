@@ -173,7 +173,7 @@ class Estimator:
     def wrench_at(
         self, state: EstimatorState, stamp_ns: int
     ) -> tuple[WrenchReading, float | None, Refusal | None]:
-        """The end wrench to use at a stamp, its age (s), or why there is none to use."""
+        """Return the end wrench to use at a stamp, its age (s), or why there is none to use."""
         unloaded = WrenchReading(
             stamp_ns=stamp_ns,
             force_x=0.0,
@@ -200,7 +200,7 @@ class Estimator:
         return state.wrench, age, refused(stamp_ns, 'stale_wrench', sentence)
 
     def reference_hint(self, raw: float) -> str:
-        """What to do where a reading fits the calibrated range as the other kind of pressure."""
+        """Say what to do where a reading fits the range as the other kind of pressure."""
         ambient = self.settings.ambient_pressure
         if self.settings.pressure_reference == 'gauge':
             other, gauge = 'absolute', raw - ambient
@@ -249,7 +249,7 @@ class Estimator:
         return mixing
 
     def sensed(self, load: tuple[float, ...]) -> Array:
-        """True F1, F2, M and pressure behind the readings of them, as an array in this order."""
+        """Return true F1, F2, M and pressure behind readings of them, in this order."""
         true = self.arm.sense(
             Load(force_x=load[0], force_y=load[1], moment=load[2], pressure=load[3])
         )
@@ -257,5 +257,5 @@ class Estimator:
 
 
 def refused(stamp_ns: int, reason: str, sentence: str) -> Refusal:
-    """A refusal that stops the estimates."""
+    """Return a refusal that stops the estimates."""
     return Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=True)

@@ -13,7 +13,7 @@ SHORTEST_HOLD = 1.5  # s
 def held_estimates(
     estimates: Iterable[ShapeEstimate], shortest: float = SHORTEST_HOLD
 ) -> list[ShapeEstimate]:
-    """The last estimate of every stretch of at least `shortest` s of constant load."""
+    """Return the last estimate of every stretch of at least `shortest` s of constant load."""
     holds: list[ShapeEstimate] = []
     first: ShapeEstimate | None = None
     last: ShapeEstimate | None = None

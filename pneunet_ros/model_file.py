@@ -25,7 +25,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 SCHEMA_VERSION = 1
-LARGEST_FILE = 20_000_000  # bytes
+LARGEST_FILE = 1_000_000  # bytes
+LARGEST_CONTENT = 1_000_000  # values, counted as often as aliases repeat them
 TOP = (
     'schema_version',
     'name',
@@ -38,6 +39,7 @@ TOP = (
     'sources',
     'provenance',
 )
+LONGEST_SENTENCE = 600  # characters
 OPTIONAL = {'effects', 'covariance', 'sources', 'provenance'}
 
 
@@ -54,13 +56,31 @@ def load_model(path: str | Path) -> Arm:
         raise ModelError(f'cannot read the model file {path}: {error}') from None
     try:
         content = YAML(typ='safe', pure=True).load(text)
-    except (YAMLError, ValueError, RecursionError) as error:
-        first = ' '.join(str(error).split())
-        raise ModelError(f'{path} is not valid YAML: {first[:300]}') from None
+    except (YAMLError, ValueError, LookupError, RecursionError) as error:
+        raise ModelError(f'{path} is not valid YAML: {one_line(error)}') from None
     try:
+        if size_of(content, {}) > LARGEST_CONTENT:
+            raise ModelError(f'aliases make it more than {LARGEST_CONTENT:,} values')
         return arm_from_mapping(content)
     except ModelError as error:
-        raise ModelError(f'{path}: {error}') from None
+        raise ModelError(f'{path}: {one_line(error)}') from None
+
+
+def one_line(error: Exception) -> str:
+    """Return the text of an error, in one line of bounded length."""
+    words = ' '.join(str(error).split())
+    return words if len(words) <= LONGEST_SENTENCE else f'{words[:LONGEST_SENTENCE]} ...'
+
+
+def size_of(content: Any, known: dict[int, float]) -> float:
+    """How many values this is with all aliases written out; infinite where it holds itself."""
+    if not isinstance(content, (dict, list)):
+        return 1.0
+    if id(content) not in known:
+        known[id(content)] = math.inf
+        values = content.values() if isinstance(content, dict) else content
+        known[id(content)] = 1.0 + sum(size_of(value, known) for value in values)
+    return known[id(content)]
 
 
 def save_model(arm: Arm, path: str | Path, overwrite: bool = False) -> None:
@@ -84,7 +104,7 @@ def model_hash(arm: Arm) -> str:
 def arm_from_mapping(content: Any) -> Arm:
     """Build the arm from the content of a model file."""
     top = block(content, '', TOP, OPTIONAL)
-    if top['schema_version'] != SCHEMA_VERSION:
+    if isinstance(top['schema_version'], bool) or top['schema_version'] != SCHEMA_VERSION:
         raise ModelError(
             f'schema_version {top["schema_version"]!r} is not known; known: {SCHEMA_VERSION}'
         )
@@ -98,19 +118,19 @@ def arm_from_mapping(content: Any) -> Arm:
     return Arm(
         name=top['name'],
         **{key: number(value, f'arm.{key}') for key, value in arm.items() if key != arm_keys[3]},
-        target_arclength=np.array(arm.get('target_arclength') or []),
+        target_arclength=given(arm.get('target_arclength'), []),
         intrinsic_curvature=IntrinsicCurvature(**curvature),
         moment_law=law_from_mapping(top['moment_law']),
-        effects=effects_from_mapping(top.get('effects') or {}),
+        effects=effects_from_mapping(given(top.get('effects'), {})),
         sensors=SensorNoise(**numbers_of(SensorNoise, top['sensors'], 'sensors')),
         covariance=None if covariance is None else covariance_from_mapping(covariance),
-        sources=texts(top.get('sources') or {}, 'sources'),
-        provenance=mapping(top.get('provenance') or {}, 'provenance'),
+        sources=texts(given(top.get('sources'), {}), 'sources'),
+        provenance=tree(given(top.get('provenance'), {}), 'provenance'),
     )
 
 
 def mapping_from_arm(arm: Arm) -> dict[str, Any]:
-    """The content of a model file, in the order of its documentation."""
+    """Return the content of a model file, in the order of its documentation."""
     law = arm.moment_law
     return {
         'schema_version': SCHEMA_VERSION,
@@ -165,7 +185,7 @@ def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
     """Build the effects that the file names, with their parameters."""
     named = block(content, 'effects', tuple(EFFECTS), set(EFFECTS))
     return tuple(
-        EFFECTS[name](**numbers_of(EFFECTS[name], values or {}, f'effects.{name}'))
+        EFFECTS[name](**numbers_of(EFFECTS[name], given(values, {}), f'effects.{name}'))
         for name, values in named.items()
     )
 
@@ -180,7 +200,7 @@ def covariance_from_mapping(content: Any) -> ModelCovariance:
 
 
 def mapping(content: Any, where: str) -> dict[str, Any]:
-    """A mapping with text keys, or ModelError."""
+    """Return a mapping with text keys, or ModelError."""
     if not isinstance(content, Mapping) or not all(isinstance(key, str) for key in content):
         raise ModelError(f'{where or "the file"} must be a mapping of names to values')
     return dict(content)
@@ -189,7 +209,7 @@ def mapping(content: Any, where: str) -> dict[str, Any]:
 def block(
     content: Any, where: str, known: tuple[str, ...], optional: set[str] | None = None
 ) -> dict[str, Any]:
-    """A mapping that holds all of the known keys (but the optional ones) and no other."""
+    """Return a mapping that holds all of the known keys (but the optional ones) and no other."""
     values = mapping(content, where)
     prefix = f'{where}.' if where else ''
     for key in values:
@@ -202,7 +222,7 @@ def block(
 
 
 def numbers_of(owner: type, content: Any, where: str) -> dict[str, float]:
-    """The quantities of a dataclass from a mapping; those with a default may be left out."""
+    """Return the quantities of a dataclass from a mapping; those with a default are optional."""
     declared = quantities(owner)
     optional = {item.name for item in declared if item.default is not MISSING}
     values = block(content, where, tuple(item.name for item in declared), optional)
@@ -210,14 +230,17 @@ def numbers_of(owner: type, content: Any, where: str) -> dict[str, float]:
 
 
 def number(value: Any, where: str) -> float:
-    """A number of the file."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+    """Return a number of the file."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
         raise ModelError(f'{where} must be a number in SI units, not {value!r}')
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        raise ModelError(f'{where} is too large for a number in SI units') from None
 
 
 def texts(content: Any, where: str) -> dict[str, str]:
-    """A mapping of names to texts."""
+    """Return a mapping of names to texts."""
     values = mapping(content, where)
     for key, value in values.items():
         if not isinstance(value, str):
@@ -225,6 +248,24 @@ def texts(content: Any, where: str) -> dict[str, str]:
     return values
 
 
+def tree(content: Any, where: str) -> dict[str, Any]:
+    """Return a mapping with text keys, and so are all mappings inside."""
+    values = mapping(content, where)
+    inside: list[Any] = list(values.values())
+    while inside:
+        value = inside.pop()
+        if isinstance(value, Mapping):
+            inside.extend(mapping(value, where).values())
+        elif isinstance(value, list):
+            inside.extend(value)
+    return values
+
+
+def given(value: Any, otherwise: Any) -> Any:
+    """Return what a file says at a key, or what an empty place stands for."""
+    return otherwise if value is None else value
+
+
 def plain(value: Any) -> Any:
-    """An array as nested lists, anything else as it is."""
+    """Return an array as nested lists, anything else as it is."""
     return value.tolist() if isinstance(value, np.ndarray) else value

@@ -30,7 +30,7 @@ class Step:
 def input_topics(
     recording: Recording, estimator: Estimator, overrides: Mapping[str, str]
 ) -> dict[str, Input]:
-    """The topics of a recording that the estimator reads, the wrench first.
+    """Return the topics of a recording that the estimator reads, the wrench first.
 
     overrides: full topic name by last name, as `--topic pressure=/my/name` gives them. Raises
     RecordingError where a topic is missing or there are two candidates.

@@ -36,7 +36,7 @@ class Rods:
     turning: Array
 
     def one(self, which: int) -> Rods:
-        """The record at one of the pressures, as records of one pressure."""
+        """Return the record at one of the pressures, as records of one pressure."""
         only = slice(which, which + 1)
         return Rods(
             length=self.length,

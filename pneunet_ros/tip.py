@@ -77,7 +77,7 @@ class TipSearch:
     tip: Array
 
     def at(self, force: tuple[float, float], start: SolverNodes | None, arclength: Array) -> Shape:
-        """The shape under a trial force."""
+        """Return the shape under a trial force."""
         load = replace(self.load, force_x=float(force[0]), force_y=float(force[1]))
         return solve_rod(self.arm, self.rods, load, start, arclength, 0.0)
 
@@ -124,7 +124,7 @@ class TipSearch:
         return shape
 
     def judged(self, shape: Shape) -> Shape:
-        """The shape, or a failed one: tip not at the goal, or it does not tell the force."""
+        """Return the shape, or a failed one: tip not at the goal, or telling no force."""
         weakest = float(np.linalg.svd(force_jacobian(self.rods, shape), compute_uv=False)[-1])
         distance = self.miss(shape)
         if weakest < DETERMINED and distance < NEAR * self.arm.length:

@@ -58,7 +58,7 @@ def quantity(
 
 
 def quantities(owner: Any) -> tuple[dataclasses.Field[Any], ...]:
-    """The fields of a dataclass (type or instance) that were declared by `quantity`, in order."""
+    """Return the fields of a dataclass that were declared by `quantity`, in order."""
     return tuple(field for field in dataclasses.fields(owner) if 'unit' in field.metadata)
 
 

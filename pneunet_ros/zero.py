@@ -10,7 +10,7 @@ from pneunet_ros.readings import PressureReading
 def pressure_zero(
     estimator: Estimator, readings: tuple[PressureReading, ...]
 ) -> tuple[float | None, str]:
-    """The offset (Pa) that makes these readings of the vented arm zero, and a sentence about it.
+    """Return the offset (Pa) that makes readings of the vented arm zero, and a sentence.
 
     No offset where there are fewer than 5 readings, where they move by more than 5 sigma or 1 % of
     the range, or where the offset would exceed a tenth of the calibrated range.

@@ -27,5 +27,5 @@ class ClampCompliance(Effect):
     )
 
     def terms(self, pressure: Array) -> Terms:
-        """The compliance of the clamp."""
+        """Return the compliance of the clamp."""
         return Terms(clamp_compliance=self.compliance)

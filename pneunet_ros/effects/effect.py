@@ -105,7 +105,7 @@ class Effect(abc.ABC):
         check_quantities(self, f'effects.{self.name}')
 
     def sense(self, load: Load) -> Load:
-        """The true load behind a reading."""
+        """Return the true load behind a reading."""
         return load
 
     def initial(self, pressure: float) -> History:
@@ -117,5 +117,5 @@ class Effect(abc.ABC):
         return history, pressure
 
     def terms(self, pressure: Array) -> Terms:
-        """What the effect adds to the rod at these chamber pressures (n,) Pa."""
+        """Return what the effect adds to the rod at these chamber pressures (n,) Pa."""
         return NO_TERMS

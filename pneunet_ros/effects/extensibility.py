@@ -28,5 +28,5 @@ class Extensibility(Effect):
     )
 
     def terms(self, pressure: Array) -> Terms:
-        """The axial compliance 1/EA."""
+        """Return the axial compliance 1/EA."""
         return Terms(axial_compliance=1.0 / self.axial_stiffness)

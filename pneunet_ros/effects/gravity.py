@@ -35,5 +35,5 @@ class Gravity(Effect):
     )
 
     def terms(self, pressure: Array) -> Terms:
-        """The line load."""
+        """Return the line load."""
         return Terms(line_load_x=self.weight_x, line_load_y=self.weight_y)

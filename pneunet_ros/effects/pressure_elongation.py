@@ -35,6 +35,6 @@ class PressureElongation(Effect):
     )
 
     def terms(self, pressure: Array) -> Terms:
-        """The strain of the unloaded arm."""
+        """Return the strain of the unloaded arm."""
         strain = self.strain_per_pascal * pressure + self.strain_per_pascal_squared * pressure**2
         return Terms(rest_strain=strain)

@@ -27,5 +27,5 @@ class Stiffening(Effect):
     )
 
     def terms(self, pressure: Array) -> Terms:
-        """The cubic term."""
+        """Return the cubic term."""
         return Terms(cubic=self.coefficient)

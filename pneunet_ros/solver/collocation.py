@@ -50,7 +50,7 @@ ACCEPTED = 1e-10  # rad; the residual that still counts as equilibrium where rou
 
 @kernel
 def turning_at(s: float, knots: Array, turning: Array, piece: int) -> tuple[float, int]:
-    """Turning angle (rad) of the unloaded rod from the clamp to s; starts searching at `piece`."""
+    """Return the angle (rad) the unloaded rod has turned at s; searches from `piece` on."""
     while piece < knots.size - 2 and s >= knots[piece + 1]:
         piece += 1
     t = s - knots[piece]
@@ -140,7 +140,7 @@ def prepare(
 
 @kernel
 def unloaded_nodes(panels: Array, ends: Array, nodes: Array) -> None:
-    """The unloaded rod: no moment, theta turns with the intrinsic curvature."""
+    """Set the unloaded rod: no moment, theta turns with the intrinsic curvature."""
     theta = ends[0]
     for p in range(panels.shape[0]):
         node, panel = nodes[p], panels[p]
@@ -155,7 +155,7 @@ def unloaded_nodes(panels: Array, ends: Array, nodes: Array) -> None:
 
 @inlined
 def load_panel(panels: Array, p: int) -> tuple[float, Law, Mechanics, Turn]:
-    """The columns of one panel as the tuples the equations take."""
+    """Return the columns of one panel as the tuples the equations take."""
     row = panels[p]
     law = (row[1], row[2], row[3])
     mechanics = (row[4], row[5], row[6], row[7], row[8], row[9])
@@ -249,7 +249,7 @@ def newton_step(
 
 @kernel
 def scale_of_moments(panels: Array) -> float:
-    """What turns a moment into an angle: length over the smallest rigidity, 1/(N m)."""
+    """Return what makes an angle of a moment: length over the smallest rigidity, 1/(N m)."""
     length = 0.0
     flexibility = 0.0
     for p in range(panels.shape[0]):

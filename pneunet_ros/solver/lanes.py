@@ -16,7 +16,7 @@ from pneunet_ros.solver.collocation import (
     SLOPE_WIDTH,
     STEP_WIDTH,
 )
-from pneunet_ros.solver.compiled import kernel
+from pneunet_ros.solver.compiled import inlined, kernel
 from pneunet_ros.solver.panel import (
     dot,
     linear_panel,
@@ -32,13 +32,20 @@ Array = npt.NDArray[np.float64]
 L = 16  # rods at a time: their work fits the cache
 
 
+@inlined
+def from_panel(table: Array, p: int, width: int) -> Array:
+    """Return a table of all panels from panel p on."""
+    start = p * width * L
+    return table[start:]
+
+
 @kernel
 def residuals(
     panels: Array, ends: Array, nodes: Array, slopes: Array, scale: Array, worst: Array
 ) -> None:
     """Residual of every rod (rad) into `worst`, and the slopes for the Newton step."""
     count = panels.size // (PANEL_WIDTH * L)
-    last = nodes[count * NODE_WIDTH * L :]
+    last = from_panel(nodes, count, NODE_WIDTH)
     for k in range(L):
         sine, cosine = sine_cosine(last[0 * L + k])
         end_moment = ends[5 * L + k] - ends[2 * L + k] * (
@@ -47,10 +54,10 @@ def residuals(
         at_clamp = abs(nodes[0 * L + k] - ends[0 * L + k] - ends[1 * L + k] * nodes[5 * L + k])
         worst[k] = at_clamp + abs(last[5 * L + k] - end_moment) * scale[k]
     for p in range(count):
-        row = panels[p * PANEL_WIDTH * L :]
-        node = nodes[p * NODE_WIDTH * L :]
-        following = nodes[(p + 1) * NODE_WIDTH * L :]
-        out = slopes[p * SLOPE_WIDTH * L :]
+        row = from_panel(panels, p, PANEL_WIDTH)
+        node = from_panel(nodes, p, NODE_WIDTH)
+        following = from_panel(nodes, p + 1, NODE_WIDTH)
+        out = from_panel(slopes, p, SLOPE_WIDTH)
         for k in range(L):
             r, theta_b, moment_b, slope, e = panel_residual(
                 row[0 * L + k],
@@ -90,15 +97,15 @@ def full_steps(
 ) -> None:
     """One full Newton step of every rod; `steps` and `v` (5, rods) are scratch."""
     count = slopes.size // (SLOPE_WIDTH * L)
-    last = nodes[count * NODE_WIDTH * L :]
+    last = from_panel(nodes, count, NODE_WIDTH)
     for k in range(L):
         norm = 1.0 / np.sqrt(ends[1 * L + k] * ends[1 * L + k] + scale[k] * scale[k])
         v[0 * L + k], v[1 * L + k] = ends[1 * L + k] * norm, norm
         v[2 * L + k] = ends[0 * L + k] + ends[1 * L + k] * nodes[5 * L + k] - nodes[0 * L + k]
         v[3 * L + k] = 0.0
     for p in range(count):
-        row = slopes[p * SLOPE_WIDTH * L :]
-        out = steps[p * STEP_WIDTH * L :]
+        row = from_panel(slopes, p, SLOPE_WIDTH)
+        out = from_panel(steps, p, STEP_WIDTH)
         for k in range(L):
             slope = (row[6 * L + k], row[7 * L + k], row[8 * L + k], row[9 * L + k])
             triangle, x, flexibility, b = linear_panel(
@@ -139,8 +146,8 @@ def full_steps(
         last[5 * L + k] = last[5 * L + k] + v[3 * L + k] + t * v[1 * L + k]
         v[4 * L + k] = t
     for p in range(count - 1, -1, -1):
-        out = steps[p * STEP_WIDTH * L :]
-        node = nodes[p * NODE_WIDTH * L :]
+        out = from_panel(steps, p, STEP_WIDTH)
+        node = from_panel(nodes, p, NODE_WIDTH)
         for k in range(L):
             t = (v[4 * L + k] - out[16 * L + k]) * out[17 * L + k]
             v[4 * L + k] = t

@@ -99,13 +99,13 @@ def times(a: Four, b: Four) -> Four:
 
 @inlined
 def scaled(f: float, a: Four) -> Four:
-    """The row f a."""
+    """Return the row f a."""
     return f * a[0], f * a[1], f * a[2], f * a[3]
 
 
 @inlined
 def less(a: Four, f: float, b: Four) -> Four:
-    """The row a - f b."""
+    """Return the row a - f b."""
     return a[0] - f * b[0], a[1] - f * b[1], a[2] - f * b[2], a[3] - f * b[3]
 
 
@@ -113,7 +113,7 @@ def less(a: Four, f: float, b: Four) -> Four:
 def panel_fields(
     h: float, law: Law, mechanics: Mechanics, theta: Four, moment_a: float
 ) -> tuple[Four, Four, Four, Four, Four, Four, Four, Four]:
-    """The rod at the Gauss points of a panel, for given theta there and moment at the start.
+    """Return the rod at the Gauss points of a panel, from theta there and the first moment.
 
     Returns sin, cos, axial force t = n.t, transverse force u = n x t, stretch, moment, d = kappa -
     kappa0 and d d/dM. M' = -stretch u.
@@ -232,7 +232,7 @@ def substitute(triangle: Triangle, r: Four) -> Four:
 
 @inlined
 def linear_panel(k: Four, e: Four) -> tuple[Triangle, Four, Triangle, float]:
-    """The linearized panel, (I - E k) d theta = r + d theta_a + x d M_a with E = A e A.
+    """Linearize a panel: (I - E k) d theta = r + d theta_a + x d M_a with E = A e A.
 
     Returns the factors of its matrix; x; E with a fifth row for the end of the panel, where
     d theta_b = r + d theta_a + (E_5 k) . d theta + b d M_a and d M_b = r + d M_a + (W k) . d

@@ -85,7 +85,7 @@ def run(arguments: Namespace) -> int:
 
 
 def first_of_each_pressure(holds: list[ShapeEstimate]) -> list[ShapeEstimate]:
-    """The way up: the recording comes back through the same pressures."""
+    """Keep the way up: the recording comes back through the same pressures."""
     seen: dict[float, ShapeEstimate] = {}
     for hold in holds:
         seen.setdefault(hold.shape.pressure, hold)
@@ -93,7 +93,7 @@ def first_of_each_pressure(holds: list[ShapeEstimate]) -> list[ShapeEstimate]:
 
 
 def row_of(hold: ShapeEstimate) -> dict[str, float]:
-    """The numbers of one hold, SI."""
+    """Return the numbers of one hold, SI."""
     shape = hold.shape
     x, y, theta = shape.tip
     std_x, std_y = np.sqrt(np.diag(hold.tip_covariance))[:2].tolist()
@@ -112,7 +112,7 @@ def row_of(hold: ShapeEstimate) -> dict[str, float]:
 
 
 def show(rows: list[dict[str, float]], estimates: int, mcap: Path, picture: Path) -> None:
-    """The holds as a table."""
+    """Print the holds as a table."""
     console = output_console()
     table = Table(title=f'The {len(rows)} holds of Table 1, as the estimator sees the arm')
     for name in (

@@ -95,7 +95,7 @@ def run(arguments: Namespace) -> int:
 
 
 def uncertain(estimator: Estimator, shape: Shape, pressure: float) -> ShapeEstimate | None:
-    """The answer as the estimator gives it: with Jacobian and covariance, on the same branch."""
+    """Return the answer as the estimator gives it, with Jacobian and covariance."""
     state = EstimatorState(solution=shape.solution)
     force = WrenchReading(
         stamp_ns=1,
@@ -110,7 +110,7 @@ def uncertain(estimator: Estimator, shape: Shape, pressure: float) -> ShapeEstim
 
 
 def content(shape: Shape, estimate: ShapeEstimate | None) -> dict[str, object]:
-    """The JSON of the contract."""
+    """Return the JSON of the contract."""
     x, y, theta = shape.tip
     return {
         'status': shape.status,
@@ -138,13 +138,13 @@ def content(shape: Shape, estimate: ShapeEstimate | None) -> dict[str, object]:
 
 
 def tip_std(estimate: ShapeEstimate) -> list[float]:
-    """Standard deviations of x, y (m) and theta (rad) of the tip."""
+    """Return standard deviations of x, y (m) and theta (rad) of the tip."""
     deviations: list[float] = np.sqrt(np.diag(estimate.tip_covariance)).tolist()
     return deviations
 
 
 def show(shape: Shape, estimate: ShapeEstimate | None) -> None:
-    """The answer for people."""
+    """Print the answer for people."""
     console = output_console()
     console.print(f'{shape.status} (residual {shape.residual:.1e} rad)')
     if not shape.converged or estimate is None:

@@ -105,7 +105,7 @@ def run(arguments: Namespace) -> int:
 
 
 def show(summary: dict[str, object], tally: Tally) -> None:
-    """The summary for people."""
+    """Print the summary for people."""
     console = output_console()
     table = Table(title=f'{summary["recording"]} through {summary["model"]}', show_header=False)
     table.add_column()

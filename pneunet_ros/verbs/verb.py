@@ -41,7 +41,7 @@ def output_console() -> Console:
 
 
 def progress_bar(shown: bool) -> Progress:
-    """A progress bar on stderr, for people only."""
+    """Make a progress bar on stderr, for people only."""
     return Progress(
         TextColumn('{task.description}'),
         BarColumn(),
@@ -81,7 +81,7 @@ def add_json(parser: ArgumentParser) -> None:
 
 
 def add_model(parser: ArgumentParser) -> None:
-    """The model file."""
+    """Add the option for the model file."""
     parser.add_argument(
         '--model',
         type=Path,
@@ -91,7 +91,7 @@ def add_model(parser: ArgumentParser) -> None:
 
 
 def model_of(arguments: Namespace) -> Arm:
-    """The model that was asked for."""
+    """Return the model that was asked for."""
     return load_model(arguments.model or shipped(PAPER_ARM))
 
 
@@ -103,7 +103,7 @@ def add_overwrite(parser: ArgumentParser) -> None:
 
 
 def add_settings(parser: ArgumentParser) -> None:
-    """The settings of the estimator, one option each, from their declaration."""
+    """Add the settings of the estimator as options, from their declaration."""
     group = parser.add_argument_group('sensors and stack (as the parameters of the node)')
     for item in dataclasses.fields(EstimatorSettings):
         meaning, unit = item.metadata['meaning'], item.metadata.get('unit')
@@ -122,7 +122,7 @@ def add_settings(parser: ArgumentParser) -> None:
 
 
 def settings_of(arguments: Namespace) -> EstimatorSettings:
-    """The settings that were asked for."""
+    """Return the settings that were asked for."""
     names = [item.name for item in dataclasses.fields(EstimatorSettings)]
     return EstimatorSettings(**{name: getattr(arguments, name) for name in names})
 
