@@ -68,7 +68,7 @@ class NodeProcess:
 
 @contextmanager
 def running_node(output: Path, domain: int, *arguments: str) -> Iterator[NodeProcess]:
-    """A node that is gone afterwards in any case."""
+    """Run a node that is gone afterwards in any case."""
     node = NodeProcess(output, domain, *arguments)
     try:
         yield node
@@ -198,7 +198,7 @@ class Peer:
             messages.clear()
 
     def report(self) -> tuple[int, str, dict[str, str]]:
-        """The next diagnostics: level, message, values."""
+        """Wait for the next diagnostics and return level, message, values."""
         self.statuses.clear()
         assert self.spin_until(lambda: self.statuses)
         status = self.statuses[-1]
@@ -206,7 +206,7 @@ class Peer:
         return status.level[0], status.message, values
 
     def model_info(self) -> str:
-        """What a late subscriber of model_info gets."""
+        """Subscribe late to model_info and return what comes."""
         said: list[str] = []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         late = self.node.create_subscription(

@@ -52,7 +52,7 @@ def test_the_manual_has_the_table_of_parameters(checkout):
 
 
 def manual_row(field):
-    """The row of a parameter in the manual."""
+    """Return the row of a parameter in the manual."""
     meta = field.metadata
     allowed = ', '.join(str(choice) for choice in meta.get('choices') or ())
     if 'bounds' in meta:

@@ -51,7 +51,7 @@ EVERYTHING = (
 
 @pytest.fixture(scope='module')
 def node(tmp_path_factory):
-    """A node that ends cleanly when asked to, after all that the tests of this file did to it."""
+    """Run a node that ends cleanly when asked to, after all that these tests did to it."""
     output = tmp_path_factory.mktemp('node') / 'output'
     with running_node(output, DOMAIN, *EVERYTHING) as process:
         process.wait_for('ready')
@@ -70,14 +70,14 @@ def connected(node):
 
 @pytest.fixture
 def peer(connected):
-    """The peer of a node that remembers nothing."""
+    """Return the peer of a node that remembers nothing."""
     connected.start_anew()
     return connected
 
 
 @pytest.fixture
 def lonely_peer():
-    """A peer for a node of the test's own."""
+    """Give a peer for a node of the test's own."""
     peer = Peer(OTHER_DOMAIN)
     yield peer
     peer.close()
@@ -87,7 +87,7 @@ def lonely_peer():
 
 
 def played_back(path):
-    """(recorded message, messages of all outputs by topic or None) for a recording, by replay."""
+    """Replay a recording: each message with what it brings by topic, or None."""
     recording = open_recording(path)
     estimator = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
     frame_id = estimator.settings.frame_id
@@ -102,7 +102,7 @@ def played_back(path):
 
 
 def played_live(peer, path):
-    """What `played_back` gives, by the node; one reading after the other."""
+    """Give what `played_back` gives, by the node; one reading after the other."""
     for message, expected in played_back(path):
         publisher = peer.pressures if message.topic.endswith('pressure') else peer.wrenches
         publisher.publish(bytes(message.raw))
