@@ -179,8 +179,6 @@ def moved(owner: Any, path: list[str], amount: float, name: str) -> Any:
         try:
             if not all(item.isdecimal() for item in path):
                 raise ModelError(unknown_quantity(name))
-            if not all(item.isdecimal() for item in path):
-                raise ModelError(unknown_quantity(name))
             index = tuple(int(item) for item in path)
             copy[index] = moved(float(copy[index]), [], amount, name)
         except (ValueError, IndexError, TypeError):
@@ -193,8 +191,6 @@ def moved(owner: Any, path: list[str], amount: float, name: str) -> Any:
             moved(effect, rest, amount, name) if effect.name == key else effect for effect in owner
         )
     known = []
-    if dataclasses.is_dataclass(owner):
-        known = []
     if dataclasses.is_dataclass(owner):
         known = [item.name for item in dataclasses.fields(owner) if item.init]
     if key not in known:
