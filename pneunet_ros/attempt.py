@@ -61,7 +61,7 @@ class Attempt:
         self.counts = counts
         total = int(counts.sum())
         self.panels = np.empty((total, collocation.PANEL_WIDTH))
-        self.nodes = np.empty((total + 1, collocation.NODE_WIDTH))
+        self.nodes = np.zeros((total + 1, collocation.NODE_WIDTH))  # the last row is partly unused
         collocation.prepare(
             self.rods.length,
             self.rods.sections[0],

@@ -110,7 +110,7 @@ FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 
 
 def predicted(arm: Arm, start: Shape, causes: Array) -> Array:
-    """Nodes for F1, F2, M and chamber pressure (n, 4), by the tangent at a known shape."""
+    """Nodes (6 (panels + 1), n) for F1, F2, M and chamber pressure (n, 4), by a tangent."""
     assert start.solution is not None
     solution = start.solution
     chamber = steady_pressure(arm, start.pressure)
@@ -118,9 +118,8 @@ def predicted(arm: Arm, start: Shape, causes: Array) -> Array:
     difference = panels_of(change.after, solution) - panels_of(change.before, solution)
     nodes, _, _ = linearized(solution, difference[None] / change.distance, np.zeros((1, 6)))
     moved = causes - np.array([*start.force, start.end_moment, chamber])
-    flat = moved @ nodes.reshape(nodes.shape[0], -1)
-    guesses: Array = solution.nodes + flat.reshape(-1, *solution.nodes.shape)
-    return guesses
+    tangent = nodes.reshape(nodes.shape[0], -1)
+    return np.ascontiguousarray(solution.nodes.reshape(-1, 1) + tangent.T @ moved.T)
 
 
 def alone(arm: Arm, rod: Rods, load: Array, start: Shape, arclength: Array) -> Shape:

@@ -110,6 +110,7 @@ def prepare(
         section = sections[k]
         stop = length if k + 1 == sections.shape[0] else sections[k + 1, 0]
         h = (stop - section[0]) / counts[k]
+        compliance = 1.0 / section[1]
         first -= counts[k]
         for j in range(counts[k] - 1, -1, -1):
             panel = panels[first + j]
@@ -117,25 +118,25 @@ def prepare(
             n1 += q1
             n2 += q2
             panel[0] = h
-            panel[1] = 1.0 / section[1]
+            panel[1] = compliance
             panel[2] = section[2]
             panel[3] = section[3]
             panel[4] = section[4]
             panel[5] = 1.0 + section[5]
             panel[6], panel[7], panel[8], panel[9] = n1, n2, q1, q2
             panel[15] = section[0] + j * h
-    piece = 0
+    piece, start = 0, 0.0
     for p in range(panels.shape[0]):
         panel = panels[p]
         s, h = panel[15], panel[0]
-        start, piece = turning_at(s, knots, turning, piece)
         t1, piece = turning_at(s + C1 * h, knots, turning, piece)
         t2, piece = turning_at(s + C2 * h, knots, turning, piece)
         t3, piece = turning_at(s + C3 * h, knots, turning, piece)
         t4, piece = turning_at(s + C4 * h, knots, turning, piece)
-        t5, _ = turning_at(s + h, knots, turning, piece)
+        t5, piece = turning_at(s + h, knots, turning, piece)
         panel[10], panel[11], panel[12] = t1 - start, t2 - start, t3 - start
         panel[13], panel[14] = t4 - start, t5 - start
+        start = t5
 
 
 @kernel

@@ -185,11 +185,11 @@ def newton_many(
 ) -> None:
     """Solve many rods of one mesh, a block of them at a time.
 
-    sections (rods, sections, 8), turning (rods, pieces, 5), ends (rods, 6); starts (rods, panels +
-    1, 6) are the first guesses; the nodes go to `out` (rods, panels + 1, 6) and the residuals
+    sections (rods, sections, 8), turning (rods, pieces, 5), ends (rods, 6). The first guesses are
+    in starts (6 (panels + 1), rods), the nodes go to `out` of the same shape, and the residuals
     (rad; here the sum over the equations) to `reached` (rods,).
     """
-    count = starts.shape[1] - 1
+    count = starts.shape[0] // NODE_WIDTH - 1
     panels = np.empty(count * PANEL_WIDTH * L)
     columns = panels.reshape(count, PANEL_WIDTH, L)
     nodes = np.empty((count + 1) * NODE_WIDTH * L)
@@ -206,22 +206,23 @@ def newton_many(
             scale[k] = 0.0
             for section in range(sections.shape[1]):
                 scale[k] = max(scale[k], length / abs(sections[rod, section, 1]))
-            for p in range(count + 1):
-                for column in range(NODE_WIDTH):
-                    nodes[(p * NODE_WIDTH + column) * L + k] = starts[rod, p, column]
             for column in range(6):
                 end[column * L + k] = ends[rod, column]
+        for row in range(starts.shape[0]):
+            for k in range(L):
+                nodes[row * L + k] = starts[row, min(first + k, ends.shape[0] - 1)]
         residuals(panels, end, nodes, slopes, scale, worst)
         for _ in range(most_iterations):
             if worst.max() <= tolerance:
                 break
             full_steps(end, nodes, slopes, steps, scale, v)
             residuals(panels, end, nodes, slopes, scale, worst)
-        for k in range(min(L, ends.shape[0] - first)):
+        block = min(L, ends.shape[0] - first)
+        for k in range(block):
             reached[first + k] = worst[k]
-            for p in range(count + 1):
-                for column in range(NODE_WIDTH):
-                    out[first + k, p, column] = nodes[(p * NODE_WIDTH + column) * L + k]
+        for row in range(starts.shape[0]):
+            for k in range(block):
+                out[row, first + k] = nodes[row * L + k]
 
 
 @kernel
@@ -238,10 +239,15 @@ def evaluate_many(
     detail: Array,
 ) -> None:
     """Stations of solved rods into fields (6, rods, stations), `resolution` into `detail`."""
-    panels = np.empty((nodes.shape[1] - 1, PANEL_WIDTH))
+    count = nodes.shape[0] // NODE_WIDTH - 1
+    panels = np.empty((count, PANEL_WIDTH))
+    own = np.empty((count + 1, NODE_WIDTH))
     out = np.empty((6, arclength.size))
-    for rod in range(nodes.shape[0]):
+    for rod in range(nodes.shape[1]):
+        for p in range(count + 1):
+            for column in range(NODE_WIDTH):
+                own[p, column] = nodes[p * NODE_WIDTH + column, rod]
         prepare(length, sections[rod], knots, turning[rod], ends[rod], counts, panels)
-        at_stations(panels, nodes[rod], knots, turning[rod], arclength, out)
+        at_stations(panels, own, knots, turning[rod], arclength, out)
         fields[:, rod] = out
-        detail[rod] = resolution(panels, nodes[rod])
+        detail[rod] = resolution(panels, own)
