@@ -238,12 +238,12 @@ class Estimator:
             mixing[source, source] = sigma
         if self.arm.effects:  # an effect may change what an error of a reading means
             base = (wrench.force_x, wrench.force_y, wrench.moment, gauge)
-            sensed = self.sensed(base)
+            correction = self.sensed(base) - base  # exactly zero where no effect is sensed
             for source, sigma in enumerate(sigmas):
                 moved = tuple(
                     value + sigma if place == source else value for place, value in enumerate(base)
                 )
-                mixing[source, : LOADS + 1] = self.sensed(moved) - sensed
+                mixing[source, : LOADS + 1] += self.sensed(moved) - moved - correction
         for column in range(columns):
             mixing[PRESSURE + 1 + column, PRESSURE + 1 + column] = 1.0
         return mixing

@@ -16,6 +16,7 @@ import abc
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+import numpy as np
 from pneunet_ros.rod import (
     AXIAL_COMPLIANCE,
     CLAMP_ANGLE,
@@ -33,7 +34,7 @@ from pneunet_ros.units import check_quantities
 
 Place = Literal['sensing', 'actuation', 'material', 'mechanics']
 History = tuple[float, ...]
-NOTHING = 0.0
+NOTHING, UNITY = 0.0, 1.0  # what a term is that was not given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +56,7 @@ class Terms:
     line loads N/m, clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
     """
 
-    rigidity_factor: float | Array = 1.0
+    rigidity_factor: float | Array = UNITY
     moment_offset: float | Array = NOTHING
     cubic: float | Array = NOTHING
     axial_compliance: float | Array = NOTHING
@@ -68,8 +69,8 @@ class Terms:
 
     def add_to(self, sections: Array, clamp: Array) -> None:
         """Add these terms to records of a rod: sections (n, sections, 8), clamp (n, 3)."""
-        per_section, per_clamp = sections.transpose(2, 1, 0), clamp.T
-        per_section[RIGIDITY] *= self.rigidity_factor
+        if self.rigidity_factor is not UNITY:
+            sections[:, :, RIGIDITY] *= across(self.rigidity_factor)
         for column, term in (
             (MOMENT_OFFSET, self.moment_offset),
             (CUBIC, self.cubic),
@@ -79,14 +80,19 @@ class Terms:
             (LOAD_Y, self.line_load_y),
         ):
             if term is not NOTHING:
-                per_section[column] += term
+                sections[:, :, column] += across(term)
         for column, term in (
             (CLAMP_ANGLE, self.clamp_angle),
             (CLAMP_COMPLIANCE, self.clamp_compliance),
             (LOAD_OFFSET, self.load_offset),
         ):
             if term is not NOTHING:
-                per_clamp[column] += term
+                clamp[:, column] += term
+
+
+def across(term: float | Array) -> float | Array:
+    """Return a term per pressure as a column, to stand beside the sections of a rod."""
+    return term[:, None] if isinstance(term, np.ndarray) else term
 
 
 NO_TERMS = Terms()
