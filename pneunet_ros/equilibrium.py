@@ -198,7 +198,7 @@ def linearized(
     stable = sensitivities(
         solution.panels, solution.ends, solution.nodes, panel_changes, end_changes, nodes, tip
     )
-    return nodes, tip, stable
+    return nodes, tip, bool(stable)
 
 
 def respond(

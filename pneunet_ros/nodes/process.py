@@ -74,7 +74,13 @@ def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
 def _end(number: int, frame: FrameType | None) -> None:
     """Stop at the first signal; from now on others are ignored, as they would hit the clean-up."""
     _on_signals(_ignore)
+    # A compiler that is cut off in the middle complains from its destructors, to no one's use.
+    sys.unraisablehook = _ignore_unraisable
     raise KeyboardInterrupt
+
+
+def _ignore_unraisable(unraisable: object) -> None:
+    """Say nothing."""
 
 
 def _ignore(number: int, frame: FrameType | None) -> None:

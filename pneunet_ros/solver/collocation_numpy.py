@@ -1,7 +1,7 @@
 """The same collocation in plain numpy: one dense Newton matrix, solved with pivoting.
 
-It shares no arithmetic with the compiled kernel and is its cross-check; where there is no numba it
-takes the kernel's place.
+It shares no arithmetic with the kernel and is its cross-check. Where there is no numba the kernel
+itself runs as plain Python, which is faster still on rods of a few panels.
 """
 
 from __future__ import annotations
