@@ -1,0 +1,322 @@
+"""The kernels: one Newton method twice, rods at random, meshes, and Python without numba."""
+
+from __future__ import annotations
+
+from collections import Counter
+import json
+import math
+import subprocess
+import sys
+
+from arms import PAPER_ARM, paper_arm, plain_arm, TABLE_1, two_sections
+import numpy as np
+from pneunet_ros import solve
+from pneunet_ros.attempt import Attempt, FINEST_DETAIL
+from pneunet_ros.curvature import IntrinsicCurvature
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.equilibrium import solve_rod
+from pneunet_ros.solver import chain, collocation, collocation_numpy, stations
+from pneunet_ros.solver.collocation import ACCEPTED, TOLERANCE
+from pneunet_ros.solver.compiled import HAVE_NUMBA
+from pneunet_ros.solver.panel import curvature_change, sine_cosine
+import pytest
+from random_rods import random_case
+from rod_equations import fine_stations, violations
+
+FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
+
+
+def attempt_at(case):
+    """Mesh the rod of a random case; it is not yet solved."""
+    rods = case.arm.rods(np.array([case.pressure]))
+    return Attempt(rods, case.force, case.moment, TOLERANCE)
+
+
+# ---- one Newton method, twice -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('seed', range(60))
+def test_compiled_and_numpy_newton_agree(seed):
+    attempt = attempt_at(random_case(seed))
+    assert attempt.solve(None) == ''
+    panels, ends = attempt.panels, attempt.ends
+    noise = np.random.default_rng(seed).normal(size=attempt.nodes.shape)
+    start = attempt.nodes * (1 + 1e-3 * noise)
+    compiled, plain = start.copy(), start.copy()
+    residual, _ = collocation.newton(panels, ends, compiled, 25, TOLERANCE)
+    twin, _ = collocation_numpy.newton(panels, ends, plain, 25, TOLERANCE)
+    assert residual <= ACCEPTED
+    assert twin <= ACCEPTED
+    assert compiled[:, :5] == pytest.approx(plain[:, :5], abs=1e-10)
+    in_radians = collocation.scale_of_moments(panels)
+    assert in_radians * compiled[:, 5] == pytest.approx(in_radians * plain[:, 5], abs=1e-10)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_compiled_and_numpy_residuals_agree_away_from_equilibrium(seed):
+    attempt = attempt_at(random_case(seed))
+    draw = np.random.default_rng(seed)
+    collocation.unloaded_nodes(attempt.panels, attempt.ends, attempt.nodes)
+    attempt.nodes += draw.normal(size=attempt.nodes.shape) * ([0.1] * 5 + [1e-4])
+    panels, ends, nodes = attempt.panels, attempt.ends, attempt.nodes
+    scale = collocation.scale_of_moments(panels)
+    slopes = np.empty((panels.shape[0], collocation.SLOPE_WIDTH))
+    worst = collocation.residual_pass(panels, ends, nodes, slopes, scale)
+    residual, _ = collocation_numpy.equations(panels, ends, nodes)
+    residual[6::6] *= scale
+    residual[-1] *= scale
+    assert worst == pytest.approx(np.abs(residual).max(), rel=1e-10)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_the_matrix_of_newton_is_the_derivative_of_the_equations(seed):
+    attempt = attempt_at(random_case(seed))
+    attempt.solve(None)
+    panels, ends, nodes = attempt.panels, attempt.ends, np.array(attempt.nodes)
+    _, matrix = collocation_numpy.equations(panels, ends, nodes)
+    direction = np.random.default_rng(seed).normal(size=nodes.shape) * ([1.0] * 5 + [1e-3])
+
+    def moved(step):
+        return collocation_numpy.equations(panels, ends, nodes + step * direction)[0]
+
+    flat = np.concatenate([direction[:-1].ravel(), direction[-1, [0, 5]]])
+    found = matrix @ flat
+    expected = (moved(-1e-6) - moved(1e-6)) / 2e-6
+    assert found == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(found).max())
+
+
+# ---- parts of the equations ---------------------------------------------------------------------
+
+
+def test_sine_and_cosine_are_those_of_the_library():
+    for x in np.concatenate([np.linspace(-60, 60, 4001), [0.0, 1e-300, math.pi / 2, -math.pi]]):
+        assert sine_cosine(x) == pytest.approx((math.sin(x), math.cos(x)), abs=1e-15)
+    assert all(math.isnan(value) for value in sine_cosine(math.nan))
+
+
+@pytest.mark.parametrize('rigidity', [1e-5, -1e-3, 1e-2])
+@pytest.mark.parametrize('cubic', [0.0, 1e-8, 1e-4, 1.0])
+def test_the_cubic_law_is_inverted(rigidity, cubic):
+    for d in (-300.0, -1.0, -1e-6, 0.0, 1e-3, 20.0, 1e3):
+        moment = 1e-3 + rigidity * d * (1 + cubic * d * d)
+        found, slope = curvature_change(moment, (1 / rigidity, 1e-3, cubic))
+        assert found == pytest.approx(d, rel=1e-9, abs=1e-9)
+        assert slope == pytest.approx(1 / (rigidity * (1 + 3 * cubic * d * d)), rel=1e-8)
+
+
+def test_meshes_end_where_the_law_jumps():
+    shape = solve(paper_arm(), 50e3, (0.2, 0.1))
+    first, second = shape.solution.counts
+    joints = shape.solution.panels[:, 15]
+    assert joints[first] == pytest.approx(0.15 * 0.112, rel=1e-12)
+    assert joints.size == first + second
+
+
+# ---- rods at random -----------------------------------------------------------------------------
+
+
+def held_against_the_equations(seeds):
+    """Solve these cases; whatever claims to have converged must satisfy the rod's equations."""
+    outcomes = Counter()
+    for seed in seeds:
+        case = random_case(seed)
+        load = Load(
+            pressure=case.pressure,
+            force_x=case.force[0],
+            force_y=case.force[1],
+            moment=case.moment,
+        )
+        rods = case.arm.rods(np.array([case.pressure]))
+        at = fine_stations(case.arm, case.pressure, cells=30)
+        shape = solve_rod(case.arm, rods, load, None, at)
+        signs = ''.join('+' if alpha > 0 else '-' for alpha in case.arm.moment_law.rigidity[0])
+        outcomes[signs, shape.converged] += 1
+        if not shape.converged:
+            assert all(np.isnan(getattr(shape, name)).all() for name in FIELDS)
+            assert shape.status.startswith(('no equilibrium found', 'not resolved'))
+            assert shape.solution is None
+            continue
+        assert shape.residual < 1e-10, seed
+        assert shape.stable is (True if signs == '++' else None), seed
+        worst = violations(case.arm, shape)
+        assert worst.position < 5e-8, seed
+        assert worst.moment < 1e-8, seed
+        assert worst.angle < 1e-5, seed
+        assert worst.curvature < 1e-9, seed
+    return outcomes
+
+
+def test_300_random_rods_are_solved_and_right():
+    outcomes = held_against_the_equations(range(300))
+    assert sum(outcomes.values()) == 300
+    assert outcomes['++', False] == outcomes['--', False] == 0
+    assert outcomes['+-', False] + outcomes['-+', False] <= 3
+
+
+@pytest.mark.slow
+def test_2000_random_rods_are_solved_and_right():
+    outcomes = held_against_the_equations(range(2000))
+    assert sum(outcomes.values()) == 2000
+    assert outcomes['++', False] == outcomes['--', False] == 0
+    # Of the 1001 whose rigidity changes sign at l1, 7 have no way from the unloaded arm.
+    assert outcomes['+-', False] + outcomes['-+', False] <= 10
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_random_shapes_do_not_depend_on_the_mesh(seed):
+    case = random_case(seed)
+    attempt = attempt_at(case)
+    rods = attempt.rods
+    assert attempt.solve(None) == ''
+    at = np.linspace(0.0, case.arm.length, 57)
+    fields = np.empty((2, 6, at.size))
+    for which in fields:
+        stations.at_stations(attempt.panels, attempt.nodes, rods.knots, rods.turning[0], at, which)
+        known = attempt.solution()
+        attempt.mesh(4 * attempt.counts)
+        attempt.start_from(known)
+        assert attempt.newton()
+    assert fields[1, :2] == pytest.approx(fields[0, :2], abs=2e-8)
+    assert fields[1, 2] == pytest.approx(fields[0, 2], abs=1e-6)
+
+
+# ---- starts and meshes --------------------------------------------------------------------------
+
+
+def test_a_start_with_another_mesh_is_carried_over():
+    arm = paper_arm()
+    cold = solve(arm, 60e3, (0.15, 0.25))
+    far = solve(arm, 20e3, (0.01, 0.0))
+    assert far.solution.counts != cold.solution.counts
+    warm = solve(arm, 60e3, (0.15, 0.25), start=far)
+    for name in FIELDS:
+        assert getattr(warm, name) == pytest.approx(getattr(cold, name), abs=1e-10), name
+
+
+def test_a_start_of_another_arm_is_as_good_as_any():
+    far = solve(plain_arm(curvature=5.0), 20e3, (0.3, -0.2))
+    cold = solve(paper_arm(), 60e3, (0.15, 0.25))
+    warm = solve(paper_arm(), 60e3, (0.15, 0.25), start=far)
+    assert warm.x == pytest.approx(cold.x, abs=1e-10)
+
+
+def test_a_start_that_has_failed_is_no_start():
+    failed = solve(paper_arm(), 200e3)
+    assert failed.solution is None
+    again = solve(paper_arm(), 60e3, (0.15, 0.25), start=failed)
+    assert np.array_equal(again.x, solve(paper_arm(), 60e3, (0.15, 0.25)).x)
+
+
+def test_a_warm_start_takes_fewer_steps():
+    arm, row = paper_arm(), TABLE_1[8]
+    near = solve(arm, row.pressure - 100.0, row.force)
+    warm = solve(arm, row.pressure, row.force, start=near)
+    assert warm.iterations <= 3
+    assert solve(arm, row.pressure, row.force, start=warm).iterations == 0
+
+
+def test_the_chain_finds_a_start_close_to_the_solution():
+    rods = paper_arm().rods(np.array([60e3]))
+    attempt = Attempt(rods, (0.15, 0.25), 0.0, TOLERANCE)
+    chain.loaded_guess(attempt.panels, attempt.ends, attempt.nodes)
+    guess = attempt.nodes.copy()
+    assert attempt.newton()
+    assert guess[:, :5] == pytest.approx(attempt.nodes[:, :5], abs=0.02)
+
+
+def wiggly_arm(waves):
+    """Make an arm whose intrinsic curvature goes up and down so many times along it."""
+    place = np.linspace(0, 1, 16 * waves + 1)
+    curvature = 150.0 * np.sin(2 * np.pi * waves * place)
+    arm = plain_arm(law=two_sections(1e-3, 5e-4))
+    table = IntrinsicCurvature(
+        pressure=[0.0, 100e3], arclength=place, curvature=[curvature, curvature]
+    )
+    return type(arm)(
+        name='wiggly',
+        length=arm.length,
+        weight=arm.weight,
+        intrinsic_curvature=table,
+        moment_law=arm.moment_law,
+        sensors=arm.sensors,
+    )
+
+
+@pytest.mark.parametrize('waves', [3, 8])
+def test_a_wiggly_field_gets_the_mesh_it_needs(waves):
+    arm = wiggly_arm(waves)
+    load = Load(pressure=0.0, force_x=0.1, force_y=0.1)
+    rods = arm.rods(np.array([0.0]))
+    shape = solve_rod(arm, rods, load, None, fine_stations(arm, 0.0, cells=8))
+    assert shape.converged
+    worst = violations(arm, shape)
+    assert worst.position < 1e-8
+    assert worst.angle < 1e-6
+    detail = stations.resolution(shape.solution.panels, shape.solution.nodes)
+    assert 0.0 < detail <= FINEST_DETAIL * arm.length
+
+
+def test_detail_finer_than_any_mesh_is_said():
+    shape = solve(wiggly_arm(300), 0.0, (0.1, 0.1))
+    assert not shape.converged
+    assert shape.status.startswith('not resolved: the shape has detail finer than')
+    assert np.isnan(shape.x).all()
+
+
+def test_steep_boundary_layers_are_solved():
+    # METHODS: shooting grows like exp(l sqrt(F/B)), here exp(35).
+    law = two_sections(1e-5, 1e-5)
+    shape = solve(plain_arm(curvature=20.0, law=law), 0.0, (1.0, 0.3))
+    assert shape.status == 'converged, stable'
+    assert shape.theta[20:35] == pytest.approx(math.atan2(0.3, 1.0), abs=1e-4)
+
+
+# ---- without numba ------------------------------------------------------------------------------
+
+WITHOUT_NUMBA = f"""
+import json, sys
+from pneunet_ros import load_model, solve, solve_tip
+from pneunet_ros.solver.compiled import HAVE_NUMBA
+assert not HAVE_NUMBA
+arm = load_model({str(PAPER_ARM)!r})
+shape = solve(arm, 44.9e3, (0.15, 0.125))
+tip = solve_tip(arm, 44.9e3, shape.tip[:2])
+print(json.dumps([shape.x.tolist(), shape.curvature.tolist(), shape.status, tip.force]))
+assert 'numba' not in sys.modules
+"""
+
+
+def test_without_numba_the_numbers_are_the_same(foreign_environment):
+    assert HAVE_NUMBA
+    root = str(PAPER_ARM.parent.parent)
+    environment = {**foreign_environment, 'PYTHONPATH': root, 'PNEUNET_NO_NUMBA': '1'}
+    command = [sys.executable, '-W', 'error', '-c', WITHOUT_NUMBA]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    x, curvature, status, force = json.loads(done.stdout)
+    shape = solve(paper_arm(), 44.9e3, (0.15, 0.125))
+    assert x == pytest.approx(shape.x, abs=1e-12)
+    assert curvature == pytest.approx(shape.curvature, abs=1e-8)
+    assert status == shape.status
+    assert force == pytest.approx((0.15, 0.125), abs=1e-9)
+
+
+def test_predict_without_numba_gives_the_same_numbers(foreign_environment):
+    root = str(PAPER_ARM.parent.parent)
+    arguments = ['predict', '--pressure', '31000', '--force', '0.175', '0.07', '--json']
+    command = [sys.executable, '-W', 'error', '-m', 'pneunet_ros.cli', *arguments]
+    answers = []
+    for switch in ({}, {'PNEUNET_NO_NUMBA': '1'}):
+        environment = {**foreign_environment, 'PYTHONPATH': root, **switch}
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        answers.append(json.loads(done.stdout))
+    one, other = answers
+    assert one.keys() == other.keys()
+    for name in (*FIELDS, 'arclength', 'force'):
+        assert one[name] == pytest.approx(other[name], rel=1e-9, abs=1e-11), name
+    for row, twin in zip(one['jacobian'], other['jacobian'], strict=True):
+        assert row == pytest.approx(twin, rel=1e-6)
+    assert one['tip_std'] == pytest.approx(other['tip_std'], rel=1e-6)
