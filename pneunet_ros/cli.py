@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 from collections.abc import Sequence
+from decimal import Decimal
 import os
+import re
 import sys
 
 from pneunet_ros import __version__
@@ -14,6 +16,7 @@ from pneunet_ros.verbs.verb import Verb, WRONG
 
 VERBS: tuple[Verb, ...] = (demo.VERB, predict.VERB, replay.VERB, effects.VERB)
 INTERRUPTED = 130
+NEGATIVE_NUMBER = re.compile(r'-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?')
 
 
 def parser() -> ArgumentParser:
@@ -35,9 +38,17 @@ def parser() -> ArgumentParser:
     return command
 
 
+def without_exponent(argument: str) -> str:
+    """Return a negative number in the form that argparse does not take for an option: -0.00001."""
+    if NEGATIVE_NUMBER.fullmatch(argument):
+        return f'{Decimal(argument):f}'
+    return argument
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit code."""
-    given = parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    given = parser().parse_args([without_exponent(word) for word in words])
     try:
         code: int = given.run(given)
         sys.stdout.flush()

@@ -35,6 +35,7 @@ from pneunet_ros.units import NANOSECONDS_PER_SECOND
 
 PRESSURE_TYPE = 'sensor_msgs/msg/FluidPressure'
 WRENCH_TYPE = 'geometry_msgs/msg/WrenchStamped'
+UNREADABLE = 'unreadable'  # reason of a refusal: a message is not what its topic promises
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,6 +22,7 @@ from pneunet_ros.noise import ModelCovariance, SensorNoise
 from pneunet_ros.output import atomic_output
 from pneunet_ros.units import quantities
 from ruamel.yaml import YAML
+from ruamel.yaml.constructor import ConstructorError, SafeConstructor
 from ruamel.yaml.error import YAMLError
 
 SCHEMA_VERSION = 1
@@ -43,6 +44,20 @@ LONGEST_SENTENCE = 600  # characters
 OPTIONAL = {'effects', 'covariance', 'sources', 'provenance'}
 
 
+class PlainConstructor(SafeConstructor):
+    """Plain values alone: lists of merge keys would grow without bound, and nobody needs one."""
+
+    def flatten_mapping(self, node: Any) -> None:
+        """Refuse merge keys."""
+        for key, _ in node.value:
+            if key.tag == 'tag:yaml.org,2002:merge':
+                raise ConstructorError(
+                    problem='merge keys (<<) are not read here: write the values out',
+                    problem_mark=key.start_mark,
+                )
+        super().flatten_mapping(node)
+
+
 def load_model(path: str | Path) -> Arm:
     """Read a model file; ModelError names the file, the key and what is allowed there."""
     path = Path(path)
@@ -55,7 +70,9 @@ def load_model(path: str | Path) -> Arm:
     except (OSError, UnicodeDecodeError) as error:
         raise ModelError(f'cannot read the model file {path}: {error}') from None
     try:
-        content = YAML(typ='safe', pure=True).load(text)
+        yaml = YAML(typ='safe', pure=True)
+        yaml.Constructor = PlainConstructor
+        content = yaml.load(text)
     except (YAMLError, ValueError, LookupError, RecursionError) as error:
         raise ModelError(f'{path} is not valid YAML: {one_line(error)}') from None
     try:

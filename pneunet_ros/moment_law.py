@@ -111,7 +111,7 @@ class LinearLaw(MomentLaw):
     """The classical law M = EI (kappa - kappa0), which the paper found inadequate."""
 
     kind: ClassVar[str] = 'linear'
-    bending_stiffness: float = quantity(unit='N m^2', meaning='EI')
+    bending_stiffness: float = quantity(unit='N m^2', meaning='EI', bounds=(-1e9, 1e9))
 
     def __post_init__(self) -> None:
         """Refuse zero."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 
 import numpy as np
 from pneunet_ros.curvature import table_array
@@ -12,7 +11,7 @@ from pneunet_ros.shape import Array
 from pneunet_ros.units import check_quantities, quantity
 
 MOST_COLUMNS = 12
-_POSITIVE = (0.0, math.inf)
+_POSITIVE = (0.0, 1e9)  # finite: what is not measured at all has no sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

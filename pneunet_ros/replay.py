@@ -10,12 +10,10 @@ from pneunet_ros.errors import MessageError
 from pneunet_ros.estimator import Estimator, Outcome
 from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
-from pneunet_ros.messages import Input, INPUTS, OUTPUTS
+from pneunet_ros.messages import Input, INPUTS, OUTPUTS, UNREADABLE
 from pneunet_ros.recording import RecordedMessage, Recording
 from pneunet_ros.recording_writer import RecordingWriter
 from pneunet_ros.shape import Refusal, ShapeEstimate
-
-UNREADABLE = 'unreadable'  # reason of a refusal: the message is not what its topic promises
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

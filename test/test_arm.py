@@ -157,7 +157,7 @@ def test_an_arm_cannot_be_changed():
 
 
 def numbers(value, name=''):
-    """The numbers of a nested mapping by their dotted names, as in the model file."""
+    """Give the numbers of a nested mapping by their dotted names, as in the model file."""
     if isinstance(value, dict | list):
         entries = value.items() if isinstance(value, dict) else enumerate(value)
         for key, entry in entries:
@@ -217,8 +217,11 @@ def test_quantities_are_moved_together():
         'moment_law.rigidity.99.0',
         'moment_law.rigidity.first.0',
         'moment_law.stiffness',
+        'arm.length.0',
+        'moment_law.rigidity.-1.0',
         'effects',
         'effects.gravity',
+        'effects.gravity.weight_y.0',
         'effects.gravity.mass',
         'effects.hysteresis.width',
         'sensors',

@@ -97,7 +97,11 @@ def test_rows_and_weights():
         ({'curvature': [1.0, 2.0]}, 'curvature must be a list of rows of numbers'),
         ({'curvature': [[1, 2], [3]]}, 'rows of equal length'),
         ({'curvature': [[1, 2, 3, 4, np.inf]] * 3}, 'curvature holds NaN or infinity'),
-        ({'curvature': None}, 'intrinsic_curvature.curvature'),
+        ({'curvature': None}, 'curvature must be a table of numbers'),
+        ({'pressure': [False, 20e3, 55e3]}, 'pressure must be a table of numbers'),
+        ({'pressure': ['0', '20e3', '55e3']}, 'pressure must be a table of numbers'),
+        ({'pressure': [0, 1, 10**400]}, 'pressure must be a table of numbers'),
+        ({'curvature': [[1.7e308, -1.7e308, 0, 0, 0]] * 3}, 'a number larger than 1e'),
     ],
 )
 def test_wrong_tables_are_refused(changes, sentence):

@@ -96,6 +96,15 @@ def test_the_shipped_model_is_read():
     arm = load_model(str(PAPER_ARM))
     assert arm.name == 'paper-arm'
     assert arm.target_arclength.size == 23
+    assert arm.pressure_range == (0.0, 66e3)
+
+
+def test_every_number_of_the_shipped_model_has_a_source():
+    arm = load_model(PAPER_ARM)
+    content = mapping_from_arm(arm)
+    blocks = ('arm', 'intrinsic_curvature', 'moment_law', 'sensors')
+    assert set(arm.sources) == {f'{block}.{key}' for block in blocks for key in content[block]}
+    assert all('paper' in text or 'representative' in text for text in arm.sources.values())
 
 
 LAW = EXAMPLE[EXAMPLE.index('moment_law:') : EXAMPLE.index('effects:')]
@@ -265,6 +274,20 @@ def test_a_missing_key_is_named(write, line, missing):
         ('[0.10, 0.15]', '[0.10, 1.5]', 'moment_law.split must lie between 0 and 1'),
         ('force_std: 0.001', 'force_std: -0.001', 'sensors.force_std = -0.001 is not within'),
         ('force_std: 0.001', 'force_std: .nan', 'sensors.force_std must be a number'),
+        ('force_std: 0.001', 'force_std: .inf', 'sensors.force_std = inf is not within'),
+        ('schema_version: 1', 'schema_version: true', 'schema_version True is not known'),
+        ('0.112 ', f'1{400 * "0"} ', 'arm.length is too large for a number'),
+        ('[0.0, 0.005]', '[0.0, [0.005]]', 'arm.target_arclength must be a table of numbers'),
+        ('[0.0, 0.005]', '[false, 0.005]', 'arm.target_arclength must be a table of numbers'),
+        ('[0.0, 0.005]', '"0.0"', 'arm.target_arclength must be a table of numbers'),
+        ('[25, 30, 20]', '["25", 30, 20]', 'curvature must be a table of numbers'),
+        ('[25, 30, 20]', '[true, 30, 20]', 'curvature must be a table of numbers'),
+        ('[25, 30, 20]', f'[1{400 * "0"}, 30, 20]', 'curvature must be a table of numbers'),
+        ('effects: {}', 'effects: false', 'effects must be a mapping of names to values'),
+        ('effects: {}', 'effects: {gravity: 0}', 'effects.gravity must be a mapping'),
+        ('sources: {}', 'sources: []', 'sources must be a mapping'),
+        ('recordings: []}', 'recordings: [{1: a, b: c}]}', 'provenance must be a mapping'),
+        ('effects: {}', '"two\\nlines": 1', 'unknown key two lines; known here'),
         ('effects: {}', 'effects: [gravity]', 'effects must be a mapping of names to values'),
         ('effects: {}', 'effects: {gravity: 3}', 'effects.gravity must be a mapping'),
         ('effects: {}', 'effects: {gravity: {weight_y: .nan}}', 'weight_y must be a number'),
@@ -286,6 +309,16 @@ def test_a_missing_key_is_named(write, line, missing):
             'covariance: null',
             'covariance: {quantities: [arm.length], factor: [[1e-5], [1e-5]]}',
             'not 2 x 1',
+        ),
+        (
+            'covariance: null',
+            f'covariance: {{quantities: [arm.length], factor: [[{13 * "1e-5, "}]]}}',
+            '1 to 12 columns, not 1 x 13',
+        ),
+        (
+            'covariance: null',
+            'covariance: {quantities: [arm.length.0], factor: [[1e-5]]}',
+            'the model has no quantity arm.length.0',
         ),
     ],
 )
@@ -314,6 +347,9 @@ def test_what_is_no_mapping_is_refused(tmp_path, text):
         '%YAML 9.9\n---\na: 1',
         '---\na: 1\n---\nb: 2',
         'a: 2001-99-99',
+        'a: !!int ""',
+        'a: !!bool maybe',
+        'a: {<<: {b: 1}}',
         '[' * 400,
     ],
 )
@@ -333,6 +369,30 @@ def test_text_that_is_no_text_is_refused(tmp_path):
     path = tmp_path / 'model.yaml'
     path.write_bytes(random.Random(1).randbytes(1_000_000))
     assert f'cannot read the model file {path}' in refusal(path)
+
+
+@pytest.mark.parametrize('key', ['name: ', 'provenance:\n  a: ', 'covariance: '])
+@pytest.mark.parametrize('levels', [20, 2000])
+def test_aliases_that_repeat_without_bound_are_refused(tmp_path, key, levels):
+    lines = [f'a{level}: &a{level} [{9 * f"*a{level - 1}, "}]' for level in range(1, levels)]
+    lines = ['a0: &a0 [1, 2, 3]', *lines, f'{key}*a{levels - 1}']
+    (tmp_path / 'model.yaml').write_text('\n'.join(lines))
+    assert 'aliases make it more than' in refusal(tmp_path / 'model.yaml')
+
+
+def test_merge_keys_that_repeat_without_bound_are_refused(tmp_path):
+    lines = [f'a{level}: &a{level} {{<<: [{9 * f"*a{level - 1}, "}]}}' for level in range(1, 40)]
+    (tmp_path / 'model.yaml').write_text('\n'.join(['a0: &a0 {b: 1}', *lines]))
+    assert 'merge keys (<<) are not read here' in refusal(tmp_path / 'model.yaml')
+
+
+def test_what_holds_itself_is_refused(write):
+    assert 'aliases' in refusal(write('{source: "...", recordings: []}', '&a {source: *a}'))
+
+
+def test_a_row_may_be_repeated_by_an_alias(write):
+    arm = load_model(write('[[0.06, 0.03], [0.07, 0.04]]', '[&row [0.06, 0.03], *row]'))
+    assert arm.moment_law.rigidity.tolist() == [[0.06, 0.03], [0.06, 0.03]]
 
 
 def test_a_megabyte_of_letters_is_refused(tmp_path):
@@ -400,6 +460,17 @@ def test_written_files_follow_the_order_of_the_contract(tmp_path):
     lines = (tmp_path / 'model.yaml').read_text().splitlines()
     top = [line.split(':')[0] for line in lines if line[:1].isalpha()]
     assert top == [line.split(':')[0] for line in EXAMPLE.splitlines() if line[:1].isalpha()]
+
+
+def test_what_cannot_be_written_leaves_nothing_behind(tmp_path, monkeypatch):
+    def full(path, text, **options):
+        path.open('w').write(text[:100])
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(Path, 'write_text', full)
+    with pytest.raises(RecordingError, match='No space left on device'):
+        save_model(paper_arm(), tmp_path / 'model.yaml')
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_existing_file_is_refused_and_kept(tmp_path):

@@ -83,6 +83,8 @@ def test_the_linear_law_takes_negative_stiffness_but_not_zero():
     assert LinearLaw(bending_stiffness=-2e-4).bending_stiffness == -2e-4
     with pytest.raises(ModelError, match='bending_stiffness must not be zero'):
         LinearLaw(bending_stiffness=0.0)
+    with pytest.raises(ModelError, match='bending_stiffness = inf is not within'):
+        LinearLaw(bending_stiffness=np.inf)
 
 
 def test_the_ranges_of_laws():

@@ -15,7 +15,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from pneunet_ros.cdr_template import EstimateSerializer
 from pneunet_ros.errors import MessageError, PneunetError
 from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages import (
+    decode_pressure,
+    decode_wrench,
+    PRESSURE_TYPE,
+    UNREADABLE,
+    WRENCH_TYPE,
+)
 from pneunet_ros.model_file import model_hash
 from pneunet_ros.nodes import parameters, process
 from pneunet_ros.nodes.configuration import Configuration, configured
@@ -51,7 +57,6 @@ ROS parameters, as in
   estimator --ros-args -p model_file:=/path/to/model.yaml
   estimator --ros-args --params-file config/estimator.yaml
 """
-UNREADABLE = 'unreadable'  # reason of a refusal: the message is not what its topic promises
 DEFAULT_NAMESPACE = '/pneunet'  # where no other is given with `-r __ns:=/other`
 REPORT_PERIOD = 1.0  # s
 ZERO_SPAN = 1.0  # s of pressure readings that ~/zero_pressure looks at
