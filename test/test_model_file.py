@@ -464,7 +464,7 @@ def test_written_files_follow_the_order_of_the_contract(tmp_path):
 
 def test_what_cannot_be_written_leaves_nothing_behind(tmp_path, monkeypatch):
     def full(path, text, **options):
-        path.open('w').write(text[:100])
+        path.write_bytes(text[:100].encode())
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr(Path, 'write_text', full)
