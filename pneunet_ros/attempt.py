@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.rod import Rods
 from pneunet_ros.shape import Array, freeze, SolverNodes
-from pneunet_ros.solver import chain, collocation, stations
+from pneunet_ros.solver import chain, collocation, collocation_numpy, stations
+from pneunet_ros.solver.compiled import HAVE_NUMBA
 from pneunet_ros.solver.panel import GAUSS_ABSCISSAE
 
 # A panel is at most so many decay lengths sqrt(B/F) long, and turns at most so far (rad).
@@ -20,6 +21,7 @@ FINEST_DETAIL = (
 MOST_PANELS = 400
 MOST_ITERATIONS = 25
 CONTINUATION_STEPS = 20
+newton = collocation.newton if HAVE_NUMBA else collocation_numpy.newton
 
 
 class Attempt:
@@ -87,7 +89,7 @@ class Attempt:
 
     def newton(self) -> bool:
         """Newton's method from the present nodes; whether the equations hold afterwards."""
-        self.residual, steps = collocation.newton(
+        self.residual, steps = newton(
             self.panels, self.ends, self.nodes, MOST_ITERATIONS, self.tolerance
         )
         self.iterations += steps
@@ -113,7 +115,7 @@ class Attempt:
             panels[:] = self.panels
             panels[:, 6:10] *= share
             ends[3:] = share * self.ends[3:]
-            self.residual, steps = collocation.newton(panels, ends, self.nodes, 10, self.tolerance)
+            self.residual, steps = newton(panels, ends, self.nodes, 10, self.tolerance)
             self.iterations += steps
             if self.residual > collocation.ACCEPTED:
                 self.nodes[:] = before

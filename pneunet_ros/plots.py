@@ -24,7 +24,7 @@ ELLIPSE_SIGMAS = 2.0
 def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str) -> None:
     """Shapes, curvatures and moment law of estimates, colored by pressure, as a picture."""
     pressures = [kilopascals(hold.shape.pressure) for hold in holds]
-    scale = Normalize(min(pressures), max(pressures) or 1.0)
+    scale = Normalize(min(pressures, default=0.0), max(pressures, default=0.0) or 1.0)
     figure = Figure(figsize=(15.0, 5.6), layout='constrained')
     shapes, curvatures, moments = figure.subplots(1, 3, width_ratios=(1.25, 1.0, 1.0))
     for hold, pressure in zip(holds, pressures, strict=True):

@@ -69,13 +69,10 @@ def run(arguments: Namespace) -> int:
 
         record_steps(writer, recording, estimator, topics, each)
         holds = first_of_each_pressure(held_estimates(estimates))
-        if holds:
-            from pneunet_ros.plots import draw_holds
+        from pneunet_ros.plots import draw_holds
 
-            title = f"Table 1 of the paper (pressures and end forces) through '{arm.name}'"
-            draw_holds(arm, holds, temporary, title)
-        else:
-            temporary.touch()
+        title = f"Table 1 of the paper (pressures and end forces) through '{arm.name}'"
+        draw_holds(arm, holds, temporary, title)
     rows = [row_of(hold) for hold in holds]
     if arguments.json:
         print_json({'holds': rows, 'estimates': len(estimates), 'files': [mcap, picture]})

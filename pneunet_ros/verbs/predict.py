@@ -97,16 +97,23 @@ def run(arguments: Namespace) -> int:
 def uncertain(estimator: Estimator, shape: Shape, pressure: float) -> ShapeEstimate | None:
     """Return the answer as the estimator gives it, with Jacobian and covariance."""
     state = EstimatorState(solution=shape.solution)
+    along, across, moment = wrench_read(estimator, shape, pressure)
     force = WrenchReading(
-        stamp_ns=1,
-        force_x=shape.force[0],
-        force_y=shape.force[1],
-        moment=shape.end_moment,
-        frame_id=BASE_FRAME,
+        stamp_ns=1, force_x=along, force_y=across, moment=moment, frame_id=BASE_FRAME
     )
     state, _ = estimator.step(state, force)
     _, outcome = estimator.step(state, PressureReading(stamp_ns=1, pressure=pressure))
     return outcome if isinstance(outcome, ShapeEstimate) else None
+
+
+def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[float]:
+    """Return F1, F2 and M that sensors show under the true load; all sensing is affine."""
+    nothing = estimator.sensed((0.0, 0.0, 0.0, pressure))[:3]
+    units = np.eye(3).tolist()
+    answers = [estimator.sensed((*unit, pressure))[:3] - nothing for unit in units]
+    true = np.array([*shape.force, shape.end_moment])
+    read: list[float] = np.linalg.solve(np.transpose(answers), true - nothing).tolist()
+    return read
 
 
 def content(shape: Shape, estimate: ShapeEstimate | None) -> dict[str, object]:
