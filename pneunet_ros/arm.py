@@ -81,8 +81,7 @@ class Arm:
             )
         object.__setattr__(self, 'table', self.tabulated())
         if self.covariance is not None:
-            for column in self.covariance.columns():
-                self.changed(column)
+            self.changed(dict.fromkeys(self.covariance.quantities, 0.0))  # do they all exist?
 
     def beyond_range(self, pressure: float) -> float:
         """How far a pressure is outside the calibrated range, as a share of it; 0 inside."""

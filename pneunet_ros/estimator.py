@@ -7,6 +7,7 @@ Stamps are those of the message headers.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 import math
 
@@ -21,6 +22,7 @@ from pneunet_ros.equilibrium import (
     station_arclength,
     with_pressure_change,
 )
+from pneunet_ros.errors import ModelError
 from pneunet_ros.estimator_state import admitted, EstimatorState
 from pneunet_ros.frames import rotate
 from pneunet_ros.readings import PressureReading, Reading, WrenchReading
@@ -42,21 +44,16 @@ class Estimator:
     arm: Arm
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
     arclength: Array = field(init=False, repr=False)
-    model_columns: tuple[tuple[Arm, Arm], ...] = field(init=False, repr=False)
+    model_columns: tuple[tuple[Arm, Arm, float], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Prepare stations and the neighbors of the arm along each column of its covariance."""
         stations = station_arclength(self.arm.length, self.settings.stations)
         columns = () if self.arm.covariance is None else self.arm.covariance.columns()
-        neighbors = tuple(
-            (
-                self.arm.changed({name: -COLUMN_STEP * std for name, std in column.items()}),
-                self.arm.changed({name: COLUMN_STEP * std for name, std in column.items()}),
-            )
-            for column in columns
-        )
         object.__setattr__(self, 'arclength', stations)
-        object.__setattr__(self, 'model_columns', neighbors)
+        object.__setattr__(
+            self, 'model_columns', tuple(neighbors(self.arm, column) for column in columns)
+        )
 
     def step(self, state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Outcome]:
         """Take one reading; see the module."""
@@ -137,15 +134,11 @@ class Estimator:
         if shape.stable is False:
             notes.append('the equilibrium is unstable under dead load')
         changes = [change]
-        for before, after in self.model_columns:
-            pressures = np.array([chamber])
-            changes.append(
-                Change(
-                    before=before.rods(pressures),
-                    after=after.rods(pressures),
-                    distance=2.0 * COLUMN_STEP,
-                )
-            )
+        pressures = np.array([chamber])
+        changes += [
+            Change(before=before.rods(pressures), after=after.rods(pressures), distance=distance)
+            for before, after, distance in self.model_columns
+        ]
         response = respond(shape.solution, rods, tuple(changes), self.arclength)
         mixing = self.noise_columns(reading, gauge, wrench)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
@@ -238,22 +231,42 @@ class Estimator:
             mixing[source, source] = sigma
         if self.arm.effects:  # an effect may change what an error of a reading means
             base = (wrench.force_x, wrench.force_y, wrench.moment, gauge)
-            correction = self.sensed(base) - base  # exactly zero where no effect is sensed
+            correction = sensed(self.arm, base) - base  # exactly 0 where no effect is sensed
             for source, sigma in enumerate(sigmas):
                 moved = tuple(
                     value + sigma if place == source else value for place, value in enumerate(base)
                 )
-                mixing[source, : LOADS + 1] += self.sensed(moved) - moved - correction
+                mixing[source, : LOADS + 1] += sensed(self.arm, moved) - moved - correction
+            for column, (before, after, distance) in enumerate(self.model_columns):
+                change = sensed(after, base) - sensed(before, base)
+                mixing[PRESSURE + 1 + column, : LOADS + 1] = change / distance
         for column in range(columns):
             mixing[PRESSURE + 1 + column, PRESSURE + 1 + column] = 1.0
         return mixing
 
-    def sensed(self, load: tuple[float, ...]) -> Array:
-        """Return true F1, F2, M and pressure behind readings of them, in this order."""
-        true = self.arm.sense(
-            Load(force_x=load[0], force_y=load[1], moment=load[2], pressure=load[3])
-        )
-        return np.array([true.force_x, true.force_y, true.moment, true.pressure])
+
+def sensed(arm: Arm, load: tuple[float, ...]) -> Array:
+    """Return true F1, F2, M and pressure behind readings of them, in this order."""
+    true = arm.sense(Load(force_x=load[0], force_y=load[1], moment=load[2], pressure=load[3]))
+    return np.array([true.force_x, true.force_y, true.moment, true.pressure])
+
+
+def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
+    """Return the arm before and after along a column of its covariance, and how far apart.
+
+    A side on which a quantity would leave its bounds is the arm itself.
+    """
+    sides, distance = [arm, arm], 0.0
+    for side, sign in enumerate((-1.0, 1.0)):
+        try:
+            step = {name: sign * COLUMN_STEP * std for name, std in column.items()}
+            sides[side] = arm.changed(step)
+            distance += COLUMN_STEP
+        except ModelError as error:
+            reason = error
+    if distance == 0.0:
+        raise ModelError(f'covariance: a column leads out of bounds either way: {reason}')
+    return sides[0], sides[1], distance
 
 
 def refused(stamp_ns: int, reason: str, sentence: str) -> Refusal:

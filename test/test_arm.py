@@ -16,6 +16,7 @@ from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.equilibrium import solve
 from pneunet_ros.errors import ModelError
+from pneunet_ros.estimator import Estimator
 from pneunet_ros.model_file import mapping_from_arm
 from pneunet_ros.moment_law import LinearLaw, MajidiLaw
 from pneunet_ros.noise import ModelCovariance
@@ -272,10 +273,11 @@ def test_wrong_covariances_are_refused(names, factor, sentence):
         ModelCovariance(quantities=names, factor=factor)
 
 
-def test_a_column_that_leads_out_of_bounds_is_refused():
-    huge = ModelCovariance(quantities=('arm.length',), factor=[[-1.0]])
-    with pytest.raises(ModelError, match=r'arm\.length'):
-        rebuilt(paper_arm(), covariance=huge)
+def test_a_column_that_leads_out_of_bounds_either_way_is_refused():
+    huge = ModelCovariance(quantities=('arm.length',), factor=[[-1e6]])
+    arm = rebuilt(paper_arm(), covariance=huge)
+    with pytest.raises(ModelError, match=r'either way: arm\.length'):
+        Estimator(arm=arm)
 
 
 # ---- what the parts mean for the whole ----------------------------------------------------------

@@ -582,3 +582,41 @@ def test_a_buckled_arm_stays_on_its_side():
         assert all(side * tip > 0.02 for tip in tips)
         assert side * cold.tip[1] < -0.02
         assert outcomes[-1].shape.stable
+
+
+def test_an_uncertain_gain_spreads_the_tip_like_an_uncertain_pressure():
+    gain = EFFECTS['pressure_gain'](gain=1.1)
+    covariance = ModelCovariance(quantities=('effects.pressure_gain.gain',), factor=[[0.02]])
+    quiet = replace(ARM.sensors, pressure_std=0.0, force_std=0.0, moment_std=0.0)
+    arm = replace(ARM, effects=(gain,), sensors=quiet, covariance=covariance)
+    settings = EstimatorSettings(wrench_required=False)
+    reading = PressureReading(stamp_ns=1, pressure=20e3)
+    _, estimate = Estimator(arm=arm, settings=settings).step(EstimatorState(), reading)
+    expected = estimate.jacobian[:, 0] * 20e3 * 0.02
+    np.testing.assert_allclose(
+        estimate.tip_covariance, np.outer(expected, expected), rtol=1e-6, atol=1e-15
+    )
+
+
+def test_a_covariance_at_the_bound_of_a_quantity_is_used_on_the_side_that_is_allowed():
+    effect = EFFECTS['clamp_compliance']()
+    name = 'effects.clamp_compliance.compliance'
+    arms = [
+        replace(
+            ARM, effects=(effect,), covariance=ModelCovariance(quantities=(name,), factor=[[s]])
+        )
+        for s in (2.0, -2.0)
+    ]
+    readings = (
+        WrenchReading(
+            stamp_ns=1, force_x=0.175, force_y=0.07, moment=0.0, frame_id='pneunet_base'
+        ),
+        PressureReading(stamp_ns=1, pressure=31e3),
+    )
+    spreads = []
+    for arm in arms:
+        state = EstimatorState()
+        for reading in readings:
+            state, estimate = Estimator(arm=arm).step(state, reading)
+        spreads.append(estimate.tip_covariance)
+    np.testing.assert_allclose(spreads[0], spreads[1], rtol=1e-6)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from pneunet_ros.equilibrium import DEFAULT_STATIONS, solve
 from pneunet_ros.errors import RequestError
-from pneunet_ros.estimator import Estimator
+from pneunet_ros.estimator import Estimator, sensed
 from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.frames import BASE_FRAME
 from pneunet_ros.readings import PressureReading, WrenchReading
@@ -108,9 +108,9 @@ def uncertain(estimator: Estimator, shape: Shape, pressure: float) -> ShapeEstim
 
 def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[float]:
     """Return F1, F2 and M that sensors show under the true load; all sensing is affine."""
-    nothing = estimator.sensed((0.0, 0.0, 0.0, pressure))[:3]
+    nothing = sensed(estimator.arm, (0.0, 0.0, 0.0, pressure))[:3]
     units = np.eye(3).tolist()
-    answers = [estimator.sensed((*unit, pressure))[:3] - nothing for unit in units]
+    answers = [sensed(estimator.arm, (*unit, pressure))[:3] - nothing for unit in units]
     true = np.array([*shape.force, shape.end_moment])
     read: list[float] = np.linalg.solve(np.transpose(answers), true - nothing).tolist()
     return read
