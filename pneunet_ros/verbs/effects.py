@@ -41,7 +41,8 @@ def run(arguments: Namespace) -> int:
         'allowed',
         'prior',
     ):
-        table.add_column(column, overflow='fold')
+        # Names stand in one piece, to be found and copied.
+        table.add_column(column, no_wrap=column in ('effect', 'parameter'))
     for effect in EFFECTS.values():
         for index, item in enumerate(quantities(effect)):
             about = (effect.name, effect.place, effect.meaning) if index == 0 else ('', '', '')
