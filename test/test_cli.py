@@ -1,0 +1,439 @@
+"""The command `pneunet`: exit codes, what stands on stdout and stderr, and the files it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+import json
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+from typing import ClassVar
+
+from bags import PRESSURE, pressure, WRENCH, wrench
+from matplotlib.image import imread
+import numpy as np
+from pneunet_ros import __version__, load_model, solve
+from pneunet_ros.cli import main, VERBS
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.effect import Effect
+from pneunet_ros.equilibrium import tip_jacobian
+from pneunet_ros.estimator import Estimator
+from pneunet_ros.frames import rotate
+from pneunet_ros.messages import INPUTS, OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recording import open_recording
+from pneunet_ros.recording_writer import write_recording
+from pneunet_ros.resources import shipped
+from pneunet_ros.settings import EstimatorSettings
+from pneunet_ros.units import quantities
+from pneunet_ros.verbs.predict import uncertain
+import pytest
+
+MODEL = shipped('config/paper_arm.yaml')
+ARM = load_model(MODEL)
+LOADED = ['predict', '--pressure', '31e3', '--force', '0.175', '0.07']
+PREDICTED = {
+    'status', 'converged', 'residual', 'iterations', 'stable', 'extrapolated', 'pressure',
+    'force', 'moment_at_end', 'arclength', 'x', 'y', 'theta', 'curvature', 'intrinsic_curvature',
+    'moment', 'tip', 'tip_std', 'jacobian',
+}  # fmt: skip
+
+
+@pytest.fixture
+def run(capsys, monkeypatch):
+    """Run the command; returns its exit code and what stands on stdout and stderr."""
+    monkeypatch.setenv('COLUMNS', '200')
+
+    def run(*arguments):
+        try:
+            code = main([str(argument) for argument in arguments])
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def run_json(run):
+    """Run the command with --json; returns its exit code and the one object on stdout."""
+
+    def run_json(*arguments):
+        code, out, err = run(*arguments, '--json')
+        assert err == ''
+        assert out.count('\n') == 1
+
+        def refuse(constant):
+            raise AssertionError(f'{constant} is no JSON')
+
+        return code, json.loads(out, parse_constant=refuse)
+
+    return run_json
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory):
+    """Thirty readings, of which one is out of range."""
+    path = tmp_path_factory.mktemp('recording') / 'in.mcap'
+    with write_recording(path) as writer:
+        pressures, wrenches = writer.add(PRESSURE, PRESSURE_TYPE), writer.add(WRENCH, WRENCH_TYPE)
+        for index in range(1, 31):
+            stamp = index * 10_000_000
+            value = 500e3 if index == 20 else 31e3 + index
+            writer.write(wrenches, stamp, wrench(stamp))
+            writer.write(pressures, stamp, pressure(stamp, value))
+    return path
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+# All verbs
+
+
+def test_its_version(run):
+    assert run('--version') == (0, f'pneunet_ros {__version__}\n', '')
+
+
+def test_help_names_all_verbs_and_exit_codes(run):
+    code, out, _ = run('--help')
+    assert code == 0
+    assert all(re.search(rf'^ +{verb.name} ', out, re.MULTILINE) for verb in VERBS)
+    assert 'Exit codes: 0' in out
+
+
+@pytest.mark.parametrize('verb', VERBS, ids=lambda verb: verb.name)
+def test_help_of_every_verb_explains_every_option(run, verb):
+    code, out, err = run(verb.name, '--help')
+    assert (code, err) == (0, '')
+    assert verb.help in ' '.join(out.split())
+    assert '--json' in out
+    explained = re.findall(r'^  (--[a-z-]+).*(?:\n {20,}| {2,})\S', out, re.MULTILINE)
+    assert set(explained) == set(re.findall(r'^  (--[a-z-]+)', out, re.MULTILINE))
+
+
+def test_help_of_predict_has_units_and_defaults(run):
+    out = ' '.join(run('predict', '--help')[1].split())
+    for words in ('pressure, Pa', ', N (default: 0 0)', 'N m (default: 0)', 'free end, m', '57)'):
+        assert words in out
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        [],
+        ['walk'],
+        ['predict'],
+        ['predict', '--pressure', 'high'],
+        ['predict', '--pressure', '1', '--force', '1'],
+        ['predict', '--press', '1'],
+        ['replay'],
+        ['replay', 'x.mcap', '--wrench-sign', '2'],
+        ['effects', 'all'],
+    ],
+    ids=' '.join,
+)
+def test_misuse_exits_2_with_the_usage_on_stderr(run, arguments):
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, '')
+    assert err.startswith('usage: pneunet')
+    assert 'error: ' in err
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['predict', '--pressure', 'nan'], 'pressure must be a finite number'),
+        (['predict', '--pressure', '1', '--moment', 'inf'], 'moment must be a finite number'),
+        (['predict', '--pressure', '1', '--stations', '1'], 'at least 2 stations'),
+        (['predict', '--pressure', '1', '--stations', '3000'], 'stations must lie between 2'),
+        ([*LOADED, '--tip', '0.1', '0'], 'either --force or --tip'),
+        ([*LOADED, '--model', 'absent.yaml'], 'absent.yaml'),
+        (['replay', 'absent.mcap'], 'absent.mcap'),
+        (['replay', 'absent.mcap', '--topic', 'pressure'], '--topic pressure is not of the form'),
+        (['replay', 'absent.mcap', '--topic', 'tip=/tip'], 'one of pressure, end_wrench'),
+        (['replay', 'absent.mcap', '--wrench-timeout', '0'], 'wrench_timeout = 0.0'),
+        (['replay', 'absent.mcap', '--frame-id', ''], 'frame_id must not be empty'),
+    ],
+)
+def test_a_wrong_request_is_one_sentence_on_stderr(run, arguments, words):
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, '')
+    assert err.startswith(f'pneunet {arguments[0]}: ')
+    assert err.count('\n') == 1
+    assert words in err
+
+
+# predict
+
+
+def test_predict_gives_all_numbers_of_the_contract(run_json):
+    code, answer = run_json(*LOADED, '--moment', '2e-4')
+    shape = solve(ARM, 31e3, (0.175, 0.07), 2e-4)
+    assert code == 0
+    assert set(answer) == PREDICTED
+    assert (answer['converged'], answer['stable']) == (True, True)
+    assert answer['status'] == 'converged, stable'
+    assert answer['residual'] < 1e-10
+    assert (answer['pressure'], answer['force']) == (31e3, [0.175, 0.07])
+    assert answer['moment_at_end'] == 2e-4
+    for name in ('arclength', 'x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment'):
+        np.testing.assert_allclose(answer[name], getattr(shape, name), rtol=1e-12, atol=1e-14)
+    assert answer['tip'] == {name: answer[name][-1] for name in ('x', 'y', 'theta')}
+    assert set(answer['tip_std']) == {'x', 'y', 'theta'}
+    assert all(0.0 < std < 0.1 for std in answer['tip_std'].values())
+    np.testing.assert_allclose(answer['jacobian'], tip_jacobian(ARM, shape), rtol=1e-6)
+
+
+def test_predict_finds_the_force_from_the_tip_of_its_own_prediction(run_json):
+    _, forward = run_json(*LOADED)
+    tip = forward['tip']
+    code, back = run_json('predict', '--pressure', '31e3', '--tip', tip['x'], tip['y'])
+    assert code == 0
+    assert set(back) == PREDICTED
+    np.testing.assert_allclose(back['force'], [0.175, 0.07], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(back['theta'], forward['theta'], rtol=0.0, atol=1e-8)
+
+
+def test_predict_without_a_force_is_the_unloaded_arm(run_json):
+    _, answer = run_json('predict', '--pressure', '31e3', '--stations', '5')
+    assert answer['force'] == [0.0, 0.0]
+    assert len(answer['x']) == 5
+    np.testing.assert_allclose(answer['curvature'], answer['intrinsic_curvature'], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['--pressure', '90e3'], 'outside the calibrated range'),
+        (['--pressure', '31e3', '--tip', '0.5', '0.5'], 'no end force brings the tip'),
+    ],
+)
+def test_a_predict_without_answer_exits_1_with_nulls(run_json, run, arguments, words):
+    code, answer = run_json('predict', *arguments)
+    assert code == 1
+    assert set(answer) == PREDICTED
+    assert answer['converged'] is False
+    assert words in answer['status']
+    assert answer['tip'] == {'x': None, 'y': None, 'theta': None}
+    assert set(answer['curvature']) == {None}
+    assert answer['tip_std'] is answer['jacobian'] is None
+    code, out, err = run('predict', *arguments)
+    assert (code, err) == (1, '')
+    assert words in ' '.join(out.split())
+
+
+@pytest.mark.parametrize('written', ['-0.00001', '-1e-5', '-1.0E-05', '-.00001', '-1.e-5'])
+def test_negative_numbers_may_be_written_in_any_way(run_json, written):
+    loads = ('--force', '-1e-2', written, '--moment', written)
+    code, answer = run_json('predict', '--pressure', '-1e1', *loads)
+    assert code == 0
+    assert answer['pressure'] == -10.0
+    assert answer['force'] == [-0.01, -0.00001]
+    assert answer['moment_at_end'] == -0.00001
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurnedForce(Effect):
+    """A force sensor that is mounted askew."""
+
+    name: ClassVar[str] = 'turned_force'
+
+    def sense(self, load):
+        along, across = rotate(0.3, load.force_x, load.force_y)
+        return replace(load, force_x=along, force_y=across, moment=load.moment + 1e-4)
+
+
+def test_predict_is_as_sure_of_a_force_wrongly_sensed_as_of_the_true_one(monkeypatch):
+    monkeypatch.setattr('pneunet_ros.arm.EFFECTS', {'turned_force': TurnedForce})
+    askew = replace(ARM, effects=(TurnedForce(),))
+    shape = solve(askew, 31e3, (0.175, 0.07))
+    assert shape.force[0] < 0.15
+    estimate = uncertain(Estimator(arm=askew), shape, 31e3)
+    true = uncertain(Estimator(arm=ARM), shape, 31e3)
+    assert estimate.shape.force == pytest.approx(shape.force)
+    np.testing.assert_allclose(estimate.jacobian, true.jacobian, rtol=1e-9)
+    np.testing.assert_allclose(estimate.tip_covariance, true.tip_covariance, rtol=1e-9)
+
+
+def test_predict_for_people_has_values_with_std_and_unit(run):
+    code, out, err = run(*LOADED)
+    assert (code, err) == (0, '')
+    for words in ('converged, stable', 'tip x', 'mm', 'tip heading', 'deg', '0.17500', '31.000'):
+        assert words in out
+
+
+# replay
+
+
+def test_replay_sums_up_and_writes_inputs_and_outputs(run_json, recording, tmp_path):
+    output = tmp_path / 'out.mcap'
+    code, summary = run_json('replay', recording, '--output', output)
+    assert code == 0
+    assert summary['pressure_readings'] == 30
+    assert summary['estimates'] == 29
+    assert summary['rejected'] == {'out_of_range': 1}
+    assert summary['topics'] == {'pressure': PRESSURE, 'end_wrench': WRENCH}
+    assert (summary['recording'], summary['output']) == (str(recording), str(output))
+    assert summary['model'] == 'paper-arm'
+    assert summary['worst_residual'] < 1e-10
+    assert 'outside the calibrated range' in summary['last_refusal']
+    written = {topic.name: topic.count for topic in open_recording(output).topics}
+    assert written == {f'/pneunet/{item.name}': 30 for item in INPUTS} | {
+        f'/pneunet/{item.name}': 29 for item in OUTPUTS
+    }
+    assert names(tmp_path) == ['out.mcap']
+
+
+def test_replay_without_output_writes_nothing(run, recording, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run('replay', recording)
+    assert (code, err) == (0, '')
+    assert 'Nothing written' in out
+    assert '1 out_of_range' in out
+    assert names(tmp_path) == []
+
+
+def test_replay_has_every_setting_as_an_option_with_its_default(run):
+    out = run('replay', '--help')[1]
+    text = ' '.join(out.split())
+    for item in fields(EstimatorSettings):
+        assert re.search(rf'^  --{item.name.replace("_", "-")}\b', out, re.MULTILINE), item.name
+        unit = f' {item.metadata["unit"]}' if 'unit' in item.metadata else ''
+        assert f'{item.metadata["meaning"]} (default: {item.default}{unit})' in text, item.name
+
+
+def test_options_of_replay_reach_the_estimator(run_json, recording, tmp_path):
+    output = tmp_path / 'out.mcap'
+    options = ['--stations', '9', '--frame-id', 'base', '--wrench-frame', 'pneunet_base',
+               '--wrench-sign', '-1', '--pressure-offset', '-5e3']  # fmt: skip
+    code, _ = run_json('replay', recording, '--output', output, *options)
+    assert code == 0
+    message = next(iter(open_recording(output).messages(['/pneunet/centerline']))).message
+    assert message.header.frame_id == 'base'
+    expected = solve(ARM, 26_001.0, (-0.175, 0.0), stations=9)
+    xs = [stamped.pose.position.x for stamped in message.poses]
+    np.testing.assert_allclose(xs, expected.x, rtol=0.0, atol=1e-12)
+
+
+def test_replay_of_an_unloaded_arm(run_json, recording):
+    code, summary = run_json('replay', recording, '--no-wrench-required')
+    assert (code, summary['topics']) == (0, {'pressure': PRESSURE})
+
+
+@pytest.mark.parametrize('verb', ['replay', 'demo'])
+def test_existing_outputs_are_refused_or_replaced(run, recording, tmp_path, verb):
+    output = tmp_path / 'table1.mcap'
+    output.write_text('precious')
+    arguments = (
+        ['replay', recording, '--output', output]
+        if verb == 'replay'
+        else ['demo', '--output', tmp_path]
+    )
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, '')
+    assert f'{output} exists already: choose another name or pass --overwrite' in err
+    assert output.read_text() == 'precious'
+    assert names(tmp_path) == ['table1.mcap']
+    assert run(*arguments, '--overwrite')[0] == 0
+    assert open_recording(output).topics
+
+
+def test_an_interrupted_replay_leaves_nothing(tmp_path, checkout, foreign_environment):
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'pneunet_ros.cli', 'replay', str(shipped('bags/table1')),
+         '--output', str(tmp_path / 'out.mcap')],
+        env={**foreign_environment, 'PYTHONPATH': str(checkout)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60.0
+    while not os.listdir(tmp_path) and time.monotonic() < deadline:
+        time.sleep(0.001)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (130, '')
+    assert err == 'pneunet replay: interrupted, nothing written\n'
+    assert names(tmp_path) == []
+
+
+# effects
+
+
+def test_effects_lists_the_table_of_the_code(run):
+    code, out, err = run('effects')
+    assert (code, err) == (0, '')
+    for effect in EFFECTS.values():
+        assert f'│ {effect.name} ' in out  # in one piece
+        assert all(item.name in out for item in quantities(effect))
+
+
+def test_effects_as_json_has_units_and_bounds(run_json):
+    code, answer = run_json('effects')
+    assert code == 0
+    assert [entry['name'] for entry in answer['effects']] == list(EFFECTS)
+    for entry in answer['effects']:
+        effect = EFFECTS[entry['name']]
+        assert (entry['place'], entry['meaning']) == (effect.place, effect.meaning)
+        assert [item['name'] for item in entry['parameters']] == [
+            item.name for item in quantities(effect)
+        ]
+        for item in entry['parameters']:
+            assert {'neutral', 'unit', 'bounds', 'prior', 'meaning', 'source'} <= set(item)
+    gain = next(entry for entry in answer['effects'] if entry['name'] == 'pressure_gain')
+    assert gain['parameters'][0]['neutral'] == 1.0
+
+
+# demo
+
+
+def test_the_demo_shows_the_15_holds_and_leaves_recording_and_picture(run, tmp_path):
+    code, out, err = run('demo', '--output', tmp_path / 'here')
+    assert (code, err) == (0, '')
+    assert 'The 15 holds of Table 1' in out
+    rows = re.findall(r'^│ +(\d+\.\d) │ +(\d\.\d{3}) │ +(\d\.\d{3}) │', out, re.MULTILINE)
+    assert len(rows) == 15
+    assert rows[5] == ('31.0', '0.175', '0.070')
+    assert names(tmp_path / 'here') == ['shapes.png', 'table1.mcap']
+    picture = imread(tmp_path / 'here' / 'shapes.png')
+    assert picture.shape[0] > 600
+    assert picture.shape[1] > 1500
+    written = open_recording(tmp_path / 'here' / 'table1.mcap')
+    assert written.topic('/pneunet/tip').count == written.topic(PRESSURE).count > 1000
+
+
+def test_the_demo_as_json(run_json, tmp_path):
+    code, answer = run_json('demo', '--output', tmp_path)
+    assert code == 0
+    assert len(answer['holds']) == 15
+    hold = answer['holds'][5]
+    assert (hold['pressure'], hold['force_x'], hold['force_y']) == (31e3, 0.175, 0.07)
+    expected = solve(ARM, 31e3, (0.175, 0.07))
+    assert (hold['tip_x'], hold['tip_y'], hold['tip_theta']) == pytest.approx(expected.tip)
+    assert answer['files'] == [str(tmp_path / 'table1.mcap'), str(tmp_path / 'shapes.png')]
+
+
+def test_the_demo_with_a_bad_model_leaves_nothing(run, tmp_path):
+    model = tmp_path / 'bad.yaml'
+    model.write_text(MODEL.read_text().replace('length: 0.112', 'length: -0.112'))
+    code, out, err = run('demo', '--model', model, '--output', tmp_path / 'here')
+    assert (code, out) == (2, '')
+    assert 'arm.length = -0.112' in err
+    assert names(tmp_path) == ['bad.yaml']
+
+
+def test_the_demo_without_one_estimate_says_so_and_its_picture_is_one(run_json, tmp_path):
+    model = tmp_path / 'high.yaml'
+    text = MODEL.read_text()
+    for row in re.findall(r'pressure: \[(.*?)\]', text):
+        moved = ', '.join(str(float(value) + 5e5) for value in row.split(','))
+        text = text.replace(f'pressure: [{row}]', f'pressure: [{moved}]')
+    model.write_text(text)
+    code, answer = run_json('demo', '--model', model, '--output', tmp_path / 'here')
+    assert (code, answer['holds'], answer['estimates']) == (1, [], 0)
+    assert imread(tmp_path / 'here' / 'shapes.png').shape[1] > 1500
