@@ -121,6 +121,11 @@ def solve_rod(
     words = ['converged']
     if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
         stable = linearized(solution, NO_PANELS, NO_ENDS)[2]
+        if not stable and start is not None and linearized(start, NO_PANELS, NO_ENDS)[2]:
+            # The stable branch has ended, or was lost in one large step: the arm is elsewhere.
+            anew = solve_rod(arm, rods, load, None, arclength, tolerance)
+            if anew.stable:
+                return anew
         words.append('stable' if stable else 'unstable under dead load')
     else:
         words.append('stability not defined (negative rigidity)')
