@@ -185,7 +185,7 @@ def at_stations(
             total = 0.0
             for k in range(INNER, -1, -1):
                 total = total * v + series[field, k]
-            out[field, i] = total
+            out[field, i] = total if s > start else 0.0  # exactly, at a joint
         turned, piece = turning_at(s, knots, turning, piece)
         c, t = turning[piece], s - knots[piece]
         intrinsic = c[1] + t * (2.0 * c[2] + t * (3.0 * c[3] + t * 4.0 * c[4]))
