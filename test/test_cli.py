@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 import json
-import os
 from pathlib import Path
 import re
 import signal
@@ -353,7 +352,7 @@ def test_an_interrupted_replay_leaves_nothing(tmp_path, checkout, foreign_enviro
         text=True,
     )  # fmt: skip
     deadline = time.monotonic() + 60.0
-    while not os.listdir(tmp_path) and time.monotonic() < deadline:
+    while not list(tmp_path.glob('.*/*/*.mcap')) and time.monotonic() < deadline:
         time.sleep(0.001)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
