@@ -130,9 +130,9 @@ def sensitivities(
     """
     count, causes = panels.shape[0], LOADS + panel_changes.shape[0]
     scale = scale_of_moments(panels)
-    free = np.empty((count, 18))  # y, x at the Gauss points; d(x, y) of the panel per d theta; v
+    # y, x at the Gauss points; d(x, y) of the panel per d theta; v; by how much v was shortened
+    free = np.empty((count, 19))
     held = np.empty((causes, count, 7))  # z at the Gauss points, w at the start, what went along v
-    shrinks = np.empty(count)
     w = np.zeros((causes, 2))
 
     norm = 1.0 / math.sqrt(ends[1] * ends[1] + scale * scale)
@@ -167,9 +167,10 @@ def sensitivities(
         g1, g2 = dot(to_moment, y), 1.0 + dot(to_moment, x)
         v0, v1 = f1 * v0 + f2 * v1, g1 * v0 + g2 * v1
         stable = stable and v0 > 0.0
-        shrinks[p] = 1.0 / math.sqrt(v0 * v0 + v1 * v1 * scale * scale)
-        v0 *= shrinks[p]
-        v1 *= shrinks[p]
+        shrink = 1.0 / math.sqrt(v0 * v0 + v1 * v1 * scale * scale)
+        v0 *= shrink
+        v1 *= shrink
+        row[18] = shrink
         for cause in range(causes):
             if cause == 2:  # the end moment acts at the end only
                 z, r5, r6 = (0.0, 0.0, 0.0, 0.0), 0.0, 0.0
@@ -258,7 +259,7 @@ def sensitivities(
         tip_changes[cause, 2] = changes[count, 0]
         for p in range(count - 1, -1, -1):
             out, row = held[cause, p], free[p]
-            along = (along - out[6]) * shrinks[p]
+            along = (along - out[6]) * row[18]
             d0 = out[4] + along * row[16]
             d1 = out[5] + along * row[17]
             changes[p, 0], changes[p, 5] = d0, d1
