@@ -42,13 +42,13 @@ def replay(folder: Path) -> tuple[float, int, int]:
 
 
 def copy(folder: Path) -> float:
-    """Seconds to decode the result of a replay and write it again."""
+    """Seconds to read the result of a replay and write it again."""
     begun = time.perf_counter()
     recording = open_recording(folder / 'out.mcap')
     names = [topic.name for topic in recording.topics]
     with write_recording(folder / 'copy.mcap', overwrite=True) as writer:
         copies = {name: writer.add_copy(recording.topic(name)) for name in names}
-        for message in recording.messages(names):
+        for message in recording.raw_messages(names):
             writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
     return time.perf_counter() - begun
 
@@ -80,7 +80,7 @@ def main() -> None:
     print(
         f'{readings:.0f} readings/s (pressure, wrench), {estimates:.0f} estimates/s, file to file'
     )
-    print(f'decoding and writing the same messages alone takes {share:.0%} of that time')
+    print(f'reading and writing the same messages alone takes {share:.0%} of that time')
     print('target: at least 3000 readings/s')
 
 
