@@ -95,13 +95,13 @@ class Attempt:
         self.iterations += steps
         return self.residual <= collocation.ACCEPTED
 
-    def cold(self) -> bool:
+    def cold(self, quick: bool = False) -> bool:
         """Solve from nothing: by descent in energy where there is one, else along the load."""
         if np.all(self.panels[:, 1] > 0.0):
             chain.loaded_guess(self.panels, self.ends, self.nodes)
             if self.newton():
                 return True
-        return self.continued()
+        return not quick and self.continued()
 
     def continued(self) -> bool:
         """Follow the equilibrium from the unloaded rod as the load grows, in adaptive steps."""
@@ -127,11 +127,14 @@ class Attempt:
             step *= 1.5 if steps <= 4 else 1.0
         return True
 
-    def solve(self, start: SolverNodes | None) -> str:
-        """Solve; returns an empty sentence, or why there is no solution."""
+    def solve(self, start: SolverNodes | None, quick: bool = False) -> str:
+        """Solve; returns an empty sentence, or why there is no solution.
+
+        quick: give up where the solution had to be followed along the load, in many small steps.
+        """
         if start is not None:
             self.start_from(start)
-        if (start is None or not self.newton()) and not self.cold():
+        if (start is None or not self.newton()) and not self.cold(quick):
             return f'no equilibrium found: residual {self.residual:.1e} rad after every attempt'
         while stations.resolution(self.panels, self.nodes) > FINEST_DETAIL * self.rods.length:
             total = self.panels.shape[0]
@@ -140,7 +143,7 @@ class Attempt:
             known = self.solution()
             self.mesh(2 * self.counts)
             self.start_from(known)
-            if not self.newton() and not self.cold():
+            if not self.newton() and not self.cold(quick):
                 return f'no equilibrium found on a finer mesh: residual {self.residual:.1e} rad'
         return ''
 

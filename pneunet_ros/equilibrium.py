@@ -100,6 +100,7 @@ def solve_rod(
     start: SolverNodes | None,
     arclength: Array,
     tolerance: float = collocation.TOLERANCE,
+    quick: bool = False,
 ) -> Shape:
     """Shape of the first of these records, taken at the chamber pressure, under a true load."""
     chamber = float(rods.pressure[0])
@@ -110,7 +111,7 @@ def solve_rod(
         sentence = 'rest strain shortens the arm to less than 5 % of its length'
         return failed(arm, load, arclength, sentence, math.nan, 0)
     attempt = Attempt(rods, (load.force_x, load.force_y), load.moment, tolerance)
-    reason = attempt.solve(start)
+    reason = attempt.solve(start, quick)
     if reason:
         return failed(arm, load, arclength, reason, attempt.residual, attempt.iterations)
     values = np.empty((6, arclength.size))
@@ -120,8 +121,8 @@ def solve_rod(
     stable = None
     words = ['converged']
     if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
-        stable = linearized(solution, NO_PANELS, NO_ENDS)[2]
-        if not stable and start is not None and linearized(start, NO_PANELS, NO_ENDS)[2]:
+        stable = is_stable(solution)
+        if not (stable or quick) and start is not None and is_stable(start):
             # The stable branch has ended, or was lost in one large step: the arm is elsewhere.
             anew = solve_rod(arm, rods, load, None, arclength, tolerance)
             if anew.stable:
@@ -204,6 +205,11 @@ def linearized(
         solution.panels, solution.ends, solution.nodes, panel_changes, end_changes, nodes, tip
     )
     return nodes, tip, bool(stable)
+
+
+def is_stable(solution: SolverNodes) -> bool:
+    """Whether a rod of positive rigidity is at a minimum of energy under dead load."""
+    return linearized(solution, NO_PANELS, NO_ENDS)[2]
 
 
 def respond(

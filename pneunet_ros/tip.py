@@ -26,7 +26,8 @@ from pneunet_ros.rod import Rods
 from pneunet_ros.shape import Array, Shape, SolverNodes
 
 DETERMINED = 1e-4  # m/N; below this singular value of d tip / d force a force is not determined
-ROUNDING = 1e-13  # of the length; a tip this near has arrived
+ROUNDING = 1e-13  # of the length; nearer than this no step helps
+ARRIVED = 1e-10  # of the length; a tip this near is where it should be
 NEAR = 1e-3  # of the length; nearly there, where the force is not determined anyway
 PULLS = (-1.5, 1.5, 5.0, 15.0, 50.0)  # in B / l^2
 MOST_TRIALS = 150
@@ -53,12 +54,12 @@ def solve_tip(
     arclength = station_arclength(arm.length, stations)
     search = TipSearch(arm=arm, rods=rods, load=load, tip=np.array(tip, dtype=np.float64))
     unloaded = search.at((0.0, 0.0), None, arclength)
-    if not unloaded.converged:
-        return unloaded
-    begins = search.begins(unloaded)
-    if start is not None and start.solution is not None and start.force is not None:
+    begins = search.begins(unloaded) if unloaded.converged else []
+    if start is not None and start.solution is not None:
         followed = search.at(start.force, start.solution, arclength)
         begins = [followed, *begins] if followed.converged else begins
+    if not begins:
+        return replace(unloaded, force=(math.nan, math.nan))
     found = [begins[0]]
     for begin in begins:
         found.append(search.descend(begin))
@@ -76,10 +77,16 @@ class TipSearch:
     load: Load
     tip: Array
 
-    def at(self, force: tuple[float, float], start: SolverNodes | None, arclength: Array) -> Shape:
-        """Return the shape under a trial force."""
+    def at(
+        self,
+        force: tuple[float, float],
+        start: SolverNodes | None,
+        arclength: Array,
+        quick: bool = False,
+    ) -> Shape:
+        """Return the shape under a trial force; quick: or give up soon."""
         load = replace(self.load, force_x=float(force[0]), force_y=float(force[1]))
-        return solve_rod(self.arm, self.rods, load, start, arclength, 0.0)
+        return solve_rod(self.arm, self.rods, load, start, arclength, 0.0, quick)
 
     def miss(self, shape: Shape) -> float:
         """Distance (m) of a shape's tip from where it should be."""
@@ -111,7 +118,7 @@ class TipSearch:
             aim = np.concatenate([self.tip - shape.tip[:2], np.zeros(2)])
             step = np.linalg.lstsq(rows, aim, rcond=1e-12)[0]
             force = (shape.force[0] + float(step[0]), shape.force[1] + float(step[1]))
-            trial = self.at(force, shape.solution, shape.arclength)
+            trial = self.at(force, shape.solution, shape.arclength, quick=True)
             fits = trial.converged and trial.stable is shape.stable
             if fits and self.miss(trial) < left:
                 shape, left = trial, self.miss(trial)
@@ -133,7 +140,7 @@ class TipSearch:
                 f'tip by {1000.0 * weakest:.2g} mm only '
                 f'(at least {1000.0 * DETERMINED:.2g} mm is needed)'
             )
-        elif distance > ROUNDING * self.arm.length:
+        elif distance > ARRIVED * self.arm.length:
             sentence = (
                 f'no end force brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'
