@@ -67,17 +67,17 @@ ALL_MECHANICS: tuple[Effect, ...] = (
 
 @cache
 def paper_arm(effects: tuple[Effect, ...] = ()) -> Arm:
-    """The shipped model of the paper's arm, with these effects."""
+    """Load the shipped model of the paper's arm, with these effects."""
     return with_effects(load_model(PAPER_ARM), effects)
 
 
 def with_effects(arm: Arm, effects: Sequence[Effect]) -> Arm:
-    """The same arm with other effects."""
+    """Make the same arm with other effects."""
     return rebuilt(arm, effects=tuple(effects))
 
 
 def rebuilt(arm: Arm, **changes: object) -> Arm:
-    """The same arm with some of its fields replaced."""
+    """Make the same arm with some of its fields replaced."""
     names = [name for name, item in Arm.__dataclass_fields__.items() if item.init]
     return Arm(**({name: getattr(arm, name) for name in names} | changes))
 
@@ -90,7 +90,7 @@ def plain_arm(
     clamp_angle: float = 0.0,
     length: float = LENGTH,
 ) -> Arm:
-    """A rod of one unloaded curvature (1/m) all along it, at all pressures to 100 kPa."""
+    """Make a rod of one unloaded curvature (1/m) all along it, at all pressures to 100 kPa."""
     return Arm(
         name='plain',
         length=length,

@@ -153,7 +153,7 @@ def chain_at(
 def chain_truth(
     arm: Arm, pressure: float, force: tuple[float, float], at: np.ndarray, end: float = 0.0
 ) -> Chain:
-    """The rod at stations (m), from 2000 and 4000 cells by Richardson's extrapolation."""
+    """Solve the rod at stations (m): 2000 and 4000 cells, Richardson's extrapolation."""
     coarse = chain_at(arm, pressure, force, end, at, 2000)
     fine = chain_at(arm, pressure, force, end, at, 4000)
     x, y, theta, moment, curvature = (4 * fine - coarse) / 3

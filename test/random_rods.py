@@ -30,7 +30,7 @@ class Case:
 
 
 def random_case(seed: int, *, negative: bool = True, strongest: float = 0.5) -> Case:
-    """A case with every mechanical effect on or off by chance, rigidities 1e-5 to 1e-2 N m^2."""
+    """Draw a case: every mechanical effect on or off, rigidities 1e-5 to 1e-2 N m^2."""
     draw = np.random.default_rng(seed)
     length = 0.112
     weight = 0.17

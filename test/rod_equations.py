@@ -28,12 +28,12 @@ class Violations:
 
 
 def parameter(arm: Arm, effect: str, name: str, neutral: float = 0.0) -> float:
-    """A parameter of an effect, neutral where the arm has no such effect."""
+    """Look up a parameter of an effect, neutral where the arm has no such effect."""
     return next((getattr(e, name) for e in arm.effects if e.name == effect), neutral)
 
 
 def interpolated(pressure: np.ndarray, table: np.ndarray, at: float) -> np.ndarray:
-    """A table over pressure, linear between its rows and beyond them."""
+    """Look up a table over pressure, linear between its rows and beyond them."""
     row = int(np.clip(np.searchsorted(pressure, at) - 1, 0, pressure.size - 2))
     share = (at - pressure[row]) / (pressure[row + 1] - pressure[row])
     return (1 - share) * np.asarray(table)[row] + share * np.asarray(table)[row + 1]
@@ -51,7 +51,7 @@ def fine_stations(arm: Arm, pressure: float, cells: int = 60) -> np.ndarray:
 
 
 def solved_bending(moment: np.ndarray, rigidity: np.ndarray, cubic: float) -> np.ndarray:
-    """The root d of rigidity d (1 + cubic d^2) = moment, by Newton's method from above."""
+    """Solve rigidity d (1 + cubic d^2) = moment for d, by Newton's method from above."""
     linear = moment / rigidity
     if cubic == 0:
         return linear

@@ -37,7 +37,7 @@ from scipy.special import ellipeinc, ellipj, ellipk, ellipkinc
 
 
 def assert_arc(shape, curvature, start=0.0, within=1e-12):
-    """The shape is an arc of a circle that leaves the origin at the angle `start`."""
+    """Check that it is an arc of a circle that leaves the origin at the angle `start`."""
     s = shape.arclength
     theta = start + curvature * s
     assert shape.theta == pytest.approx(theta, abs=within)
@@ -349,7 +349,7 @@ def test_everything_else_says_that_it_is_representative_or_estimated(shipped):
 
 
 def negative_arm(moment_offset=0.0):
-    """The paper's alpha1 at 53.8 kPa (Figure 8), its l1, and the shipped alpha2."""
+    """Make an arm of the paper's alpha1 at 53.8 kPa (Figure 8), its l1, the shipped alpha2."""
     law = PiecewiseLinearLaw(
         pressure=[0.0, 66e3],
         split=[0.15, 0.15],
