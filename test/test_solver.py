@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 import json
 import math
+from pathlib import Path
 import subprocess
 import sys
 
@@ -15,7 +16,7 @@ from pneunet_ros.attempt import Attempt, FINEST_DETAIL
 from pneunet_ros.curvature import IntrinsicCurvature
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.equilibrium import solve_rod
-from pneunet_ros.solver import chain, collocation, collocation_numpy, stations
+from pneunet_ros.solver import chain, collocation, collocation_numpy, compiled, stations
 from pneunet_ros.solver.collocation import ACCEPTED, TOLERANCE
 from pneunet_ros.solver.compiled import HAVE_NUMBA
 from pneunet_ros.solver.panel import curvature_change, sine_cosine
@@ -42,14 +43,14 @@ def test_compiled_and_numpy_newton_agree(seed):
     panels, ends = attempt.panels, attempt.ends
     noise = np.random.default_rng(seed).normal(size=attempt.nodes.shape)
     start = attempt.nodes * (1 + 1e-3 * noise)
-    compiled, plain = start.copy(), start.copy()
-    residual, _ = collocation.newton(panels, ends, compiled, 25, TOLERANCE)
+    quick, plain = start.copy(), start.copy()
+    residual, _ = collocation.newton(panels, ends, quick, 25, TOLERANCE)
     twin, _ = collocation_numpy.newton(panels, ends, plain, 25, TOLERANCE)
     assert residual <= ACCEPTED
     assert twin <= ACCEPTED
-    assert compiled[:, :5] == pytest.approx(plain[:, :5], abs=1e-10)
+    assert quick[:, :5] == pytest.approx(plain[:, :5], abs=1e-10)
     in_radians = collocation.scale_of_moments(panels)
-    assert in_radians * compiled[:, 5] == pytest.approx(in_radians * plain[:, 5], abs=1e-10)
+    assert in_radians * quick[:, 5] == pytest.approx(in_radians * plain[:, 5], abs=1e-10)
 
 
 @pytest.mark.parametrize('seed', range(20))
@@ -324,3 +325,39 @@ def test_predict_without_numba_gives_the_same_numbers(foreign_environment):
     for row, twin in zip(one['jacobian'], other['jacobian'], strict=True):
         assert row == pytest.approx(twin, rel=1e-6)
     assert one['tip_std'] == pytest.approx(other['tip_std'], rel=1e-6)
+
+
+# ---- kernels kept on disk -----------------------------------------------------------------------
+
+
+def test_a_kernel_is_compiled_again_when_an_equation_in_another_file_changes(
+    tmp_path, foreign_environment
+):
+    toy = tmp_path / 'toy'
+    toy.mkdir()
+    (toy / 'compiled.py').write_text(Path(compiled.__file__).read_text())
+    (toy / 'whole.py').write_text(
+        'from toy.compiled import kernel\n'
+        'from toy.part import part\n\n\n'
+        '@kernel\ndef whole(x: float) -> float:\n    return 2.0 * part(x)\n\n\n'
+        'print(whole(1.0), sum(whole.stats.cache_hits.values()))\n'
+    )
+    answers = []
+    for factor in (3.0, 3.0, 5.0):
+        (toy / 'part.py').write_text(
+            'from toy.compiled import inlined\n\n\n'
+            f'@inlined\ndef part(x: float) -> float:\n    return {factor} * x\n'
+        )
+        done = subprocess.run(
+            [sys.executable, '-c', 'import toy.whole'],
+            env={
+                **foreign_environment,
+                'PYTHONPATH': str(tmp_path),
+                'NUMBA_CACHE_DIR': str(tmp_path / 'cache'),
+            },
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        answers.append(done.stdout.split())
+    assert answers == [['6.0', '0'], ['6.0', '1'], ['10.0', '0']]

@@ -8,8 +8,10 @@ stays NaN.
 from __future__ import annotations
 
 from collections.abc import Callable
+import hashlib
 import importlib.util
 import os
+from pathlib import Path
 from typing import Any, TypeVar
 
 Function = TypeVar('Function', bound=Callable[..., Any])
@@ -19,21 +21,37 @@ HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.ge
 )
 
 
+def fingerprint() -> str:
+    """Compute a hash of all files with equations and kernels."""
+    files = sorted(Path(__file__).parent.glob('*.py'))
+    return hashlib.sha256(b''.join(file.read_bytes() for file in files)).hexdigest()
+
+
+SOURCES = fingerprint()
+
+
 def kernel(function: Function) -> Function:
-    """Compile a kernel (cached on disk), or hand it back unchanged where there is no numba."""
+    """Compile a kernel (cached on disk), or hand it back unchanged where there is no numba.
+
+    A cached kernel is compiled again when any of the files has changed. Numba itself looks at the
+    kernel's own file alone and would go on with equations of another file as they once were.
+    """
     if not HAVE_NUMBA:
         return function
     import numba
 
     options = {'error_model': 'numpy', 'fastmath': {'contract'}}
-    compiled: Function
+    compiled: Any
     try:
         compiled = numba.njit(cache=True, **options)(function)
-    except (
-        RuntimeError
-    ):  # nowhere to keep a cache: neither beside this file nor in the home folder
+        index = compiled._cache._cache_file
+        index._source_stamp = (index._source_stamp, SOURCES)
+    except (RuntimeError, AttributeError):
+        # Nowhere to keep a cache, neither beside this file nor in the home folder; or a numba
+        # that keeps it in another way.
         compiled = numba.njit(**options)(function)
-    return compiled
+    kernel_function: Function = compiled
+    return kernel_function
 
 
 def inlined(function: Function) -> Function:
