@@ -109,11 +109,18 @@ class Arm:
         return tuple(following), pressure
 
     def tabulated(self) -> RodTable:
-        """Every pressure at which curvature or law has a row, with the record of the rod there."""
-        law, low_high = self.moment_law, np.array(self.pressure_range)
+        """Every pressure at which curvature or law has a row, with the record of the rod there.
+
+        The first and last row stand where extrapolation ends. Beyond its own table the law stays
+        as it is there: a line through rigidities may pass through zero, and l1 leave the arm.
+        """
+        law, (low, high) = self.moment_law, self.pressure_range
+        margin = EXTRAPOLATION * (high - low)
+        ends = np.array([low - margin, high + margin])
         rows = np.union1d(self.intrinsic_curvature.pressure, law.table_pressures)
-        rows = np.union1d(rows[(rows > low_high[0]) & (rows < low_high[1])], low_high)
-        base = law.sections(rows, self.length, self.weight)
+        rows = np.union1d(rows[(rows > ends[0]) & (rows < ends[1])], ends)
+        known = np.clip(rows, *law.pressure_range)
+        base = law.sections(known, self.length, self.weight)
         sections = np.zeros((rows.size, base.shape[1], SECTION_WIDTH))
         sections[:, :, :3] = base
         turning = self.intrinsic_curvature.turning_of(rows, self.length)

@@ -18,7 +18,7 @@ from pneunet_ros.equilibrium import solve
 from pneunet_ros.errors import ModelError
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.model_file import mapping_from_arm
-from pneunet_ros.moment_law import LinearLaw, MajidiLaw
+from pneunet_ros.moment_law import LinearLaw, MajidiLaw, PiecewiseLinearLaw
 from pneunet_ros.noise import ModelCovariance
 from pneunet_ros.rod import (
     AXIAL_COMPLIANCE,
@@ -38,7 +38,7 @@ import pytest
 
 def test_the_record_of_a_bare_arm_is_its_law_and_its_curvature():
     arm = paper_arm()
-    pressure = np.array([0.0, 12e3, 31e3, 66e3, 68e3])
+    pressure = np.array([0.0, 12e3, 31e3, 66e3])
     rods = arm.rods(pressure)
     base = arm.moment_law.sections(pressure, arm.length, arm.weight)
     assert rods.sections[:, :, [START, RIGIDITY, MOMENT_OFFSET]] == pytest.approx(base, rel=1e-12)
@@ -116,7 +116,42 @@ def test_a_law_of_other_pressures_meets_its_own_rows():
     # Rows of both tables count: between them the record is linear, and it is met at each.
     arm = paper_arm()
     rows = np.union1d(arm.intrinsic_curvature.pressure, arm.moment_law.pressure)
-    assert arm.table.pressure.tolist() == rows.tolist()
+    assert arm.table.pressure[1:-1].tolist() == rows.tolist()
+
+
+def test_beyond_the_range_curvature_goes_on_and_the_law_stays():
+    steep = PiecewiseLinearLaw(
+        pressure=[0.0, 66e3],
+        split=[0.02, 0.98],
+        rigidity=[[0.08, 0.002], [0.002, 0.05]],
+        moment_offset=[[0.0, 0.01], [0.01, 0.0]],
+    )
+    arm = rebuilt(paper_arm(), moment_law=steep)
+    for inside, beyond in ((0.0, -3.2e3), (66e3, 69.2e3)):
+        edge, rods = arm.rods(np.array([inside])), arm.rods(np.array([beyond]))
+        assert rods.sections == pytest.approx(edge.sections, rel=1e-12, abs=1e-20)
+        turning = arm.intrinsic_curvature.turning_of(np.array([beyond]), arm.length)
+        assert rods.turning == pytest.approx(turning, rel=1e-12, abs=1e-12)
+        assert solve(arm, beyond, (0.15, 0.1)).stable
+
+
+def test_where_the_law_has_rows_beyond_the_range_they_count():
+    # As in the example of the contract: curvature to 55 kPa, law to 66 kPa.
+    law = PiecewiseLinearLaw(
+        pressure=[0.0, 56e3, 66e3],
+        split=[0.1, 0.1, 0.2],
+        rigidity=[[0.06, 0.03], [0.06, 0.03], [0.08, 0.04]],
+        moment_offset=np.zeros((3, 2)),
+    )
+    field = IntrinsicCurvature(
+        pressure=[0.0, 55e3], arclength=[0.0, 1.0], curvature=[[0, 0], [20, 20]]
+    )
+    arm = rebuilt(paper_arm(), moment_law=law, intrinsic_curvature=field)
+    assert arm.pressure_range == (0.0, 55e3)
+    pressure = np.array([55e3, 55.9e3, 57e3])
+    expected = law.sections(pressure, arm.length, arm.weight)
+    found = arm.rods(pressure).sections[:, :, [START, RIGIDITY, MOMENT_OFFSET]]
+    assert found == pytest.approx(expected, rel=1e-12)
 
 
 def test_majidi_under_pressure_is_linear_too():
