@@ -28,7 +28,8 @@ class Arm:
 
     `target_arclength` (targets,) m is the place of every white target; `effects` are in the order
     of the table of effects; `sources` says where each number comes from. `pressure_range` (Pa) is
-    where both intrinsic curvature and moment law are calibrated.
+    where both intrinsic curvature and moment law are calibrated; `sensing` and `acting` are the
+    effects that change what a reading means and those that have a history.
     """
 
     name: str
@@ -43,6 +44,8 @@ class Arm:
     covariance: ModelCovariance | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    sensing: tuple[Effect, ...] = field(init=False, repr=False)
+    acting: tuple[Effect, ...] = field(init=False, repr=False)
     knots: Array = field(init=False, repr=False)
     table: RodTable = field(init=False, repr=False)
     pressure_range: tuple[float, float] = field(init=False, repr=False)
@@ -65,6 +68,9 @@ class Arm:
         effects = tuple(sorted(self.effects, key=lambda effect: order.index(effect.name)))
         object.__setattr__(self, 'target_arclength', targets)
         object.__setattr__(self, 'effects', effects)
+        for place, verb in (('sensing', 'sense'), ('acting', 'actuate')):
+            speaking = [item for item in effects if overrides(item, verb)]
+            object.__setattr__(self, place, tuple(speaking))
         object.__setattr__(self, 'sources', MappingProxyType(dict(self.sources)))
         object.__setattr__(self, 'provenance', MappingProxyType(dict(self.provenance)))
         object.__setattr__(
@@ -90,20 +96,20 @@ class Arm:
 
     def sense(self, load: Load) -> Load:
         """Return the true load behind readings of pressure and wrench."""
-        for effect in self.effects:
+        for effect in self.sensing:
             load = effect.sense(load)
         return load
 
     def initial_history(self, pressure: float) -> tuple[History, ...]:
         """History of an arm that has rested at this pressure (Pa)."""
-        return tuple(effect.initial(pressure) for effect in self.effects)
+        return tuple(effect.initial(pressure) for effect in self.acting)
 
     def actuate(
         self, history: tuple[History, ...], seconds: float, pressure: float
     ) -> tuple[tuple[History, ...], float]:
         """History and chamber pressure (Pa), `seconds` after the call that gave the history."""
         following = []
-        for effect, state in zip(self.effects, history, strict=True):
+        for effect, state in zip(self.acting, history, strict=True):
             state, pressure = effect.actuate(state, seconds, pressure)
             following.append(state)
         return tuple(following), pressure
@@ -163,6 +169,11 @@ class Arm:
                 raise ModelError(unknown_quantity(name))
             arm = moved(arm, path, amount, name)
         return arm
+
+
+def overrides(effect: Effect, verb: str) -> bool:
+    """Return whether an effect speaks in the place of this method."""
+    return getattr(type(effect), verb) is not getattr(Effect, verb)
 
 
 def unknown_quantity(name: str) -> str:

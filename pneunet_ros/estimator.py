@@ -229,7 +229,7 @@ class Estimator:
         mixing = np.zeros((LOADS + 1 + columns, LOADS + 1 + columns))
         for source, sigma in enumerate(sigmas):
             mixing[source, source] = sigma
-        if self.arm.effects:  # an effect may change what an error of a reading means
+        if self.arm.sensing:  # an effect changes what an error of a reading means
             base = (wrench.force_x, wrench.force_y, wrench.moment, gauge)
             correction = sensed(self.arm, base) - base  # exactly 0 where no effect is sensed
             for source, sigma in enumerate(sigmas):

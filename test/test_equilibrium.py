@@ -18,6 +18,8 @@ import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.effects.clamp_compliance import ClampCompliance
 from pneunet_ros.effects.effect import Load
+from pneunet_ros.effects.extensibility import Extensibility
+from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_lag import PressureLag
@@ -28,6 +30,8 @@ from pneunet_ros.moment_law import LinearLaw
 from pneunet_ros.units import quantities
 import pytest
 from random_rods import random_case
+from scipy.optimize import brentq
+from scipy.special import jv
 
 FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 BUCKLING = math.pi**2 * STIFFNESS / (4 * LENGTH**2)  # N
@@ -216,6 +220,26 @@ def test_a_soft_clamp_lowers_the_buckling_load():
     assert critical() < 0.6 * BUCKLING
     assert solve(arm, 0.0, (-critical() * (1 - 1e-5), 0.0)).stable is True
     assert solve(arm, 0.0, (-critical() * (1 + 1e-5), 0.0)).stable is False
+
+
+def test_a_soft_axis_raises_the_buckling_load():
+    # Squeezed by P the column is shorter: P (1 - P / EA) = pi^2 B / (4 l^2).
+    stiffness = 2.0
+    critical = 0.5 * stiffness * (1 - math.sqrt(1 - 4 * BUCKLING / stiffness))
+    assert critical > 1.1 * BUCKLING
+    arm = plain_arm(effects=[Extensibility(axial_stiffness=stiffness)])
+    assert solve(arm, 0.0, (-critical * (1 - 1e-5), 0.0)).stable is True
+    assert solve(arm, 0.0, (-critical * (1 + 1e-5), 0.0)).stable is False
+
+
+@pytest.mark.parametrize(('share', 'stable'), [(0.9999, True), (1.0001, False)])
+def test_a_column_buckles_under_its_own_weight_as_greenhill_says(share, stable):
+    # q l^3 / B = 9/4 j^2 with j the first zero of the Bessel function of order -1/3: 7.837.
+    zero = brentq(lambda x: jv(-1 / 3, x), 1.5, 2.2, xtol=1e-14)
+    critical = 2.25 * zero**2 * STIFFNESS / LENGTH**3
+    assert critical == pytest.approx(7.837 * STIFFNESS / LENGTH**3, rel=1e-4)
+    arm = plain_arm(effects=[Gravity(weight_x=-share * critical)])
+    assert solve(arm, 0.0).stable is stable
 
 
 def test_stability_is_not_defined_for_negative_rigidity():
