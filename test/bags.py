@@ -16,21 +16,21 @@ STEP_NS = 10_000_000
 
 
 def header(stamp_ns: int, frame_id: str = 'pneunet_base') -> Any:
-    """A Header with this stamp."""
+    """Return a Header with this stamp."""
     seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     stamp = ROSBAGS_TYPES('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
     return ROSBAGS_TYPES('std_msgs/msg/Header')(stamp=stamp, frame_id=frame_id)
 
 
 def pressure(stamp_ns: int, value: float = 31e3) -> Any:
-    """A FluidPressure."""
+    """Return a FluidPressure."""
     return ROSBAGS_TYPES(PRESSURE_TYPE)(
         header=header(stamp_ns), fluid_pressure=value, variance=0.0
     )
 
 
 def wrench(stamp_ns: int, value: float = 0.175) -> Any:
-    """A WrenchStamped with a force along x."""
+    """Return a WrenchStamped with a force along x."""
     vector = ROSBAGS_TYPES('geometry_msgs/msg/Vector3')
     return ROSBAGS_TYPES(WRENCH_TYPE)(
         header=header(stamp_ns),

@@ -15,7 +15,7 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 
 
 def own_domain() -> int:
-    """A ROS domain (1-101) for this process: one per worker, and others for another run."""
+    """Return a ROS domain (1-101) for this process: one per worker, and others for another run."""
     run = os.environ.get('PYTEST_XDIST_TESTRUNUID', str(os.getpid()))
     worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
     return (zlib.crc32(run.encode()) + int(worker)) % 101 + 1
@@ -45,7 +45,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope='session')
 def checkout() -> Path:
-    """The folder of the checkout."""
+    """Return the folder of the checkout."""
     return CHECKOUT
 
 

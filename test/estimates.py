@@ -13,7 +13,7 @@ from pneunet_ros.shape import frozen_array, Shape, ShapeEstimate
 
 
 def random_estimate(stations: int = 57, stamp_ns: int = 1_500_000_007, seed: int = 1):
-    """An estimate in which no two numbers are equal."""
+    """Return an estimate in which no two numbers are equal."""
     random = np.random.default_rng(seed)
 
     def numbers(*shape):
@@ -64,13 +64,13 @@ class RclpyTypes:
 
 @cache
 def rclpy_class(type_name: str):
-    """The class of a type, imported when it is asked for."""
+    """Return the class of a type, imported when it is asked for."""
     package, _, name = type_name.split('/')
     return getattr(import_module(f'{package}.msg'), name)
 
 
 def plain(message: Any) -> Any:
-    """A message of either binding as nested dicts, lists and numbers, to be compared by ==."""
+    """Return a message of either binding as nested dicts, lists and numbers, to compare by ==."""
     if hasattr(message, 'get_fields_and_field_types'):
         return {
             name: plain(getattr(message, name)) for name in message.get_fields_and_field_types()

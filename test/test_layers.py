@@ -52,7 +52,7 @@ ROS = ('ament_index_python', 'builtin_interfaces', 'rcl_interfaces', 'rclpy', 's
 
 
 def module_name(file: Path) -> str:
-    """The name of a file in the table."""
+    """Return the name of a file in the table."""
     parts = file.relative_to(ROOT).with_suffix('').parts
     return '.'.join(parts[:-1] if parts[-1] == '__init__' else parts) or '__init__'
 
@@ -75,7 +75,7 @@ def imported_names(file: Path, module: str) -> Iterator[tuple[int, str]]:
 
 
 def house_module(name: str) -> str | None:
-    """The file of this package that an imported name comes from; None: from elsewhere."""
+    """Return the file of this package that an imported name comes from; None: from elsewhere."""
     if name != PACKAGE and not name.startswith(f'{PACKAGE}.'):
         return None
     parts = name.split('.')[1:]

@@ -48,7 +48,7 @@ def manifest():
 
 @pytest.fixture(scope='module')
 def setup_arguments():
-    """The arguments of `setup()`, without running it for real."""
+    """Return the arguments of `setup()`, without running it for real."""
     import setuptools
 
     given = {}
