@@ -1,6 +1,6 @@
 """The solved rod between its Gauss points: position, tangent, curvature and moment.
 
-Collocation is most accurate at the joints. From there every panel is integrated anew at eight
+Collocation is most accurate at the joints. Between them every panel is integrated anew at eight
 inner points: the moment from the angle, the curvature from the moment, the angle from the
 curvature, and from that angle moment and position.
 """
@@ -13,10 +13,13 @@ from pneunet_ros.solver.collocation import load_panel, turning_at
 from pneunet_ros.solver.compiled import inlined, kernel
 from pneunet_ros.solver.panel import (
     curvature_change,
+    dot,
     GAUSS_ABSCISSAE,
     panel_fields,
     resolve,
     sine_cosine,
+    times,
+    W,
 )
 
 Array = npt.NDArray[np.float64]
@@ -43,15 +46,22 @@ LEADING_OF_LEGENDRE = 252.0  # of the shifted Legendre polynomial of degree five
 
 
 @inlined
-def panel_bending(panels: Array, nodes: Array, p: int, out: Array, row: int) -> None:
-    """Compute kappa - kappa0 of panel p at POINTS, into the first six of a row of out."""
+def panel_bending(
+    panels: Array, nodes: Array, p: int, out: Array, row: int
+) -> tuple[float, float]:
+    """Compute kappa - kappa0 of panel p at POINTS, into the first six of a row of out.
+
+    Returns the way over the panel in x and y, by the quadrature of the collocation.
+    """
     h, law, mechanics, _ = load_panel(panels, p)
     node = nodes[p]
     theta = (node[1], node[2], node[3], node[4])
-    _, _, _, _, _, _, d, _ = panel_fields(h, law, mechanics, theta, node[5])
+    sine, cosine, _, _, stretched, _, d, _ = panel_fields(h, law, mechanics, theta, node[5])
     out[row, 1], out[row, 2], out[row, 3], out[row, 4] = d
     out[row, 0] = curvature_change(node[5], law)[0]
     out[row, 5] = curvature_change(nodes[p + 1, 5], law)[0]
+    weighted = times(W, stretched)
+    return h * dot(weighted, cosine), h * dot(weighted, sine)
 
 
 @kernel
@@ -100,6 +110,15 @@ def integrate(weights: Array, values: Array, row: int, out: Array, to: int) -> N
             out[to, k] += value * weights[j, k]
 
 
+@inlined
+def close(series: Array, field: int, end: float) -> None:
+    """Add a straight line so that a series of a panel has this value at its end."""
+    for k in range(INNER + 1):
+        end -= series[field, k]
+    series[field, 0] += 0.5 * end
+    series[field, 1] += 0.5 * end
+
+
 @kernel
 def panel_series(
     panels: Array,
@@ -113,8 +132,9 @@ def panel_series(
 ) -> None:
     """Integrate x', y', M' and kappa - kappa0 over panel p, as powers of v, into series (4, 9).
 
-    v = -1 at the start of the panel and 1 at its end. The table of curvature is searched from
-    `piece` on; work (9, 8) is scratch.
+    v = -1 at the start of the panel and 1 at its end. What little is missing at the end to the
+    values of the collocation, which are best there, is spread over the panel. The table of
+    curvature is searched from `piece` on; work (9, 8) is scratch.
     """
     h, law, mechanics, _ = load_panel(panels, p)
     axial, stretch, n1, n2, q1, q2 = mechanics
@@ -125,7 +145,7 @@ def panel_series(
         work[TURNED, i] = nodes[p, 0] + here - joint
         work[MOMENT, i] = nodes[p, 5]
         work[CORRECTION, i] = 0.0
-    panel_bending(panels, nodes, p, work, CHANGE)
+    way_x, way_y = panel_bending(panels, nodes, p, work, CHANGE)
     for j in range(6):
         bend = h * work[CHANGE, j]
         for i in range(INNER):
@@ -154,6 +174,12 @@ def panel_series(
         for k in range(INNER + 1):
             series[field, k] = 0.0
         integrate(TO_SERIES, work, ALONG_X + field, series, field)
+    moment_gained = nodes[p + 1, 5] - nodes[p, 5]
+    bent = nodes[p + 1, 0] - nodes[p, 0] - panels[p, 14]
+    close(series, 0, way_x)
+    close(series, 1, way_y)
+    close(series, 2, moment_gained)
+    close(series, 3, bent)
 
 
 @kernel
