@@ -42,14 +42,15 @@ def output_console() -> Console:
 
 def progress_bar(shown: bool) -> Progress:
     """Make a progress bar on stderr, for people only."""
+    hidden = not shown or not sys.stderr.isatty()
     return Progress(
         TextColumn('{task.description}'),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=Console(stderr=True, quiet=hidden),  # before 13.8 rich ends it with a newline
         transient=True,
-        disable=not shown or not sys.stderr.isatty(),
+        disable=hidden,
     )
 
 
