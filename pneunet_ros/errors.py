@@ -5,6 +5,7 @@
     PneunetError
     ├── RequestError      an argument of a function or a command is not usable
     ├── ModelError        a model file or a model parameter is wrong
+    ├── CameraError       a camera file or what it says of camera and targets is wrong
     ├── MessageError      a ROS message does not hold what its topic promises
     └── RecordingError    a recording or an output file cannot be used as asked
 
@@ -25,6 +26,10 @@ class RequestError(PneunetError):
 
 class ModelError(PneunetError):
     """A model file or a model parameter is wrong."""
+
+
+class CameraError(PneunetError):
+    """A camera file or what it says of camera and targets is wrong."""
 
 
 class MessageError(PneunetError):

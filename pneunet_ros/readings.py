@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from pneunet_ros.shape import Array, frozen_array
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureReading:
@@ -27,6 +30,38 @@ class WrenchReading:
     force_y: float
     moment: float
     frame_id: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TargetSightings:
+    """Where the white targets on the arm were seen: an entry per target, in order along the arm.
+
+    x, y, std (targets,) m in the base frame, std per axis; u, v px in the image as it came; area
+    px^2, largest and smallest axis major, minor (px) and angle (rad, of the major axis in the
+    image from +u towards +v) of the white area. NaN in all of them where a target was not seen.
+    """
+
+    stamp_ns: int
+    x: Array
+    y: Array
+    std: Array
+    u: Array
+    v: Array
+    area: Array
+    major: Array
+    minor: Array
+    angle: Array
+
+    def __post_init__(self) -> None:
+        """Check that there is one entry per target."""
+        for name in ('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle'):
+            values = frozen_array(getattr(self, name), (len(self.x),))
+            object.__setattr__(self, name, values)
+
+    @property
+    def seen(self) -> int:
+        """How many targets were seen."""
+        return int(np.count_nonzero(np.isfinite(self.x)))
 
 
 Reading = PressureReading | WrenchReading

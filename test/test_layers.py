@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 # '__init__' is the package itself, 'effects' is effects/__init__.py.
 FLOORS = {
     '0 words': """
-        errors units frames readings shape resources
+        errors units frames shape readings resources
     """,
     '1 physics': """
         solver solver.compiled solver.panel solver.collocation solver.stations solver.lanes
@@ -27,6 +27,11 @@ FLOORS = {
         effects.gravity effects.clamp_compliance effects.load_offset
         effects
         arm attempt equilibrium tip many
+        image camera_settings camera
+        area_kernels detection
+        row_search sighting tracker_state tracking
+        centerline_kernel centerline
+        lab lab.renderer lab.lens lab.scene
     """,
     '2 inference': """
         settings estimator_state estimator zero holds
