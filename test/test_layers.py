@@ -35,6 +35,7 @@ FLOORS = {
     """,
     '2 inference': """
         settings estimator_state estimator zero holds
+        tracker
     """,
     '3 outside': """
         output model_file plots
