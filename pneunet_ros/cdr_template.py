@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.errors import MessageError
-from pneunet_ros.estimate_messages import MessageTypes
-from pneunet_ros.messages import Output
+from pneunet_ros.message_parts import MessageTypes, Output
 from pneunet_ros.shape import ShapeEstimate
 from pneunet_ros.units import NANOSECONDS_PER_SECOND
 
@@ -64,7 +63,7 @@ class EstimateSerializer:
     frame_id: str
     _templates: dict[tuple[Any, ...], CdrTemplate] = field(default_factory=dict)
 
-    def bytes_of(self, output: Output, estimate: ShapeEstimate) -> bytes:
+    def bytes_of(self, output: Output[ShapeEstimate], estimate: ShapeEstimate) -> bytes:
         """Return the serialized message of one output for an estimate."""
         if output.numbers is None:
             return self._plainly(output, estimate)
@@ -75,12 +74,12 @@ class EstimateSerializer:
             template = self._templates[key] = self._template(output, estimate)
         return template.fill(estimate.stamp_ns, numbers)
 
-    def _plainly(self, output: Output, estimate: ShapeEstimate) -> bytes:
+    def _plainly(self, output: Output[ShapeEstimate], estimate: ShapeEstimate) -> bytes:
         return bytes(
             self.serialize(output.encode(estimate, self.frame_id, self.types), output.type)
         )
 
-    def _template(self, output: Output, estimate: ShapeEstimate) -> CdrTemplate:
+    def _template(self, output: Output[ShapeEstimate], estimate: ShapeEstimate) -> CdrTemplate:
         assert output.numbers is not None
         probe = _probe(estimate)
         raw = self._plainly(output, probe)

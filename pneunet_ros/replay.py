@@ -9,8 +9,10 @@ from pneunet_ros.cdr_template import EstimateSerializer
 from pneunet_ros.errors import MessageError
 from pneunet_ros.estimator import Estimator, Outcome
 from pneunet_ros.estimator_state import EstimatorState
+from pneunet_ros.message_parts import Input, UNREADABLE
 from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
-from pneunet_ros.messages import Input, INPUTS, OUTPUTS, UNREADABLE
+from pneunet_ros.messages import INPUTS, OUTPUTS
+from pneunet_ros.readings import Reading
 from pneunet_ros.recording import RecordedMessage, Recording
 from pneunet_ros.recording_writer import RecordingWriter
 from pneunet_ros.shape import Refusal, ShapeEstimate
@@ -27,7 +29,7 @@ class Step:
 
 def input_topics(
     recording: Recording, estimator: Estimator, overrides: Mapping[str, str]
-) -> dict[str, Input]:
+) -> dict[str, Input[Reading]]:
     """Return the topics of a recording that the estimator reads, the wrench first.
 
     overrides: full topic name by last name, as `--topic pressure=/my/name` gives them. Raises
@@ -44,7 +46,7 @@ def input_topics(
 
 
 def steps(
-    recording: Recording, estimator: Estimator, topics: Mapping[str, Input]
+    recording: Recording, estimator: Estimator, topics: Mapping[str, Input[Reading]]
 ) -> Iterator[Step]:
     """Feed the recorded readings to the estimator in the order of their log time."""
     state = EstimatorState()
@@ -71,7 +73,7 @@ def record_steps(
     writer: RecordingWriter,
     recording: Recording,
     estimator: Estimator,
-    topics: Mapping[str, Input],
+    topics: Mapping[str, Input[Reading]],
     each: Callable[[Step], None],
 ) -> None:
     """Write the inputs, unchanged, and all outputs; `each` sees every step."""

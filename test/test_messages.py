@@ -7,13 +7,12 @@ import math
 from estimates import plain, random_estimate, rclpy_class, RclpyTypes
 import numpy as np
 from pneunet_ros.errors import MessageError
+from pneunet_ros.message_parts import Input, Output
 from pneunet_ros.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 from pneunet_ros.messages import (
     decode_pressure,
     decode_wrench,
-    Input,
     INPUTS,
-    Output,
     OUTPUTS,
     PRESSURE_TYPE,
     TOPICS,

@@ -15,13 +15,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from pneunet_ros.cdr_template import EstimateSerializer
 from pneunet_ros.errors import MessageError, PneunetError
 from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.messages import (
-    decode_pressure,
-    decode_wrench,
-    PRESSURE_TYPE,
-    UNREADABLE,
-    WRENCH_TYPE,
-)
+from pneunet_ros.message_parts import UNREADABLE
+from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.model_file import model_hash
 from pneunet_ros.nodes import parameters, process
 from pneunet_ros.nodes.configuration import Configuration, configured

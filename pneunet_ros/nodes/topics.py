@@ -13,7 +13,8 @@ from typing import Any
 
 from pneunet_ros.cdr_template import EstimateSerializer
 from pneunet_ros.errors import RequestError
-from pneunet_ros.messages import Output, OUTPUTS
+from pneunet_ros.message_parts import Output
+from pneunet_ros.messages import OUTPUTS
 from pneunet_ros.nodes.ros_types import message_class
 from pneunet_ros.shape import ShapeEstimate
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -88,7 +89,7 @@ class EstimatePublisher:
         self.centerline_rate = centerline_rate
         self._serializer = serializer
         self._due = 0.0
-        self._publishers: tuple[tuple[Output, Any], ...] = tuple(
+        self._publishers: tuple[tuple[Output[ShapeEstimate], Any], ...] = tuple(
             (topic, publisher(node, topic.type, topic.name, output_qos())) for topic in PUBLISHED
         )
 
