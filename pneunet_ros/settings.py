@@ -25,6 +25,21 @@ def setting(
     return field(default=default, metadata=metadata)
 
 
+def check_settings(owner: Any) -> None:
+    """Refuse values of a dataclass that its `setting`s and `quantity`s do not allow."""
+    check_quantities(owner, '', RequestError)
+    for item in dataclasses.fields(owner):
+        value = getattr(owner, item.name)
+        choices = item.metadata.get('choices')
+        if choices and value not in choices:
+            allowed = ', '.join(str(choice) for choice in choices)
+            raise RequestError(f'{item.name} must be one of {allowed}, not {value!r}')
+        if isinstance(item.default, int) and 'bounds' in item.metadata:
+            low, high = item.metadata['bounds']
+            if not low <= value <= high:
+                raise RequestError(f'{item.name} must lie between {low} and {high}, not {value}')
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorSettings:
     """What the estimator must know of sensors and stack around it; never physics of the arm."""
@@ -65,20 +80,6 @@ class EstimatorSettings:
 
     def __post_init__(self) -> None:
         """Refuse values outside their declaration."""
-        check_quantities(self, '', RequestError)
-        for item in dataclasses.fields(self):
-            choices = item.metadata.get('choices')
-            if choices and getattr(self, item.name) not in choices:
-                allowed = ', '.join(str(choice) for choice in choices)
-                raise RequestError(
-                    f'{item.name} must be one of {allowed}, not {getattr(self, item.name)!r}'
-                )
-            if isinstance(item.default, int) and 'bounds' in item.metadata:
-                low, high = item.metadata['bounds']
-                if not low <= getattr(self, item.name) <= high:
-                    raise RequestError(
-                        f'{item.name} must lie between {low} and {high}, '
-                        f'not {getattr(self, item.name)}'
-                    )
+        check_settings(self)
         if not self.frame_id:
             raise RequestError('frame_id must not be empty')

@@ -8,6 +8,7 @@ from estimates import random_estimate
 from pneunet_ros.cdr_template import EstimateSerializer
 from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.resources import shipped
+from pneunet_ros.settings import EstimatorSettings
 from pneunet_ros.shape import Refusal
 import pytest
 from ruamel.yaml import YAML
@@ -19,57 +20,65 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.health import Health, Level  # noqa: E402
+from pneunet_ros.nodes.estimate_publisher import EstimatePublisher, PUBLISHED  # noqa: E402
+from pneunet_ros.nodes.estimator_configuration import PARAMETERS as ESTIMATOR  # noqa: E402
+from pneunet_ros.nodes.estimator_health import EstimatorHealth  # noqa: E402
+from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.log import Log  # noqa: E402
-from pneunet_ros.nodes.parameters import describe, PARAMETERS, READ_ONLY  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
-from pneunet_ros.nodes.topics import EstimatePublisher, PUBLISHED  # noqa: E402
 
 # Parameters
 
 
-def test_the_shipped_parameters_are_the_defaults():
-    content = YAML(typ='safe', pure=True).load(shipped('config/estimator.yaml').read_text())
-    assert content == {
-        '/**': {'ros__parameters': {field.name: field.default for field in PARAMETERS}}
-    }
-    for field in PARAMETERS:
-        value = content['/**']['ros__parameters'][field.name]
-        assert type(value) is type(field.default)
+TABLES = {'estimator': ESTIMATOR}
+FIELDS = [(node, field) for node, table in TABLES.items() for field in table.fields]
 
 
-def test_each_shipped_parameter_has_a_comment():
-    lines = shipped('config/estimator.yaml').read_text().splitlines()
-    for field in PARAMETERS:
+@pytest.mark.parametrize('node', TABLES)
+def test_the_shipped_parameters_are_the_defaults(node):
+    content = YAML(typ='safe', pure=True).load(shipped(f'config/{node}.yaml').read_text())
+    defaults = {field.name: field.default for field in TABLES[node].fields}
+    assert content == {'/**': {'ros__parameters': defaults}}
+    for name, default in defaults.items():
+        assert type(content['/**']['ros__parameters'][name]) is type(default)
+
+
+@pytest.mark.parametrize('node', TABLES)
+def test_each_shipped_parameter_has_a_comment(node):
+    lines = shipped(f'config/{node}.yaml').read_text().splitlines()
+    for field in TABLES[node].fields:
         (place,) = (i for i, line in enumerate(lines) if line.startswith(f'    {field.name}:'))
         assert lines[place - 1].startswith('    #')
 
 
-def test_the_manual_has_the_table_of_parameters(checkout):
-    manual = (checkout / 'docs/estimator.md').read_text()
-    for field in PARAMETERS:
-        assert manual_row(field) in manual
+@pytest.mark.parametrize('node', TABLES)
+def test_the_manual_has_the_table_of_parameters(checkout, node):
+    manual = (checkout / f'docs/{node}.md').read_text()
+    for field in TABLES[node].fields:
+        assert manual_row(field, TABLES[node].read_only) in manual
 
 
-def manual_row(field):
+def manual_row(field, read_only):
     """Return the row of a parameter in the manual."""
     meta = field.metadata
     allowed = ', '.join(str(choice) for choice in meta.get('choices') or ())
     if 'bounds' in meta:
         low, high = meta['bounds']
         allowed = f'{low:g} to {high:g}' + (f' {meta["unit"]}' if 'unit' in meta else '')
-    when = 'at start' if field.name in READ_ONLY else 'any time'
+    when = 'at start' if field.name in read_only else 'any time'
     default = repr(field.default).lower() if isinstance(field.default, bool) else field.default
     return f'| `{field.name}` | `{default!s}` | {allowed} | {when} | {meta["meaning"]} |'
 
 
-@pytest.mark.parametrize('field', PARAMETERS, ids=lambda field: field.name)
-def test_a_parameter_is_described(field):
-    descriptor = describe(field)
+@pytest.mark.parametrize(
+    ('node', 'field'), FIELDS, ids=lambda value: getattr(value, 'name', value)
+)
+def test_a_parameter_is_described(node, field):
+    descriptor = TABLES[node].describe(field)
     assert field.metadata['meaning'] in descriptor.description
     ranges = len(descriptor.floating_point_range) + len(descriptor.integer_range)
     assert ranges == ('bounds' in field.metadata)
-    assert descriptor.read_only == (field.name in READ_ONLY)
+    assert descriptor.read_only == (field.name in TABLES[node].read_only)
 
 
 # Rates and levels, with a clock of the test's own
@@ -129,26 +138,26 @@ def error_at(stamp_ns=1):
 
 
 def test_health_is_an_error_until_there_are_estimates_again():
-    health = Health('/pressure', 100.0)
-    state = EstimatorState()
-    assert health.report(state, 0.5, 100.4).level == Level.OK
-    assert health.report(state, 0.5, 101.0).level == Level.ERROR
+    health = EstimatorHealth('/pressure', 100.0)
+    state, settings = EstimatorState(), EstimatorSettings(input_timeout=0.5)
+    assert health.report(state, settings, 100.4).level == Level.OK
+    assert health.report(state, settings, 101.0).level == Level.ERROR
     health.took_pressure(random_estimate(), 101.1, 0.001)
-    report = health.report(state, 0.5, 101.2)
+    report = health.report(state, settings, 101.2)
     assert (report.level, report.message) == (Level.OK, 'estimating at 5 Hz')
     health.took_pressure(error_at(), 101.3, 0.001)
-    assert health.report(state, 0.5, 101.4).message == 'no wrench'
-    assert health.report(state, 0.5, 101.5).level == Level.ERROR
+    assert health.report(state, settings, 101.4).message == 'no wrench'
+    assert health.report(state, settings, 101.5).level == Level.ERROR
     health.took_pressure(random_estimate(), 101.6, 0.001)
-    assert health.report(state, 0.5, 101.7).level == Level.OK
-    assert health.report(state, 0.5, 105.0).level == Level.ERROR
+    assert health.report(state, settings, 101.7).level == Level.OK
+    assert health.report(state, settings, 105.0).level == Level.ERROR
 
 
 def test_pressure_that_cannot_be_used_is_silence():
-    health = Health('/pressure', 100.0)
+    health = EstimatorHealth('/pressure', 100.0)
     dropped = Refusal(stamp_ns=1, reason='not_finite', sentence='holds NaN', error=False)
     health.took_pressure(dropped, 100.4, 0.001)
-    report = health.report(EstimatorState(), 0.5, 101.0)
+    report = health.report(EstimatorState(), EstimatorSettings(), 101.0)
     assert report.level == Level.ERROR
     assert report.message == 'no usable pressure on /pressure for 1.0 s; holds NaN'
 

@@ -1,4 +1,4 @@
-"""How the estimator is doing: what it took, gave and refused, summed up once a second."""
+"""How a node is doing: what a report of its health is made of."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import enum
 from typing import Any
 
 import numpy as np
-from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.shape import Refusal, ShapeEstimate
 
 LATENCIES = 1000  # readings over which percentiles are taken
 
@@ -32,124 +30,37 @@ class Report:
     values: Mapping[str, str]
 
 
-class Health:
-    """Collects what happens to readings. All times are seconds of one steady clock.
+class Latencies:
+    """The times (s) from receipt to publishing of the last readings."""
 
-    The level of a report is the worst since the last one: ERROR while there are no estimates, WARN
-    where readings were dropped or estimates are limited.
-    """
+    def __init__(self) -> None:
+        self._seconds: deque[float] = deque(maxlen=LATENCIES)
 
-    def __init__(self, pressure_topic: str, now: float) -> None:
-        self._pressure_topic = pressure_topic
-        self._started = self._reported = now
-        self._pressure_at: float | None = None
-        self._wrench_at: float | None = None
-        self._estimate: ShapeEstimate | None = None
-        self._solve_time = 0.0
-        self._latencies: deque[float] = deque(maxlen=LATENCIES)
-        self._estimates = 0
-        self._stopped: Refusal | None = None
-        self._problems: dict[str, Refusal] = {}
-        self._warnings: dict[str, None] = {}
+    def note(self, seconds: float) -> None:
+        """Note one more."""
+        self._seconds.append(seconds)
 
-    def took_pressure(
-        self, outcome: ShapeEstimate | Refusal, now: float, solve_time: float
-    ) -> None:
-        """Note what became of a pressure reading, and how long that took (s)."""
-        if isinstance(outcome, Refusal):
-            self.refused(outcome)
-            if not outcome.error:
-                return
-            self._stopped = outcome
-        else:
-            self._stopped = None
-            self._estimate = outcome
-            self._estimates += 1
-            self._solve_time = solve_time
-            self._warnings.update(dict.fromkeys(outcome.warnings))
-        self._pressure_at = now
-
-    def took_wrench(self, refusal: Refusal | None, now: float) -> None:
-        """Note what became of a wrench reading."""
-        if refusal is None:
-            self._wrench_at = now
-        else:
-            self.refused(refusal)
-
-    def refused(self, refusal: Refusal) -> None:
-        """Note a reading that was refused."""
-        self._problems[refusal.reason] = refusal
-
-    def published(self, latency: float) -> None:
-        """Note the time (s) from the receipt of a reading until its estimate was published."""
-        self._latencies.append(latency)
-
-    def silence(self, now: float) -> float:
-        """Return for how long (s) there has been no usable pressure reading."""
-        return now - (self._started if self._pressure_at is None else self._pressure_at)
-
-    def report(self, state: EstimatorState, input_timeout: float, now: float) -> Report:
-        """Sum up the time since the last report, and begin the next one."""
-        rate = self._estimates / max(now - self._reported, 1e-9)
-        level, message = self._verdict(input_timeout, rate, now)
-        values = self._values(state, rate, now)
-        self._reported, self._estimates = now, 0
-        self._problems, self._warnings = {}, {}
-        return Report(level=level, message=message, values=values)
-
-    def _verdict(self, input_timeout: float, rate: float, now: float) -> tuple[Level, str]:
-        problems = self._problems
-        if self._stopped is not None:
-            problems = {self._stopped.reason: self._stopped, **problems}
-        errors = [problem.sentence for problem in problems.values() if problem.error]
-        dropped = [problem.sentence for problem in problems.values() if not problem.error]
-        silence = self.silence(now)
-        if silence > input_timeout:
-            # What was refused in the meantime is the likely cause; older errors are no news.
-            sentence = f'no usable pressure on {self._pressure_topic} for {silence:.1f} s'
-            return Level.ERROR, '; '.join([sentence, *dropped])
-        if errors:
-            return Level.ERROR, '; '.join(errors)
-        if dropped or self._warnings:
-            return Level.WARN, '; '.join([*dropped, *self._warnings])
-        if self._estimate is None:
-            return Level.OK, f'waiting for pressure on {self._pressure_topic}'
-        return Level.OK, f'estimating at {rate:.3g} Hz'
-
-    def _values(self, state: EstimatorState, rate: float, now: float) -> dict[str, str]:
-        estimate = self._estimate
-        values: dict[str, Any] = {
-            'rate_hz': rate,
-            'estimates': state.estimates,
-            'resets': state.resets,
-            'pressure_age_s': _age(self._pressure_at, now),
-            'wrench_age_s': _age(self._wrench_at, now),
-            'wrench_lag_s': estimate.wrench_age if estimate else None,
-            'residual_rad': estimate.shape.residual if estimate else None,
-            'iterations': estimate.shape.iterations if estimate else None,
-            'stable': estimate.shape.stable if estimate else None,
-            'extrapolated': estimate.shape.extrapolated if estimate else None,
-            'solve_time_s': self._solve_time if estimate else None,
-            'latency_p50_s': self._latency(50.0),
-            'latency_p99_s': self._latency(99.0),
-            'warnings': '; '.join(estimate.warnings) if estimate else None,
-            'rejected': sum(state.rejected.values()),
-        }
-        values |= {f'rejected/{reason}': count for reason, count in state.rejected.items()}
-        return {name: _text(value) for name, value in values.items()}
-
-    def _latency(self, percent: float) -> float | None:
-        if not self._latencies:
+    def percentile(self, percent: float) -> float | None:
+        """Return a percentile; None as long as there is nothing to take it of."""
+        if not self._seconds:
             return None
-        return float(np.percentile(np.array(self._latencies), percent))
+        return float(np.percentile(np.array(self._seconds), percent))
 
 
-def _age(at: float | None, now: float) -> float | None:
+def age(at: float | None, now: float) -> float | None:
+    """Return how long ago something was; None if it never was."""
     return None if at is None else now - at
 
 
-def _text(value: Any) -> str:
-    """Text of a value; empty where there is none."""
-    if value is None:
-        return ''
-    return f'{value:.4g}' if isinstance(value, float) else str(value)
+def texts(values: Mapping[str, Any]) -> dict[str, str]:
+    """Return values as texts, empty where there is none."""
+    return {
+        name: '' if value is None else f'{value:.4g}' if isinstance(value, float) else str(value)
+        for name, value in values.items()
+    }
+
+
+def counted(what: str, counts: Mapping[str, int]) -> dict[str, str]:
+    """Return a count and, below it, its parts by reason."""
+    parts = {f'{what}/{reason}': str(count) for reason, count in counts.items()}
+    return {what: str(sum(counts.values())), **parts}

@@ -4,30 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from pneunet_ros import __version__
-from pneunet_ros.estimator import Estimator
+from pneunet_ros.arm import Arm
 from pneunet_ros.model_file import model_hash
-from pneunet_ros.units import quantities
 
 
-def model_info(estimator: Estimator, file: Path) -> str:
-    """Return the JSON text for an estimator whose model was read from a file; numbers in SI."""
-    arm, settings = estimator.arm, estimator.settings
-    return json.dumps(
-        {
-            'name': arm.name,
-            'hash': model_hash(arm),
-            'file': str(file),
-            'length': arm.length,
-            'pressure_range': list(arm.pressure_range),
-            'pressure_offset': settings.pressure_offset,
-            'effects': {
-                effect.name: {item.name: getattr(effect, item.name) for item in quantities(effect)}
-                for effect in arm.effects
-            },
-            'frame_id': settings.frame_id,
-            'stations': settings.stations,
-            'version': __version__,
-        }
-    )
+def model_info(arm: Arm, file: Path, **others: Any) -> str:
+    """Return the JSON text for an arm that was read from a file, with what else is to be said."""
+    about = {'name': arm.name, 'hash': model_hash(arm), 'file': str(file), 'length': arm.length}
+    return json.dumps({**about, **others, 'version': __version__})
+
+
+def model_label(arm: Arm) -> str:
+    """Return a name and the beginning of the hash of a model: enough to tell models apart."""
+    return f'{arm.name} {model_hash(arm)[:12]}'

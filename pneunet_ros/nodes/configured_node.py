@@ -1,0 +1,158 @@
+"""A node with a configuration that its parameters make: what the nodes here have in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+import time
+from typing import Any, Generic, Protocol, TypeVar
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from pneunet_ros.errors import PneunetError
+from pneunet_ros.nodes.health import Report
+from pneunet_ros.nodes.log import Log
+from pneunet_ros.nodes.parameters import ParameterTable, without_effect
+from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher
+from pneunet_ros.shape import Refusal
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+DEFAULT_NAMESPACE = '/pneunet'  # where no other is given with `-r __ns:=/other`
+REPORT_PERIOD = 1.0  # s
+
+
+class Configuration(Protocol):
+    """All that the parameters of a node ask for, ready to be used."""
+
+    @property
+    def model(self) -> str:
+        """Name and short hash of the model in use."""
+
+    def info(self) -> str:
+        """Return what the topic model_info says."""
+
+
+C = TypeVar('C', bound=Configuration)
+
+
+class ConfiguredNode(Node, ABC, Generic[C]):
+    """Parameters, the services that go with them, model_info, diagnostics and the log of a node.
+
+    configured: makes ready what the values of all parameters ask for, taking from the current
+    configuration what remains, or raises PneunetError; `~/reload_model` gives no current one, so
+    that all files are read again.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        table: ParameterTable,
+        configured: Callable[[Mapping[str, Any], C | None], C],
+    ) -> None:
+        """Declare all parameters and use them; nothing can be heard of the node yet."""
+        super().__init__(name, namespace=DEFAULT_NAMESPACE)
+        self.table, self.configured = table, configured
+        self.configuration: C = configured(table.declare(self), None)
+        self.candidate = self.configuration
+        self.log = Log(self.get_logger())
+
+    def open_services(self) -> None:
+        """Open services and outputs that are there whatever the inputs are."""
+        self.info = publisher(self, 'std_msgs/msg/String', 'model_info', latched_qos())
+        self.diagnostics = publisher(
+            self, 'diagnostic_msgs/msg/DiagnosticArray', '/diagnostics', output_qos()
+        )
+        self.create_service(Trigger, '~/reset', self.reset)
+        self.create_service(Trigger, '~/reload_model', self.reload_model)
+        self.add_on_set_parameters_callback(self.validate)
+        self.add_post_set_parameters_callback(self.apply_candidate)
+        self.tell_model()
+        self.every(REPORT_PERIOD, self.diagnose)
+
+    @abstractmethod
+    def forget(self) -> str:
+        """Forget all readings, and say what begins then."""
+
+    @abstractmethod
+    def take_over(self, configuration: C) -> None:
+        """Make ready what the node has beside `configuration`, which still is the old one."""
+
+    @abstractmethod
+    def diagnose(self) -> None:
+        """Publish how the node is doing."""
+
+    def every(self, seconds: float, callback: Callable[[], None]) -> None:
+        """Call back by the steady clock: also where simulated time stands still."""
+        self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def tell_ready(self) -> None:
+        """Say in the log that the node works, and which parameters it did not know."""
+        unknown = without_effect(self)
+        if unknown:
+            self.get_logger().warning(f'parameters that do not exist here: {", ".join(unknown)}')
+        frame_id = self.get_parameter('frame_id').value
+        self.get_logger().info(f'ready: {self.configuration.model}, frame {frame_id}')
+
+    def reset(self, request: Any, response: Any) -> Any:
+        """Serve ~/reset."""
+        response.success, response.message = True, self.forget()
+        return response
+
+    def reload_model(self, request: Any, response: Any) -> Any:
+        """Serve ~/reload_model: read all files again; a bad one changes nothing."""
+        try:
+            self.use(self.configured(self.table.values(self), None))
+        except PneunetError as error:
+            response.message = f'{error}; the old model stays in use'
+        else:
+            response.success = True
+            response.message = f'now in use: {self.configuration.model}'
+        return response
+
+    def validate(self, changes: list[Parameter]) -> SetParametersResult:
+        """Say whether parameters can be set, by making ready what they ask for."""
+        values = self.table.values(self)
+        values |= {item.name: item.value for item in changes if item.name in values}
+        try:
+            self.candidate = self.configured(values, self.configuration)
+        except PneunetError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def apply_candidate(self, changes: list[Parameter]) -> None:
+        """Use what was made ready, now that the parameters are set."""
+        self.use(self.candidate)
+
+    def use(self, configuration: C) -> None:
+        """Go on with another model or other settings."""
+        self.take_over(configuration)
+        self.configuration = configuration
+        self.tell_model()
+
+    def tell_model(self) -> None:
+        """Publish which model is in use, for subscribers of now and of later."""
+        self.info.publish(String(data=self.configuration.info()))
+
+    def log_refusal(self, refusal: Refusal) -> None:
+        """Log a kind of refusal when it is new, and again when it goes on for long."""
+        say = self.log.error if refusal.error else self.log.warn
+        say(refusal.reason, refusal.sentence, time.monotonic())
+
+    def publish_report(self, what: str, report: Report) -> None:
+        """Publish diagnostics on `what`; the stamp is now, as that is what they tell of."""
+        model = self.configuration.model
+        values = {'model': model, **report.values}
+        status = DiagnosticStatus(
+            level=bytes([report.level]),
+            name=f'{self.get_fully_qualified_name()[1:]}: {what}',
+            message=report.message,
+            hardware_id=model,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self.diagnostics.publish(array)

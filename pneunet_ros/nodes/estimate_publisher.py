@@ -1,0 +1,53 @@
+"""Publishing of estimates: what controllers need first, and only what is wanted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.message_parts import Output
+from pneunet_ros.messages import OUTPUTS
+from pneunet_ros.nodes.topics import output_qos, publisher
+from pneunet_ros.shape import ShapeEstimate
+
+# Published first, as a controller may wait for them; the centerline last, as it is for people.
+FOR_CONTROL = ('shape', 'tip', 'tip_jacobian')
+FOR_PEOPLE = 'centerline'
+PUBLISHED = tuple(
+    sorted(OUTPUTS, key=lambda topic: (topic.name not in FOR_CONTROL, topic.name == FOR_PEOPLE))
+)
+
+
+class EstimatePublisher:
+    """Publishes estimates on all their topics, as far as somebody listens.
+
+    A message is not even built for a topic without subscribers. `centerline_rate` (Hz) limits the
+    topic of that name, as reading a Path is costly; 0 means every estimate.
+    """
+
+    def __init__(self, node: Any, serializer: EstimateSerializer, centerline_rate: float) -> None:
+        self.centerline_rate = centerline_rate
+        self._serializer = serializer
+        self._due = 0.0
+        self._publishers: tuple[tuple[Output[ShapeEstimate], Any], ...] = tuple(
+            (topic, publisher(node, topic.type, topic.name, output_qos())) for topic in PUBLISHED
+        )
+
+    def publish(self, estimate: ShapeEstimate, now: float) -> None:
+        """Publish an estimate; now: seconds of a steady clock."""
+        for topic, out in self._publishers:
+            if out.get_subscription_count() == 0:
+                continue
+            if topic.name == FOR_PEOPLE and not self._centerline_is_due(now):
+                continue
+            out.publish(self._serializer.bytes_of(topic, estimate))
+
+    def _centerline_is_due(self, now: float) -> bool:
+        if self.centerline_rate <= 0.0:
+            return True
+        if now < self._due:
+            return False
+        # A step from when it was due keeps the rate, unless nothing was wanted for a while.
+        period = 1.0 / self.centerline_rate
+        self._due = self._due + period if now - self._due < period else now + period
+        return True
