@@ -1,0 +1,158 @@
+"""White areas of a camera image: where their centers are, how large they are, and how certain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.area_kernels import (
+    Bytes,
+    COLUMNS,
+    Layout,
+    Limits,
+    measure_all,
+    measure_nearest,
+    MOST_AREAS,
+    Work,
+)
+from pneunet_ros.camera_settings import AdaptiveBand, AreaLimits, GreyBand
+from pneunet_ros.image import ENCODINGS, Image
+from pneunet_ros.shape import Array, freeze
+
+# Red, green and blue in 1/32768, as cv2.cvtColor has them.
+WEIGHTS = {'r': 9798, 'g': 19235, 'b': 3735}
+LEAST_CONTRAST = 4.0  # grey levels between an area and its background where the band is fixed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Areas:
+    """White areas of an image, an entry per area; NaN in all where there is none.
+
+    u, v: center, px; area px^2; major, minor: largest and smallest axis of the ellipse with the
+    same moments, px; angle of the major axis, rad from +u towards +v; std: standard error of the
+    center per axis, px; contrast: how much brighter than the background, grey levels.
+
+    `crowded`: there were so many that none is given.
+    """
+
+    u: Array
+    v: Array
+    area: Array
+    major: Array
+    minor: Array
+    angle: Array
+    std: Array
+    contrast: Array
+    crowded: bool = False
+
+    def __len__(self) -> int:
+        return len(self.u)
+
+
+def find_areas(image: Image, band: GreyBand, limits: AreaLimits) -> Areas:
+    """Return all white areas of an image that are within the limits, from top to bottom.
+
+    Areas that the image cuts off are left out.
+    """
+    data, layout = grey_bytes(image)
+    low, kernel_limits = levels(band, limits)
+    half = max(24, math.ceil(2.0 * math.sqrt(limits.largest / math.pi)))
+    out = np.empty((MOST_AREAS, COLUMNS))
+    marks = np.zeros((image.height, image.width), np.uint8)
+    count = measure_all(data, layout, kernel_limits, low, half, work_space(limits), marks, out)
+    return areas(out[: max(count, 0)], crowded=count < 0)
+
+
+def measure_areas(
+    image: Image,
+    around: Array,
+    reach: float,
+    size: float,
+    band: GreyBand,
+    limits: AreaLimits,
+) -> Areas:
+    """Return the white area nearest to each place, n entries.
+
+    around: (n, 2) px; reach: how far from there the center may be, px; size: the diameter that is
+    expected, px. NaN where no area within the limits is that near, and where it is cut off by the
+    image or hangs together with so much other white that it is not within the limits.
+    """
+    low, kernel_limits = levels(band, limits)
+    rings = math.ceil(reach)
+    out = np.empty((len(around), COLUMNS))
+    out[:, :2] = around
+    marks = np.empty((2 * rings + 1, 2 * rings + 1), np.uint8)
+    measure_nearest(
+        image.data,
+        layout_of(image),
+        kernel_limits,
+        low,
+        float(reach),
+        math.ceil(reach + size),
+        work_space(limits),
+        marks,
+        out,
+    )
+    return areas(out, crowded=False)
+
+
+def areas(rows: Array, *, crowded: bool) -> Areas:
+    """Return the rows of a kernel as areas."""
+    u, v, area, major, minor, angle, std, contrast = freeze(np.ascontiguousarray(rows.T))
+    return Areas(
+        u=u,
+        v=v,
+        area=area,
+        major=major,
+        minor=minor,
+        angle=angle,
+        std=std,
+        contrast=contrast,
+        crowded=crowded,
+    )
+
+
+def levels(band: GreyBand, limits: AreaLimits) -> tuple[int, Limits]:
+    """Return the level of white (-1: depends on the background), and all limits."""
+    if isinstance(band, AdaptiveBand):
+        low, high, contrast = -1, 255, band.contrast
+    else:
+        low, high, contrast = math.ceil(band.low), math.floor(band.high), LEAST_CONTRAST
+    return low, (
+        limits.smallest,
+        limits.largest,
+        limits.elongation,
+        limits.hole,
+        high,
+        contrast,
+    )
+
+
+def layout_of(image: Image) -> Layout:
+    """Return where the pixels of an image lie in its bytes, and what its channels weigh."""
+    first = second = third = 0
+    if image.channels > 1:
+        first, second, third = (WEIGHTS[channel] for channel in ENCODINGS[image.encoding][:3])
+    return image.width, image.height, image.step, image.channels, first, second, third
+
+
+def grey_bytes(image: Image) -> tuple[Bytes, Layout]:
+    """Return an image in which each pixel is a byte: itself where it is grey."""
+    if image.channels == 1:
+        return image.data, layout_of(image)
+    grey = image.grey().reshape(-1)
+    grey.flags.writeable = False
+    return grey, (image.width, image.height, image.width, 1, 0, 0, 0)
+
+
+def work_space(limits: AreaLimits) -> Work:
+    """Return room for the runs of the largest area that can be a target, and of its frame."""
+    longest = math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation)) + 8
+    rows = 2 * longest + 1
+    return (
+        np.empty((4 * rows, 4), np.int32),
+        np.full(rows, -1, np.int32),
+        np.empty(256, np.int32),
+        np.empty((3, 12 * longest + 144), np.int32),
+    )
