@@ -1,0 +1,149 @@
+"""What is known of the curvature of an arm before a picture is taken: a Gaussian process.
+
+Curvature is smooth along the arm, but for a break at l1 where the model has one. l1 moves with
+pressure, which the camera does not see, so the covariance is averaged over the places that l1 has
+in the model. How large and how smooth curvature is, is learnt once, by marginal likelihood of
+shapes that the model predicts; how it runs along the arm is not: the model is what measured
+centerlines are there to test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.equilibrium import solve
+from pneunet_ros.shape import Array, frozen_array
+from scipy.optimize import minimize
+
+SPLITS = 5  # places of l1 over which the covariance is averaged
+LEARNING_STD = 2e-4  # of the length, noise under which shapes are told apart: a tenth of a pixel
+PRESSURES = 6  # shares of the calibrated range at which shapes are taken
+PULL = 1.5  # weights of the arm, the size of the end force of the paper's Table 1
+TURNS = (0.25, 0.5)  # direction of the pull, as a share of the angle of the unloaded tip
+FINE_STATIONS = 449
+
+# std and reach of the smooth part, std and reach of the break; by the length of the arm
+_START = np.log([1.5, 0.4, 0.15, 0.3])
+_BOUNDS = np.log([(0.3, 100.0), (0.1, 3.0), (0.01, 10.0), (0.05, 3.0)])
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurvaturePrior:
+    """Gaussian process of curvature: `std` (1/m), correlated over `reach` (m), mean zero.
+
+    On the clamp's side of a break it has a part of its own, `break_std` (1/m) correlated over
+    `break_reach` (m); the break is at one of `splits` (m), each as probable; no splits, no break.
+    """
+
+    std: float
+    reach: float
+    break_std: float
+    break_reach: float
+    splits: Array
+
+    def __post_init__(self) -> None:
+        """Keep the splits as they are now."""
+        object.__setattr__(self, 'splits', frozen_array(np.sort(self.splits)))
+
+    def covariance(self, first: Array, second: Array) -> Array:
+        """Covariance (1/m^2) of curvature at arclengths (n,) and (m,) in m; (n, m)."""
+        apart = (first[:, None] - second) ** 2
+        smooth = self.std**2 * np.exp(-0.5 * apart / self.reach**2)
+        if not self.splits.size:
+            return np.asarray(smooth)
+        further = np.maximum(first[:, None], second)
+        before = 1.0 - np.searchsorted(self.splits, further, side='right') / self.splits.size
+        broken = self.break_std**2 * np.exp(-0.5 * apart / self.break_reach**2)
+        return np.asarray(smooth + before * broken)
+
+    def nodes(self, places: Array) -> tuple[Array, Array]:
+        """Nodes (m) and weights (m) that integrate over arclength between all of these places."""
+        edges = np.unique(np.concatenate([places, self.splits]))
+        half = 0.5 * np.diff(edges)
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        return (middle[:, None] + half[:, None] * _NODES).ravel(), np.outer(half, _WEIGHTS).ravel()
+
+
+def twice_integrated(places: Array, nodes: Array, weights: Array) -> Array:
+    """Weights (places, nodes) of the integral of the integral from the first node's cell on."""
+    return np.asarray(np.maximum(places[:, None] - nodes, 0.0) * weights)
+
+
+def once_integrated(places: Array, nodes: Array, weights: Array) -> Array:
+    """Weights (places, nodes) of the integral from the first node's cell on."""
+    return np.asarray((places[:, None] > nodes) * weights)
+
+
+def without_line(arclength: Array) -> Array:
+    """Orthonormal combinations (targets, targets - 2) that see nothing of a straight line."""
+    line = np.column_stack([np.ones_like(arclength), arclength])
+    return np.asarray(np.linalg.qr(line, mode='complete')[0][:, 2:])
+
+
+def learned_prior(arm: Arm) -> CurvaturePrior:
+    """Learn the prior from shapes of this arm, at the places of its targets; deterministic."""
+    targets, length = arm.target_arclength, arm.length
+    splits = splits_of(arm)
+    bent = np.array([bent_line(theta, length, targets) for theta in family(arm)])
+    line_free = without_line(targets)
+    seen = bent @ line_free
+    noise = (LEARNING_STD * length) ** 2
+
+    def prior_of(logarithms: Array) -> CurvaturePrior:
+        std, reach, break_std, break_reach = np.exp(np.resize(logarithms, 4)).tolist()
+        return CurvaturePrior(
+            std=std / length,
+            reach=reach * length,
+            break_std=break_std / length,
+            break_reach=break_reach * length,
+            splits=splits,
+        )
+
+    nodes, weights = prior_of(_START).nodes(targets)
+    integral = line_free.T @ twice_integrated(targets, nodes, weights)
+
+    def misfit(logarithms: Array) -> float:
+        covariance = integral @ prior_of(logarithms).covariance(nodes, nodes) @ integral.T
+        values, vectors = np.linalg.eigh(covariance)
+        variance = np.maximum(values, 0.0) + noise
+        squares = (seen @ vectors) ** 2
+        return float(np.sum(squares / variance) + len(seen) * np.sum(np.log(variance)))
+
+    asked = 4 if splits.size else 2
+    found = minimize(misfit, _START[:asked], method='L-BFGS-B', bounds=_BOUNDS[:asked])
+    return prior_of(found.x)
+
+
+def splits_of(arm: Arm) -> Array:
+    """Places (m) over which the break of the moment law wanders; none where there is no break."""
+    law = arm.moment_law
+    starts = law.sections(law.table_pressures, arm.length, arm.weight)[:, 1:, 0]
+    if not starts.size:
+        return np.zeros(0)
+    return np.unique(np.linspace(starts.min(), starts.max(), SPLITS))
+
+
+def family(arm: Arm) -> list[Array]:
+    """Angles (rad) at FINE_STATIONS of shapes over the pressures, unloaded and pulled."""
+    low, high = arm.pressure_range
+    angles = []
+    for pressure in np.linspace(low, high, PRESSURES + 1)[1:].tolist():
+        free = solve(arm, pressure, stations=FINE_STATIONS)
+        shapes = [free]
+        if free.converged:
+            for turn in TURNS:
+                angle = turn * (free.theta[-1] - free.theta[0]) + free.theta[0]
+                force = PULL * arm.weight * np.cos(angle), PULL * arm.weight * np.sin(angle)
+                shapes.append(solve(arm, pressure, force, stations=FINE_STATIONS))
+        angles += [shape.theta for shape in shapes if shape.converged]
+    return angles
+
+
+def bent_line(theta: Array, length: float, arclength: Array) -> Array:
+    """Integral (m) of the angle along the arm, at arclengths (n,) m."""
+    step = length / (theta.size - 1)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * step * (theta[1:] + theta[:-1]))])
+    return np.asarray(np.interp(arclength, np.linspace(0.0, length, theta.size), integral))
