@@ -31,7 +31,7 @@ FLOORS = {
         area_kernels detection
         row_search sighting tracker_state tracking
         centerline_kernel centerline
-        lab lab.lens lab.scene lab.discs lab.shading lab.targets lab.renderer
+        lab lab.lens lab.scene lab.discs lab.shading lab.targets lab.renderer lab.motion
     """,
     '2 inference': """
         settings estimator_state estimator zero holds

@@ -1,0 +1,116 @@
+"""An arm that bends with its pressure before the camera of the virtual lab.
+
+Shapes are solved once, at a grid of pressures, and interpolated from then on: thousands of images
+need no more solves. What is drawn is what the truth says, whatever the interpolation left.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.equilibrium import solve
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.scene import Body, Dots, Moment, Occluder
+from pneunet_ros.shape import Array, freeze
+from scipy.interpolate import CubicSpline
+
+STATIONS = 225  # of a solve, from which places between them are interpolated
+DRAWN_EVERY = 4  # station of them, for the outline of the arm
+GRID = 41  # pressures
+
+
+class ArmMotion:
+    """Shapes of an arm between two pressures: targets and body as functions of the pressure."""
+
+    __slots__ = ('_body', '_targets', 'pressure_range')
+
+    def __init__(
+        self,
+        arm: Arm,
+        pressure_range: tuple[float, float],
+        force: tuple[float, float] = (0.0, 0.0),
+        placement: Array | None = None,
+    ) -> None:
+        """Solve the arm under a constant end force (N) at pressures (Pa) of the range.
+
+        placement (targets, 2) m: how far every target is from where it should have been painted,
+        along the arm and across it (to the left), for good. Raises RequestError where the arm has
+        no equilibrium.
+        """
+        self.pressure_range = pressure_range
+        pressures = np.linspace(*pressure_range, GRID)
+        shapes = []
+        for pressure in pressures.tolist():
+            shape = solve(arm, pressure, force=force, stations=STATIONS)
+            if not shape.converged:
+                raise RequestError(f'the arm has no shape at {pressure:.6g} Pa: {shape.status}')
+            shapes.append([shape.x, shape.y, shape.theta])
+        along: Any = CubicSpline(shape.arclength, np.array(shapes), axis=2)
+        x, y, theta = along(arm.target_arclength).transpose(1, 0, 2)
+        if placement is not None:
+            ahead, aside = placement[:, 0], placement[:, 1]
+            x = x + ahead * np.cos(theta) - aside * np.sin(theta)
+            y = y + ahead * np.sin(theta) + aside * np.cos(theta)
+        self._targets: Any = CubicSpline(pressures, np.stack([x, y], axis=1))
+        self._body: Any = CubicSpline(pressures, np.array(shapes)[:, :, ::DRAWN_EVERY])
+
+    def targets(self, pressure: float) -> Array:
+        """Return x and y (2, targets) m of the targets at a pressure (Pa) of the range."""
+        low, high = self.pressure_range
+        if not low <= pressure <= high:
+            raise RequestError(f'pressure {pressure:.6g} Pa is not within [{low:.6g}, {high:.6g}]')
+        places: Array = self._targets(pressure)
+        return freeze(places)
+
+    def dots(
+        self, pressure: float, opening: float, closing: float, radius: float, grey: float
+    ) -> Dots:
+        """Return the targets at a pressure, moving from the one at opening to that at closing."""
+        places = self.targets(pressure)
+        motion = (self.targets(closing) - self.targets(opening)).T
+        return Dots(x=places[0], y=places[1], radius=np.array(radius), grey=grey, motion=motion)
+
+    def moment(
+        self,
+        pressure: float,
+        opening: float | None = None,
+        closing: float | None = None,
+        occluders: tuple[Occluder, ...] = (),
+        radius: float = 0.0011,
+        grey: float = 225.0,
+    ) -> Moment:
+        """Return the arm at a pressure (Pa), for a Renderer.
+
+        opening, closing: the pressures when the shutter opens and closes, None: as amid this time.
+        """
+        x, y, theta = self._body(pressure)
+        opening = pressure if opening is None else opening
+        closing = pressure if closing is None else closing
+        return Moment(
+            dots=self.dots(pressure, opening, closing, radius, grey),
+            body=Body(x=x, y=y, theta=theta),
+            occluders=occluders,
+        )
+
+
+def up_and_down(time: float, *, rest: float, rise: float, hold: float, top: float) -> float:
+    """Pressure (Pa) that rests at 0, rises to `top`, holds and falls again; all times in s.
+
+    It rises and falls like half a cosine, without a jolt, and stays at 0 afterwards.
+    """
+    since = time - rest
+    share = min(max(min(since, 2.0 * rise + hold - since) / rise, 0.0), 1.0)
+    return 0.5 * top * (1.0 - math.cos(math.pi * share))
+
+
+def sinus(time: float, *, rest: float, period: float, top: float) -> float:
+    """Pressure (Pa) that rests at 0 until `rest` (s), then swings from 0 to `top` and back."""
+    return 0.5 * top * (1.0 - math.cos(2.0 * math.pi * max(time - rest, 0.0) / period))
+
+
+def ramp(time: float, *, rest: float, rate: float, top: float) -> float:
+    """Pressure (Pa) that rests at 0 until `rest` (s) and rises at `rate` (Pa/s) up to `top`."""
+    return min(max(time - rest, 0.0) * rate, top)

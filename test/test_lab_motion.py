@@ -1,0 +1,107 @@
+"""The arm of the virtual lab moves as the model says."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from pneunet_ros.equilibrium import solve
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.motion import ArmMotion, ramp, sinus, up_and_down
+from pneunet_ros.model_file import load_model
+import pytest
+
+
+@pytest.fixture(scope='module')
+def arm(checkout):
+    return load_model(checkout / 'config/paper_arm.yaml')
+
+
+@pytest.fixture(scope='module')
+def motion(arm):
+    return ArmMotion(arm, (0.0, 50e3))
+
+
+@pytest.mark.parametrize('pressure', [0.0, 3333.0, 23.7e3, 49.1e3, 50e3])
+def test_targets_are_where_the_arm_is(arm, motion, pressure):
+    shape = solve(arm, pressure, stations=2241)  # every 0.05 mm, so that targets are stations
+    at = np.rint(arm.target_arclength / 0.00005).astype(int)
+    np.testing.assert_allclose(shape.arclength[at], arm.target_arclength, atol=1e-9)
+    np.testing.assert_allclose(motion.targets(pressure), [shape.x[at], shape.y[at]], atol=3e-6)
+
+
+def test_the_band_of_the_arm_follows_its_targets(motion):
+    moment = motion.moment(40e3)
+    places = np.stack([moment.body.x, moment.body.y], axis=1)
+    for x, y in zip(moment.dots.x, moment.dots.y, strict=True):
+        assert np.hypot(*(places - [x, y]).T).min() < 0.0011
+    slope = np.arctan2(np.diff(moment.body.y), np.diff(moment.body.x))
+    np.testing.assert_allclose(
+        slope, 0.5 * (moment.body.theta[1:] + moment.body.theta[:-1]), atol=0.003
+    )
+
+
+def test_dots_move_as_far_as_the_pressure_changes_while_the_shutter_is_open(motion):
+    dots = motion.moment(30e3, 29e3, 31e3).dots
+    expected = motion.targets(31e3) - motion.targets(29e3)
+    np.testing.assert_array_equal(dots.motion, expected.T)
+    np.testing.assert_array_equal([dots.x, dots.y], motion.targets(30e3))
+    assert np.hypot(*dots.motion.T)[-1] > 5e-4
+    assert not motion.moment(30e3).dots.motion.any()
+
+
+def test_misplaced_targets_turn_with_the_arm(arm, motion):
+    placement = np.random.default_rng(0).normal(0.0, 0.0003, (arm.target_arclength.size, 2))
+    misplaced = ArmMotion(arm, (0.0, 50e3), placement=placement)
+    np.testing.assert_allclose(
+        (misplaced.targets(0.0) - motion.targets(0.0)).T, placement, atol=1e-12
+    )
+    moved = (misplaced.targets(50e3) - motion.targets(50e3)).T
+    np.testing.assert_allclose(np.hypot(*moved.T), np.hypot(*placement.T), rtol=1e-6)
+    shape = solve(arm, 50e3)
+    theta = np.interp(arm.target_arclength, shape.arclength, shape.theta)
+    turn = np.angle((moved @ [1, 1j]) / (placement @ [1, 1j]))
+    np.testing.assert_allclose(turn, theta, atol=0.01)
+
+
+def test_a_loaded_arm_is_elsewhere(arm, motion):
+    loaded = ArmMotion(arm, (0.0, 30e3), force=(0.1, 0.05))
+    shape = solve(arm, 30e3, force=(0.1, 0.05))
+    assert loaded.targets(30e3)[:, -1] == pytest.approx(
+        [
+            np.interp(arm.target_arclength[-1], shape.arclength, values)
+            for values in (shape.x, shape.y)
+        ],
+        abs=1e-5,
+    )
+    assert np.abs(loaded.targets(30e3) - motion.targets(30e3)).max() > 0.002
+
+
+def test_pressures_beyond_the_range_are_refused(arm, motion):
+    with pytest.raises(RequestError, match='50001 Pa'):
+        motion.targets(50_001.0)
+    with pytest.raises(RequestError, match='no shape at'):
+        ArmMotion(arm, (0.0, 200e3))
+
+
+@pytest.mark.parametrize(
+    ('profile', 'expected'),
+    [
+        (
+            partial(up_and_down, rest=1.0, rise=2.0, hold=0.5, top=50e3),
+            {0.0: 0, 1.0: 0, 2.0: 25e3, 3.0: 50e3, 3.5: 50e3, 4.5: 25e3, 5.5: 0, 9.0: 0},
+        ),
+        (
+            partial(sinus, rest=1.0, period=4.0, top=40e3),
+            {0.5: 0, 1.0: 0, 2.0: 20e3, 3.0: 40e3, 4.0: 20e3, 5.0: 0, 7.0: 40e3},
+        ),
+        (
+            partial(ramp, rest=1.0, rate=10e3, top=30e3),
+            {0.0: 0, 1.0: 0, 2.5: 15e3, 4.0: 30e3, 8.0: 30e3},
+        ),
+    ],
+    ids=['up_and_down', 'sinus', 'ramp'],
+)
+def test_profiles(profile, expected):
+    for time, pressure in expected.items():
+        assert profile(time) == pytest.approx(pressure, abs=1e-6)
