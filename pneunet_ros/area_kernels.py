@@ -12,7 +12,7 @@ of the center.
 
 `layout` = (width, height, step, channels, and weights of the first three channels in 1/32768, as
 OpenCV has them); `limits` = (smallest, largest, elongation, hole, brightest plateau, least
-contrast); `work` = (runs, heads, histogram, frame). `marks` are the pixels that have been looked
+contrast); `work` = (runs, heads, histogram). `marks` are the pixels that have been looked
 at, in a window of the image that begins at `corner`.
 """
 
@@ -29,7 +29,7 @@ Bytes = npt.NDArray[np.uint8]
 Integers = npt.NDArray[np.int32]
 Layout = tuple[int, int, int, int, int, int, int]
 Limits = tuple[float, float, float, float, int, float]
-Work = tuple[Integers, Integers, Integers, Integers]
+Work = tuple[Integers, Integers, Integers]
 Pixel = tuple[int, int]
 
 # Columns of a measured area.
@@ -37,21 +37,23 @@ U, V, AREA, MAJOR, MINOR, ANGLE, STD, CONTRAST = range(8)
 COLUMNS = 8
 
 GAP = 3  # px between an area and the frame around it in which the background is measured
-FRAME = 3  # px, thickness of that frame
+FRAME = 6  # px, thickness of that frame, of which every second row and column is looked at
 TILE = 32  # px, side of the tiles for which `find` takes the background anew
 MOST_AREAS = 1000
 WIDER = 0.5
 MARGIN = 0.6
+ONE, TWO = np.uintp(1), np.uintp(2)
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
 
 
 @inlined
 def grey_at(data: Bytes, layout: Layout, x: int, y: int) -> int:
     """Return how bright a pixel is."""
-    i = y * layout[2] + x * layout[3]
+    # Without sign, or a compiled kernel asks at every pixel whether to count from the end.
+    i = np.uintp(y * layout[2] + x * layout[3])
     if layout[3] == 1:
         return int(data[i])
-    first, second, third = int(data[i]), int(data[i + 1]), int(data[i + 2])
+    first, second, third = int(data[i]), int(data[i + ONE]), int(data[i + TWO])
     return (first * layout[4] + second * layout[5] + third * layout[6] + 16384) >> 15
 
 
@@ -69,16 +71,20 @@ def level_of_rank(histogram: Integers, rank: int) -> int:
 @kernel
 def background_at(
     data: Bytes, layout: Layout, x: int, y: int, half: int, histogram: Integers
-) -> int:
-    """Return the median of some 200 pixels spread over the window that reaches `half` px."""
-    stride = max(1, half // 7)
+) -> tuple[int, int]:
+    """Return median and scatter of some 120 pixels spread over +-`half` px.
+
+    The scatter is told by the darker pixels: they have no bright neighbors among them.
+    """
+    stride = max(1, half // 5)
     histogram[:] = 0
     pixels = 0
     for row in range(max(0, y - half), min(layout[1], y + half + 1), stride):
         for column in range(max(0, x - half), min(layout[0], x + half + 1), stride):
             histogram[grey_at(data, layout, column, row)] += 1
             pixels += 1
-    return level_of_rank(histogram, pixels // 2)
+    median = level_of_rank(histogram, pixels // 2)
+    return median, median - level_of_rank(histogram, pixels // 6)
 
 
 @kernel
@@ -206,7 +212,7 @@ def background_plane(
     layout: Layout,
     box: tuple[int, int, int, int],
     center: Pixel,
-    work: Work,
+    background: tuple[int, int],
 ) -> tuple[float, float, float, float, float, float]:
     """Fit level and slopes of the background to the frame around a box.
 
@@ -214,43 +220,39 @@ def background_plane(
     and the sums of squares of x and y. What is far from the median, bright neighbors above all,
     is left out.
     """
-    histogram, frame = work[2], work[3]
-    histogram[:] = 0
-    inner = (box[0] - GAP, box[1] + GAP, box[2] - GAP, box[3] + GAP)
-    n = 0
-    for y in range(max(inner[2] - FRAME, 0), min(inner[3] + FRAME, layout[1] - 1) + 1):
-        end = min(inner[1] + FRAME, layout[0] - 1)
-        x = max(inner[0] - FRAME, 0)
-        while x <= end:
-            if x == inner[0] and inner[2] <= y <= inner[3]:
-                x = inner[1] + 1
-                continue
-            g = grey_at(data, layout, x, y)
-            histogram[g] += 1
-            frame[0, n] = x - center[0]
-            frame[1, n] = y - center[1]
-            frame[2, n] = g
-            n += 1
-            x += 1
-    median = level_of_rank(histogram, n // 2)
-    # The darker half tells the scatter: it has no bright neighbors in it.
-    clip = 2 + 3 * (median - level_of_rank(histogram, n // 6))
+    median, scatter = background
+    clip = 4 + 3 * scatter
+    left, right = box[0] - GAP, box[1] + GAP
+    upper, lower = box[2] - GAP, box[3] + GAP
+    first, last = max(left - FRAME, 0), min(right + FRAME, layout[0] - 1)
     kept = s_x = s_y = s_xx = s_xy = s_yy = s_g = s_gx = s_gy = s_gg = 0
-    for i in range(n):
-        g = int(frame[2, i]) - median
-        keep = 1 if abs(g) <= clip else 0
-        x, y = int(frame[0, i]) * keep, int(frame[1, i]) * keep
-        g *= keep
-        kept += keep
-        s_x += x
-        s_y += y
-        s_xx += x * x
-        s_xy += x * y
-        s_yy += y * y
-        s_g += g
-        s_gx += g * x
-        s_gy += g * y
-        s_gg += g * g
+    for row in range(max(upper - FRAME, 0), min(lower + FRAME, layout[1] - 1) + 1, 2):
+        beside = upper <= row <= lower
+        y = row - center[1]
+        r = r_x = r_xx = r_g = r_gx = r_gg = 0
+        for column in range(first, last + 1, 2):
+            if beside and left <= column <= right:
+                continue
+            g = grey_at(data, layout, column, row) - median
+            if abs(g) > clip:
+                continue
+            x = column - center[0]
+            r += 1
+            r_x += x
+            r_xx += x * x
+            r_g += g
+            r_gx += g * x
+            r_gg += g * g
+        kept += r
+        s_x += r_x
+        s_y += r * y
+        s_xx += r_xx
+        s_xy += r_x * y
+        s_yy += r * y * y
+        s_g += r_g
+        s_gx += r_gx
+        s_gy += r_g * y
+        s_gg += r_gg
     if kept < 16:
         return 0.0, 0.0, 0.0, -1.0, 0.0, 0.0
     xx, yy = s_xx - s_x * s_x / kept, s_yy - s_y * s_y / kept
@@ -272,7 +274,7 @@ def measure(
     limits: Limits,
     start: Pixel,
     level: int,
-    background: int,
+    background: tuple[int, int],
     work: Work,
     marks: Bytes,
     corner: Pixel,
@@ -283,7 +285,7 @@ def measure(
     Writes a row of COLUMNS into `out`; False where the area cannot be a target.
     """
     smallest, largest, elongation, hole, brightest, contrast = limits
-    runs, heads, histogram, _ = work
+    runs, heads, histogram = work
     top = start[1] - heads.size // 2
     most = int(2.0 * largest) + 100
     count, pixels = flood(
@@ -305,9 +307,9 @@ def measure(
                 peak, x, y = g, column, int(runs[k, 0])
     plateau = level_of_rank(histogram, (3 * pixels) // 4)
     forget(runs, heads, top, 0, count)
-    if plateau - background < contrast or plateau > brightest:
+    if plateau - background[0] < contrast or plateau > brightest:
         return False
-    half = (background + plateau + 1) // 2
+    half = (background[0] + plateau + 1) // 2
     no_marks = np.empty((0, 0), np.uint8)
     bright, pixels = flood(
         data, layout, (x, y), half, True, most, runs, heads, top, 0, no_marks, corner
@@ -316,7 +318,7 @@ def measure(
         forget(runs, heads, top, 0, bright)
         return False
     count = close_holes(data, layout, half, hole, work, top, bright)
-    found = weigh(data, layout, (x, y), half, plateau, work, top, bright, count, out)
+    found = weigh(data, layout, (x, y), half, plateau, background, work, top, bright, count, out)
     forget(runs, heads, top, 0, count)
     return (
         found
@@ -333,6 +335,7 @@ def weigh(
     inside: Pixel,
     half: int,
     plateau: int,
+    background: tuple[int, int],
     work: Work,
     top: int,
     bright: int,
@@ -365,19 +368,19 @@ def weigh(
     if max(right - left, lower - upper) > heads.size // 2:
         return False
     level, slope_x, slope_y, variance, frame_xx, frame_yy = background_plane(
-        data, layout, (left, right, upper, lower), inside, work
+        data, layout, (left, right, upper, lower), inside, background
     )
     height = plateau - level
     if variance < 0.0 or height <= 0.0:
         return False
 
     # How wide the edge is: pixels between a fifth and four fifths of the height, per length.
-    dim, light = level + 0.2 * height, level + 0.8 * height
+    dim, light = round(level + 0.2 * height), round(level + 0.8 * height)
     edge = 0
     for row in range(max(upper - 2, 0), min(lower + 3, layout[1])):
         for column in range(max(left - 2, 0), min(right + 3, layout[0])):
             g = grey_at(data, layout, column, row)
-            edge += 1 if dim < g < light else 0
+            edge += 1 if dim <= g <= light else 0
 
     cx, cy = mx / m, my / m
     xx, xy, yy = mxx / m - cx * cx, mxy / m - cx * cy, myy / m - cy * cy
@@ -393,46 +396,52 @@ def weigh(
     a, b, c = 0.25 * yy / determinant, -0.25 * xy / determinant, 0.25 * xx / determinant
     tall = math.sqrt(outer / (c - b * b / a))
     n_xx = n_yy = 0.0
+    per_height, per_a = 1.0 / height, 1.0 / a
+    flat = c - b * b * per_a
     for row in range(
         max(math.ceil(y0 + cy - tall), 0), min(math.floor(y0 + cy + tall), layout[1] - 1) + 1
     ):
         y = row - y0 - cy
-        shift = -b * y / a
-        rest = (c - b * b / a) * y * y
-        far = math.sqrt(max(outer - rest, 0.0) / a)
-        near = math.sqrt((inner - rest) / a) if inner > rest else -1.0
+        shift = -b * y * per_a
+        rest = flat * y * y
+        far = math.sqrt(max(outer - rest, 0.0) * per_a)
+        near = math.sqrt((inner - rest) * per_a) if inner > rest else -1.0
         begin = max(math.ceil(x0 + cx + shift - far), 0)
         end = min(math.floor(x0 + cx + shift + far), layout[0] - 1)
+        latest = heads[row - top] if 0 <= row - top < heads.size else -1
+        iy = float(row - y0)
+        base = level + slope_y * iy
+        w = wx = wxx = 0.0
         x = begin
         while x <= end:
-            u = x - x0 - cx
+            ix = float(x - x0)
+            u = ix - cx
             if abs(u - shift) < near:
                 # Jump to the right side of the edge.
                 x = max(math.ceil(x0 + cx + shift + near), x + 1)
                 continue
-            kind = -1
-            slot = row - top
-            if 0 <= slot < heads.size:
-                k = heads[slot]
-                while k >= 0:
-                    if runs[k, 1] <= x <= runs[k, 2]:
-                        kind = k
-                    k = runs[k, 3]
+            k = latest
+            while k >= 0 and not runs[k, 1] <= x <= runs[k, 2]:
+                k = runs[k, 3]
             g = grey_at(data, layout, x, row)
-            if kind < bright and (kind >= 0 or g < half):
-                ix, iy = float(x - x0), float(row - y0)
-                weight = (g - level - slope_x * ix - slope_y * iy) / height
-                if kind >= 0:
-                    weight -= 1.0
-                m += weight
-                mx += weight * ix
-                my += weight * iy
-                mxx += weight * ix * ix
-                mxy += weight * ix * iy
-                myy += weight * iy * iy
-                n_xx += u * u
-                n_yy += y * y
             x += 1
+            # A closed hole counts as it is; other white does not count.
+            if k >= bright or (k < 0 and g >= half):
+                continue
+            weight = (g - base - slope_x * ix) * per_height
+            if k >= 0:
+                weight -= 1.0
+            w += weight
+            wx += weight * ix
+            wxx += weight * ix * ix
+            n_xx += u * u
+            n_yy += y * y
+        m += w
+        mx += wx
+        my += w * iy
+        mxx += wxx
+        mxy += wx * iy
+        myy += w * iy * iy
     if m <= 0.0:
         return False
     cx, cy = mx / m, my / m
@@ -454,6 +463,14 @@ def weigh(
     return True
 
 
+@inlined
+def work_space(longest: int) -> Work:
+    """Return room for the runs of an area that is `longest` px long."""
+    rows = 2 * longest + 1
+    runs = np.empty((4 * rows, 4), np.int32)
+    return runs, np.full(rows, -1, np.int32), np.empty(256, np.int32)
+
+
 @kernel
 def measure_nearest(
     data: Bytes,
@@ -462,8 +479,7 @@ def measure_nearest(
     low: int,
     reach: float,
     half: int,
-    work: Work,
-    marks: Bytes,
+    longest: int,
     out: Array,
 ) -> None:
     """Replace each row of `out`, which begins with a place (u, v), by the area nearest to it.
@@ -472,8 +488,10 @@ def measure_nearest(
     where no area that can be a target has its center within `reach` px.
     """
     width, height = layout[0], layout[1]
+    work = work_space(longest)
     measured = np.empty(COLUMNS)
-    rings = marks.shape[0] // 2
+    rings = math.ceil(reach)
+    marks = np.empty((2 * rings + 1, 2 * rings + 1), np.uint8)
     for i in range(len(out)):
         u, v = out[i, U], out[i, V]
         out[i, :] = np.nan
@@ -482,7 +500,7 @@ def measure_nearest(
             continue
         x, y = round(u), round(v)
         background = background_at(data, layout, x, y, half, work[2])
-        level = low if low >= 0 else background + math.ceil(limits[5])
+        level = low if low >= 0 else background[0] + math.ceil(limits[5])
         marks[:, :] = 0
         corner = (x - rings, y - rings)
         nearest = reach
@@ -492,9 +510,9 @@ def measure_nearest(
             for row in range(max(y - ring, 0), min(y + ring, height - 1) + 1):
                 step = 1 if abs(row - y) == ring else max(2 * ring, 1)
                 for column in range(x - ring, x + ring + 1, step):
-                    if not 0 <= column < width or marks[row - corner[1], column - corner[0]]:
+                    if not 0 <= column < width or grey_at(data, layout, column, row) < level:
                         continue
-                    if grey_at(data, layout, column, row) < level:
+                    if marks[row - corner[1], column - corner[0]]:
                         continue
                     if not measure(
                         data, layout, limits, (column, row), level, background, work,
@@ -515,19 +533,20 @@ def measure_all(
     limits: Limits,
     low: int,
     half: int,
-    work: Work,
-    marks: Bytes,
+    longest: int,
     out: Array,
 ) -> int:
     """Fill `out` with all areas that can be targets; return how many, -1 where it is too small."""
     width, height = layout[0], layout[1]
+    work = work_space(longest)
+    marks = np.zeros((height, width), np.uint8)
     measured = np.empty(COLUMNS)
     found = 0
     for upper in range(0, height, TILE):
         for left in range(0, width, TILE):
             x, y = left + TILE // 2, upper + TILE // 2
             background = background_at(data, layout, x, y, half, work[2])
-            level = low if low >= 0 else background + math.ceil(limits[5])
+            level = low if low >= 0 else background[0] + math.ceil(limits[5])
             # Even the smallest area has a pixel with even row and column.
             for row in range(upper, min(upper + TILE, height), 2):
                 for column in range(left, min(left + TILE, width), 2):

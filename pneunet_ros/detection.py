@@ -14,7 +14,6 @@ from pneunet_ros.area_kernels import (
     measure_all,
     measure_nearest,
     MOST_AREAS,
-    Work,
 )
 from pneunet_ros.camera_settings import AdaptiveBand, AreaLimits, GreyBand
 from pneunet_ros.image import ENCODINGS, Image
@@ -59,8 +58,7 @@ def find_areas(image: Image, band: GreyBand, limits: AreaLimits) -> Areas:
     low, kernel_limits = levels(band, limits)
     half = max(24, math.ceil(2.0 * math.sqrt(limits.largest / math.pi)))
     out = np.empty((MOST_AREAS, COLUMNS))
-    marks = np.zeros((image.height, image.width), np.uint8)
-    count = measure_all(data, layout, kernel_limits, low, half, work_space(limits), marks, out)
+    count = measure_all(data, layout, kernel_limits, low, half, longest(limits), out)
     return areas(out[: max(count, 0)], crowded=count < 0)
 
 
@@ -79,10 +77,8 @@ def measure_areas(
     image or hangs together with so much other white that it is not within the limits.
     """
     low, kernel_limits = levels(band, limits)
-    rings = math.ceil(reach)
     out = np.empty((len(around), COLUMNS))
     out[:, :2] = around
-    marks = np.empty((2 * rings + 1, 2 * rings + 1), np.uint8)
     measure_nearest(
         image.data,
         layout_of(image),
@@ -90,8 +86,7 @@ def measure_areas(
         low,
         float(reach),
         math.ceil(reach + size),
-        work_space(limits),
-        marks,
+        longest(limits),
         out,
     )
     return areas(out, crowded=False)
@@ -146,13 +141,6 @@ def grey_bytes(image: Image) -> tuple[Bytes, Layout]:
     return grey, (image.width, image.height, image.width, 1, 0, 0, 0)
 
 
-def work_space(limits: AreaLimits) -> Work:
-    """Return room for the runs of the largest area that can be a target, and of its frame."""
-    longest = math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation)) + 8
-    rows = 2 * longest + 1
-    return (
-        np.empty((4 * rows, 4), np.int32),
-        np.full(rows, -1, np.int32),
-        np.empty(256, np.int32),
-        np.empty((3, 12 * longest + 144), np.int32),
-    )
+def longest(limits: AreaLimits) -> int:
+    """Return how long the longest area is that can be a target, px, and some more."""
+    return math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation)) + 8
