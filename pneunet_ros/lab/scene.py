@@ -178,17 +178,25 @@ def bar(
 def hand(
     u: float, v: float, size: float, angle: float, grey: float = 62.0
 ) -> tuple[Occluder, ...]:
-    """Return a gloved hand: the palm at (u, v) px, `size` px long, its fingers along `angle`."""
-    fingers = ((-0.24, 0.78, 0.06), (-0.08, 0.92, 0.02), (0.08, 0.88, -0.02), (0.23, 0.68, -0.07))
-    parts = [bar(u, v, 0.55 * size, 0.50 * size, angle, grey)]
-    for side, reach, spread in fingers:
-        place = turned(np.array([[0.5 * reach * size, side * size * 0.85]]), u, v, angle)[0]
-        parts.append(
-            bar(float(place[0]), float(place[1]), reach * size, 0.115 * size, angle - spread, grey)
-        )
-    thumb = turned(np.array([[0.15 * size, 0.33 * size]]), u, v, angle)[0]
-    parts.append(bar(float(thumb[0]), float(thumb[1]), 0.5 * size, 0.14 * size, angle + 0.7, grey))
-    return tuple(parts)
+    """Return a gloved hand, `size` px long, with forearm: palm at (u, v), fingers to `angle`.
+
+    All in px, the angle in rad from +u towards +v.
+    """
+    # Forearm, palm, fingers, thumb: middle along and across, length, width (in sizes), turn (rad).
+    parts = (
+        (-1.85, 0.0, 3.6, 0.34, 0.0),
+        (0.0, 0.0, 0.55, 0.50, 0.0),
+        (0.39, -0.20, 0.78, 0.115, -0.06),
+        (0.46, -0.07, 0.92, 0.115, -0.02),
+        (0.44, 0.07, 0.88, 0.115, 0.02),
+        (0.34, 0.20, 0.68, 0.115, 0.07),
+        (0.15, 0.33, 0.50, 0.14, 0.7),
+    )
+    bars = []
+    for along, across, length, width, turn in parts:
+        place = turned(size * np.array([[along, across]]), u, v, angle)[0].tolist()
+        bars.append(bar(*place, size * length, size * width, angle + turn, grey))
+    return tuple(bars)
 
 
 def turned(points: Array, u: float, v: float, angle: float) -> Array:
