@@ -1,0 +1,364 @@
+"""Recordings, videos and folders give the same images in one form; what is wrong is said."""
+
+from __future__ import annotations
+
+import cv2
+from filmed import (
+    COMPRESSED,
+    compressed_message,
+    encoded,
+    film,
+    IMAGE,
+    image_message,
+    INFO,
+    info_message,
+    PERIOD_NS,
+    RATE,
+    stamp_of,
+    write_camera_info,
+    write_folder,
+    write_messages,
+)
+import numpy as np
+from pneunet_ros.errors import CameraError, MessageError, RecordingError, RequestError
+from pneunet_ros.image import Image
+from pneunet_ros.image_files import picture_files, stamp_at
+from pneunet_ros.image_sources import open_images, SourceRequest
+from pneunet_ros.lens import Lens
+from pneunet_ros.tracker_messages import CAMERA_INFO_TYPE, IMAGE_TYPE
+import pytest
+
+WIDTH, HEIGHT = 64, 48
+NONE = SourceRequest(camera_info='none', rate=RATE)
+
+
+def noise(seed: int, width: int = WIDTH, height: int = HEIGHT):
+    """Return a picture (height, width) unlike any other."""
+    return np.random.default_rng(seed).integers(0, 256, (height, width), np.uint8)
+
+
+PICTURES = [noise(seed) for seed in range(12)]
+
+
+def read(path, request=NONE):
+    return list(open_images(path, request).read(()))
+
+
+def images(items) -> list[Image]:
+    return [item.reading for item in items if isinstance(item.reading, Image)]
+
+
+def video(path, pictures=PICTURES):
+    """Write a video without loss, of the size of these pictures."""
+    height, width = pictures[0].shape
+    code = cv2.VideoWriter.fourcc(*'FFV1')
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, RATE, (width, height))
+    for picture in pictures:
+        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    return path
+
+
+# All of them
+
+
+@pytest.fixture(scope='module')
+def sources(tmp_path_factory):
+    """Return the same pictures in every form that loses nothing."""
+    folder = tmp_path_factory.mktemp('sources')
+    return {
+        'raw': write_messages(folder / 'raw.mcap', film(PICTURES, info=False)),
+        'compressed': write_messages(
+            folder / 'compressed.mcap', film([encoded(one) for one in PICTURES], info=False)
+        ),
+        'rosbag2': write_messages(folder / 'rosbag2', film(PICTURES, info=False)),
+        'png': write_folder(folder / 'png', PICTURES),
+        'bmp': write_folder(folder / 'bmp', PICTURES, '.bmp'),
+        'tif': write_folder(folder / 'tif', PICTURES, '.tif'),
+        'video': video(folder / 'film.avi'),
+        'mkv': video(folder / 'film.MKV'),
+    }
+
+
+@pytest.mark.parametrize(
+    'form', ['raw', 'compressed', 'rosbag2', 'png', 'bmp', 'tif', 'video', 'mkv']
+)
+def test_every_source_gives_the_same_images_after_a_lens(sources, form):
+    request = NONE if form in ('png', 'bmp', 'tif') else SourceRequest(camera_info='none')
+    stream = open_images(sources[form], request)
+    items = list(stream.read(()))
+    assert isinstance(items[0].reading, Lens)
+    assert (items[0].reading.width, items[0].reading.height) == (WIDTH, HEIGHT)
+    assert items[0].reading.distortion.size == 0
+    assert [item.topic == stream.image_topic for item in items] == [False] + [True] * 12
+    found = images(items)
+    assert [image.stamp_ns for image in found] == [stamp_of(index) for index in range(12)]
+    assert [item.log_time_ns for item in items[1:]] == [image.stamp_ns for image in found]
+    for image, picture in zip(found, PICTURES, strict=True):
+        np.testing.assert_array_equal(image.grey(), picture)
+    assert (stream.frames, stream.namespace) == (12, '/pneunet')
+    assert stream.rate == pytest.approx(RATE, rel=1e-3)
+    assert len(list(stream.read(()))) == len(items)  # it can be read again
+
+
+# Folders
+
+
+def test_a_folder_is_read_as_a_person_counts(tmp_path):
+    names = ['b2.png', 'a10.png', 'a2.PNG', 'a2b.jpg', 'a1.png', '.hidden.png', 'note.txt']
+    for name in names:
+        (tmp_path / name).write_bytes(b'')
+    found = [file.name for file in picture_files(tmp_path)]
+    assert found == ['a1.png', 'a2.PNG', 'a2b.jpg', 'a10.png', 'b2.png']
+
+
+def test_the_rate_of_a_folder_is_30_unless_given(tmp_path):
+    folder = write_folder(tmp_path / 'f', PICTURES[:4])
+    stamps = [image.stamp_ns for image in images(read(folder, SourceRequest(camera_info='none')))]
+    assert stamps == [1, 33_333_334, 66_666_668, 100_000_001]
+    stamps = [
+        image.stamp_ns
+        for image in images(read(folder, SourceRequest(camera_info='none', rate=1.0)))
+    ]
+    assert stamps == [1, 1_000_000_001, 2_000_000_001, 3_000_000_001]
+
+
+@pytest.mark.parametrize('spoiled', [b'', b'no image', encoded(PICTURES[3])[:900]])
+@pytest.mark.parametrize('suffix', ['.png', '.jpg', '.bmp', '.tif'])
+def test_an_image_that_cannot_be_read_is_one_refused_frame(tmp_path, spoiled, suffix, capfd):
+    folder = write_folder(tmp_path / 'f', PICTURES)
+    (folder / 'frame3.png').unlink()
+    (folder / f'frame3{suffix}').write_bytes(spoiled)
+    items = read(folder)
+    assert len(images(items)) == 11
+    bad = items[4]  # after the lens
+    assert isinstance(bad.reading, MessageError)
+    assert f'frame3{suffix}' in str(bad.reading)
+    assert bad.log_time_ns == stamp_of(3)
+    assert capfd.readouterr() == ('', '')
+
+
+@pytest.mark.parametrize('suffix', ['.jpg', '.bmp', '.tif'])
+def test_an_image_cut_off_is_refused_in_silence(tmp_path, suffix, capfd):
+    folder = write_folder(tmp_path / 'f', PICTURES[:2], suffix)
+    file = folder / f'frame1{suffix}'
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    items = read(folder)
+    assert len(images(items)) == 1
+    assert isinstance(items[2].reading, MessageError)
+    assert capfd.readouterr() == ('', '')
+
+
+def test_an_image_of_16_bits_is_refused(tmp_path):
+    folder = write_folder(tmp_path / 'f', PICTURES[:1])
+    (folder / 'frame1.tif').write_bytes(encoded(PICTURES[1].astype(np.uint16) * 257, '.tif'))
+    reading = read(folder)[2].reading
+    assert isinstance(reading, MessageError)
+    assert 'uint16' in str(reading)
+
+
+@pytest.mark.parametrize('name', ['camera_info.yaml', 'ost.yaml'])
+def test_a_folder_may_hold_its_lens(tmp_path, name):
+    folder = write_folder(tmp_path / 'f', PICTURES)
+    write_camera_info(folder / name)
+    stream = open_images(folder, SourceRequest())
+    assert stream.lens_source == str(folder / name)
+    lens = next(stream.read(())).reading
+    assert lens.matrix[0, 0] == pytest.approx(600.0)
+    other = write_camera_info(tmp_path / 'other.yaml', width=WIDTH)
+    chosen = open_images(folder, SourceRequest(camera_info=str(other)))
+    assert next(chosen.read(())).reading.width == WIDTH
+
+
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [('folder', 'put camera_info.yaml or ost.yaml into the folder'), ('film.avi', 'camera-info')],
+)
+def test_without_a_lens_it_is_said_how_to_give_one(tmp_path, name, words):
+    path = tmp_path / name
+    if path.suffix:
+        video(path)
+    else:
+        write_folder(path, PICTURES)
+    with pytest.raises(RequestError, match='--camera-info none') as caught:
+        open_images(path, SourceRequest())
+    assert words in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_an_empty_folder_holds_nothing(tmp_path):
+    with pytest.raises(RecordingError, match=r'neither a recording .* nor images'):
+        open_images(tmp_path, NONE)
+
+
+@pytest.mark.parametrize('rate', [0.0, -1.0, float('nan'), float('inf')])
+def test_a_rate_must_be_one(tmp_path, rate):
+    folder = write_folder(tmp_path / 'f', PICTURES[:1])
+    for path in (folder, video(tmp_path / 'film.avi')):
+        with pytest.raises(RequestError, match='rate of'):
+            open_images(path, SourceRequest(camera_info='none', rate=rate))
+
+
+def test_stamps_do_not_drift():
+    assert stamp_at(0, 30.0) == 1
+    assert stamp_at(3_000_000, 29.97) == 1 + round(3_000_000 / 29.97 * 1e9)
+
+
+# Videos
+
+
+def test_the_rate_of_a_video_can_be_another_than_it_says(tmp_path):
+    path = video(tmp_path / 'slow.avi')
+    stamps = [
+        image.stamp_ns
+        for image in images(read(path, SourceRequest(camera_info='none', rate=500.0)))
+    ]
+    assert stamps == [1 + 2_000_000 * index for index in range(12)]
+
+
+@pytest.mark.parametrize('content', [b'', b'hello'])
+def test_what_is_no_video_is_an_error_that_names_it(tmp_path, content, capfd):
+    path = tmp_path / 'film.mp4'
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=r'film\.mp4 cannot be read as a video'):
+        open_images(path, NONE)
+    with pytest.raises(RecordingError, match=r'absent\.mp4 does not exist'):
+        open_images(tmp_path / 'absent.mp4', NONE)
+    assert capfd.readouterr() == ('', '')
+
+
+def test_a_video_that_breaks_off_gives_what_there_is_and_says_so(tmp_path, capfd):
+    path = video(tmp_path / 'film.avi', [noise(seed, 320, 240) for seed in range(40)])
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    items = read(path)
+    assert 5 < len(images(items)) < 35
+    assert 'breaks off' in str(items[-1].reading)
+    assert str(path) in str(items[-1].reading)
+    assert items[-1].topic == '/pneunet/image_raw'
+    assert capfd.readouterr() == ('', '')
+
+
+# Recordings
+
+
+def test_camera_info_comes_before_the_image_of_its_log_time(tmp_path):
+    path = write_messages(tmp_path / 'in.mcap', film(PICTURES[:3]))
+    stream = open_images(path, SourceRequest())
+    assert stream.lens_source == INFO
+    items = list(stream.read(()))
+    assert [item.topic for item in items] == 3 * [INFO, IMAGE]
+    assert all(isinstance(item.reading, Lens) for item in items[::2])
+
+
+def test_other_topics_pass_by_where_they_are_asked_for(tmp_path):
+    path = write_messages(tmp_path / 'in.mcap', film(PICTURES[:3]))
+    stream = open_images(path, SourceRequest())
+    items = list(stream.read(['/pneunet/pressure', IMAGE, INFO]))
+    assert [item.topic for item in items] == 3 * [INFO, IMAGE, '/pneunet/pressure']
+    assert [item.reading is None for item in items] == 3 * [False, False, True]
+    assert all(item.raw for item in items)
+
+
+def test_a_given_lens_stands_in_for_recorded_ones(tmp_path):
+    path = write_messages(tmp_path / 'in.mcap', film(PICTURES[:3]))
+    given = write_camera_info(tmp_path / 'given.yaml', width=123)
+    stream = open_images(path, SourceRequest(camera_info=str(given)))
+    items = list(stream.read([INFO]))
+    lenses = [item for item in items if isinstance(item.reading, Lens)]
+    assert [item.reading.width for item in lenses] == [123]
+    assert [item.topic for item in items] == ['', IMAGE, INFO, IMAGE, INFO, IMAGE, INFO]
+
+
+def test_a_recording_without_camera_info_says_how_to_give_one(tmp_path):
+    path = write_messages(tmp_path / 'in.mcap', film(PICTURES[:3], info=False))
+    with pytest.raises(RecordingError, match=r'no topic camera_info .* --camera-info FILE'):
+        open_images(path, SourceRequest())
+
+
+def test_the_camera_info_beside_the_images_is_taken(tmp_path):
+    messages = []
+    for name in ('left', 'right'):
+        stamp = stamp_of(0)
+        messages += [
+            (f'/{name}/image_raw', IMAGE_TYPE, stamp, image_message(stamp, PICTURES[0])),
+            (f'/{name}/camera_info', CAMERA_INFO_TYPE, stamp, info_message(stamp)),
+        ]
+    path = write_messages(tmp_path / 'in.mcap', messages)
+    with pytest.raises(RecordingError, match='2 topics with images: /left/image_raw, /right/im'):
+        open_images(path, SourceRequest())
+    request = SourceRequest(topics={'image_raw': '/right/image_raw'})
+    stream = open_images(path, request)
+    assert (stream.lens_source, stream.namespace) == ('/right/camera_info', '/right')
+    chosen = SourceRequest(topics={**request.topics, 'camera_info': '/left/camera_info'})
+    assert open_images(path, chosen).lens_source == '/left/camera_info'
+
+
+def test_raw_and_compressed_images_of_one_camera_are_two_candidates(tmp_path):
+    both = [*film(PICTURES[:2]), *film([encoded(PICTURES[0])], info=False)]
+    path = write_messages(tmp_path / 'in.mcap', both)
+    with pytest.raises(RecordingError, match=f'{IMAGE}, {COMPRESSED}; choose one as in --topic'):
+        open_images(path, SourceRequest())
+    stream = open_images(path, SourceRequest(topics={'image_raw': COMPRESSED}))
+    assert (stream.image_topic, stream.frames, stream.namespace) == (COMPRESSED, 1, '/pneunet')
+
+
+@pytest.mark.parametrize('kind', ['raw', 'compressed'])
+def test_a_topic_of_another_name_can_be_of_either_type(tmp_path, kind):
+    shown = PICTURES[:2] if kind == 'raw' else [encoded(one) for one in PICTURES[:2]]
+    path = write_messages(tmp_path / 'in.mcap', film(shown, topic='/my/view'))
+    with pytest.raises(RecordingError, match='no topic image_raw or image_raw/compressed'):
+        open_images(path, SourceRequest())
+    stream = open_images(path, SourceRequest(topics={'image_raw': '/my/view'}))
+    assert (stream.namespace, stream.lens_source) == ('/my', INFO)
+    assert len(images(stream.read(()))) == 2
+    with pytest.raises(RecordingError, match='names a topic of type sensor_msgs/msg/CameraInfo'):
+        open_images(path, SourceRequest(topics={'image_raw': INFO}))
+    with pytest.raises(RecordingError, match='has no topic /absent'):
+        open_images(path, SourceRequest(topics={'image_raw': '/absent'}))
+
+
+def test_messages_that_cannot_be_read_are_items_that_say_so(tmp_path):
+    messages = film([encoded(one) for one in PICTURES[:4]])
+    messages[3] = (*messages[3][:3], compressed_message(stamp_of(1), encoded(PICTURES[1])[:700]))
+    info = info_message(stamp_of(2))
+    info.k = np.zeros(9)  # as drivers do without a calibration
+    messages[7] = (*messages[7][:3], info)
+    path = write_messages(tmp_path / 'in.mcap', messages)
+    items = read(path, SourceRequest())
+    assert len(items) == 8
+    assert len(images(items)) == 3
+    assert isinstance(items[3].reading, MessageError)
+    assert isinstance(items[4].reading, CameraError)
+    assert (items[3].topic, items[4].topic) == (COMPRESSED, INFO)
+
+
+def test_a_recording_that_is_cut_off_is_read_as_far_as_it_goes(tmp_path):
+    path = write_messages(tmp_path / 'in.mcap', film([noise(i, 320, 240) for i in range(40)]))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    stream = open_images(path, SourceRequest())
+    assert 3 < len(images(stream.read(()))) < 37
+    assert any('ends' in sentence for sentence in stream.recording.sentences)
+
+
+def test_what_does_not_go_together_is_refused(tmp_path):
+    path = write_messages(tmp_path / 'in.mcap', film(PICTURES[:1]))
+    folder = write_folder(tmp_path / 'f', PICTURES[:1])
+    with pytest.raises(RequestError, match='--rate is for videos and folders'):
+        open_images(path, NONE)
+    with pytest.raises(RequestError, match='either --camera-info or --topic'):
+        open_images(path, SourceRequest(camera_info='none', topics={'camera_info': INFO}))
+    with pytest.raises(RequestError, match='no recording and has no topics'):
+        open_images(folder, SourceRequest(camera_info='none', topics={'image_raw': IMAGE}))
+    with pytest.raises(CameraError, match=r'absent\.yaml'):
+        open_images(folder, SourceRequest(camera_info='absent.yaml'))
+    with pytest.raises(RecordingError, match='does not exist'):
+        open_images(tmp_path / 'absent', NONE)
+    text = tmp_path / 'text.txt'
+    text.write_text('hello')
+    with pytest.raises(RecordingError, match='is no MCAP file'):
+        open_images(text, SourceRequest())
+
+
+def test_stamps_of_the_film_are_those_of_its_rate():
+    assert PERIOD_NS == 1e9 / RATE
+    assert stamp_of(7) == stamp_at(7, RATE)
