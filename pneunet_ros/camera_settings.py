@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import ClassVar
+import math
+from typing import Any, ClassVar
 
+from pneunet_ros.curvature import table_array
 from pneunet_ros.errors import CameraError
-from pneunet_ros.shape import Array, frozen_array
+from pneunet_ros.shape import Array
 from pneunet_ros.units import check_quantities, quantity
+
+UNIT = 0.01  # a quaternion this near to unit length was rounded and is normalized
+
+
+def finite_numbers(values: Any, where: str, count: int) -> tuple[float, ...]:
+    """Return so many finite numbers; CameraError, which says where, for anything else."""
+    numbers = table_array(values, where, 1, CameraError)
+    if numbers.size != count:
+        raise CameraError(f'{where} must be {count} numbers, not {numbers.size}')
+    return tuple(numbers.tolist())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +35,10 @@ class RestPlane:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HomographyPlane:
-    """The working plane is known by points of it: pixels (n, 2), points (n, 2) m in base."""
+    """The working plane is known by points of it: pixels (n, 2), points (n, 2) m in base.
+
+    Pixels are those of the image as it came, with the distortion of the lens.
+    """
 
     method: ClassVar[str] = 'homography'
     pixels: Array
@@ -31,26 +46,47 @@ class HomographyPlane:
 
     def __post_init__(self) -> None:
         """Check that there are four points or more, as many in the image as in the plane."""
-        pixels, points = frozen_array(self.pixels), frozen_array(self.points)
-        if pixels.ndim != 2 or pixels.shape != points.shape or pixels.shape[1:] != (2,):
-            raise CameraError('plane.pixels and plane.points must be lists of as many pairs')
+        pixels = table_array(self.pixels, 'plane.pixels', 2, CameraError)
+        points = table_array(self.points, 'plane.points', 2, CameraError)
+        if pixels.shape != points.shape or pixels.shape[1:] != (2,):
+            raise CameraError(
+                'plane.pixels and plane.points must be lists of as many pairs, '
+                f'not {_size(pixels)} and {_size(points)} numbers'
+            )
         if len(pixels) < 4:
             raise CameraError(f'plane.pixels needs four points or more, not {len(pixels)}')
         object.__setattr__(self, 'pixels', pixels)
         object.__setattr__(self, 'points', points)
 
 
+def _size(array: Array) -> str:
+    return ' x '.join(map(str, array.shape))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosePlane:
     """The pose of the camera's optical frame in the base frame (base_from_camera).
 
-    position: x, y, z in m; quaternion: x, y, z, w. The optical frame has z forward, x to the right
-    and y down in the image.
+    position: x, y, z in m; quaternion: x, y, z, w, of unit length. The optical frame has z
+    forward, x to the right and y down in the image.
     """
 
     method: ClassVar[str] = 'pose'
     position: tuple[float, float, float]
     quaternion: tuple[float, float, float, float]
+
+    def __post_init__(self) -> None:
+        """Check the numbers; a quaternion that was rounded gets its unit length back."""
+        position = finite_numbers(self.position, 'plane.position', 3)
+        quaternion = finite_numbers(self.quaternion, 'plane.quaternion', 4)
+        length = math.hypot(*quaternion)
+        if not abs(length - 1.0) <= UNIT:
+            raise CameraError(
+                f'plane.quaternion (x, y, z, w) must have the length 1, not {length:.6g}'
+            )
+        quaternion = tuple(value / length for value in quaternion)
+        object.__setattr__(self, 'position', position)
+        object.__setattr__(self, 'quaternion', quaternion)
 
 
 PlaneMethod = RestPlane | HomographyPlane | PosePlane
@@ -83,7 +119,6 @@ class AdaptiveBand:
     contrast: float = quantity(
         30.0, unit='grey level', meaning='least height above the surroundings', bounds=(2.0, 255.0)
     )
-
 
     def __post_init__(self) -> None:
         """Check the contrast."""
@@ -150,6 +185,9 @@ class CameraSettings:
     def __post_init__(self) -> None:
         """Check the values."""
         check_quantities(self, '', CameraError)
+        if self.clamp_pixel is not None:
+            clamp_pixel = finite_numbers(self.clamp_pixel, 'clamp_pixel', 2)
+            object.__setattr__(self, 'clamp_pixel', clamp_pixel)
         if isinstance(self.rest_frames, bool) or not isinstance(self.rest_frames, int):
             raise CameraError(f'rest_frames must be an integer, not {self.rest_frames!r}')
         if not 1 <= self.rest_frames <= 1000:

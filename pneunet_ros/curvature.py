@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.errors import ModelError
+from pneunet_ros.errors import ModelError, PneunetError
 from pneunet_ros.shape import Array, freeze, frozen_array
 from scipy.interpolate import CubicSpline
 
@@ -43,22 +43,27 @@ def only_numbers(values: Any) -> bool:
     return isinstance(values, (int, float, np.number)) and not isinstance(values, bool)
 
 
-def table_array(values: npt.ArrayLike, where: str, dimensions: int) -> Array:
-    """Return a read-only table of finite numbers with so many dimensions; else ModelError."""
+def table_array(
+    values: npt.ArrayLike,
+    where: str,
+    dimensions: int,
+    error: type[PneunetError] = ModelError,
+) -> Array:
+    """Return a read-only table of finite numbers with so many dimensions; else raise the error."""
     sentence = f'{where} must be a table of numbers with rows of equal length'
     if not only_numbers(values):
-        raise ModelError(sentence)
+        raise error(sentence)
     try:
         array = np.array(values, dtype=np.float64)
     except (ValueError, OverflowError):
-        raise ModelError(sentence) from None
+        raise error(sentence) from None
     if array.ndim != dimensions:
         kind = ['a number', 'a list of numbers', 'a list of rows of numbers'][dimensions]
-        raise ModelError(f'{where} must be {kind}, got an array of shape {array.shape}')
+        raise error(f'{where} must be {kind}, got an array of shape {array.shape}')
     if not np.all(np.isfinite(array)):
-        raise ModelError(f'{where} holds NaN or infinity')
+        raise error(f'{where} holds NaN or infinity')
     if np.any(np.abs(array) > LARGEST):
-        raise ModelError(f'{where} holds a number larger than {LARGEST:g}')
+        raise error(f'{where} holds a number larger than {LARGEST:g}')
     return frozen_array(array)
 
 

@@ -27,7 +27,7 @@ FLOORS = {
         effects.gravity effects.clamp_compliance effects.load_offset
         effects
         arm attempt equilibrium tip many
-        image camera_settings camera
+        image camera_settings lens_kernels lens camera
         area_kernels detection
         row_search sighting tracker_state tracking
         centerline_kernel centerline
