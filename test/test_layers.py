@@ -38,7 +38,7 @@ FLOORS = {
         tracker
     """,
     '3 outside': """
-        output yaml_file model_file plots
+        output yaml_file model_file camera_file plots
         estimate_messages messages cdr_template
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
         __init__
