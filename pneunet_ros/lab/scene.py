@@ -194,8 +194,8 @@ def hand(
     )
     bars = []
     for along, across, length, width, turn in parts:
-        place = turned(size * np.array([[along, across]]), u, v, angle)[0].tolist()
-        bars.append(bar(*place, size * length, size * width, angle + turn, grey))
+        (there,) = turned(size * np.array([[along, across]]), u, v, angle).tolist()
+        bars.append(bar(there[0], there[1], size * length, size * width, angle + turn, grey))
     return tuple(bars)
 
 
