@@ -2,6 +2,10 @@
 
 A Gaussian process whose prior was learnt once. What has to be done for a frame depends on which
 targets were seen, not on where: it is worked out once for each set of targets and kept.
+
+How exact the targets are is not taken from `sensors.target_std`, which is one number for all
+cameras: the sightings say how exactly each was seen, and where the residuals of a frame show more
+than that (dots painted beside their place), the noise is what explains them.
 """
 
 from __future__ import annotations
@@ -17,13 +21,13 @@ from pneunet_ros.arm import Arm
 from pneunet_ros.centerline_kernel import smooth_targets
 from pneunet_ros.centerline_prior import (
     CurvaturePrior,
-    learned_prior,
+    learned_priors,
     once_integrated,
     twice_integrated,
     without_line,
 )
 from pneunet_ros.equilibrium import DEFAULT_STATIONS, station_arclength
-from pneunet_ros.errors import CameraError
+from pneunet_ros.errors import CameraError, RequestError
 from pneunet_ros.readings import TargetSightings
 from pneunet_ros.shape import Array, freeze, frozen_array
 
@@ -58,10 +62,10 @@ class SmoothingOperator:
     """What smoothing needs to know for one set of seen targets; see `smooth_targets`.
 
     seen (n,) indices of targets; distances (n - 1,) m along the arm between them; slope (n,) of
-    the straight line through the straightened arm; modes (n - 2, n) of it, independent under the
-    prior with mode_variances (n - 2,) m^2; theta_rows, curvature_rows (points, n - 2) and
-    prior_variance (points,) 1/m^2 at points (m): stations and targets, of which target_points and
-    station_points are the indices. arclength (stations,) m.
+    the straight line through the straightened arm. For each prior: modes (priors, n, n - 2) of
+    that line, independent with mode_variances (priors, n - 2) m^2; theta_rows, curvature_rows
+    (priors, n - 2, points) and prior_variance (priors, points) 1/m^2 at points (m): stations and
+    targets, of which target_points and station_points are the indices. arclength (stations,) m.
     """
 
     seen: npt.NDArray[np.int64]
@@ -88,7 +92,7 @@ class Smoother:
 
     target_arclength: Array
     stations: Array
-    prior: CurvaturePrior
+    priors: tuple[CurvaturePrior, ...]
     length: float
     placement_std: float = 0.0
     operator: Callable[[bytes], SmoothingOperator | None] = field(init=False, repr=False)
@@ -104,15 +108,21 @@ class Smoother:
         object.__setattr__(self, 'target_arclength', targets)
         object.__setattr__(self, 'stations', frozen_array(self.stations))
         points = np.unique(np.concatenate([targets, self.stations]))
-        covariances = Covariances.between(self.prior, targets, points)
+        covariances = tuple(Covariances.between(prior, targets, points) for prior in self.priors)
         make = functools.partial(operator_for, covariances, targets, self.stations)
         object.__setattr__(self, 'operator', functools.lru_cache(KEPT_OPERATORS)(make))
 
     def smooth(self, sightings: TargetSightings) -> MeasuredCurve | None:
         """Return the curve through the seen targets; None when they are too few for one.
 
-        Also None where two neighboring targets are said to be at one place.
+        Also None where two neighboring targets are said to be at one place. Raises RequestError
+        for sightings of another number of targets.
         """
+        if sightings.x.size != self.target_arclength.size:
+            raise RequestError(
+                f'the arm has {self.target_arclength.size} targets, '
+                f'the sightings are of {sightings.x.size}'
+            )
         seen = np.isfinite(sightings.x + sightings.y)
         operator = self.operator(seen.tobytes())
         if operator is None:
@@ -171,7 +181,7 @@ class Covariances:
 
 
 def operator_for(
-    covariances: Covariances, targets: Array, stations: Array, seen_bytes: bytes
+    covariances: tuple[Covariances, ...], targets: Array, stations: Array, seen_bytes: bytes
 ) -> SmoothingOperator | None:
     """Return the operator for targets seen, (targets,) bool as bytes; None for too few."""
     seen = np.flatnonzero(np.frombuffer(seen_bytes, dtype=np.bool_))
@@ -182,27 +192,34 @@ def operator_for(
     if not arclength.size:
         return None
     points = np.unique(np.concatenate([places, arclength]))
-    rows = np.searchsorted(covariances.points, points)
-    line = covariances.line[np.ix_(seen, seen)]
+    rows = np.searchsorted(covariances[0].points, points)
+    line = np.stack([of.line[np.ix_(seen, seen)] for of in covariances])
     line_free = without_line(places)
     variances, turned = np.linalg.eigh(line_free.T @ line @ line_free)
     modes = line_free @ turned
     away = places - places.mean()
     slope = away / (away @ away)
+    theta = np.stack([of.theta[np.ix_(rows, seen)] for of in covariances])
+    curvature = np.stack([of.curvature[np.ix_(rows, seen)] for of in covariances])
     return SmoothingOperator(
         seen=seen.astype(np.int64),
         distances=np.diff(places),
         slope=slope,
-        modes=np.ascontiguousarray(modes.T),
+        modes=modes,
         mode_variances=np.maximum(variances, 0.0),
-        theta_rows=(covariances.theta[np.ix_(rows, seen)] - slope @ line) @ modes,
-        curvature_rows=covariances.curvature[np.ix_(rows, seen)] @ modes,
-        prior_variance=covariances.variance[rows],
+        theta_rows=transposed((theta - (slope @ line)[:, None]) @ modes),
+        curvature_rows=transposed(curvature @ modes),
+        prior_variance=np.stack([of.variance[rows] for of in covariances]),
         points=points,
         target_points=np.searchsorted(points, places).astype(np.int64),
         station_points=np.searchsorted(points, arclength).astype(np.int64),
         arclength=frozen_array(arclength),
     )
+
+
+def transposed(rows: Array) -> Array:
+    """Return matrices with rows and columns exchanged, also in memory: loops run along points."""
+    return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 
 def smoother_for(arm: Arm, stations: int = DEFAULT_STATIONS) -> Smoother:
@@ -218,7 +235,7 @@ def smoother_for(arm: Arm, stations: int = DEFAULT_STATIONS) -> Smoother:
     return Smoother(
         target_arclength=arm.target_arclength,
         stations=station_arclength(arm.length, stations),
-        prior=learned_prior(arm),
+        priors=learned_priors(arm),
         length=arm.length,
         placement_std=arm.sensors.placement_std,
     )

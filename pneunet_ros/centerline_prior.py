@@ -1,15 +1,16 @@
 """What is known of the curvature of an arm before a picture is taken: a Gaussian process.
 
-Curvature is smooth along the arm, but for a break at l1 where the model has one. l1 moves with
-pressure, which the camera does not see, so the covariance is averaged over the places that l1 has
-in the model. How large and how smooth curvature is, is learnt once, by marginal likelihood of
-shapes that the model predicts; how it runs along the arm is not: the model is what measured
-centerlines are there to test.
+Curvature is smooth along the arm, but for a break at l1 where the model has one and the arm is
+pulled. l1 moves with pressure, which the camera does not see, so the covariance is averaged over
+the places that l1 has in the model. How large and how smooth curvature is, is learnt once, by
+marginal likelihood of shapes that the model predicts; how it runs along the arm is not: the model
+is what measured centerlines are there to test.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from pneunet_ros.arm import Arm
@@ -20,11 +21,12 @@ from scipy.optimize import minimize
 SPLITS = 5  # places of l1 over which the covariance is averaged
 LEARNING_STD = 2e-4  # of the length, noise under which shapes are told apart: a tenth of a pixel
 PRESSURES = 6  # shares of the calibrated range at which shapes are taken
-PULL = 1.5  # weights of the arm, the size of the end force of the paper's Table 1
-TURNS = (0.25, 0.5)  # direction of the pull, as a share of the angle of the unloaded tip
+PULL = 2.0  # weights of the arm, the size of the end force of the paper's Table 1
+TURNS = (0.0, 0.25, 0.5)  # direction of the pull, as a share of the angle of the unloaded tip
 FINE_STATIONS = 449
 
-# std and reach of the smooth part, std and reach of the break; by the length of the arm
+# What is learnt; where the search starts and ends, in lengths of the arm or their inverse.
+_LEARNT = ('std', 'reach', 'break_std', 'break_reach')
 _START = np.log([1.5, 0.4, 0.15, 0.3])
 _BOUNDS = np.log([(0.3, 100.0), (0.1, 3.0), (0.01, 10.0), (0.05, 3.0)])
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
@@ -40,8 +42,8 @@ class CurvaturePrior:
 
     std: float
     reach: float
-    break_std: float
-    break_reach: float
+    break_std: float = 0.0
+    break_reach: float = 1.0
     splits: Array
 
     def __post_init__(self) -> None:
@@ -83,25 +85,35 @@ def without_line(arclength: Array) -> Array:
     return np.asarray(np.linalg.qr(line, mode='complete')[0][:, 2:])
 
 
-def learned_prior(arm: Arm) -> CurvaturePrior:
-    """Learn the prior from shapes of this arm, at the places of its targets; deterministic."""
-    targets, length = arm.target_arclength, arm.length
+def learned_priors(arm: Arm) -> tuple[CurvaturePrior, ...]:
+    """Learn what curvature is like, at the places of the arm's targets; deterministic.
+
+    One prior for an arm whose moment law has no break. Else two, one of them with the break: the
+    free arm has none, and a pulled arm need not show it.
+    """
     splits = splits_of(arm)
-    bent = np.array([bent_line(theta, length, targets) for theta in family(arm)])
+    free, pulled = family(arm)
+    if not splits.size:
+        return (learned_prior(arm, free + pulled, splits),)
+    return learned_prior(arm, free, splits[:0]), learned_prior(arm, pulled or free, splits)
+
+
+def learned_prior(arm: Arm, angles: list[Array], splits: Array) -> CurvaturePrior:
+    """Return the prior under which these shapes, given as in `family`, are most probable."""
+    targets, length = arm.target_arclength, arm.length
     line_free = without_line(targets)
-    seen = bent @ line_free
+    bent = [bent_line(theta, length, targets) @ line_free for theta in angles]
+    seen = np.array(bent).reshape(len(bent), -1)
     noise = (LEARNING_STD * length) ** 2
 
     def prior_of(logarithms: Array) -> CurvaturePrior:
-        std, reach, break_std, break_reach = np.exp(np.resize(logarithms, 4)).tolist()
-        return CurvaturePrior(
-            std=std / length,
-            reach=reach * length,
-            break_std=break_std / length,
-            break_reach=break_reach * length,
-            splits=splits,
-        )
+        values = np.exp(logarithms) * length ** np.resize([-1.0, 1.0], logarithms.size)
+        named = dict(zip(_LEARNT, values.tolist(), strict=False))
+        return CurvaturePrior(**named, splits=splits)
 
+    asked = 4 if splits.size else 2
+    if not bent:
+        return prior_of(_START[:asked])
     nodes, weights = prior_of(_START).nodes(targets)
     integral = line_free.T @ twice_integrated(targets, nodes, weights)
 
@@ -112,7 +124,6 @@ def learned_prior(arm: Arm) -> CurvaturePrior:
         squares = (seen @ vectors) ** 2
         return float(np.sum(squares / variance) + len(seen) * np.sum(np.log(variance)))
 
-    asked = 4 if splits.size else 2
     found = minimize(misfit, _START[:asked], method='L-BFGS-B', bounds=_BOUNDS[:asked])
     return prior_of(found.x)
 
@@ -126,20 +137,22 @@ def splits_of(arm: Arm) -> Array:
     return np.unique(np.linspace(starts.min(), starts.max(), SPLITS))
 
 
-def family(arm: Arm) -> list[Array]:
-    """Angles (rad) at FINE_STATIONS of shapes over the pressures, unloaded and pulled."""
+def family(arm: Arm) -> tuple[list[Array], list[Array]]:
+    """Angles (rad) at FINE_STATIONS of free and of pulled shapes over the calibrated pressures."""
     low, high = arm.pressure_range
-    angles = []
+    free, pulled = [], []
     for pressure in np.linspace(low, high, PRESSURES + 1)[1:].tolist():
-        free = solve(arm, pressure, stations=FINE_STATIONS)
-        shapes = [free]
-        if free.converged:
-            for turn in TURNS:
-                angle = turn * (free.theta[-1] - free.theta[0]) + free.theta[0]
-                force = PULL * arm.weight * np.cos(angle), PULL * arm.weight * np.sin(angle)
-                shapes.append(solve(arm, pressure, force, stations=FINE_STATIONS))
-        angles += [shape.theta for shape in shapes if shape.converged]
-    return angles
+        shape = solve(arm, pressure, stations=FINE_STATIONS)
+        if not shape.converged:
+            continue
+        free.append(shape.theta)
+        for turn in TURNS:
+            angle = float(shape.theta[0] + turn * (shape.theta[-1] - shape.theta[0]))
+            force = PULL * arm.weight * math.cos(angle), PULL * arm.weight * math.sin(angle)
+            shape_pulled = solve(arm, pressure, force, stations=FINE_STATIONS)
+            if shape_pulled.converged:
+                pulled.append(shape_pulled.theta)
+    return free, pulled
 
 
 def bent_line(theta: Array, length: float, arclength: Array) -> Array:
