@@ -19,7 +19,6 @@ from pneunet_ros.solver.compiled import kernel
 FARTHEST = 1e6  # m or normalized; nothing that a camera sees is farther out
 DEGENERATE = 1e-9  # of the largest singular value; a matrix that maps the plane to a line
 UNDETERMINED = 1e-2  # the same, of the equations for a homography; a square has 0.27
-FLATTEST = 0.02  # the same, of a homography; a plane seen 85 degrees from square has 0.08
 MISFIT = 0.05  # of the extent of the points; farther off one of them is mistaken
 NEAREST = 1e-4  # m, from the camera to the working plane
 
@@ -182,8 +181,7 @@ def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
     )
     _, sizes, directions = np.linalg.svd(equations)
     solution = directions[8].reshape(3, 3)
-    axes = np.linalg.svd(solution, compute_uv=False)
-    if not (sizes[7] > UNDETERMINED * sizes[0] and axes[2] > FLATTEST * axes[0]):
+    if not sizes[7] > UNDETERMINED * sizes[0]:
         raise CameraError(
             'plane.pixels and plane.points do not determine the plane: four of the points must be '
             'apart, and no three of these on a line'

@@ -62,10 +62,11 @@ class Lens:
             side: Any = getattr(self, name)
             if isinstance(side, bool) or not isinstance(side, int) or not 0 < side <= LARGEST_SIDE:
                 raise CameraError(
-                    f'the {name} of the camera image must be 1 to {LARGEST_SIDE} px, not {side!r}'
+                    f'the {name} of the camera image (image_{name}) must be 1 to '
+                    f'{LARGEST_SIDE} px, not {side!r}'
                 )
-        matrix = table_array(self.matrix, 'the camera matrix K', 2, CameraError)
-        distortion = table_array(self.distortion, 'the distortion D', 1, CameraError)
+        matrix = table_array(self.matrix, 'K (camera_matrix)', 2, CameraError)
+        distortion = table_array(self.distortion, 'D (distortion_coefficients)', 1, CameraError)
         coefficients = np.concatenate([pinhole(matrix), distortion_terms(self.model, distortion)])
         object.__setattr__(self, 'matrix', matrix)
         object.__setattr__(self, 'distortion', distortion)
@@ -107,18 +108,18 @@ def own_pairs(values: npt.ArrayLike) -> Array:
 def pinhole(matrix: Array) -> tuple[float, float, float, float]:
     """Return fx, fy, cx, cy in px from K (3, 3); CameraError if it is none."""
     if matrix.shape != (3, 3):
-        raise CameraError(f'the camera matrix K must be 3 x 3, not of shape {matrix.shape}')
+        raise CameraError(f'K (camera_matrix) must be 3 x 3, not of shape {matrix.shape}')
     if matrix[0, 0] == 0.0:
-        raise CameraError('the camera is not calibrated: its matrix K is zero')
+        raise CameraError('the camera is not calibrated: its K (camera_matrix) is zero')
     fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
     low, high = FOCAL_LENGTHS
     if not (low <= fx <= high and low <= fy <= high):
         raise CameraError(
-            f'the focal lengths K[0] = {fx} and K[4] = {fy} must lie within '
+            f'the focal lengths {fx} and {fy} of K (camera_matrix) must lie within '
             f'{low:g} and {high:g} px'
         )
     if not np.array_equal(matrix, [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]):
-        raise CameraError('the camera matrix K must read fx 0 cx, 0 fy cy, 0 0 1 (no skew)')
+        raise CameraError('K (camera_matrix) must read fx 0 cx, 0 fy cy, 0 0 1 (no skew)')
     return fx, fy, cx, cy
 
 
@@ -126,17 +127,17 @@ def distortion_terms(model: str, distortion: Array) -> Array:
     """Return all TERMS of the distortion from D; CameraError for other models and numbers."""
     if not isinstance(model, str) or (model not in COEFFICIENTS and (model or distortion.size)):
         raise CameraError(
-            f'the distortion model {model!r} is not known; known: {", ".join(COEFFICIENTS)}'
+            f'distortion_model {model!r} is not known; known: {", ".join(COEFFICIENTS)}'
         )
     allowed = COEFFICIENTS.get(model, (0,))
     if distortion.size not in allowed or np.any(distortion[TERMS:]):
         raise CameraError(
-            f'the distortion D of {model} must have {", ".join(map(str, allowed))} coefficients '
-            f'(those after the eighth zero), not {distortion.size}: {distortion.tolist()}'
+            f'D (distortion_coefficients) of {model} must have {", ".join(map(str, allowed))} '
+            f'numbers (those after the eighth zero), not {distortion.size}: {distortion.tolist()}'
         )
     if np.any(np.abs(distortion) > LARGEST_COEFFICIENT):
         raise CameraError(
-            f'the distortion D holds a coefficient beyond {LARGEST_COEFFICIENT:g}: '
+            f'D (distortion_coefficients) holds a number beyond {LARGEST_COEFFICIENT:g}: '
             f'{distortion.tolist()}'
         )
     terms = np.zeros(TERMS)

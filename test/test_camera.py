@@ -101,6 +101,22 @@ def test_a_pole_of_the_rational_model_is_a_limit():
     assert all_nan(camera.distorted([[0.51, 0.0], [0.0, 2.0]]))
 
 
+def test_tangential_terms_alone_fold_on_one_side():
+    # At (-r, 0) the slope of x + 3 p2 x^2 is 1 - 6 p2 r.
+    assert lens([0, 0, 0, 0.1]).limit == pytest.approx(1.0 / 0.6, rel=1e-9)
+    assert lens([0, 0, -0.06, 0.08]).limit == pytest.approx(1.0 / 0.6, rel=1e-9)
+
+
+def test_a_distortion_that_nearly_folds_is_undone_on_both_sides():
+    # The slope of the radius falls to 0.02 at r = 1.14 and rises again: Newton's steps overshoot.
+    camera = lens([-0.5, 0.115, 0.0, 0.0])
+    assert camera.limit > 100.0
+    radius = np.linspace(0.0, 3.0, 500)
+    normalized = np.column_stack([0.6 * radius, -0.8 * radius])
+    pixels = camera.distorted(normalized)
+    assert np.abs(camera.undistorted(pixels) - normalized).max() < 1e-9
+
+
 def test_up_to_the_fold_is_seen_and_nothing_beyond():
     camera = lens([-0.35, 0.0, 0.0, 0.0])
     edge = camera.limit * (1.0 - 0.35 * camera.limit**2)
@@ -211,11 +227,11 @@ def test_an_undistorted_pixel_is_always_a_solution(k, u, v):
 @pytest.mark.parametrize(
     ('changes', 'sentence'),
     [
-        ({'width': 0}, 'the width of the camera image must be 1 to 16384 px, not 0'),
-        ({'height': 480.0}, 'the height of the camera image must be'),
-        ({'height': True}, 'the height of the camera image must be'),
+        ({'width': 0}, 'the width of the camera image (image_width) must be 1 to 16384 px, not 0'),
+        ({'height': 480.0}, 'the height of the camera image (image_height) must be'),
+        ({'height': True}, 'the height of the camera image (image_height) must be'),
         ({'matrix': np.zeros((3, 3))}, 'the camera is not calibrated'),
-        ({'matrix': np.eye(2)}, 'must be 3 x 3'),
+        ({'matrix': np.eye(2)}, 'K (camera_matrix) must be 3 x 3'),
         ({'matrix': [[600, 0, 320], [0, -600, 240], [0, 0, 1]]}, 'focal lengths'),
         ({'matrix': [[600, 0.1, 320], [0, 600, 240], [0, 0, 1]]}, 'no skew'),
         ({'matrix': [[600, 0, 320], [0, 600, 240], [0, 0, 2]]}, 'must read fx 0 cx'),
@@ -223,8 +239,8 @@ def test_an_undistorted_pixel_is_always_a_solution(k, u, v):
         ({'matrix': 'K'}, 'must be a table of numbers'),
         ({'model': 'equidistant'}, "'equidistant' is not known; known: plumb_bob, rational_poly"),
         ({'model': ['plumb_bob']}, 'is not known'),
-        ({'model': '', 'distortion': [0.1, 0, 0, 0]}, "model '' is not known"),
-        ({'distortion': [0.1, 0, 0]}, 'must have 0, 4, 5 coefficients'),
+        ({'model': '', 'distortion': [0.1, 0, 0, 0]}, "distortion_model '' is not known"),
+        ({'distortion': [0.1, 0, 0]}, 'must have 0, 4, 5 numbers'),
         ({'distortion': [0.1, 0, 0, 0, 0, 0, 0, 0]}, 'not 8'),
         ({'model': 'rational_polynomial', 'distortion': [0.1, 0, 0, 0, 0]}, '0, 8, 12, 14'),
         ({'model': 'rational_polynomial', 'distortion': [*8 * [0.1], 0, 0, 0, 1e-9]}, 'zero'),
@@ -418,6 +434,8 @@ LINE = [[0.0, 0.0], [0.01, 0.02], [0.02, 0.04], [0.03, 0.06]]
         ([*SQUARE[:3], SQUARE[0]], [*CORNERS[:3], CORNERS[0]], 'do not determine the plane'),
         ([*SQUARE[:3], SQUARE[0]], CORNERS, 'do not determine'),
         ([*SQUARE[:3], SQUARE[0], SQUARE[1]], [*CORNERS[:3], *CORNERS[:2]], 'determine'),
+        # A plane seen 89.3 degrees from square: such a plane is known to nobody.
+        ([[100, 240], [500, 240], [500, 245], [100, 245]], CORNERS, 'do not determine'),
         (4 * [[320.0, 240.0]], CORNERS, 'all plane.pixels are the same point'),
         (SQUARE, 4 * [[0.0, 0.0]], 'all plane.points are the same point'),
         (SQUARE, [CORNERS[at] for at in (0, 2, 1, 3)], 'behind the camera'),
