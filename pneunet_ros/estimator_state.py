@@ -10,9 +10,7 @@ from types import MappingProxyType
 from pneunet_ros.effects.effect import History
 from pneunet_ros.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.shape import Refusal, SolverNodes
-from pneunet_ros.units import seconds_between
-
-BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
+from pneunet_ros.stamp_order import counted, stamp_fault, STARTS_ANEW
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,9 +62,7 @@ class EstimatorState:
 
     def counting(self, reason: str) -> EstimatorState:
         """Count one more rejected reading."""
-        counts = dict(self.rejected)
-        counts[reason] = counts.get(reason, 0) + 1
-        return replace(self, rejected=MappingProxyType(counts))
+        return replace(self, rejected=counted(self.rejected, reason))
 
 
 def admitted(
@@ -85,19 +81,13 @@ def admitted(
     else:
         values = (reading.pressure, reading.variance)
     stamp_ns = reading.stamp_ns
-
-    def dropped(reason: str, sentence: str) -> tuple[EstimatorState, Refusal, str]:
-        return state, Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False), ''
-
     if not all(math.isfinite(value) for value in values):
-        return dropped('not_finite', f'{what} reading holds NaN or infinity')
-    if stamp_ns <= 0:
-        return dropped('no_stamp', f'{what} reading without a header stamp')
-    if last is None or stamp_ns > last:
-        return state, None, ''
-    if stamp_ns == last:
-        return dropped('duplicate', f'{what} reading with the stamp of the last one')
-    back = seconds_between(stamp_ns, last)
-    if back <= BACKWARD_JUMP:
-        return dropped('older', f'{what} reading {back:.3g} s older than the last one')
-    return state.fresh(), None, f'time jumped back by {back:.3g} s: state reset'
+        reason, sentence = 'not_finite', f'{what} reading holds NaN or infinity'
+    else:
+        reason, sentence = stamp_fault(f'{what} reading', last, stamp_ns)
+    if reason == STARTS_ANEW:
+        return state.fresh(), None, sentence
+    if reason:
+        refusal = Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)
+        return state, refusal, ''
+    return state, None, ''

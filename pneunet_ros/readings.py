@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.shape import Array, frozen_array
+from pneunet_ros.shape import Array, freeze, frozen_array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +62,13 @@ class TargetSightings:
     def seen(self) -> int:
         """How many targets were seen."""
         return int(np.count_nonzero(np.isfinite(self.x)))
+
+
+def unseen_targets(stamp_ns: int, count: int) -> TargetSightings:
+    """Return the sightings of a frame in which none of so many targets is seen."""
+    nothing = freeze(np.full(count, np.nan))
+    values = dict.fromkeys(('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle'), nothing)
+    return TargetSightings(stamp_ns=stamp_ns, **values)
 
 
 Reading = PressureReading | WrenchReading

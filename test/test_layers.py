@@ -29,26 +29,33 @@ FLOORS = {
         arm attempt equilibrium tip many
         image camera_settings lens_kernels lens camera
         area_kernels detection
-        row_search sighting tracker_state tracking
-        centerline_kernel centerline
+        row_search tracking registration sighting
+        centerline_prior centerline_kernel centerline
         lab lab.lens lab.scene lab.discs lab.shading lab.targets lab.renderer lab.motion
     """,
     '2 inference': """
-        settings estimator_state estimator zero holds
-        tracker
+        settings stamp_order estimator_state estimator zero holds
+        tracker_state tracker
     """,
     '3 outside': """
         output yaml_file model_file camera_file plots
-        estimate_messages messages cdr_template
+        message_parts estimate_messages messages cdr_template
+        compressed_image tracker_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
+        image_stream image_files image_sources
+        length_unit target_table preview_video preview
         __init__
     """,
     '4 edges': """
-        replay
-        verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.effects
+        replay track
+        verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.track verbs.effects
         cli
-        nodes nodes.parameters nodes.process nodes.ros_types nodes.topics nodes.health
-        nodes.warm_up nodes.model_info nodes.log nodes.configuration nodes.estimator
+        nodes nodes.parameters nodes.process nodes.ros_types nodes.topics nodes.health nodes.log
+        nodes.model_info nodes.configured_node
+        nodes.estimate_publisher nodes.estimator_info nodes.estimator_configuration
+        nodes.estimator_health nodes.estimator_warm_up nodes.estimator
+        nodes.following nodes.tracker_configuration nodes.tracker_health nodes.tracker_warm_up
+        nodes.tracker
     """,
 }
 ORDER = [module for floor in FLOORS.values() for module in floor.split()]

@@ -1,0 +1,230 @@
+"""The row of targets in one frame: followed from the last one, or found among all bright areas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.camera import Plane
+from pneunet_ros.camera_settings import CameraSettings
+from pneunet_ros.detection import Areas, find_areas, measure_areas
+from pneunet_ros.image import Image
+from pneunet_ros.lens import Lens
+from pneunet_ros.readings import TargetSightings
+from pneunet_ros.registration import Failure, row_at_rest, row_points
+from pneunet_ros.row_search import least_seen, LEAST_TARGETS, MOST_AREAS, row_from_clamp
+from pneunet_ros.shape import Array, freeze
+from pneunet_ros.tracking import (
+    believable,
+    expected,
+    FARTHEST,
+    of_usual_size,
+    usual_size,
+)
+from pneunet_ros.units import seconds_between
+
+MEASURED = ('u', 'v', 'area', 'major', 'minor', 'angle', 'std')
+AREA, STD = MEASURED.index('area'), MEASURED.index('std')
+REACH_AGAIN = 0.3  # of the spacing: how near to where its neighbors say a lost target is sought
+MOST_PASSES = 3  # over a frame, while lost targets are found again
+AT_CLAMP = 0.5  # spacings from the first targets to their place, unless the camera has moved
+LONGEST_PREDICTION = 0.5  # s since the last frame, beyond which velocities tell nothing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FollowedRow:
+    """A row of targets as it was in a frame, from which the next one is predicted.
+
+    pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
+    area (targets,): how large each is to be expected, px^2.
+    """
+
+    stamp_ns: int
+    pixels: Array
+    velocity: Array
+    area: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenRow:
+    """The targets in a frame, NaN where one is not seen.
+
+    measured (7, targets): rows named in MEASURED, px and rad; points (targets, 2) m in base.
+    """
+
+    measured: Array
+    points: Array
+
+    @property
+    def seen(self) -> int:
+        """How many targets are seen."""
+        return int(np.count_nonzero(np.isfinite(self.points[:, 0])))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """A frame with all that is needed to look at it."""
+
+    image: Image
+    lens: Lens
+    plane: Plane
+    arclength: Array
+    clamp_angle: float
+    settings: CameraSettings
+
+    def points(self, pixels: Array) -> Array:
+        """Return points (n, 2) m in base of pixels (n, 2); NaN where there is none."""
+        return self.plane.points(self.lens.undistorted(pixels))
+
+    def pixels(self, points: Array) -> Array:
+        """Return pixels (n, 2) of points (n, 2) m in base; NaN where there is none."""
+        return self.lens.distorted(self.plane.normalized(points))
+
+    def measured(self, around: Array, reach: float, area: Array) -> Array:
+        """Measure the targets about as large as `area` (n,) px^2 near these pixels (n, 2)."""
+        size = math.sqrt(4.0 / math.pi * float(area.max()))
+        settings = self.settings
+        found = measure_areas(self.image, around, reach, size, settings.grey_band, settings.area)
+        rows = np.array([getattr(found, name) for name in MEASURED])
+        rows[:, ~of_usual_size(found.area, area)] = np.nan
+        return rows
+
+
+def follow(view: View, row: FollowedRow) -> SeenRow | None:
+    """Find the row near where it must be by now; None where it is lost."""
+    seconds = seconds_between(row.stamp_ns, view.image.stamp_ns)
+    predicted = row.pixels
+    if seconds <= LONGEST_PREDICTION:
+        predicted = row.pixels + seconds * row.velocity
+    spacing = float(np.median(np.hypot(*np.diff(row.pixels, axis=0).T)))
+    measured = view.measured(predicted, view.settings.gate * spacing, row.area)
+    seen = checked(view, measured, math.inf)
+    for _ in range(MOST_PASSES):
+        lost = np.isnan(seen.points[:, 0])
+        if not lost.any() or seen.seen < 2:
+            break
+        x, y = expected(*np.ascontiguousarray(seen.points.T), view.arclength)
+        again = view.pixels(np.column_stack([x[lost], y[lost]]))
+        measured = seen.measured.copy()
+        measured[:, lost] = view.measured(again, REACH_AGAIN * spacing, row.area[lost])
+        more = checked(view, measured, math.inf)
+        if more.seen <= seen.seen:
+            break
+        seen = more
+    if seen.seen < LEAST_TARGETS or not at_clamp(seen, view.arclength):
+        return None
+    return seen
+
+
+def search(view: View) -> SeenRow | Failure:
+    """Find the row that starts at the clamp among all bright areas of the frame."""
+    areas = bright_areas(view.image, view.settings)
+    if isinstance(areas, Failure):
+        return areas
+    points = view.points(np.column_stack([areas.u, areas.v]))
+    usable = np.flatnonzero(np.isfinite(points[:, 0]))
+    row = row_from_clamp(points[usable], areas.area[usable], view.arclength, view.clamp_angle)
+    chosen = np.where(row.chosen >= 0, usable[row.chosen] if usable.size else -1, -1)
+    seen = checked(view, chosen_areas(areas, chosen), FARTHEST)
+    targets, least = view.arclength.size, least_seen(view.arclength.size)
+    if seen.seen < least or not at_clamp(seen, view.arclength):
+        return Failure(
+            reason='no_row',
+            sentence=f'only {seen.seen} of {targets} targets stand in a row from the clamp, among '
+            f'{len(areas)} bright areas; {least} are needed: is the arm covered, or has the '
+            'camera moved?',
+        )
+    return seen
+
+
+def search_at_rest(
+    image: Image, lens: Lens, arclength: Array, settings: CameraSettings
+) -> Array | Failure:
+    """Find first and last target of the straight arm, normalized (2, 2)."""
+    areas = bright_areas(image, settings)
+    if isinstance(areas, Failure):
+        return areas
+    pixels = np.column_stack([areas.u, areas.v])
+    points = lens.undistorted(pixels)
+    usable = np.isfinite(points[:, 0])
+    row = row_at_rest(
+        points[usable],
+        pixels[usable],
+        areas.area[usable],
+        arclength,
+        settings.clamp_pixel,
+        settings.rest_straightness,
+    )
+    if isinstance(row, Failure):
+        return row
+    return row_points(row, points[usable])[[0, -1]]
+
+
+def bright_areas(image: Image, settings: CameraSettings) -> Areas | Failure:
+    """Return the white areas of a frame that can be targets, or why there are none to look at."""
+    areas = find_areas(image, settings.grey_band, settings.area)
+    if areas.crowded or len(areas) > MOST_AREAS:
+        return Failure(
+            reason='too_many_areas',
+            sentence=f'more than {MOST_AREAS} bright areas could be targets: narrow grey_band or '
+            'area, or darken the background',
+        )
+    if len(areas) == 0:
+        return Failure(
+            reason='no_areas',
+            sentence='no bright area could be a target: look at light, exposure, focus, grey_band '
+            'and area',
+        )
+    return areas
+
+
+def chosen_areas(areas: Areas, chosen: npt.NDArray[np.int64]) -> Array:
+    """Return what is measured of the chosen areas (7, targets), NaN where the choice is -1."""
+    rows = np.array([getattr(areas, name)[chosen] for name in MEASURED])
+    rows[:, chosen < 0] = np.nan
+    return rows
+
+
+def checked(view: View, measured: Array, farthest: float) -> SeenRow:
+    """Return those of the targets (7, targets) that make a believable row."""
+    points = view.points(measured[:2].T)
+    seen = believable(*np.ascontiguousarray(points.T), view.arclength, farthest)
+    measured[:, ~seen] = np.nan
+    points[~seen] = np.nan
+    return SeenRow(measured=freeze(measured), points=freeze(points))
+
+
+def at_clamp(seen: SeenRow, arclength: Array) -> bool:
+    """Whether the first two targets, where seen, are next to the clamp as they must be."""
+    points = seen.points[:2]
+    off = np.hypot(points[:, 0] - arclength[:2], points[:, 1])
+    return not np.any(off > AT_CLAMP * (arclength[1] - arclength[0]))
+
+
+def followed(view: View, seen: SeenRow, before: FollowedRow | None) -> FollowedRow:
+    """Return the row as the next frame needs it; before: the row of the frame before, if any."""
+    stamp_ns = view.image.stamp_ns
+    x, y = expected(*np.ascontiguousarray(seen.points.T), view.arclength)
+    pixels = np.ascontiguousarray(seen.measured[:2].T)
+    lost = np.isnan(pixels[:, 0])
+    if lost.any():
+        pixels[lost] = view.pixels(np.column_stack([x[lost], y[lost]]))
+    velocity = np.zeros_like(pixels)
+    if before is not None:
+        velocity = (pixels - before.pixels) / seconds_between(before.stamp_ns, stamp_ns)
+    area = usual_size(seen.measured[AREA], None if before is None else before.area)
+    return FollowedRow(
+        stamp_ns=stamp_ns, pixels=freeze(pixels), velocity=freeze(velocity), area=freeze(area)
+    )
+
+
+def sightings(view: View, seen: SeenRow) -> TargetSightings:
+    """Return what is published of the targets that are seen."""
+    normalized = view.lens.undistorted(seen.measured[:2].T)
+    meters_per_pixel = view.lens.scale(normalized) * view.plane.scale(normalized)
+    values = dict(zip(MEASURED, seen.measured, strict=True))
+    values['std'] = seen.measured[STD] * meters_per_pixel
+    x, y = seen.points.T
+    return TargetSightings(stamp_ns=view.image.stamp_ns, x=x, y=y, **values)

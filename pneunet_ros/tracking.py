@@ -1,0 +1,182 @@
+"""A row of targets from one frame to the next: where each is expected, and what can be believed.
+
+Positions are those in the working plane, in any unit that is true to shape; NaN where a target is
+not seen. All three functions are pure and work on the whole row.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.shape import Array
+from pneunet_ros.solver.compiled import inlined, kernel
+
+Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+# Of the spacing: how far a target may be from a smooth curve through its neighbors, where they are
+# on both sides of it and where they are on one.
+OFF_BETWEEN, OFF_BEYOND = 0.17, 0.4
+FARTHEST = 2.5  # spacings between an end of a row and the next target, where nothing else is known
+SHORTEST, LONGEST = 0.7, 1.3  # distance of neighbors over their distance along the arm
+COMPARED = 3  # neighbors on each side whose distance is looked at
+LARGEST_GROWTH, LARGEST_LOSS = 1.5, 0.8  # of the area of a target from one frame to the next
+FOLLOWING = 0.1  # share of a new area in the area that is expected next
+
+
+@kernel
+def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
+    """Return which targets lie on a smooth row at their distances (targets,).
+
+    First goes, one by one, what is at a wrong distance from most of its neighbors, then what is
+    furthest off a smooth curve through them, until all that is left fits. x, y are in m, or have
+    been scaled so that the arm has about its length. One at either end of the row is not believed
+    when it is `farthest` spacings or more from the next.
+    """
+    seen = np.isfinite(x) & np.isfinite(y)
+    smooth = False
+    while True:
+        places = np.flatnonzero(seen)
+        worst, worst_at = 1.0, -1
+        for target in places:
+            if smooth:
+                bad = _off_the_curve(x, y, arclength, places, target, farthest)
+            else:
+                bad = _wrong_distances(x, y, arclength, places, target)
+            if bad > worst:
+                worst, worst_at = bad, target
+        if worst_at >= 0:
+            seen[worst_at] = False
+        elif smooth:
+            return seen
+        else:
+            smooth = True
+
+
+@inlined
+def _wrong_distances(x: Array, y: Array, arclength: Array, places: Indices, target: int) -> float:
+    """Return 1 + the share of neighbors that are too near or too far; 2 without neighbors."""
+    here = np.searchsorted(places, target)
+    wrong = known = 0
+    for place in range(max(here - COMPARED, 0), min(here + COMPARED + 1, places.size)):
+        other = places[place]
+        if other == target:
+            continue
+        spacing = arclength[max(other, 1)] - arclength[max(other, 1) - 1]
+        along = abs(arclength[target] - arclength[other])
+        distance = math.hypot(x[target] - x[other], y[target] - y[other])
+        known += 1
+        if distance > LONGEST * along or distance < SHORTEST * along - 0.1 * (along - spacing):
+            wrong += 1
+    return 2.0 if known == 0 else 1.0 + wrong / known
+
+
+@inlined
+def _off_the_curve(
+    x: Array, y: Array, arclength: Array, places: Indices, target: int, farthest: float
+) -> float:
+    """How far a target is off the curve through its neighbors; above 1 it is too far."""
+    others = places[places != target]
+    if others.size < 2:
+        return 2.0
+    after = np.searchsorted(others, target)
+    between = 0 < after < others.size
+    spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
+    next_to = others[min(after, others.size - 1)]
+    if not between and abs(arclength[target] - arclength[next_to]) >= farthest * spacing:
+        return 2.0
+    at_x, at_y = _from_others(x, y, arclength, others, after, target)
+    off = math.hypot(x[target] - at_x, y[target] - at_y) / spacing
+    return off / (OFF_BETWEEN if between else OFF_BEYOND)
+
+
+@kernel
+def expected(x: Array, y: Array, arclength: Array) -> tuple[Array, Array]:
+    """Return where all targets are expected (targets,), given those that are seen.
+
+    Between two that are seen a cubic with their tangents leads; beyond the last one on either side
+    an arc through the last three, or a line.
+    """
+    count = x.size
+    at_x, at_y = x.copy(), y.copy()
+    places = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if places.size < 2:
+        return at_x, at_y
+    for target in range(count):
+        if math.isfinite(x[target]) and math.isfinite(y[target]):
+            continue
+        after = np.searchsorted(places, target)
+        at_x[target], at_y[target] = _from_others(x, y, arclength, places, after, target)
+    return at_x, at_y
+
+
+@inlined
+def _from_others(
+    x: Array, y: Array, arclength: Array, places: Indices, after: int, target: int
+) -> tuple[float, float]:
+    """Return where a target is by the others that are seen; after: how many come before it."""
+    if after == 0:
+        return _along_arc(x, y, arclength, places[:3], target)
+    if after == places.size:
+        return _along_arc(x, y, arclength, places[::-1][:3], target)
+    low = max(0, min(after - 2, places.size - 4))
+    chosen = places[low : low + 4]
+    at = arclength[target]
+    return _between(arclength, x, chosen, at), _between(arclength, y, chosen, at)
+
+
+@inlined
+def _between(arclength: Array, values: Array, places: Indices, at: float) -> float:
+    """Interpolate by the polynomial through these places."""
+    total = 0.0
+    for place in places:
+        weight = 1.0
+        for other in places:
+            if other != place:
+                weight *= (at - arclength[other]) / (arclength[place] - arclength[other])
+        total += weight * values[place]
+    return total
+
+
+@inlined
+def _along_arc(
+    x: Array, y: Array, arclength: Array, places: Indices, target: int
+) -> tuple[float, float]:
+    """Return where the arc through the two or three nearest that are seen leads."""
+    end, before = places[0], places[1]
+    step_x, step_y = x[end] - x[before], y[end] - y[before]
+    along = abs(arclength[end] - arclength[before])
+    heading = math.atan2(step_y, step_x)
+    scale = math.hypot(step_x, step_y) / along
+    bending = 0.0
+    if places.size > 2:
+        first = places[2]
+        earlier = math.atan2(y[before] - y[first], x[before] - x[first])
+        turn = heading - earlier
+        turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+        bending = 2.0 * turn / abs(arclength[end] - arclength[first])
+    ahead = abs(arclength[target] - arclength[end])
+    middle = heading + 0.5 * bending * (along + ahead)
+    return x[end] + scale * ahead * math.cos(middle), y[end] + scale * ahead * math.sin(middle)
+
+
+def of_usual_size(area: Array, usual: Array) -> Mask:
+    """Return which areas are about as large as the target has been so far (targets,).
+
+    What is partly covered is smaller, and its center is not that of the target.
+    """
+    return (area >= LARGEST_LOSS * usual) & (area <= LARGEST_GROWTH * usual)
+
+
+def usual_size(area: Array, usual: Array | None = None) -> Array:
+    """Return how large each target is to be expected next (targets,).
+
+    usual: what was expected so far; without it a target starts no smaller than most. NaN in `area`
+    changes nothing.
+    """
+    if usual is None:
+        middle = float(np.nanmedian(area))
+        return np.where(np.isnan(area), middle, np.maximum(area, middle / LARGEST_GROWTH))
+    return np.where(np.isnan(area), usual, (1.0 - FOLLOWING) * usual + FOLLOWING * area)

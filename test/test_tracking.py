@@ -1,0 +1,83 @@
+"""What can be believed of a row, and where lost targets are expected."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+from pneunet_ros.tracking import believable, expected, FARTHEST, of_usual_size, usual_size
+import pytest
+from rows import arc, ARCLENGTH, SPACING
+
+
+def believed(points, farthest=FARTHEST):
+    return believable(*np.ascontiguousarray(points.T), ARCLENGTH, farthest)
+
+
+@given(st.floats(-35.0, 35.0), st.floats(-35.0, 35.0), st.integers(0, 2**32 - 1))
+def test_a_bent_row_with_badly_painted_targets_is_believed(first, last, seed):
+    noise = np.random.default_rng(seed).normal(0.0, 5e-5, (ARCLENGTH.size, 2))
+    assert believed(arc(first, last) + noise).all()
+
+
+@given(st.integers(0, 22), st.floats(0.0, 6.28), st.floats(0.45, 3.0))
+def test_a_target_beside_its_place_is_not_believed_and_all_others_are(target, angle, away):
+    points = arc(5.0, 25.0)
+    points[target] += away * SPACING * np.array([np.cos(angle), np.sin(angle)])
+    seen = believed(points)
+    assert not seen[target]
+    assert np.count_nonzero(seen) >= 21
+
+
+@pytest.mark.parametrize('target', [0, 11, 22])
+def test_two_names_for_one_area_are_not_both_believed(target):
+    points = arc(10.0, 10.0)
+    other = target + 1 if target < 22 else target - 1
+    points[other] = points[target]
+    assert not believed(points)[[target, other]].all()
+
+
+def test_a_last_target_far_from_all_others_is_believed_only_where_it_was_followed():
+    points = arc(10.0, 10.0)
+    points[18:22] = np.nan
+    assert not believed(points)[22]
+    assert believed(points, np.inf)[22]
+
+
+def test_nothing_is_believed_of_a_single_target():
+    points = np.full((ARCLENGTH.size, 2), np.nan)
+    points[4] = 0.02, 0.0
+    assert not believed(points).any()
+
+
+@pytest.mark.parametrize(
+    ('hidden', 'off'),
+    [([7], 0.01), ([7, 8, 9], 0.06), ([0], 0.1), ([22], 0.1), ([21, 22], 0.25), ([0, 5, 22], 0.1)],
+)
+def test_lost_targets_are_expected_where_they_are(hidden, off):
+    for bend in [(0.0, 0.0), (35.0, 35.0), (5.0, 30.0)]:
+        points = arc(*bend)
+        partly = points.copy()
+        partly[hidden] = np.nan
+        found = np.column_stack(expected(*np.ascontiguousarray(partly.T), ARCLENGTH))
+        assert np.hypot(*(found - points).T).max() <= off * SPACING
+        known = np.delete(np.arange(ARCLENGTH.size), hidden)
+        assert np.array_equal(found[known], points[known])
+
+
+def test_nothing_is_expected_of_a_single_target():
+    points = np.full((ARCLENGTH.size, 2), np.nan)
+    points[4] = 0.02, 0.0
+    found = np.column_stack(expected(*np.ascontiguousarray(points.T), ARCLENGTH))
+    assert np.count_nonzero(np.isfinite(found[:, 0])) == 1
+
+
+def test_partly_covered_targets_are_not_of_their_usual_size():
+    usual = usual_size(np.array([80.0, np.nan, 30.0, 82.0, 81.0]))
+    assert usual[1] == pytest.approx(80.5)
+    assert usual[2] > 50.0  # it was covered in the first frame, and may come out larger
+    fits = of_usual_size(np.array([60.0, 80.0, 80.0, 130.0, np.nan]), usual)
+    assert fits.tolist() == [False, True, True, False, False]
+    later = usual_size(np.array([90.0, np.nan, 80.0, 82.0, 81.0]), usual)
+    assert usual[0] < later[0] < 90.0
+    assert later[1] == usual[1]
