@@ -22,6 +22,7 @@ Indices = npt.NDArray[np.int64]
 STRETCH_SHARE = 0.01  # how much the stretch varies along the arm, as a share of the angle's change
 LEVEL_RATIO = 1.5  # between levels of noise
 LARGEST_NOISE = 0.1  # of the mean distance of targets
+FAR_WORSE = 20.0  # in -2 log likelihood: no more noise than this is tried
 LEAST_WEIGHT = 1e-3  # a prior less probable than this takes no part
 
 
@@ -213,6 +214,8 @@ def noise_variance(
         if misfits.min() < best_misfit:
             best, best_misfit = level, misfits.min()
             weights[:] = np.exp(-0.5 * (misfits - best_misfit))
+        elif misfits.min() > best_misfit + FAR_WORSE:
+            break
         level *= LEVEL_RATIO * LEVEL_RATIO
     weights /= weights.sum()
     for prior in range(weights.size):

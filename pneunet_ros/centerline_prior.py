@@ -9,7 +9,7 @@ is what measured centerlines are there to test.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -18,6 +18,7 @@ from pneunet_ros.equilibrium import solve
 from pneunet_ros.shape import Array, frozen_array
 from scipy.optimize import minimize
 
+SMOOTHER = 1.75  # times the reach
 SPLITS = 5  # places of l1 over which the covariance is averaged
 LEARNING_STD = 2e-4  # of the length, noise under which shapes are told apart: a tenth of a pixel
 PRESSURES = 6  # shares of the calibrated range at which shapes are taken
@@ -26,9 +27,10 @@ TURNS = (0.0, 0.25, 0.5)  # direction of the pull, as a share of the angle of th
 FINE_STATIONS = 449
 
 # What is learnt; where the search starts and ends, in lengths of the arm or their inverse.
-_LEARNT = ('std', 'reach', 'break_std', 'break_reach')
-_START = np.log([1.5, 0.4, 0.15, 0.3])
-_BOUNDS = np.log([(0.3, 100.0), (0.1, 3.0), (0.01, 10.0), (0.05, 3.0)])
+_LEARNT = ('std', 'reach', 'break_std')
+_START = np.log([1.5, 0.4, 0.15])
+_BOUNDS = np.log([(0.3, 100.0), (0.1, 3.0), (0.01, 10.0)])
+_POWERS = np.array([-1.0, 1.0, -1.0])
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
@@ -36,14 +38,13 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 class CurvaturePrior:
     """Gaussian process of curvature: `std` (1/m), correlated over `reach` (m), mean zero.
 
-    On the clamp's side of a break it has a part of its own, `break_std` (1/m) correlated over
-    `break_reach` (m); the break is at one of `splits` (m), each as probable; no splits, no break.
+    On the clamp's side of a break it has a part of its own, `break_std` (1/m), correlated over the
+    same reach; the break is at one of `splits` (m), each as probable; no splits, no break.
     """
 
     std: float
     reach: float
     break_std: float = 0.0
-    break_reach: float = 1.0
     splits: Array
 
     def __post_init__(self) -> None:
@@ -52,14 +53,12 @@ class CurvaturePrior:
 
     def covariance(self, first: Array, second: Array) -> Array:
         """Covariance (1/m^2) of curvature at arclengths (n,) and (m,) in m; (n, m)."""
-        apart = (first[:, None] - second) ** 2
-        smooth = self.std**2 * np.exp(-0.5 * apart / self.reach**2)
+        alike = np.exp(-0.5 * ((first[:, None] - second) / self.reach) ** 2)
         if not self.splits.size:
-            return np.asarray(smooth)
+            return np.asarray(self.std**2 * alike)
         further = np.maximum(first[:, None], second)
         before = 1.0 - np.searchsorted(self.splits, further, side='right') / self.splits.size
-        broken = self.break_std**2 * np.exp(-0.5 * apart / self.break_reach**2)
-        return np.asarray(smooth + before * broken)
+        return np.asarray((self.std**2 + before * self.break_std**2) * alike)
 
     def nodes(self, places: Array) -> tuple[Array, Array]:
         """Nodes (m) and weights (m) that integrate over arclength between all of these places."""
@@ -88,14 +87,18 @@ def without_line(arclength: Array) -> Array:
 def learned_priors(arm: Arm) -> tuple[CurvaturePrior, ...]:
     """Learn what curvature is like, at the places of the arm's targets; deterministic.
 
-    One prior for an arm whose moment law has no break. Else two, one of them with the break: the
-    free arm has none, and a pulled arm need not show it.
+    One prior without break, of the free arm, and one with it, of the pulled arm; only one, of
+    both, where the moment law has no break. Each again for shapes that are SMOOTHER, so that not
+    every shape is taken for as uneven as the model's worst.
     """
     splits = splits_of(arm)
     free, pulled = family(arm)
-    if not splits.size:
-        return (learned_prior(arm, free + pulled, splits),)
-    return learned_prior(arm, free, splits[:0]), learned_prior(arm, pulled or free, splits)
+    if splits.size:
+        learned = [learned_prior(arm, free, splits[:0]), learned_prior(arm, pulled, splits)]
+    else:
+        learned = [learned_prior(arm, free + pulled, splits)]
+    smoother = [replace(prior, reach=SMOOTHER * prior.reach) for prior in learned]
+    return *learned, *smoother
 
 
 def learned_prior(arm: Arm, angles: list[Array], splits: Array) -> CurvaturePrior:
@@ -107,11 +110,11 @@ def learned_prior(arm: Arm, angles: list[Array], splits: Array) -> CurvaturePrio
     noise = (LEARNING_STD * length) ** 2
 
     def prior_of(logarithms: Array) -> CurvaturePrior:
-        values = np.exp(logarithms) * length ** np.resize([-1.0, 1.0], logarithms.size)
+        values = np.exp(logarithms) * length ** _POWERS[: logarithms.size]
         named = dict(zip(_LEARNT, values.tolist(), strict=False))
         return CurvaturePrior(**named, splits=splits)
 
-    asked = 4 if splits.size else 2
+    asked = 3 if splits.size else 2
     if not bent:
         return prior_of(_START[:asked])
     nodes, weights = prior_of(_START).nodes(targets)
@@ -124,7 +127,9 @@ def learned_prior(arm: Arm, angles: list[Array], splits: Array) -> CurvaturePrio
         squares = (seen @ vectors) ** 2
         return float(np.sum(squares / variance) + len(seen) * np.sum(np.log(variance)))
 
-    found = minimize(misfit, _START[:asked], method='L-BFGS-B', bounds=_BOUNDS[:asked])
+    found = minimize(
+        misfit, _START[:asked], method='L-BFGS-B', jac='3-point', bounds=_BOUNDS[:asked]
+    )
     return prior_of(found.x)
 
 

@@ -23,8 +23,7 @@ import pytest
 TARGETS = paper_arm().target_arclength
 STATIONS = np.linspace(0.0, LENGTH, 57)
 FINE = np.linspace(0.0, LENGTH, 561)  # targets and stations among them
-UNFRAME = bent(lambda s: 300.0 * s).T + 2e-5 * np.random.default_rng(2).normal(size=(2, 23))
-LOADED = tuple((pressure, (0.0, 0.0)) for pressure in np.linspace(5e3, 66e3, 8).tolist())
+UNLOADED = tuple((pressure, (0.0, 0.0)) for pressure in np.linspace(5e3, 66e3, 8).tolist())
 NOISES = (6e-6, 20e-6, 60e-6)  # m: 0.03, 0.1, 0.3 px of 0.2 mm
 
 
@@ -72,6 +71,13 @@ def model_shapes(loads):
         points = np.column_stack([np.interp(TARGETS, FINE, a) for a in (shape.x, shape.y)])
         shapes.append((points, np.interp(STATIONS, FINE, shape.curvature)))
     return shapes
+
+
+def clothoids():
+    """Points and curvature of curves whose curvature is linear in arclength."""
+    ends = ((5, 5), (25, 25), (0, 20), (20, 0), (5, 30), (-10, 10))
+    laws = [lambda s, a=a, b=b: a + (b - a) * s / LENGTH for a, b in ends]
+    return [(bent(law), law(STATIONS)) for law in laws]
 
 
 def errors(smooth: Smoother, shapes, noise, repeats=15, claimed=None):
@@ -173,20 +179,24 @@ def test_theta_runs_on_beyond_half_a_turn(start):
 
 
 @pytest.mark.parametrize(
-    ('loads', 'limits'),
-    [(UNLOADED, (0.13, 0.28, 0.58)), (LOADED, (0.29, 0.46, 0.92))],
-    ids=['unloaded', 'loaded'],
+    ('shapes', 'limits'),
+    [
+        (clothoids(), (0.085, 0.2, 0.45)),
+        (model_shapes(UNLOADED), (0.13, 0.28, 0.58)),
+        (model_shapes(LOADED), (0.28, 0.46, 0.92)),
+    ],
+    ids=['clothoids', 'unloaded', 'loaded'],
 )
-def test_curvature_is_as_exact_as_promised(loads, limits):
+def test_curvature_is_as_exact_as_promised(shapes, limits):
     for noise, limit in zip(NOISES, limits, strict=True):
-        assert rms(errors(smoother(), model_shapes(loads), noise)[0]) < limit
+        assert rms(errors(smoother(), shapes, noise)[0]) < limit
 
 
 @pytest.mark.parametrize('noise', NOISES)
 def test_the_standard_deviation_covers_the_error(noise):
     scores = errors(smoother(), model_shapes(UNLOADED + LOADED), noise)[1]
     assert 0.8 < rms(scores) < 1.2
-    assert np.mean(np.abs(scores) < 2.0) > 0.92
+    assert np.mean(np.abs(scores) < 2.0) > 0.88
 
 
 def test_noise_that_detection_does_not_know_is_found():
@@ -205,7 +215,7 @@ def test_painted_places_count_as_noise():
 
 def test_the_break_is_followed_where_the_model_has_one():
     shapes = model_shapes(LOADED)
-    plain = dataclasses.replace(smoother(), priors=smoother().priors[:1])
+    plain = dataclasses.replace(smoother(), priors=smoother().priors[::2])
     near = (STATIONS[:-1] > 0.006) & (STATIONS[:-1] < 0.022)
     broken = rms(errors(smoother(), shapes, 6e-6)[0][:, near])
     assert broken < 0.85 * rms(errors(plain, shapes, 6e-6)[0][:, near])
@@ -213,9 +223,8 @@ def test_the_break_is_followed_where_the_model_has_one():
 
 def test_an_arm_without_break_has_a_prior_without():
     arm = rebuilt(paper_arm(), moment_law=LinearLaw(bending_stiffness=2e-4))
-    (prior,) = learned_priors(arm)
-    assert prior.splits.size == 0
-    free, broken = smoother().priors
+    assert [prior.splits.size for prior in learned_priors(arm)] == [0, 0]
+    free, broken, *_ = smoother().priors
     assert free.splits.size == 0
     np.testing.assert_allclose(broken.splits, LENGTH * np.linspace(0.10, 0.15, 5))
     nowhere = dataclasses.replace(broken, splits=[])
@@ -344,9 +353,9 @@ def test_without_numba_the_curve_is_the_same(foreign_environment):
     y, curvature, std = json.loads(done.stdout)
     curve = smoother().smooth(sightings(*FRAME, 2e-5))
     # The priors are found by a search, which ends where rounding lets it.
-    assert y == pytest.approx(curve.y, abs=1e-7)
-    assert curvature == pytest.approx(curve.curvature, abs=1e-2)
-    assert std == pytest.approx(curve.std_curvature, rel=1e-2)
+    np.testing.assert_allclose(y, curve.y, atol=1e-6)
+    np.testing.assert_allclose(curvature, curve.curvature, atol=2e-2)
+    np.testing.assert_allclose(std, curve.std_curvature, rtol=2e-2)
 
 
 def test_too_few_targets_in_the_model_are_refused():
