@@ -36,7 +36,9 @@ class RestAverage:
 
     def plane(self, arclength: Array) -> Plane:
         """Return the working plane; arclength (targets,) m."""
-        return plane_from_rest(*self.ends, float(arclength[0]), float(arclength[-1]))
+        return plane_from_rest(
+            self.ends[0], self.ends[1], float(arclength[0]), float(arclength[-1])
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

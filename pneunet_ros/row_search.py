@@ -232,7 +232,7 @@ def _grow(
         rows[:kept] = next_rows[:kept]
         paths[:kept] = next_paths[:kept]
     chosen[:] = paths[0]
-    return rows[0, COST]
+    return float(rows[0, COST])
 
 
 @kernel
@@ -285,7 +285,8 @@ def _end_heading(x: Array, y: Array, arclength: Array, chosen: Indices, places: 
     c = chosen[third]
     turn = _turned(math.atan2(y[c] - y[b], x[c] - x[b]) - heading)
     share = abs(arclength[second] - arclength[first]) / abs(arclength[third] - arclength[first])
-    return heading - turn * share
+    at_end: float = heading - turn * share
+    return at_end
 
 
 @inlined

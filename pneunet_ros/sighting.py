@@ -105,7 +105,7 @@ def follow(view: View, row: FollowedRow) -> SeenRow | None:
         lost = np.isnan(seen.points[:, 0])
         if not lost.any() or seen.seen < 2:
             break
-        x, y = expected(*np.ascontiguousarray(seen.points.T), view.arclength)
+        x, y = expected(*columns(seen.points), view.arclength)
         again = view.pixels(np.column_stack([x[lost], y[lost]]))
         measured = seen.measured.copy()
         measured[:, lost] = view.measured(again, REACH_AGAIN * spacing, row.area[lost])
@@ -190,10 +190,16 @@ def chosen_areas(areas: Areas, chosen: npt.NDArray[np.int64]) -> Array:
 def checked(view: View, measured: Array, farthest: float) -> SeenRow:
     """Return those of the targets (7, targets) that make a believable row."""
     points = view.points(measured[:2].T)
-    seen = believable(*np.ascontiguousarray(points.T), view.arclength, farthest)
+    seen = believable(*columns(points), view.arclength, farthest)
     measured[:, ~seen] = np.nan
     points[~seen] = np.nan
     return SeenRow(measured=freeze(measured), points=freeze(points))
+
+
+def columns(points: Array) -> tuple[Array, Array]:
+    """Return x and y of points (n, 2), as kernels take them."""
+    x, y = np.ascontiguousarray(points.T)
+    return x, y
 
 
 def at_clamp(seen: SeenRow, arclength: Array) -> bool:
@@ -206,7 +212,7 @@ def at_clamp(seen: SeenRow, arclength: Array) -> bool:
 def followed(view: View, seen: SeenRow, before: FollowedRow | None) -> FollowedRow:
     """Return the row as the next frame needs it; before: the row of the frame before, if any."""
     stamp_ns = view.image.stamp_ns
-    x, y = expected(*np.ascontiguousarray(seen.points.T), view.arclength)
+    x, y = expected(*columns(seen.points), view.arclength)
     pixels = np.ascontiguousarray(seen.measured[:2].T)
     lost = np.isnan(pixels[:, 0])
     if lost.any():

@@ -40,7 +40,8 @@ def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
     while True:
         places = np.flatnonzero(seen)
         worst, worst_at = 1.0, -1
-        for target in places:
+        for place in range(places.size):
+            target = int(places[place])
             if smooth:
                 bad = _off_the_curve(x, y, arclength, places, target, farthest)
             else:
@@ -58,7 +59,7 @@ def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
 @inlined
 def _wrong_distances(x: Array, y: Array, arclength: Array, places: Indices, target: int) -> float:
     """Return 1 + the share of neighbors that are too near or too far; 2 without neighbors."""
-    here = np.searchsorted(places, target)
+    here = int(np.searchsorted(places, target))
     wrong = known = 0
     for place in range(max(here - COMPARED, 0), min(here + COMPARED + 1, places.size)):
         other = places[place]
@@ -81,14 +82,14 @@ def _off_the_curve(
     others = places[places != target]
     if others.size < 2:
         return 2.0
-    after = np.searchsorted(others, target)
+    after = int(np.searchsorted(others, target))
     between = 0 < after < others.size
     spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
     next_to = others[min(after, others.size - 1)]
     if not between and abs(arclength[target] - arclength[next_to]) >= farthest * spacing:
         return 2.0
     at_x, at_y = _from_others(x, y, arclength, others, after, target)
-    off = math.hypot(x[target] - at_x, y[target] - at_y) / spacing
+    off: float = math.hypot(x[target] - at_x, y[target] - at_y) / spacing
     return off / (OFF_BETWEEN if between else OFF_BEYOND)
 
 
@@ -107,7 +108,7 @@ def expected(x: Array, y: Array, arclength: Array) -> tuple[Array, Array]:
     for target in range(count):
         if math.isfinite(x[target]) and math.isfinite(y[target]):
             continue
-        after = np.searchsorted(places, target)
+        after = int(np.searchsorted(places, target))
         at_x[target], at_y[target] = _from_others(x, y, arclength, places, after, target)
     return at_x, at_y
 
