@@ -11,7 +11,7 @@ than that (dots painted beside their place), the noise is what explains them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 import functools
 import math
 
@@ -80,6 +80,11 @@ class SmoothingOperator:
     target_points: npt.NDArray[np.int64]
     station_points: npt.NDArray[np.int64]
     arclength: Array
+
+    def __post_init__(self) -> None:
+        """Make all arrays read-only: they are kept, and used for many frames."""
+        for item in fields(self):
+            getattr(self, item.name).flags.writeable = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
