@@ -68,6 +68,7 @@ colcon: $(COLCON)/all ## build as on a robot, with colcon from PyPI: install/loc
 	AMENT_PREFIX_PATH=$(abspath $(COLCON)) $(COLCON)/bin/python -m colcon build --base-paths .
 	bash -c 'source install/local_setup.bash && install/pneunet_ros/lib/pneunet_ros/pneunet --version'
 	test -x install/pneunet_ros/lib/pneunet_ros/estimator
+	test -x install/pneunet_ros/lib/pneunet_ros/tracker
 
 .PHONY: clean
 clean: ## remove all that was made here

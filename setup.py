@@ -68,6 +68,7 @@ setup(
         'console_scripts': [
             'pneunet = pneunet_ros.cli:main',
             'estimator = pneunet_ros.nodes.estimator:main',
+            'tracker = pneunet_ros.nodes.tracker:main',
         ],
     },
 )

@@ -1,4 +1,4 @@
-"""The node in a process of its own, and a peer that plays its sensors and hears all it says."""
+"""A node in a process of its own, and a peer that plays its sensors and hears all it says."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
+from pneunet_ros.message_parts import Output
 from pneunet_ros.messages import OUTPUTS
 from pneunet_ros.nodes.ros_types import message_class
+from pneunet_ros.tracker_messages import CAMERA_INFO_TYPE, IMAGE_TYPE, TRACKER_OUTPUTS
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -35,10 +37,10 @@ NANOSECONDS = 1_000_000_000
 class NodeProcess:
     """A node started as by a user; what it writes goes to a file."""
 
-    def __init__(self, output: Path, domain: int, *arguments: str) -> None:
+    def __init__(self, output: Path, domain: int, *arguments: str, node: str) -> None:
         self.output = output
         environment = os.environ | {'ROS_DOMAIN_ID': str(domain)}
-        command = [sys.executable, '-m', 'pneunet_ros.nodes.estimator', '--ros-args']
+        command = [sys.executable, '-m', f'pneunet_ros.nodes.{node}', '--ros-args']
         with output.open('w') as stream:
             self.process = subprocess.Popen(
                 [*command, '-r', f'__ns:={NAMESPACE}', *arguments],
@@ -67,32 +69,33 @@ class NodeProcess:
 
 
 @contextmanager
-def running_node(output: Path, domain: int, *arguments: str) -> Iterator[NodeProcess]:
+def running_node(
+    output: Path, domain: int, *arguments: str, node: str = 'estimator'
+) -> Iterator[NodeProcess]:
     """Run a node that is gone afterwards in any case."""
-    node = NodeProcess(output, domain, *arguments)
+    started = NodeProcess(output, domain, *arguments, node=node)
     try:
-        yield node
+        yield started
     finally:
-        if node.process.poll() is None:
-            node.process.kill()
-            node.process.wait()
+        if started.process.poll() is None:
+            started.process.kill()
+            started.process.wait()
 
 
 class Peer:
-    """Sensors, listener and operator at the other end of DDS."""
+    """Listener and operator at the other end of DDS; sensors are added by those who derive."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, domain: int, name: str, outputs: tuple[Output[Any], ...]) -> None:
+        self.name = name
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = rclpy.create_node('peer', namespace=NAMESPACE, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.received: dict[str, list[Any]] = {output.name: [] for output in OUTPUTS}
+        self.received: dict[str, list[Any]] = {output.name: [] for output in outputs}
         self.statuses: list[DiagnosticStatus] = []
         self.clients: dict[str, Any] = {}
-        self.pressures = self.node.create_publisher(FluidPressure, 'pressure', 10)
-        self.wrenches = self.node.create_publisher(WrenchStamped, 'end_wrench', 10)
-        for output in OUTPUTS:
+        for output in outputs:
             take = self.received[output.name].append
             self.node.create_subscription(message_class(output.type), output.name, take, 10)
         self.node.create_subscription(
@@ -118,30 +121,10 @@ class Peer:
         """Let callbacks run for some time."""
         self.spin_until(lambda: False, seconds)
 
-    def wrench(self, seconds: float, force_x: float = 0.1, frame_id: str = 'pneunet_base') -> None:
-        """Publish an end wrench stamped so."""
-        message = WrenchStamped()
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp(seconds)
-        message.header.frame_id = frame_id
-        message.wrench.force.x, message.wrench.force.y = force_x, 0.05
-        self.wrenches.publish(message)
-
-    def pressure(self, seconds: float, value: float = 30e3) -> None:
-        """Publish a pressure stamped so."""
-        message = FluidPressure(fluid_pressure=value)
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp(seconds)
-        self.pressures.publish(message)
-
-    def send(self, seconds: float, value: float = 30e3) -> None:
-        """Publish a wrench and, when it is taken, a pressure."""
-        self.wrench(seconds)
-        self.barrier()
-        self.pressure(seconds, value)
-
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service of the node and return its answer."""
         if name not in self.clients:
-            self.clients[name] = self.node.create_client(kind, f'estimator/{name}')
+            self.clients[name] = self.node.create_client(kind, f'{self.name}/{name}')
             assert self.clients[name].wait_for_service(START_TIMEOUT), name
         future = self.clients[name].call_async(request)
         assert self.spin_until(future.done), name
@@ -174,21 +157,7 @@ class Peer:
 
     def outputs(self) -> dict[str, int]:
         """How many messages of each output have come."""
-        return {output.name: len(self.received[output.name]) for output in OUTPUTS}
-
-    def connect(self) -> None:
-        """Wait until every reading sent brings every output.
-
-        A publisher that has its subscriber may still not be heard by it, so readings are sent
-        until all is heard; then the node starts anew.
-        """
-        self.barrier()
-        begin = time.monotonic()
-        while not all(self.outputs().values()):
-            assert time.monotonic() - begin < TIMEOUT, self.outputs()
-            self.send(10_000.0 + time.monotonic() - begin)
-            self.spin_for(0.05)
-        self.start_anew()
+        return {name: len(messages) for name, messages in self.received.items()}
 
     def start_anew(self) -> None:
         """Make the node and this peer forget all that came before."""
@@ -215,6 +184,70 @@ class Peer:
         assert self.spin_until(lambda: said)
         self.node.destroy_subscription(late)
         return said[-1]
+
+
+class EstimatorPeer(Peer):
+    """The sensors of the estimator."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain, 'estimator', OUTPUTS)
+        self.pressures = self.node.create_publisher(FluidPressure, 'pressure', 10)
+        self.wrenches = self.node.create_publisher(WrenchStamped, 'end_wrench', 10)
+
+    def wrench(self, seconds: float, force_x: float = 0.1, frame_id: str = 'pneunet_base') -> None:
+        """Publish an end wrench stamped so."""
+        message = WrenchStamped()
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp(seconds)
+        message.header.frame_id = frame_id
+        message.wrench.force.x, message.wrench.force.y = force_x, 0.05
+        self.wrenches.publish(message)
+
+    def pressure(self, seconds: float, value: float = 30e3) -> None:
+        """Publish a pressure stamped so."""
+        message = FluidPressure(fluid_pressure=value)
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp(seconds)
+        self.pressures.publish(message)
+
+    def send(self, seconds: float, value: float = 30e3) -> None:
+        """Publish a wrench and, when it is taken, a pressure."""
+        self.wrench(seconds)
+        self.barrier()
+        self.pressure(seconds, value)
+
+    def connect(self) -> None:
+        """Wait until every reading sent brings every output.
+
+        A publisher that has its subscriber may still not be heard by it, so readings are sent
+        until all is heard; then the node starts anew.
+        """
+        self.barrier()
+        begin = time.monotonic()
+        while not all(self.outputs().values()):
+            assert time.monotonic() - begin < TIMEOUT, self.outputs()
+            self.send(10_000.0 + time.monotonic() - begin)
+            self.spin_for(0.05)
+        self.start_anew()
+
+
+class CameraPeer(Peer):
+    """The camera of the tracker; messages are given as bytes, so that they are those of a file."""
+
+    def __init__(self, domain: int, kind: str) -> None:
+        super().__init__(domain, 'tracker', TRACKER_OUTPUTS)
+        self.kind = kind
+        self.topic = 'image_raw' if kind == IMAGE_TYPE else 'image_raw/compressed'
+        self.images = self.advertise(10)
+        self.infos = self.node.create_publisher(message_class(CAMERA_INFO_TYPE), 'camera_info', 10)
+
+    def advertise(self, qos: QoSProfile | int) -> Any:
+        """Create a publisher of images of some quality of service."""
+        return self.node.create_publisher(message_class(self.kind), self.topic, qos)
+
+    def taken_as(self) -> list[tuple[ReliabilityPolicy, DurabilityPolicy]]:
+        """Return how the images are subscribed to."""
+        name = self.node.resolve_topic_name(self.topic)
+        profiles = [found.qos_profile for found in self.node.get_subscriptions_info_by_topic(name)]
+        return [(profile.reliability, profile.durability) for profile in profiles]
 
 
 def stamp(seconds: float) -> tuple[int, int]:

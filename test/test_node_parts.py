@@ -5,11 +5,13 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from estimates import random_estimate
+from frames import random_sightings, TARGETS
 from pneunet_ros.cdr_template import EstimateSerializer
 from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.resources import shipped
 from pneunet_ros.settings import EstimatorSettings
 from pneunet_ros.shape import Refusal
+from pneunet_ros.tracker_state import TrackerState, Tracking
 import pytest
 from ruamel.yaml import YAML
 
@@ -26,11 +28,13 @@ from pneunet_ros.nodes.estimator_health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.log import Log  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
+from pneunet_ros.nodes.tracker_configuration import PARAMETERS as TRACKER  # noqa: E402
+from pneunet_ros.nodes.tracker_health import TrackerHealth  # noqa: E402
 
 # Parameters
 
 
-TABLES = {'estimator': ESTIMATOR}
+TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER}
 FIELDS = [(node, field) for node, table in TABLES.items() for field in table.fields]
 
 
@@ -160,6 +164,78 @@ def test_pressure_that_cannot_be_used_is_silence():
     report = health.report(EstimatorState(), EstimatorSettings(), 101.0)
     assert report.level == Level.ERROR
     assert report.message == 'no usable pressure on /pressure for 1.0 s; holds NaN'
+
+
+def frames(health, count, now, missing=(), reason=''):
+    """Let a tracker have looked at some frames."""
+    for _ in range(count):
+        seen = range(TARGETS) if reason else missing
+        tracking = Tracking(
+            sightings=random_sightings(seen), curve=None, reason=reason, sentence=f'it is {reason}'
+        )
+        health.took_image(tracking, now)
+
+
+def test_the_tracker_is_well_while_all_targets_are_seen():
+    health, state = TrackerHealth('/image', 100.0), TrackerState()
+    report = health.report(state, 101.0)
+    assert (report.level, report.message) == (Level.OK, 'waiting for images on /image')
+    frames(health, 30, 101.5)
+    report = health.report(state, 102.0)
+    assert (report.level, report.message) == (Level.OK, 'tracking at 30 Hz')
+    assert (report.values['seen'], report.values['missing_ids']) == (str(TARGETS), '')
+    # A slow camera is no silent one.
+    report = health.report(state, 103.0)
+    assert (report.level, report.message) == (Level.OK, 'tracking at 0 Hz')
+    report = health.report(state, 104.0)
+    assert report.level == Level.ERROR
+    assert report.message == 'no usable image on /image for 2.5 s'
+
+
+def test_the_tracker_warns_of_targets_that_are_missing_some_of_the_time():
+    health, state = TrackerHealth('/image', 100.0), TrackerState()
+    frames(health, 1, 100.1, missing=(7, 2))
+    frames(health, 1, 100.2, missing=(7,))
+    frames(health, 1, 100.3)
+    report = health.report(state, 101.0)
+    assert report.level == Level.WARN
+    assert report.message == 'targets not always seen: 2, 7'
+    frames(health, 1, 101.1)
+    assert health.report(state, 102.0).level == Level.OK
+
+
+def test_the_tracker_is_an_error_while_nothing_is_explained():
+    health, state = TrackerHealth('/image', 100.0), TrackerState()
+    frames(health, 3, 100.1, reason='no_row')
+    frames(health, 1, 100.2)
+    report = health.report(state, 101.0)
+    assert report.level == Level.WARN
+    assert report.message == '3 of 4 frames not explained: it is no_row'
+    frames(health, 3, 101.1, reason='no_row')
+    assert health.report(state, 102.0).level == Level.ERROR
+    frames(health, 3, 102.1, reason='resting')
+    assert health.report(state, 103.0).level == Level.WARN
+
+
+@pytest.mark.parametrize(('error', 'level'), [(False, Level.WARN), (True, Level.ERROR)])
+def test_the_tracker_tells_of_what_was_refused_once(error, level):
+    health, state = TrackerHealth('/image', 100.0), TrackerState()
+    refusal = Refusal(stamp_ns=0, reason='r', sentence='a jpeg is cut off', error=error)
+    frames(health, 1, 100.1)
+    health.refused(refusal)
+    report = health.report(state, 101.0)
+    assert (report.level, report.message) == (level, 'a jpeg is cut off')
+    assert health.report(state, 102.0).level == Level.OK
+
+
+def test_the_tracker_is_an_error_until_images_can_be_looked_at_again():
+    health, state = TrackerHealth('/image', 100.0), TrackerState()
+    refusal = Refusal(stamp_ns=1, reason='wrong_size', sentence='wrong size', error=True)
+    health.took_image(refusal, 100.1)
+    for now in (101.0, 102.0):
+        assert health.report(state, now).message == 'wrong size'
+    frames(health, 1, 102.1)
+    assert health.report(state, 103.0).level == Level.OK
 
 
 def test_the_log_repeats_itself_once_a_minute():

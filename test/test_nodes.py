@@ -33,7 +33,7 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
+from dds_peer import EstimatorPeer, running_node, START_TIMEOUT  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from sensor_msgs.msg import FluidPressure  # noqa: E402
 
@@ -62,7 +62,7 @@ def node(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def connected(node):
-    peer = Peer(DOMAIN)
+    peer = EstimatorPeer(DOMAIN)
     peer.connect()
     yield peer
     peer.close()
@@ -78,7 +78,7 @@ def peer(connected):
 @pytest.fixture
 def lonely_peer():
     """Give a peer for a node of the test's own."""
-    peer = Peer(OTHER_DOMAIN)
+    peer = EstimatorPeer(OTHER_DOMAIN)
     yield peer
     peer.close()
 

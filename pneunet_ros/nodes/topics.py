@@ -15,8 +15,16 @@ from pneunet_ros.errors import RequestError
 from pneunet_ros.nodes.ros_types import message_class
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+
+POLICIES = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
 
 
 def input_qos() -> QoSProfile:
@@ -51,17 +59,23 @@ def publisher(node: Any, type_name: str, topic: str, qos: QoSProfile) -> Any:
 
 
 def subscription(
-    node: Any, type_name: str, topic: str, callback: Callable[..., None], qos: QoSProfile
+    node: Any,
+    type_name: str,
+    topic: str,
+    callback: Callable[..., None],
+    qos: QoSProfile,
+    policies: tuple[QoSPolicyKind, ...] = POLICIES,
 ) -> Any:
-    """Create a subscription whose quality of service parameters can override."""
+    """Create a subscription of whose quality of service parameters can override `policies`."""
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     create = partial(node.create_subscription, event_callbacks=events)
-    return _overridable(create, message_class(type_name), topic, callback, qos)
+    return _overridable(create, message_class(type_name), topic, callback, qos, policies=policies)
 
 
-def _overridable(create: Callable[..., Any], *arguments: Any) -> Any:
-    options = QoSOverridingOptions.with_default_policies()
+def _overridable(
+    create: Callable[..., Any], *arguments: Any, policies: tuple[QoSPolicyKind, ...] = POLICIES
+) -> Any:
     try:
-        return create(*arguments, qos_overriding_options=options)
+        return create(*arguments, qos_overriding_options=QoSOverridingOptions(policies))
     except (ParameterException, InvalidQosOverridesError, RuntimeError) as error:
         raise RequestError(f'a qos_overrides parameter cannot be used: {error}') from error

@@ -1,0 +1,88 @@
+"""A subscription that takes reliability and durability from those who publish.
+
+Images that are sent best effort cannot be received reliably, and those that are sent reliably lose
+much when they are received best effort. What is latched is received only by who asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pneunet_ros.nodes.parameters import overrides
+from pneunet_ros.nodes.topics import POLICIES, subscription
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+
+DEPTH = 10
+Offer = tuple[ReliabilityPolicy, DurabilityPolicy]
+ANYTHING: Offer = (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
+
+
+class FollowingSubscription:
+    """Subscribes to a topic as its publishers offer it; `follow` looks again and adapts.
+
+    Reliability that is given by a `qos_overrides` parameter stays as it is.
+    """
+
+    def __init__(
+        self, node: Any, type_name: str, topic: str, callback: Callable[..., None]
+    ) -> None:
+        """Subscribe so that every publisher is heard, until they are known."""
+        self._node, self._type_name, self._topic = node, type_name, topic
+        self._callback = callback
+        self._subscription = self._subscribed(ANYTHING)
+        self._followed = ANYTHING
+        self.follow()
+
+    @property
+    def topic(self) -> str:
+        """Full name of the topic."""
+        name: str = self._subscription.topic_name
+        return name
+
+    def follow(self) -> None:
+        """Subscribe anew if the publishers offer something else than before."""
+        offer = common_offer(self._node.get_publishers_info_by_topic(self.topic))
+        if offer is not None and offer != self._followed:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = self._subscribed(offer)
+            self._followed = offer
+
+    def _subscribed(self, offer: Offer) -> Any:
+        reliability, durability = offer
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=DEPTH,
+            reliability=reliability,
+            durability=durability,
+        )
+        # A parameter that is declared keeps its first value, so only one that is given is.
+        name = self._node.resolve_topic_name(self._topic)
+        given = f'qos_overrides.{name}.subscription.reliability' in overrides(self._node)
+        policies = (
+            POLICIES
+            if given
+            else tuple(policy for policy in POLICIES if policy is not QoSPolicyKind.RELIABILITY)
+        )
+        return subscription(
+            self._node, self._type_name, self._topic, self._callback, qos, policies
+        )
+
+
+def common_offer(publishers: Sequence[Any]) -> Offer | None:
+    """Return what all publishers of a topic offer at least; None where there is none."""
+    if not publishers:
+        return None
+    qualities = [publisher.qos_profile for publisher in publishers]
+    reliable = all(quality.reliability == ReliabilityPolicy.RELIABLE for quality in qualities)
+    latched = all(quality.durability == DurabilityPolicy.TRANSIENT_LOCAL for quality in qualities)
+    return (
+        ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
