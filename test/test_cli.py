@@ -13,6 +13,7 @@ import time
 from typing import ClassVar
 
 from bags import PRESSURE, pressure, WRENCH, wrench
+from filmed import encoded, film, pictures, write_folder, write_messages
 from matplotlib.image import imread
 import numpy as np
 from pneunet_ros import __version__, load_model, solve
@@ -27,6 +28,7 @@ from pneunet_ros.recording import open_recording
 from pneunet_ros.recording_writer import write_recording
 from pneunet_ros.resources import shipped
 from pneunet_ros.settings import EstimatorSettings
+from pneunet_ros.tracker_messages import TARGET_POINT
 from pneunet_ros.units import quantities
 from pneunet_ros.verbs.predict import uncertain
 import pytest
@@ -132,6 +134,8 @@ def test_help_of_predict_has_units_and_defaults(run):
         ['predict', '--press', '1'],
         ['replay'],
         ['replay', 'x.mcap', '--wrench-sign', '2'],
+        ['track'],
+        ['track', 'x.mcap', '--lengths', 'mm'],
         ['effects', 'all'],
     ],
     ids=' '.join,
@@ -358,6 +362,187 @@ def test_an_interrupted_replay_leaves_nothing(tmp_path, checkout, foreign_enviro
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (130, '')
     assert err == 'pneunet replay: interrupted, nothing written\n'
+    assert names(tmp_path) == []
+
+
+# track
+
+
+@pytest.fixture(scope='module')
+def camera(tmp_path_factory):
+    """Twelve frames, of which the first four rest, and one target that is hidden in the last."""
+    path = tmp_path_factory.mktemp('camera') / 'in.mcap'
+    return write_messages(path, film(pictures(hidden=11)))
+
+
+def test_track_sums_up_what_stands_in_its_output(run_json, camera, tmp_path):
+    output, table = tmp_path / 'out.mcap', tmp_path / 'areas.csv'
+    code, summary = run_json('track', camera, '--output', output, '--table', table)
+    assert code == 0
+    assert (summary['source'], summary['kind']) == (str(camera), 'recording')
+    assert (summary['output'], summary['table']) == (str(output), str(table))
+    assert summary['topics'] == {
+        'image_raw': '/pneunet/image_raw', 'camera_info': '/pneunet/camera_info'
+    }  # fmt: skip
+    assert (summary['frames'], summary['explained']) == (12, 8)
+    assert (summary['reasons'], summary['resting']) == ({'resting': 4}, 4)
+    assert (summary['seen'], summary['missing']) == (8 * 23 - 1, 1)
+    assert summary['missing_per_target'] == [int(target == 11) for target in range(23)]
+    assert summary['scale'] == pytest.approx(0.00026, rel=2e-3)
+    written = open_recording(output)
+    clouds = [
+        np.frombuffer(item.message.data.tobytes(), TARGET_POINT)
+        for item in written.messages(['/pneunet/targets'])
+    ]
+    seen = np.isfinite([cloud['x'] for cloud in clouds]).sum(axis=0)
+    assert seen.tolist() == summary['seen_per_target']
+    assert written.topic('/pneunet/measured_centerline').count == summary['curves'] == 8
+    assert written.topic(PRESSURE).count == 12
+    assert len(table.read_text().splitlines()) == 1 + summary['seen']
+    assert names(tmp_path) == ['areas.csv', 'out.mcap']
+
+
+def test_track_tells_lengths_in_units_of_the_arm(run_json, run, camera, tmp_path):
+    table = tmp_path / 'areas.csv'
+    _, meters = run_json('track', camera)
+    code, scaled = run_json('track', camera, '--lengths', 'l', '--table', table)
+    assert (code, meters['lengths'], scaled['lengths']) == (0, 'm', 'l')
+    for name in ('scale', 'smoothing_rms', 'worst_smoothing_rms'):
+        assert scaled[name] == pytest.approx(meters[name] / ARM.length, rel=1e-12)
+    assert table.read_text().splitlines()[0].endswith('x_l,y_l,std_l')
+    out = run('track', camera, '--lengths', 'l')[1]
+    assert ' l/px' in out
+    assert 'mm' not in out
+
+
+def test_track_for_people(run, camera, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run('track', camera)
+    assert (code, err) == (0, '')
+    for words in ('8 of 12 (66.7 %)', '4 resting', '183 of 184', ' 11: 1 ', 'mm/px', 'frames/s'):
+        assert words in out
+    assert 'Nothing written' in out
+    assert names(tmp_path) == []
+
+
+def test_track_draws_a_picture_and_a_video(run, camera, tmp_path):
+    for name in ('preview.png', 'preview.mp4'):
+        assert run('track', camera, '--preview', tmp_path / name)[0] == 0
+    assert imread(tmp_path / 'preview.png').shape[1] > 1500
+    assert (tmp_path / 'preview.mp4').stat().st_size > 10_000
+    assert names(tmp_path) == ['preview.mp4', 'preview.png']
+
+
+def test_track_without_one_explained_frame_exits_1(run_json, run, tmp_path):
+    folder = write_folder(tmp_path / 'dark', 3 * [np.zeros((48, 64), np.uint8)])
+    options = ['--camera-info', 'none', '--output', tmp_path / 'out.mcap',
+               '--preview', tmp_path / 'p.png']  # fmt: skip
+    code, summary = run_json('track', folder, *options)
+    assert (code, summary['explained'], summary['reasons']) == (1, 0, {'no_areas': 3})
+    assert summary['smoothing_rms'] is summary['scale'] is None
+    assert open_recording(tmp_path / 'out.mcap').topic('/pneunet/targets').count == 3
+    code, out, err = run('track', folder, '--camera-info', 'none')
+    assert (code, err) == (1, '')
+    assert 'last no_areas: no bright area' in out
+
+
+def test_track_goes_on_after_an_image_that_is_cut_off(run_json, tmp_path):
+    shown = [*map(encoded, pictures())]
+    shown[6] = shown[6][:2000]
+    path = write_messages(tmp_path / 'in.mcap', film(shown))
+    code, summary = run_json('track', path)
+    assert (code, summary['frames'], summary['explained']) == (0, 12, 7)
+    assert summary['reasons'] == {'resting': 4, 'unreadable': 1}
+    assert 'cut off' in summary['last_sentences']['unreadable']
+
+
+def test_track_reads_a_recording_that_is_cut_off_as_far_as_it_goes(run_json, tmp_path):
+    path = write_messages(tmp_path / 'in.mcap', film(pictures()))
+    path.write_bytes(path.read_bytes()[: 3 * path.stat().st_size // 4])
+    code, summary = run_json('track', path)
+    assert code == 0
+    assert 5 <= summary['frames'] < 12
+    assert any('ends' in sentence for sentence in summary['sentences'])
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['absent.mcap'], 'absent.mcap does not exist'),
+        (['empty'], 'empty holds neither a recording'),
+        (['text.mcap'], 'text.mcap is no MCAP file'),
+        (['text.mp4'], 'text.mp4 cannot be read as a video'),
+        (['folder'], 'folder says nothing of the camera: give --camera-info'),
+        (['folder', '--camera-info', 'text.mcap'], 'text.mcap'),
+        (['folder', '--camera', 'absent.yaml'], 'absent.yaml'),
+        (['folder', '--camera', 'wrong.yaml'], 'unknown key gates'),
+        (['folder', '--camera', 'pose.yaml', '--camera-info', 'none'], 'focal length'),
+        (['folder', '--preview', 'p.gif'], 'must end in .png or .mp4'),
+        (['folder', '--with-images'], '--with-images needs --output'),
+        (['folder', '--table', 'p.png', '--preview', 'p.png'], 'must be different files'),
+        (['folder', '--camera-info', 'none', '--output', 'folder/out.mcap'], 'lie inside it'),
+        (['folder', '--camera-info', 'none', '--rate', '0'], 'rate of 0.0 Hz'),
+        (['folder', '--topic', 'pressure=/p'], 'one of image_raw, camera_info'),
+        (['in.mcap', '--overwrite', '--table', 'in.mcap'], 'would overwrite the input'),
+        (['in.mcap', '--rate', '30'], '--rate is for videos and folders'),
+        (['in.mcap', '--topic', 'image_raw=/pneunet/pressure'], 'FluidPressure'),
+    ],
+)
+def test_what_track_cannot_do_is_one_sentence(
+    run, camera, tmp_path, monkeypatch, arguments, words
+):
+    monkeypatch.chdir(tmp_path)
+    Path('empty').mkdir()
+    Path('text.mcap').write_text('hello')
+    Path('text.mp4').write_text('hello')
+    Path('wrong.yaml').write_text('schema_version: 1\ngates: 0.4\n')
+    Path('pose.yaml').write_text(
+        'schema_version: 1\nplane: {method: pose, position: [0.0, 0.0, 0.5], '
+        'quaternion: [1.0, 0.0, 0.0, 0.0]}\n'
+    )
+    write_folder(Path('folder'), [np.zeros((48, 64), np.uint8)])
+    Path('in.mcap').symlink_to(camera)
+    before, content = names(tmp_path), camera.read_bytes()
+    code, out, err = run('track', *arguments)
+    assert (code, out) == (2, '')
+    assert err.startswith('pneunet track: ')
+    assert err.count('\n') == 1
+    assert words in err
+    assert names(tmp_path) == before
+    assert names(tmp_path / 'folder') == ['frame0.png']
+    assert camera.read_bytes() == content
+
+
+@pytest.mark.parametrize('option', ['--output', '--table', '--preview'])
+def test_existing_outputs_of_track_are_refused_or_replaced(run, camera, tmp_path, option):
+    place = tmp_path / ('p.png' if option == '--preview' else 'x.mcap')
+    place.write_text('precious')
+    code, out, err = run('track', camera, option, place)
+    assert (code, out) == (2, '')
+    assert f'{place} exists already' in err
+    assert place.read_text() == 'precious'
+    assert run('track', camera, option, place, '--overwrite')[0] == 0
+    assert names(tmp_path) == [place.name]
+    assert place.read_bytes() != b'precious'
+
+
+def test_an_interrupted_track_leaves_nothing(camera, tmp_path, checkout, foreign_environment):
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'pneunet_ros.cli', 'track', str(shipped('bags/camera_demo')),
+         '--output', str(tmp_path / 'out.mcap'), '--table', str(tmp_path / 't.csv'),
+         '--preview', str(tmp_path / 'p.mp4')],
+        env={**foreign_environment, 'PYTHONPATH': str(checkout)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60.0
+    while not list(tmp_path.glob('.*/p.mp4')) and time.monotonic() < deadline:
+        time.sleep(0.001)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (130, '')
+    assert err == 'pneunet track: interrupted, nothing written\n'
     assert names(tmp_path) == []
 
 

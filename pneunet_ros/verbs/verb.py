@@ -128,14 +128,14 @@ def settings_of(arguments: Namespace) -> EstimatorSettings:
     return EstimatorSettings(**{name: getattr(arguments, name) for name in names})
 
 
-def add_topics(parser: ArgumentParser) -> None:
+def add_topics(parser: ArgumentParser, example: str = 'pressure=/my/pressure') -> None:
     """Topics of other names than usual."""
     parser.add_argument(
         '--topic',
         action='append',
         default=[],
         metavar='NAME=TOPIC',
-        help='read this topic instead, e.g. pressure=/my/pressure; may be repeated',
+        help=f'read this topic instead, e.g. {example}; may be repeated',
     )
 
 

@@ -1,0 +1,202 @@
+"""Pictures and videos of tracking: drawn whatever came, without a warning, and not in vain."""
+
+from __future__ import annotations
+
+import cv2
+from filmed import ARM, film, FRAMES, HEIGHT, PERIOD_NS, pictures, RATE, WIDTH, write_messages
+from matplotlib.image import imread
+import numpy as np
+from pneunet_ros.camera_file import load_camera
+from pneunet_ros.errors import RecordingError
+from pneunet_ros.image import Image
+from pneunet_ros.image_sources import open_images, SourceRequest
+from pneunet_ros.length_unit import length_unit
+from pneunet_ros.preview import CURVES, heat, PICTURES, Preview, spread, write_preview
+import pneunet_ros.preview_video
+from pneunet_ros.preview_video import overlay_of, write_text, write_video
+from pneunet_ros.resources import shipped
+from pneunet_ros.track import track_steps
+from pneunet_ros.tracker import Tracker
+from pneunet_ros.tracker_state import Tracking
+import pytest
+
+TRACKER = Tracker(ARM, load_camera(shipped('config/camera.yaml')))
+TARGETS = ARM.target_arclength.size
+METERS = length_unit('m', ARM.length)
+
+
+@pytest.fixture(scope='module')
+def steps(tmp_path_factory):
+    """List the steps of frames in which the arm rests, bends, and is hidden for a while."""
+    shown = list(pictures())
+    shown[6] = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    path = write_messages(tmp_path_factory.mktemp('film') / 'in.mcap', film(shown))
+    stream = open_images(path, SourceRequest())
+    return [step for step in track_steps(stream, TRACKER) if step.frame]
+
+
+def fill(preview, steps, *, period_ns: int = PERIOD_NS, readable: bool = True) -> None:
+    for index, step in enumerate(steps):
+        image = step.item.reading if readable else None
+        tracking = step.outcome if readable else None
+        preview.add(1 + index * period_ns, image, tracking, step.state)
+
+
+def drawn(path, steps, unit=METERS, **options):
+    with write_preview(path, len(steps), TARGETS, 'a title', unit) as preview:
+        fill(preview, steps, **options)
+    return imread(path)[..., :3]
+
+
+def test_the_picture_shows_what_was_seen(steps, tmp_path):
+    picture = drawn(tmp_path / 'p.PNG', steps)
+    assert min(picture.shape[:2]) > 1200
+    assert (picture < 0.9).any(axis=2).mean() > 0.05  # it is not empty
+    other = drawn(tmp_path / 'other.png', [*steps[:6], steps[7], *steps[7:]])
+    assert picture.shape == other.shape
+    assert (picture != other).any()
+
+
+@pytest.mark.parametrize(
+    ('count', 'options'),
+    [(0, {}), (1, {}), (FRAMES, {'readable': False}), (FRAMES, {'period_ns': 0})],
+    ids=['none', 'one-at-rest', 'unreadable', 'of-one-time'],
+)
+def test_little_is_drawn_too(steps, tmp_path, count, options):
+    assert drawn(tmp_path / 'p.png', steps[:count], **options).size
+
+
+def test_after_an_exception_there_is_no_picture(tmp_path):
+    with (
+        pytest.raises(KeyboardInterrupt),
+        write_preview(tmp_path / 'p.png', 1, TARGETS, '', METERS),
+    ):
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_shown_are_the_first_explained_frame_of_every_quarter_and_the_last(steps):
+    preview = Preview(frames=len(steps), targets=TARGETS)
+    fill(preview, steps)
+    shown = [seen.log_time_ns // PERIOD_NS for seen in preview.shown()]
+    assert [bool(steps[index].outcome.reason) for index in range(7)] == 4 * [1] + [0, 0, 1]
+    assert shown == [0, 4, 7, 9, 11]  # in the first quarter all rest, and one is dark in the third
+
+
+def test_where_nothing_was_explained_the_frames_say_why(steps):
+    preview = Preview(frames=10, targets=TARGETS)
+    fill(preview, 10 * [steps[0]])
+    assert len(preview.shown()) == PICTURES
+    assert preview.shown()[-1].log_time_ns == 1 + 9 * PERIOD_NS
+
+
+def test_a_long_recording_keeps_few_images_and_curves(steps):
+    preview = Preview(frames=1000, targets=TARGETS)
+    fill(preview, 1000 * [steps[-1]])
+    assert len(preview.shown()) == PICTURES
+    times = [time for time, _ in preview.curves()]
+    assert CURVES / 2 <= len(times) <= CURVES
+    assert len(set(np.diff(times))) == 1  # evenly over time
+    assert times[-1] > 900 * PERIOD_NS
+
+
+def test_the_heat_map_has_edges_between_frames_and_gaps_where_there_are_none():
+    status = np.array([[1.0, 0.0], [1.0, 1.0], [-1.0, -1.0], [0.0, 1.0]])
+    edges, shares = heat(np.array([0.0, 1.0, 2.0, 9.0]), status)
+    assert edges.tolist() == [0.0, 1.0, 2.0, 3.0, 9.0, 10.0]
+    np.testing.assert_array_equal(
+        shares, [[1.0, 0.0], [1.0, 1.0], [-1.0, -1.0], [np.nan, np.nan], [0.0, 1.0]]
+    )
+
+
+def test_frames_share_a_column_where_there_are_many():
+    status = np.ones((1200, 2))
+    status[0, 1] = 0.0
+    status[2:4] = -1.0
+    status[4] = -1.0
+    edges, shares = heat(np.arange(1200.0), status)
+    assert (len(edges), len(shares)) == (601, 600)
+    assert shares[:3].tolist() == [[1.0, 0.5], [-1.0, -1.0], [1.0, 1.0]]
+
+
+def test_things_are_spread_from_first_to_last():
+    assert spread(0, 8) == []
+    assert spread(1, 8) == [0]
+    assert spread(3, 8) == [0, 1, 2]
+    assert spread(100, 3) == [0, 50, 99]
+
+
+# The video
+
+
+def frames_of(path) -> list:
+    video = cv2.VideoCapture(str(path))
+    frames = []
+    while (found := video.read())[0]:
+        frames.append(found[1])
+    return frames
+
+
+def test_the_video_has_every_frame_with_its_overlay_and_stamp(steps, tmp_path):
+    with write_video(tmp_path / 'v.mp4', RATE) as video:
+        for step in steps:
+            video.add(step.item.reading, step.outcome, step.state)
+    frames = frames_of(tmp_path / 'v.mp4')
+    assert len(frames) == len(steps)
+    for frame, step in zip(frames, steps, strict=True):
+        expected = overlay_of(step.item.reading, step.outcome, step.state)
+        difference = np.abs(frame.astype(int) - expected)
+        assert np.median(difference) < 8  # it is that frame ...
+        assert difference[-20:, :40].max() > 100  # ... with something written on it
+    assert cv2.VideoCapture(str(tmp_path / 'v.mp4')).get(cv2.CAP_PROP_FPS) == RATE
+
+
+def test_the_curve_is_in_the_overlay(steps):
+    step = steps[-1]
+    with_curve = overlay_of(step.item.reading, step.outcome, step.state)
+    without = overlay_of(
+        step.item.reading, Tracking(sightings=step.outcome.sightings, curve=None), step.state
+    )
+    changed = np.argwhere((with_curve != without).any(axis=2))
+    u, v = step.outcome.sightings.u, step.outcome.sightings.v
+    low, high = changed.min(axis=0), changed.max(axis=0)
+    assert np.abs(low - [v.min(), u.min()]).max() < 6
+    assert np.abs(high - [v.max(), u.max()]).max() < 6
+
+
+def test_images_of_odd_or_other_size_are_frames_too(steps, tmp_path):
+    def image(width, height):
+        data = np.full(width * height, 100, np.uint8)
+        return Image(stamp_ns=1, frame_id='', width=width, height=height, step=width,
+                     encoding='mono8', data=data)  # fmt: skip
+
+    with write_video(tmp_path / 'v.mp4', 1e6) as video:
+        for size in ((641, 479), (641, 479), (320, 240)):
+            video.add(image(*size), steps[0].outcome, steps[0].state)
+    assert [frame.shape for frame in frames_of(tmp_path / 'v.mp4')] == 3 * [(478, 640, 3)]
+
+
+def test_a_video_of_nothing_says_so(tmp_path):
+    with write_video(tmp_path / 'v.mp4', RATE):
+        pass
+    (frame,) = frames_of(tmp_path / 'v.mp4')
+    assert frame.max() > 200
+
+
+def test_a_codec_that_is_missing_is_a_sentence(steps, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(pneunet_ros.preview_video, 'CODEC', 'zzzz')
+    sentence = r'v\.mp4 cannot be written: OpenCV has no encoder'
+    with (
+        pytest.raises(RecordingError, match=sentence),
+        write_video(tmp_path / 'v.mp4', RATE) as video,
+    ):
+        video.add(steps[0].item.reading, steps[0].outcome, steps[0].state)
+    assert list(tmp_path.iterdir()) == []
+    capfd.readouterr()
+
+
+def test_text_stands_in_the_corner_of_any_picture():
+    for height, width in ((2000, 3000), (480, 640), (8, 8)):
+        picture = np.full((height, width, 3), 90, np.uint8)
+        write_text(picture, '1.000000000 s')
+        assert (picture[-1, 0] == 0).all()
