@@ -25,6 +25,7 @@ from pneunet_ros.units import seconds_between
 
 IMAGE_TYPES = {'image_raw': IMAGE_TYPE, 'image_raw/compressed': COMPRESSED_TYPE}
 TOPIC_NAMES = ('image_raw', 'camera_info')  # what --topic may name
+BEHIND_STAMP = 12  # bytes: encapsulation, seconds, nanoseconds
 DECODERS = {item.type: item.decode for item in TRACKER_INPUTS}
 
 
@@ -170,14 +171,19 @@ def _recorded(
     topics = {name: recording.topic(name) for name in read}
     stores = {name: store_for(topic.type, topic.definition) for name, topic in topics.items()}
     rest = [name for name in others if name not in topics]
+    same, lens = b'', None
     for name, log_time_ns, raw in recording.raw_messages([*read, *rest]):
         reading: Image | Lens | MessageError | CameraError | None = None
-        if name in topics:
+        if name == info_topic and raw[BEHIND_STAMP:] == same:
+            reading = lens  # nothing but the stamp is new
+        elif name in topics:
             kind = topics[name].type
             try:
                 reading = DECODERS[kind](deserialize(raw, kind, stores[name]))
             except (MessageError, CameraError) as error:
                 reading = error
+            if isinstance(reading, Lens):
+                same, lens = raw[BEHIND_STAMP:], reading
         yield StreamItem(log_time_ns, name, reading, raw)
 
 

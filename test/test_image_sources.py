@@ -250,6 +250,18 @@ def test_camera_info_comes_before_the_image_of_its_log_time(tmp_path):
     assert all(isinstance(item.reading, Lens) for item in items[::2])
 
 
+def test_a_changed_camera_info_is_another_lens(tmp_path):
+    messages = film(PICTURES[:4])
+    for place in (7, 10):
+        topic, kind, log_time_ns, info = messages[place]
+        info.d = np.array([-0.2, 0.0, 0.0, 0.0, 0.0])
+        messages[place] = topic, kind, log_time_ns, info
+    path = write_messages(tmp_path / 'in.mcap', messages)
+    lenses = [item.reading for item in read(path, SourceRequest()) if item.topic == INFO]
+    assert [lens.distortion[0] for lens in lenses] == [0.0, 0.0, -0.2, -0.2]
+    assert lenses[0] is lenses[1]
+
+
 def test_other_topics_pass_by_where_they_are_asked_for(tmp_path):
     path = write_messages(tmp_path / 'in.mcap', film(PICTURES[:3]))
     stream = open_images(path, SourceRequest())
