@@ -40,8 +40,11 @@ GAP = 3  # px between an area and the frame around it in which the background is
 FRAME = 6  # px, thickness of that frame, of which every second row and column is looked at
 TILE = 32  # px, side of the tiles for which `find` takes the background anew
 MOST_AREAS = 1000
-WIDER = 0.5
-MARGIN = 0.6
+# Half the thickness of the edge in which grey values count: of its width, and px. Tuned on drawn
+# dots: thinner loses blurred edges, thicker gathers noise.
+WIDER = 0.65
+MARGIN = 0.5
+NOWHERE = (1 << 30, 1 << 30)  # corner of a window of marks that is not in the image
 ONE, TWO = np.uintp(1), np.uintp(2)
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
 
@@ -68,15 +71,15 @@ def level_of_rank(histogram: Integers, rank: int) -> int:
     return level
 
 
-@kernel
+@inlined
 def background_at(
     data: Bytes, layout: Layout, x: int, y: int, half: int, histogram: Integers
 ) -> tuple[int, int]:
-    """Return median and scatter of some 120 pixels spread over +-`half` px.
+    """Return median and scatter of some 80 pixels spread over +-`half` px.
 
     The scatter is told by the darker pixels: they have no bright neighbors among them.
     """
-    stride = max(1, half // 5)
+    stride = max(1, half // 4)
     histogram[:] = 0
     pixels = 0
     for row in range(max(0, y - half), min(layout[1], y + half + 1), stride):
@@ -173,11 +176,17 @@ def forget(runs: Integers, heads: Integers, top: int, kept: int, count: int) -> 
 
 @kernel
 def close_holes(
-    data: Bytes, layout: Layout, level: int, hole: float, work: Work, top: int, count: int
+    data: Bytes,
+    layout: Layout,
+    level: int,
+    hole: float,
+    work: Work,
+    top: int,
+    count: int,
+    marks: Bytes,
 ) -> int:
     """Append the runs of dark holes of up to `hole` px^2; return how many runs there are then."""
     runs, heads = work[0], work[1]
-    no_marks = np.empty((0, 0), np.uint8)
     closed = count
     for k in range(count):
         # Right of a run there is a gap if another run of this row lies further to the right.
@@ -193,7 +202,7 @@ def close_holes(
             start = (int(x), int(row))
             end, pixels = flood(
                 data, layout, start, level, False, int(hole), runs, heads, top, closed,
-                no_marks, start,
+                marks, NOWHERE,
             )  # fmt: skip
             enclosed = pixels >= 0
             for i in range(closed, end):
@@ -206,7 +215,7 @@ def close_holes(
     return closed
 
 
-@kernel
+@inlined
 def background_plane(
     data: Bytes,
     layout: Layout,
@@ -267,6 +276,139 @@ def background_plane(
     return level, slope_x, slope_y, variance, xx, yy
 
 
+@inlined
+def weigh(
+    data: Bytes,
+    layout: Layout,
+    inside: Pixel,
+    half: int,
+    plateau: int,
+    edge: float,
+    background: tuple[int, int],
+    work: Work,
+    top: int,
+    bright: int,
+    count: int,
+    out: Array,
+) -> bool:
+    """Write center, moments and standard error of the area that the runs are; False if cut off.
+
+    The first `bright` runs are at `half` or brighter, the others are closed holes. `edge` is how
+    many pixels the whole rise from background to plateau takes.
+    """
+    runs, heads = work[0], work[1]
+    x0, y0 = inside
+    left, right, upper, lower = x0, x0, y0, y0
+    m = mx = my = mxx = mxy = myy = 0.0
+    for k in range(count):
+        row, first, last = int(runs[k, 0]), int(runs[k, 1]), int(runs[k, 2])
+        left, right = min(left, first), max(right, last)
+        upper, lower = min(upper, row), max(lower, row)
+        n = float(last - first + 1)
+        middle = 0.5 * (first + last) - x0
+        y = float(row - y0)
+        m += n
+        mx += n * middle
+        my += n * y
+        mxx += n * (middle * middle + (n * n - 1.0) / 12.0)
+        mxy += n * middle * y
+        myy += n * y * y
+    if left < 2 or upper < 2 or right > layout[0] - 3 or lower > layout[1] - 3:
+        return False
+    if max(right - left, lower - upper) > heads.size // 2:
+        return False
+    level, slope_x, slope_y, variance, frame_xx, frame_yy = background_plane(
+        data, layout, (left, right, upper, lower), inside, background
+    )
+    height = plateau - level
+    if variance < 0.0 or height <= 0.0:
+        return False
+
+    cx, cy = mx / m, my / m
+    xx, xy, yy = mxx / m - cx * cx, mxy / m - cx * cy, myy / m - cy * cy
+    radius = math.sqrt(m / math.pi)
+    width = min(max(edge / (2.0 * math.pi * radius), 1.0), 4.0)
+    reach = (WIDER * width + MARGIN) / radius
+    outer = (1.0 + reach) * (1.0 + reach)
+    inner = max(1.0 - reach, 0.0) * max(1.0 - reach, 0.0)
+    determinant = xx * yy - xy * xy
+    if determinant <= 0.01:
+        return False
+    # x^2 a + 2 x y b + y^2 c = 1 is the ellipse with these moments.
+    a, b, c = 0.25 * yy / determinant, -0.25 * xy / determinant, 0.25 * xx / determinant
+    tall = math.sqrt(outer / (c - b * b / a))
+    per_height, per_a = 1.0 / height, 1.0 / a
+    flat = c - b * b * per_a
+    n_xx = n_yy = 0.0
+    for row in range(
+        max(math.ceil(y0 + cy - tall), 0), min(math.floor(y0 + cy + tall), layout[1] - 1) + 1
+    ):
+        y = row - y0 - cy
+        shift = -b * y * per_a
+        rest = flat * y * y
+        far = math.sqrt(max(outer - rest, 0.0) * per_a)
+        near = math.sqrt((inner - rest) * per_a) if inner > rest else -1.0
+        latest = heads[row - top] if 0 <= row - top < heads.size else -1
+        first, last = (runs[latest, 1], runs[latest, 2]) if latest >= 0 else (1, 0)
+        one_run = latest < bright and (latest < 0 or runs[latest, 3] < 0)
+        iy = float(row - y0)
+        base = level + slope_y * iy
+        w = wx = wxx = n = 0.0
+        begin = max(math.ceil(x0 + cx + shift - far), 0)
+        end = min(math.floor(x0 + cx + shift + far), layout[0] - 1)
+        # The edge lies left and right of the inner ellipse, where the row meets that.
+        left_end, right_begin = end, end + 1
+        if near >= 0.0:
+            left_end = math.floor(x0 + cx + shift - near)
+            right_begin = max(math.ceil(x0 + cx + shift + near), left_end + 1)
+        for side in range(2):
+            for x in range(right_begin if side else begin, (end if side else left_end) + 1):
+                g = grey_at(data, layout, x, row)
+                member = first <= x <= last
+                # Other white does not count, and a closed hole counts as it is.
+                counts = member or g < half
+                if not one_run:
+                    k = latest
+                    while k >= 0 and not runs[k, 1] <= x <= runs[k, 2]:
+                        k = runs[k, 3]
+                    member = k >= 0
+                    counts = k < bright and (member or g < half)
+                ix = float(x - x0)
+                weight = (g - base - slope_x * ix) * per_height - (1.0 if member else 0.0)
+                weight *= 1.0 if counts else 0.0
+                w += weight
+                wx += weight * ix
+                wxx += weight * ix * ix
+                n += 1.0
+                n_xx += (ix - cx) * (ix - cx)
+        n_yy += n * y * y
+        m += w
+        mx += wx
+        my += w * iy
+        mxx += wxx
+        mxy += wx * iy
+        myy += w * iy * iy
+    if m <= 0.0:
+        return False
+    cx, cy = mx / m, my / m
+    # A pixel is a square, which adds its own moment.
+    xx = mxx / m - cx * cx - 1.0 / 12.0
+    yy = myy / m - cy * cy - 1.0 / 12.0
+    xy = mxy / m - cx * cy
+    middle, spread = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    if middle - spread <= 0.0:
+        return False
+    # Noise of the edge pixels, and of the slopes of the background under them.
+    noise = max(n_xx + n_xx * n_xx / frame_xx, n_yy + n_yy * n_yy / frame_yy) * variance
+    out[U], out[V], out[AREA] = x0 + cx, y0 + cy, m
+    out[MAJOR] = 4.0 * math.sqrt(middle + spread)
+    out[MINOR] = 4.0 * math.sqrt(middle - spread)
+    out[ANGLE] = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    out[STD] = math.sqrt(noise) / (height * m)
+    out[CONTRAST] = height
+    return True
+
+
 @kernel
 def measure(
     data: Bytes,
@@ -305,20 +447,33 @@ def measure(
             histogram[g] += 1
             if g > peak:
                 peak, x, y = g, column, int(runs[k, 0])
-    plateau = level_of_rank(histogram, (3 * pixels) // 4)
+    plateau = peak
+    brighter = histogram[peak]
+    while 8 * brighter < pixels:
+        plateau -= 1
+        brighter += histogram[plateau]
     forget(runs, heads, top, 0, count)
     if plateau - background[0] < contrast or plateau > brightest:
         return False
     half = (background[0] + plateau + 1) // 2
-    no_marks = np.empty((0, 0), np.uint8)
+    # How many pixels are between a fifth and four fifths of the height tells how wide the edge is.
+    light = background[0] + 4 * (plateau - background[0]) // 5
+    fifth = background[0] + (plateau - background[0]) // 5
+    dim = min(max(fifth, level), light - 1)
+    edge = 0.0
+    for g in range(dim, light):
+        edge += histogram[g]
+    edge *= (plateau - background[0]) / (light - dim)
     bright, pixels = flood(
-        data, layout, (x, y), half, True, most, runs, heads, top, 0, no_marks, corner
+        data, layout, (x, y), half, True, most, runs, heads, top, 0, marks, NOWHERE
     )
     if pixels < 0.5 * smallest:
         forget(runs, heads, top, 0, bright)
         return False
-    count = close_holes(data, layout, half, hole, work, top, bright)
-    found = weigh(data, layout, (x, y), half, plateau, background, work, top, bright, count, out)
+    count = close_holes(data, layout, half, hole, work, top, bright, marks)
+    found = weigh(
+        data, layout, (x, y), half, plateau, edge, background, work, top, bright, count, out
+    )
     forget(runs, heads, top, 0, count)
     return (
         found
@@ -326,141 +481,6 @@ def measure(
         and out[MAJOR] <= elongation * out[MINOR]
         and out[CONTRAST] >= contrast
     )
-
-
-@kernel
-def weigh(
-    data: Bytes,
-    layout: Layout,
-    inside: Pixel,
-    half: int,
-    plateau: int,
-    background: tuple[int, int],
-    work: Work,
-    top: int,
-    bright: int,
-    count: int,
-    out: Array,
-) -> bool:
-    """Write center, moments and standard error of the area that the runs are; False if cut off.
-
-    The first `bright` runs are at `half` or brighter, the others are closed holes.
-    """
-    runs, heads = work[0], work[1]
-    x0, y0 = inside
-    left, right, upper, lower = x0, x0, y0, y0
-    m = mx = my = mxx = mxy = myy = 0.0
-    for k in range(count):
-        row, first, last = int(runs[k, 0]), int(runs[k, 1]), int(runs[k, 2])
-        left, right = min(left, first), max(right, last)
-        upper, lower = min(upper, row), max(lower, row)
-        n = float(last - first + 1)
-        middle = 0.5 * (first + last) - x0
-        y = float(row - y0)
-        m += n
-        mx += n * middle
-        my += n * y
-        mxx += n * (middle * middle + (n * n - 1.0) / 12.0)
-        mxy += n * middle * y
-        myy += n * y * y
-    if left < 2 or upper < 2 or right > layout[0] - 3 or lower > layout[1] - 3:
-        return False
-    if max(right - left, lower - upper) > heads.size // 2:
-        return False
-    level, slope_x, slope_y, variance, frame_xx, frame_yy = background_plane(
-        data, layout, (left, right, upper, lower), inside, background
-    )
-    height = plateau - level
-    if variance < 0.0 or height <= 0.0:
-        return False
-
-    # How wide the edge is: pixels between a fifth and four fifths of the height, per length.
-    dim, light = round(level + 0.2 * height), round(level + 0.8 * height)
-    edge = 0
-    for row in range(max(upper - 2, 0), min(lower + 3, layout[1])):
-        for column in range(max(left - 2, 0), min(right + 3, layout[0])):
-            g = grey_at(data, layout, column, row)
-            edge += 1 if dim <= g <= light else 0
-
-    cx, cy = mx / m, my / m
-    xx, xy, yy = mxx / m - cx * cx, mxy / m - cx * cy, myy / m - cy * cy
-    radius = math.sqrt(m / math.pi)
-    width = min(max(edge / (0.6 * 2.0 * math.pi * radius), 1.0), 4.0)
-    reach = (WIDER * width + MARGIN) / radius
-    outer = (1.0 + reach) * (1.0 + reach)
-    inner = max(1.0 - reach, 0.0) * max(1.0 - reach, 0.0)
-    determinant = xx * yy - xy * xy
-    if determinant <= 0.01:
-        return False
-    # x^2 a + 2 x y b + y^2 c = 1 is the ellipse with these moments.
-    a, b, c = 0.25 * yy / determinant, -0.25 * xy / determinant, 0.25 * xx / determinant
-    tall = math.sqrt(outer / (c - b * b / a))
-    n_xx = n_yy = 0.0
-    per_height, per_a = 1.0 / height, 1.0 / a
-    flat = c - b * b * per_a
-    for row in range(
-        max(math.ceil(y0 + cy - tall), 0), min(math.floor(y0 + cy + tall), layout[1] - 1) + 1
-    ):
-        y = row - y0 - cy
-        shift = -b * y * per_a
-        rest = flat * y * y
-        far = math.sqrt(max(outer - rest, 0.0) * per_a)
-        near = math.sqrt((inner - rest) * per_a) if inner > rest else -1.0
-        begin = max(math.ceil(x0 + cx + shift - far), 0)
-        end = min(math.floor(x0 + cx + shift + far), layout[0] - 1)
-        latest = heads[row - top] if 0 <= row - top < heads.size else -1
-        iy = float(row - y0)
-        base = level + slope_y * iy
-        w = wx = wxx = 0.0
-        x = begin
-        while x <= end:
-            ix = float(x - x0)
-            u = ix - cx
-            if abs(u - shift) < near:
-                # Jump to the right side of the edge.
-                x = max(math.ceil(x0 + cx + shift + near), x + 1)
-                continue
-            k = latest
-            while k >= 0 and not runs[k, 1] <= x <= runs[k, 2]:
-                k = runs[k, 3]
-            g = grey_at(data, layout, x, row)
-            x += 1
-            # A closed hole counts as it is; other white does not count.
-            if k >= bright or (k < 0 and g >= half):
-                continue
-            weight = (g - base - slope_x * ix) * per_height
-            if k >= 0:
-                weight -= 1.0
-            w += weight
-            wx += weight * ix
-            wxx += weight * ix * ix
-            n_xx += u * u
-            n_yy += y * y
-        m += w
-        mx += wx
-        my += w * iy
-        mxx += wxx
-        mxy += wx * iy
-        myy += w * iy * iy
-    if m <= 0.0:
-        return False
-    cx, cy = mx / m, my / m
-    # A pixel is a square, which adds its own moment.
-    xx = mxx / m - cx * cx - 1.0 / 12.0
-    yy = myy / m - cy * cy - 1.0 / 12.0
-    xy = mxy / m - cx * cy
-    middle, spread = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
-    if middle - spread <= 0.0:
-        return False
-    # Noise of the edge pixels, and of the slopes of the background under them.
-    noise = max(n_xx + n_xx * n_xx / frame_xx, n_yy + n_yy * n_yy / frame_yy) * variance
-    out[U], out[V], out[AREA] = x0 + cx, y0 + cy, m
-    out[MAJOR] = 4.0 * math.sqrt(middle + spread)
-    out[MINOR] = 4.0 * math.sqrt(middle - spread)
-    out[ANGLE] = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    out[STD] = math.sqrt(noise) / (height * m)
-    out[CONTRAST] = height
-    return True
 
 
 @inlined
@@ -506,7 +526,7 @@ def measure_nearest(
         nearest = reach
         ring = 0
         # A center lies within its area: rings further out than the nearest hold no nearer one.
-        while ring <= rings and ring - 1 <= nearest:
+        while ring <= rings and ring - 0.5 <= nearest:
             for row in range(max(y - ring, 0), min(y + ring, height - 1) + 1):
                 step = 1 if abs(row - y) == ring else max(2 * ring, 1)
                 for column in range(x - ring, x + ring + 1, step):

@@ -7,13 +7,21 @@ import math
 
 import numpy as np
 from pneunet_ros.area_kernels import (
+    ANGLE,
+    AREA,
     Bytes,
     COLUMNS,
+    CONTRAST,
     Layout,
     Limits,
+    MAJOR,
     measure_all,
     measure_nearest,
+    MINOR,
     MOST_AREAS,
+    STD,
+    U,
+    V,
 )
 from pneunet_ros.camera_settings import AdaptiveBand, AreaLimits, GreyBand
 from pneunet_ros.image import ENCODINGS, Image
@@ -24,29 +32,66 @@ WEIGHTS = {'r': 9798, 'g': 19235, 'b': 3735}
 LEAST_CONTRAST = 4.0  # grey levels between an area and its background where the band is fixed
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Areas:
     """White areas of an image, an entry per area; NaN in all where there is none.
 
-    u, v: center, px; area px^2; major, minor: largest and smallest axis of the ellipse with the
-    same moments, px; angle of the major axis, rad from +u towards +v; std: standard error of the
-    center per axis, px; contrast: how much brighter than the background, grey levels.
-
-    `crowded`: there were so many that none is given.
+    `table` has the quantities as rows. `crowded`: there were so many areas that none is given.
     """
 
-    u: Array
-    v: Array
-    area: Array
-    major: Array
-    minor: Array
-    angle: Array
-    std: Array
-    contrast: Array
+    table: Array
     crowded: bool = False
 
     def __len__(self) -> int:
         return len(self.u)
+
+    @property
+    def u(self) -> Array:
+        """Centers in the image, from left to right, px."""
+        row: Array = self.table[U]
+        return row
+
+    @property
+    def v(self) -> Array:
+        """Centers in the image, from top to bottom, px."""
+        row: Array = self.table[V]
+        return row
+
+    @property
+    def area(self) -> Array:
+        """How large the areas are, px^2."""
+        row: Array = self.table[AREA]
+        return row
+
+    @property
+    def major(self) -> Array:
+        """Largest axis of the ellipse with the same moments, px."""
+        row: Array = self.table[MAJOR]
+        return row
+
+    @property
+    def minor(self) -> Array:
+        """Smallest axis of that ellipse, px."""
+        row: Array = self.table[MINOR]
+        return row
+
+    @property
+    def angle(self) -> Array:
+        """Where the largest axis points, rad from +u towards +v."""
+        row: Array = self.table[ANGLE]
+        return row
+
+    @property
+    def std(self) -> Array:
+        """Standard error of the center per axis, the larger of both, px."""
+        row: Array = self.table[STD]
+        return row
+
+    @property
+    def contrast(self) -> Array:
+        """How much brighter the areas are than their background, grey levels."""
+        row: Array = self.table[CONTRAST]
+        return row
 
 
 def find_areas(image: Image, band: GreyBand, limits: AreaLimits) -> Areas:
@@ -59,7 +104,7 @@ def find_areas(image: Image, band: GreyBand, limits: AreaLimits) -> Areas:
     half = max(24, math.ceil(2.0 * math.sqrt(limits.largest / math.pi)))
     out = np.empty((MOST_AREAS, COLUMNS))
     count = measure_all(data, layout, kernel_limits, low, half, longest(limits), out)
-    return areas(out[: max(count, 0)], crowded=count < 0)
+    return Areas(freeze(out[: max(count, 0)].T.copy()), crowded=count < 0)
 
 
 def measure_areas(
@@ -89,23 +134,7 @@ def measure_areas(
         longest(limits),
         out,
     )
-    return areas(out, crowded=False)
-
-
-def areas(rows: Array, *, crowded: bool) -> Areas:
-    """Return the rows of a kernel as areas."""
-    u, v, area, major, minor, angle, std, contrast = freeze(np.ascontiguousarray(rows.T))
-    return Areas(
-        u=u,
-        v=v,
-        area=area,
-        major=major,
-        minor=minor,
-        angle=angle,
-        std=std,
-        contrast=contrast,
-        crowded=crowded,
-    )
+    return Areas(freeze(np.ascontiguousarray(out.T)))
 
 
 def levels(band: GreyBand, limits: AreaLimits) -> tuple[int, Limits]:
