@@ -210,3 +210,4 @@ def test_pip_install_gives_commands_and_files(tmp_path, foreign_environment):
     assert found == [str(place / 'share/pneunet_ros' / top) for top in ('config', 'bags')]
     assert 'demo' in installed_command(place / 'bin/pneunet', '--help', **run)
     assert (place / 'bin/estimator').is_file()
+    assert (place / 'bin/tracker').is_file()

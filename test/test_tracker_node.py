@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 import json
 import os
+from pathlib import Path
 import signal
+import subprocess
+import sys
 from types import SimpleNamespace
 
 from estimates import plain
@@ -13,6 +16,7 @@ import filmed
 import numpy as np
 from pneunet_ros import __version__
 from pneunet_ros.camera_file import load_camera
+from pneunet_ros.camera_settings import CameraSettings, HomographyPlane, PosePlane, RestPlane
 from pneunet_ros.errors import MessageError
 from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.overlay import curve_in_image, draw
@@ -24,6 +28,7 @@ from pneunet_ros.tracker_messages import (
     COMPRESSED_TYPE,
     decode_camera_info,
     decode_compressed_image,
+    decode_image,
     IMAGE_TYPE,
     TARGET_POINT,
 )
@@ -39,7 +44,7 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from dds_peer import CameraPeer, running_node, START_TIMEOUT, TIMEOUT  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
-from pneunet_ros.nodes.tracker import TrackerNode  # noqa: E402
+from pneunet_ros.nodes.tracker import started_anew, TrackerNode  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
@@ -47,6 +52,7 @@ from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
 OTHER_DOMAIN = (DOMAIN + 50) % 101 + 1
 
+CHECKOUT = Path(__file__).resolve().parent.parent
 COUNT = len(filmed.ARM.target_arclength)
 REST = filmed.REST
 FILM = filmed.pictures()
@@ -448,6 +454,81 @@ def test_an_unfit_parameter_changes_nothing(peer, name, value, words):
     assert not answer.successful
     assert words in answer.reason
     assert peer.get(name) == before
+
+
+@pytest.mark.parametrize('method', ['rest', 'homography', 'pose'])
+def test_a_new_start_knows_the_camera_whatever_the_plane_comes_from(method):
+    corners = np.array([[0.0, 0.08], [0.12, 0.08], [0.12, 0.0], [0.0, 0.0]])
+    away = 600.0 * 0.00026
+    planes = {
+        'rest': RestPlane(),
+        'homography': HomographyPlane(
+            pixels=np.array([[100, 90], [530, 90], [530, 400], [100, 400]]), points=corners
+        ),
+        'pose': PosePlane(position=(0.055, 0.03, away), quaternion=(1.0, 0.0, 0.0, 0.0)),
+    }
+    tracker = Tracker(filmed.ARM, CameraSettings(plane=planes[method]))
+    state, _ = tracker.step(TrackerState(), decode_camera_info(filmed.info_message(1)))
+    before = state
+    for index, picture in enumerate(FILM[:2]):
+        image = decode_image(filmed.image_message(filmed.stamp_of(index), picture))
+        state, _ = tracker.step(state, image)
+    state = started_anew(tracker, state)
+    assert state.lens is before.lens
+    assert (state.plane is None) == (before.plane is None) == (method == 'rest')
+    assert (state.row, state.stamp_ns, state.rest.frames) == (None, None, 0)
+    assert (state.frames, state.resets) == (2, 1)
+    assert started_anew(tracker, TrackerState()).lens is None
+
+
+NOTHING_IS_COMPILED_LATE = """
+import gc
+import cv2
+import filmed
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from pneunet_ros.nodes.tracker_configuration import configured_tracker, PARAMETERS
+from pneunet_ros.nodes.tracker_warm_up import warm_up
+from pneunet_ros.overlay import curve_in_image, draw
+from pneunet_ros.tracker_messages import decode_camera_info, decode_image
+from pneunet_ros.tracker_state import TrackerState
+
+def compiled():
+    kernels = [item for item in gc.get_objects() if isinstance(item, Dispatcher)]
+    return {(item.py_func.__name__, str(found)) for item in kernels for found in item.signatures}
+
+tracker = configured_tracker({item.name: item.default for item in PARAMETERS.fields}, None).tracker
+assert warm_up(tracker) == ''
+before = compiled()
+assert before
+state, _ = tracker.step(TrackerState(), decode_camera_info(filmed.info_message(1)))
+film = list(filmed.pictures(hidden=9))
+half = film[-1].copy()
+half[:, 300:] = 90
+noise = np.random.default_rng(0).integers(0, 256, half.shape, np.uint8)
+dots = np.zeros_like(half)
+for u in range(20, 620, 40):
+    for v in range(20, 460, 40):
+        cv2.circle(dots, (u, v), 5, 255, -1)
+for index, grey in enumerate([*film, half, film[-1], 0 * half, noise, dots, film[-1]]):
+    image = decode_image(filmed.image_message(filmed.stamp_of(index), grey))
+    state, tracking = tracker.step(state, image)
+    if tracking.curve is not None:
+        draw(image, tracking, curve_in_image(tracking.curve, state.plane, state.lens))
+assert state.explained >= 9
+print(sorted(compiled() - before))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif('PNEUNET_NO_NUMBA' in os.environ, reason='nothing is compiled at all')
+def test_no_kernel_is_compiled_while_images_wait():
+    command = [sys.executable, '-c', NOTHING_IS_COMPILED_LATE]
+    path = os.pathsep.join([str(CHECKOUT), str(CHECKOUT / 'test')])
+    done = subprocess.run(
+        command, env=os.environ | {'PYTHONPATH': path}, capture_output=True, text=True
+    )
+    assert (done.stdout, done.returncode) == ('[]\n', 0), done.stderr
 
 
 # Cameras of other manners, starting and ending

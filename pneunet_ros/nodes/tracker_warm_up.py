@@ -10,6 +10,7 @@ from pneunet_ros.camera_settings import CameraSettings, FixedBand, RestPlane
 from pneunet_ros.image import Image
 from pneunet_ros.lens import Lens
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
+from pneunet_ros.overlay import curve_in_image, draw
 from pneunet_ros.tracker import Tracker
 from pneunet_ros.tracker_messages import claims
 from pneunet_ros.tracker_state import TrackerState, Tracking
@@ -35,6 +36,8 @@ def warm_up(tracker: Tracker) -> str:
         state, outcome = drawn.step(state, replace(image, stamp_ns=stamp_ns))
     if not isinstance(outcome, Tracking):
         return '' if outcome is None else outcome.sentence
+    if outcome.curve is not None and state.plane is not None:
+        draw(image, outcome, curve_in_image(outcome.curve, state.plane, lens))
     for output, claim in claims(outcome):
         serialize(output.encode(claim, 'frame', RCLPY_TYPES), output.type)
     return outcome.sentence
