@@ -216,6 +216,39 @@ def close_holes(
 
 
 @inlined
+def surroundings(
+    data: Bytes,
+    layout: Layout,
+    runs: Integers,
+    count: int,
+    background: tuple[int, int],
+    histogram: Integers,
+) -> tuple[int, int]:
+    """Return median and scatter of the frame around an area, as `background_at` does further off.
+
+    A target stands on the arm, which may be much darker than what is behind it.
+    """
+    left = right = runs[0, 1]
+    upper = lower = runs[0, 0]
+    for k in range(count):
+        upper, lower = min(upper, runs[k, 0]), max(lower, runs[k, 0])
+        left, right = min(left, runs[k, 1]), max(right, runs[k, 2])
+    left, right, upper, lower = left - GAP, right + GAP, upper - GAP, lower + GAP
+    histogram[:] = 0
+    pixels = 0
+    for row in range(max(upper - FRAME, 0), min(lower + FRAME, layout[1] - 1) + 1, 2):
+        beside = upper <= row <= lower
+        for column in range(max(left - FRAME, 0), min(right + FRAME, layout[0] - 1) + 1, 2):
+            if not (beside and left <= column <= right):
+                histogram[grey_at(data, layout, column, row)] += 1
+                pixels += 1
+    if pixels < 16:
+        return background
+    median = level_of_rank(histogram, pixels // 2)
+    return median, median - level_of_rank(histogram, pixels // 6)
+
+
+@inlined
 def background_plane(
     data: Bytes,
     layout: Layout,
@@ -437,6 +470,7 @@ def measure(
         forget(runs, heads, top, 0, count)
         return False
 
+    background = surroundings(data, layout, runs, count, background, histogram)
     # The plateau, and from it the level at which the area is as large as it is without blur.
     histogram[:] = 0
     peak = -1
