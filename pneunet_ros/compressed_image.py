@@ -12,6 +12,7 @@ import os
 import re
 import struct
 import tempfile
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,7 +31,7 @@ BARE, SCAN = frozenset({0x01, *range(0xD0, 0xD8)}), 0xDA
 # Grey as it was stored: a turn that a camera app noted in the file is not in camera_info either.
 _FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 _BY_DECODERS = re.compile(
-    rb'(?m)^.*(?:JPEG|JFIF|SOS|progression|Adobe|libpng|grfmt_|loadsave).*\n?'
+    rb'(?m)^.*(?:JPEG|JFIF|SOS|progression|Adobe|libpng|grfmt_|loadsave|imdecode_).*\n*'
 )
 _DAMAGE = re.compile(rb'(?:Corrupt JPEG data|Premature end of JPEG|libpng error).*')
 
@@ -62,20 +63,28 @@ def decode_compressed(data: Bytes) -> Bytes:
         )
     if not whole:
         raise MessageError(f'a {kind} is cut off after {data.size} bytes')
-    with tempfile.TemporaryFile() as said:
-        with _stderr_into(said.fileno()):
-            try:
-                grey = cv2.imdecode(data, _FLAGS)
-            except cv2.error:
-                grey = None
-        said.seek(0)
-        complaint = _of_decoders(said.read())
+    grey, complaint = decode_heard(data, _FLAGS)
     damage = _DAMAGE.search(complaint)
     if damage:
         raise MessageError(f'a {kind} is damaged: {damage.group().decode(errors="replace")}')
     if grey is None or grey.shape != (height, width):
         raise MessageError(f'a {kind} of {width} x {height} pixels is damaged')
     return np.asarray(grey, np.uint8)
+
+
+def decode_heard(data: Bytes, flags: int) -> tuple[Any, bytes]:
+    """Return what OpenCV makes of an image file, None where nothing, and what its decoders said.
+
+    Nothing of the latter is printed.
+    """
+    with tempfile.TemporaryFile() as said:
+        with _stderr_into(said.fileno()):
+            try:
+                pixels = cv2.imdecode(data, flags)
+            except cv2.error:
+                pixels = None
+        said.seek(0)
+        return pixels, _of_decoders(said.read())
 
 
 def jpeg_size(data: Bytes) -> tuple[int, int]:
@@ -122,7 +131,7 @@ def _stderr_into(file: int) -> Iterator[None]:
 
 def _of_decoders(said: bytes) -> bytes:
     """Return the lines of the decoders; what others said in the meantime is passed on."""
-    others = _BY_DECODERS.sub(b'', said) if said else said
+    others = _BY_DECODERS.sub(b'', said)
     if others:
         os.write(2, others)
-    return said
+    return b''.join(_BY_DECODERS.findall(said))

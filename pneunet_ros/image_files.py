@@ -8,11 +8,12 @@ import math
 import os
 from pathlib import Path
 import re
+from typing import Any
 
 import cv2
 import numpy as np
 from pneunet_ros.camera_file import load_camera_info
-from pneunet_ros.compressed_image import decode_compressed
+from pneunet_ros.compressed_image import decode_compressed, decode_heard
 from pneunet_ros.errors import MessageError, RecordingError, RequestError
 from pneunet_ros.image import Bytes, Image
 from pneunet_ros.image_stream import ImageStream, StreamItem, with_lens
@@ -27,6 +28,7 @@ FOLDER_RATE = 30.0  # Hz
 RATES = (1e-3, 1e5)  # Hz
 IMAGE_TOPIC = '/pneunet/image_raw'
 CAMERA_FRAME = 'camera'
+SILENT = 0  # log level of OpenCV
 _BROKEN_OFF = 0.9  # share of the frames a video promises, below which it says that some are lost
 
 # Read by OpenCV when it opens its first video: ffmpeg shall not print what an error will say.
@@ -36,12 +38,13 @@ os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')
 @contextmanager
 def silence() -> Iterator[None]:
     """Keep OpenCV from printing what an error will say."""
-    log = cv2.utils.logging
-    level = log.setLogLevel(log.LOG_LEVEL_SILENT)
+    change: Any = getattr(cv2, 'setLogLevel', None)  # OpenCV 4; in 5 it has moved
+    change = change or cv2.utils.logging.setLogLevel
+    before = change(SILENT)
     try:
         yield
     finally:
-        log.setLogLevel(level)
+        change(before)
 
 
 def stamp_at(index: int, rate: float) -> int:
@@ -109,12 +112,8 @@ def _picture(file: Path, stamp_ns: int) -> Image | MessageError:
 
 def _decode_plain(data: Bytes) -> Bytes:
     """Return the grey levels (height, width) of a bmp or tiff."""
-    try:
-        with silence():
-            grey = cv2.imdecode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:  # as for an empty file
-        grey = None
-    if grey is None:
+    grey, complaint = decode_heard(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if grey is None or complaint:  # a tiff that is damaged is decoded all the same
         raise MessageError('it is no image, or is damaged')
     if grey.dtype != np.uint8:
         raise MessageError(f'an image of {grey.dtype} cannot be read; 8 bits per channel are')

@@ -123,7 +123,9 @@ def test_the_rate_of_a_folder_is_30_unless_given(tmp_path):
     assert stamps == [1, 1_000_000_001, 2_000_000_001, 3_000_000_001]
 
 
-@pytest.mark.parametrize('spoiled', [b'', b'no image', encoded(PICTURES[3])[:900]])
+@pytest.mark.parametrize(
+    'spoiled', [b'', b'no image', encoded(PICTURES[3])[:900]], ids=['empty', 'text', 'cut-off']
+)
 @pytest.mark.parametrize('suffix', ['.png', '.jpg', '.bmp', '.tif'])
 def test_an_image_that_cannot_be_read_is_one_refused_frame(tmp_path, spoiled, suffix, capfd):
     folder = write_folder(tmp_path / 'f', PICTURES)
@@ -146,6 +148,17 @@ def test_an_image_cut_off_is_refused_in_silence(tmp_path, suffix, capfd):
     items = read(folder)
     assert len(images(items)) == 1
     assert isinstance(items[2].reading, MessageError)
+    assert capfd.readouterr() == ('', '')
+
+
+def test_a_damaged_tiff_is_not_taken_for_an_image(tmp_path, capfd):
+    picture = noise(1, 320, 240)
+    folder = write_folder(tmp_path / 'f', [picture], '.tif')
+    whole = encoded(picture, '.tif')
+    (folder / 'frame1.tif').write_bytes(whole[:300] + b'\xff\xff' + whole[302:])
+    reading = read(folder)[2].reading
+    assert isinstance(reading, MessageError)
+    assert 'damaged' in str(reading)
     assert capfd.readouterr() == ('', '')
 
 
