@@ -1,6 +1,6 @@
 """Serialized messages filled in place: the same bytes as plain serialization, many times faster.
 
-From estimate to estimate only stamps and numbers of a message change. So it is serialized once,
+From claim to claim only stamps and numbers of a message change. So it is serialized once,
 the places of stamps and numbers are found in the bytes by known values, and from then on only
 these are filled in.
 """
@@ -8,15 +8,14 @@ these are filled in.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 import struct
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.errors import MessageError
-from pneunet_ros.message_parts import MessageTypes, Output
-from pneunet_ros.shape import ShapeEstimate
+from pneunet_ros.message_parts import Claim, MessageTypes, Output
 from pneunet_ros.units import NANOSECONDS_PER_SECOND
 
 Serialize = Callable[[Any, str], bytes]
@@ -52,8 +51,8 @@ class CdrTemplate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class EstimateSerializer:
-    """Serializes the outputs of one estimator: same frame, same binding, changing numbers.
+class ClaimSerializer:
+    """Serializes outputs whose frame and binding remain, and whose numbers change.
 
     serialize: plain serialization of a message of a named type into little-endian CDR.
     """
@@ -63,25 +62,23 @@ class EstimateSerializer:
     frame_id: str
     _templates: dict[tuple[Any, ...], CdrTemplate] = field(default_factory=dict)
 
-    def bytes_of(self, output: Output[ShapeEstimate], estimate: ShapeEstimate) -> bytes:
-        """Return the serialized message of one output for an estimate."""
+    def bytes_of(self, output: Output[Claim], claim: Claim) -> bytes:
+        """Return the serialized message of an output for a claim, which is a dataclass."""
         if output.numbers is None:
-            return self._plainly(output, estimate)
-        numbers = output.numbers(estimate)
+            return self._plainly(output, claim)
+        numbers = output.numbers(claim)
         key = (output.name, output.type, numbers.shape)
         template = self._templates.get(key)
         if template is None:
-            template = self._templates[key] = self._template(output, estimate)
-        return template.fill(estimate.stamp_ns, numbers)
+            template = self._templates[key] = self._template(output, claim)
+        return template.fill(claim.stamp_ns, numbers)
 
-    def _plainly(self, output: Output[ShapeEstimate], estimate: ShapeEstimate) -> bytes:
-        return bytes(
-            self.serialize(output.encode(estimate, self.frame_id, self.types), output.type)
-        )
+    def _plainly(self, output: Output[Any], claim: Any) -> bytes:
+        return bytes(self.serialize(output.encode(claim, self.frame_id, self.types), output.type))
 
-    def _template(self, output: Output[ShapeEstimate], estimate: ShapeEstimate) -> CdrTemplate:
+    def _template(self, output: Output[Any], claim: Any) -> CdrTemplate:
         assert output.numbers is not None
-        probe = _probe(estimate)
+        probe = _probe(claim)
         raw = self._plainly(output, probe)
         rows = [row.tobytes() for row in output.numbers(probe)]
         offsets = [raw.find(row) for row in rows]
@@ -110,17 +107,18 @@ def _stamps(raw: bytes) -> Iterator[int]:
         place = raw.find(pattern, place + len(pattern))
 
 
-def _probe(estimate: ShapeEstimate) -> ShapeEstimate:
-    """Make an estimate of the same size in which every number is another one."""
+def _probe(claim: Any) -> Any:
+    """Make a claim of the same size in which every number is another one."""
     random = np.random.default_rng(0)
 
-    def distinct(owner: Any) -> dict[str, Any]:
-        values = {field.name: getattr(owner, field.name) for field in fields(owner)}
-        return {
-            name: random.uniform(1.0, 2.0, value.shape)
-            for name, value in values.items()
-            if isinstance(value, np.ndarray)
-        }
+    def distinct(owner: Any) -> Any:
+        changes: dict[str, Any] = {}
+        for item in fields(owner):
+            value = getattr(owner, item.name)
+            if isinstance(value, np.ndarray):
+                changes[item.name] = random.uniform(1.0, 2.0, value.shape)
+            elif is_dataclass(value):
+                changes[item.name] = distinct(value)
+        return replace(owner, **changes)
 
-    shape = replace(estimate.shape, **distinct(estimate.shape))
-    return replace(estimate, stamp_ns=_PROBE_STAMP, shape=shape, **distinct(estimate))
+    return replace(distinct(claim), stamp_ns=_PROBE_STAMP)

@@ -27,8 +27,17 @@ CURVATURE_ROWS = ('arclength', 'curvature', 'intrinsic_curvature', 'moment', 'st
 
 _POINT_FIELD_DATATYPE = {'<i4': 5, '<f4': 7, '<f8': 8}
 
+
+class Stamped(Protocol):
+    """What belongs to one moment: a claim, as a reading gave it."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """The stamp of the reading it comes from."""
+
+
 Said = TypeVar('Said')  # what a sensor said
-Claim = TypeVar('Claim')  # what is claimed
+Claim = TypeVar('Claim', bound=Stamped)  # what is claimed
 
 
 class MessageTypes(Protocol):

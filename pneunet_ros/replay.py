@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.errors import MessageError
 from pneunet_ros.estimator import Estimator, Outcome
 from pneunet_ros.estimator_state import EstimatorState
@@ -83,7 +83,7 @@ def record_steps(
         (output, writer.add(estimate_topic(pressure_topic, output.name), output.type))
         for output in OUTPUTS
     ]
-    serializer = EstimateSerializer(
+    serializer = ClaimSerializer(
         types=ROSBAGS_TYPES, serialize=serialize, frame_id=estimator.settings.frame_id
     )
     for step in steps(recording, estimator, topics):

@@ -129,10 +129,15 @@ def encode_targets(sightings: TargetSightings, frame_id: str, types: MessageType
     return point_cloud(target_points(sightings), heading, types, is_dense=whole)
 
 
+def measured_centerline_numbers(curve: MeasuredCurve) -> Array:
+    """Return a row per station: position (3) and heading quaternion (x, y, z, w)."""
+    return pose_rows(curve.x, curve.y, curve.theta)
+
+
 def encode_measured_centerline(curve: MeasuredCurve, frame_id: str, types: MessageTypes) -> Any:
     """Build a Path: a pose per station, +x along the tangent."""
     heading = header(curve.stamp_ns, frame_id, types)
-    return path(pose_rows(curve.x, curve.y, curve.theta), heading, types)
+    return path(measured_centerline_numbers(curve), heading, types)
 
 
 def measured_curvature_numbers(curve: MeasuredCurve) -> Array:
@@ -170,7 +175,12 @@ def _bytes(data: Any) -> Bytes:
 
 TARGETS: Output[TargetSightings] = Output(name='targets', type=POINTS_TYPE, encode=encode_targets)
 CURVES: tuple[Output[MeasuredCurve], ...] = (
-    Output(name='measured_centerline', type=PATH_TYPE, encode=encode_measured_centerline),
+    Output(
+        name='measured_centerline',
+        type=PATH_TYPE,
+        encode=encode_measured_centerline,
+        numbers=measured_centerline_numbers,
+    ),
     Output(name='measured_curvature', type=ARRAY_TYPE, encode=encode_measured_curvature),
 )
 TRACKER_INPUTS: tuple[Input[Image | Lens], ...] = (

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from estimates import plain, random_estimate, RclpyTypes
 import numpy as np
-from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.errors import MessageError
 from pneunet_ros.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 from pneunet_ros.messages import OUTPUTS
@@ -19,7 +19,7 @@ BY_NAME = {output.name: output for output in OUTPUTS}
 
 
 def serializer(frame_id='pneunet_base'):
-    return EstimateSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
+    return ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
 
 
 @pytest.mark.parametrize('output', OUTPUTS, ids=lambda output: output.name)
@@ -78,7 +78,7 @@ def test_what_ros_serializes_can_be_filled_too(output):
     from rclpy.serialization import deserialize_message, serialize_message
 
     types = RclpyTypes()
-    filled = EstimateSerializer(
+    filled = ClaimSerializer(
         types=types,
         serialize=lambda message, _: bytes(serialize_message(message)),
         frame_id='pneunet_base',

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from estimates import random_estimate
 from frames import random_sightings, TARGETS
-from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.resources import shipped
 from pneunet_ros.settings import EstimatorSettings
@@ -114,7 +114,7 @@ class SilentNode:
 def published_in(seconds, rate, centerline_rate, subscribers=1):
     """How many messages of each topic estimates of a steady rate bring."""
     node = SilentNode()
-    serializer = EstimateSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
+    serializer = ClaimSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
     outputs = EstimatePublisher(node, serializer, centerline_rate)
     for publisher in node.publishers.values():
         publisher.subscribers = subscribers

@@ -11,7 +11,7 @@ import sys
 from bags import header, PRESSURE, pressure, STEP_NS, WRENCH, write_readings
 from estimates import plain, random_estimate
 from mcap.reader import make_reader
-from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.errors import MessageError, RecordingError
 from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.messages import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
@@ -89,7 +89,7 @@ def test_a_bare_file_is_all_that_is_left(tmp_path):
 
 def test_all_outputs_of_the_estimator_come_back(tmp_path):
     estimates = [random_estimate(stamp_ns=index * STEP_NS, seed=index) for index in range(20)]
-    filled = EstimateSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
+    filled = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
     with write_recording(tmp_path / 'r.mcap') as writer:
         handles = {output: writer.add(f'/arm/{output.name}', output.type) for output in OUTPUTS}
         for estimate in estimates:

@@ -15,19 +15,23 @@ from frames import (
     random_sightings,
     random_tracking,
     soft_picture,
-    TARGETS,
+)
+from frames import (
+    TARGETS as COUNT,
 )
 from hypothesis import given, strategies
 import numpy as np
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.compressed_image import LARGEST_AREA
 from pneunet_ros.errors import CameraError, MessageError, PneunetError
 from pneunet_ros.image import Image, LARGEST_SIDE
 from pneunet_ros.message_parts import CURVATURE_ROWS
-from pneunet_ros.message_store import deserialize, jazzy, ROSBAGS_TYPES
+from pneunet_ros.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 from pneunet_ros.tracker_messages import (
     CAMERA_INFO_TYPE,
     claims,
     COMPRESSED_TYPE,
+    CURVES,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
@@ -36,6 +40,7 @@ from pneunet_ros.tracker_messages import (
     encode_picture,
     encode_targets,
     IMAGE_TYPE,
+    TARGETS,
     TRACKER_INPUTS,
     TRACKER_OUTPUTS,
 )
@@ -138,7 +143,7 @@ def test_a_frame_without_a_curve_brings_targets_alone():
         ('measured_curvature', tracking.curve),
     ]
     unexplained = type(tracking)(
-        sightings=random_sightings(range(TARGETS)), curve=None, reason='no_row', sentence='none'
+        sightings=random_sightings(range(COUNT)), curve=None, reason='no_row', sentence='none'
     )
     assert [output.name for output, _ in claims(unexplained)] == ['targets']
 
@@ -398,14 +403,14 @@ def read_points(cloud):
     return np.frombuffer(bytes(cloud.data), layout)
 
 
-@pytest.mark.parametrize('missing', [(), (0, 5, 22), range(TARGETS)])
+@pytest.mark.parametrize('missing', [(), (0, 5, 22), range(COUNT)])
 def test_targets_are_a_point_each_in_order(types, missing):
     sightings = random_sightings(missing)
     cloud = encode_targets(sightings, FRAME, types)
     assert cloud.header.frame_id == FRAME
     assert (cloud.header.stamp.sec, cloud.header.stamp.nanosec) == (1, 500_000_007)
-    assert (cloud.height, cloud.width, cloud.point_step) == (1, TARGETS, 72)
-    assert cloud.row_step == 72 * TARGETS == len(cloud.data)
+    assert (cloud.height, cloud.width, cloud.point_step) == (1, COUNT, 72)
+    assert cloud.row_step == 72 * COUNT == len(cloud.data)
     assert cloud.is_dense == (len(missing) == 0)
     assert not cloud.is_bigendian
     assert [field.name for field in cloud.fields] == [
@@ -413,7 +418,7 @@ def test_targets_are_a_point_each_in_order(types, missing):
     ]
     points = read_points(cloud)
     assert points['id'].dtype == np.int32
-    np.testing.assert_array_equal(points['id'], range(TARGETS))
+    np.testing.assert_array_equal(points['id'], range(COUNT))
     for name in ('x', 'y'):
         assert points[name].dtype == np.float32
         np.testing.assert_array_equal(points[name], getattr(sightings, name).astype(np.float32))
@@ -458,6 +463,18 @@ def test_a_picture_is_an_image_again(types):
     image = decode_image(encode_picture(picture, 1_500_000_007, 'camera', types))
     assert (image.stamp_ns, image.frame_id, image.encoding) == (1_500_000_007, 'camera', 'bgr8')
     np.testing.assert_array_equal(image.pixels, picture)
+
+
+@pytest.mark.parametrize('stations', [1, 9, 57])
+def test_a_message_filled_in_place_is_that_of_plain_serialization(stations):
+    filled = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=FRAME)
+    for seed in range(3):
+        for output, claim in (
+            *((output, random_curve(stations, seed, seed)) for output in CURVES),
+            (TARGETS, random_sightings(range(seed), stamp_ns=seed)),
+        ):
+            message = output.encode(claim, FRAME, ROSBAGS_TYPES)
+            assert filled.bytes_of(output, claim) == serialize(message, output.type)
 
 
 @pytest.mark.ros

@@ -17,6 +17,7 @@ import numpy as np
 from pneunet_ros import __version__
 from pneunet_ros.camera_file import load_camera
 from pneunet_ros.camera_settings import CameraSettings, HomographyPlane, PosePlane, RestPlane
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.errors import MessageError
 from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.overlay import curve_in_image, draw
@@ -44,6 +45,8 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from dds_peer import CameraPeer, running_node, START_TIMEOUT, TIMEOUT  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES  # noqa: E402
+from pneunet_ros.nodes.ros_types import serialize as to_bytes  # noqa: E402
 from pneunet_ros.nodes.tracker import started_anew, TrackerNode  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
@@ -362,8 +365,8 @@ def test_what_nobody_wants_is_not_drawn(subscribers):
     node = SimpleNamespace(
         configuration=SimpleNamespace(
             tracker=Tracker(filmed.ARM, load_camera(shipped('config/camera.yaml'))),
-            node=SimpleNamespace(frame_id='base'),
         ),
+        serializer=ClaimSerializer(types=RCLPY_TYPES, serialize=to_bytes, frame_id='base'),
         state=TrackerState(),
         decode=decode_compressed_image,
         outputs={name: out(name) for name in ('targets', *CURVES)},
@@ -487,6 +490,8 @@ import cv2
 import filmed
 import numpy as np
 from numba.core.dispatcher import Dispatcher
+from pneunet_ros.cdr_template import ClaimSerializer
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.tracker_configuration import configured_tracker, PARAMETERS
 from pneunet_ros.nodes.tracker_warm_up import warm_up
 from pneunet_ros.overlay import curve_in_image, draw
@@ -498,7 +503,8 @@ def compiled():
     return {(item.py_func.__name__, str(found)) for item in kernels for found in item.signatures}
 
 tracker = configured_tracker({item.name: item.default for item in PARAMETERS.fields}, None).tracker
-assert warm_up(tracker) == ''
+serializer = ClaimSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
+assert warm_up(tracker, serializer) == ''
 before = compiled()
 assert before
 state, _ = tracker.step(TrackerState(), decode_camera_info(filmed.info_message(1)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.message_parts import Output
 from pneunet_ros.messages import OUTPUTS
 from pneunet_ros.nodes.topics import output_qos, publisher
@@ -25,7 +25,7 @@ class EstimatePublisher:
     topic of that name, as reading a Path is costly; 0 means every estimate.
     """
 
-    def __init__(self, node: Any, serializer: EstimateSerializer, centerline_rate: float) -> None:
+    def __init__(self, node: Any, serializer: ClaimSerializer, centerline_rate: float) -> None:
         self.centerline_rate = centerline_rate
         self._serializer = serializer
         self._due = 0.0

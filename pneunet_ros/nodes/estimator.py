@@ -11,7 +11,7 @@ import sys
 import time
 from typing import Any
 
-from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.errors import MessageError
 from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.message_parts import UNREADABLE
@@ -57,7 +57,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)
 
         settings = self.configuration.estimator.settings
-        serializer = EstimateSerializer(
+        serializer = ClaimSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
         )
         self.get_logger().info('preparing the solver; the very first time it is compiled')

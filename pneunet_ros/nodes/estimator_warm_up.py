@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.attempt import Attempt
-from pneunet_ros.cdr_template import EstimateSerializer
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.messages import OUTPUTS
@@ -13,7 +13,7 @@ from pneunet_ros.shape import ShapeEstimate
 from pneunet_ros.solver.collocation import TOLERANCE
 
 
-def warm_up(estimator: Estimator, serializer: EstimateSerializer) -> str:
+def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
     """Run every kernel and every encoder once; returns why the model gave no estimate, or ''.
 
     A kernel that is compiled or loaded at its first use would hold up the readings of a running

@@ -12,13 +12,14 @@ import sys
 import time
 from typing import Any
 
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.errors import CameraError, MessageError
 from pneunet_ros.image import Image
 from pneunet_ros.message_parts import UNREADABLE
 from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.following import FollowingSubscription
-from pneunet_ros.nodes.ros_types import RCLPY_TYPES
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import output_qos, publisher
 from pneunet_ros.nodes.tracker_configuration import (
     configured_tracker,
@@ -64,7 +65,10 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         super().__init__('tracker', PARAMETERS, configured_tracker)
         self.state = TrackerState()
         self.get_logger().info('preparing the kernels; the very first time they are compiled')
-        trouble = warm_up(self.configuration.tracker)
+        self.serializer = ClaimSerializer(
+            types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id
+        )
+        trouble = warm_up(self.configuration.tracker, self.serializer)
         if trouble:
             self.get_logger().warning(f'a drawn arm was not tracked to begin with: {trouble}')
 
@@ -126,8 +130,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         for output, claim in claims(tracking):
             out = self.outputs[output.name]
             if output is TARGETS or out.get_subscription_count():
-                frame_id = self.configuration.node.frame_id
-                out.publish(output.encode(claim, frame_id, RCLPY_TYPES))
+                out.publish(self.serializer.bytes_of(output, claim))
 
     def annotate(self, image: Image, tracking: Tracking) -> None:
         """Publish the image with what was made of it."""

@@ -7,16 +7,16 @@ import math
 
 import numpy as np
 from pneunet_ros.camera_settings import CameraSettings, FixedBand, RestPlane
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.image import Image
 from pneunet_ros.lens import Lens
-from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.overlay import curve_in_image, draw
 from pneunet_ros.tracker import Tracker
 from pneunet_ros.tracker_messages import claims
 from pneunet_ros.tracker_state import TrackerState, Tracking
 
 
-def warm_up(tracker: Tracker) -> str:
+def warm_up(tracker: Tracker, serializer: ClaimSerializer) -> str:
     """Run every kernel and every encoder once; returns why targets were not seen, or ''.
 
     The arm is drawn at rest, so whatever way its camera learns where the plane is, here it is by
@@ -39,7 +39,7 @@ def warm_up(tracker: Tracker) -> str:
     if outcome.curve is not None and state.plane is not None:
         draw(image, outcome, curve_in_image(outcome.curve, state.plane, lens))
     for output, claim in claims(outcome):
-        serialize(output.encode(claim, 'frame', RCLPY_TYPES), output.type)
+        serializer.bytes_of(output, claim)
     return outcome.sentence
 
 
