@@ -9,6 +9,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+import numpy as np
 from pneunet_ros.arm import Arm
 from pneunet_ros.camera_file import load_camera
 from pneunet_ros.camera_settings import CameraSettings, PosePlane
@@ -131,13 +132,15 @@ def run(arguments: Namespace) -> int:
         views = [tally.count, *views_of(arguments, stack, stream, arm, unit)]
         bar = stack.enter_context(progress_bar(shown=not arguments.json))
         task = bar.add_task('tracking', total=stream.frames)
-        begun = time.perf_counter()
+        times = [time.perf_counter()]
 
         def each(step: TrackStep) -> None:
             for view in views:
                 view(step)
-            if step.frame and tally.frames % 20 == 0:
-                bar.update(task, completed=tally.frames)
+            if step.frame:
+                times.append(time.perf_counter())
+                if tally.frames % 20 == 0:
+                    bar.update(task, completed=tally.frames)
 
         if writer is None:
             for step in track_steps(stream, tracker):
@@ -147,9 +150,11 @@ def run(arguments: Namespace) -> int:
                 writer, stream, tracker, BASE_FRAME, arguments.with_images, each
             )
             sentences = (*sentences, *left_out)
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - times[0]
     summary = summary_of(arguments, arm, stream, tally, unit)
-    summary |= {'seconds': seconds, 'sentences': list(sentences)}
+    # The median leaves out the first frames, in which kernels may have to be compiled.
+    rate = 1.0 / float(np.median(np.diff(times))) if tally.frames else 0.0
+    summary |= {'seconds': seconds, 'frames_per_second': rate, 'sentences': list(sentences)}
     if arguments.json:
         print_json(summary)
     else:
@@ -283,8 +288,8 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
             f'{shown * summary["smoothing_rms"]:.3g} {unit.shown} '
             f'(worst frame {shown * summary["worst_smoothing_rms"]:.3g} {unit.shown})',
         )
-    seconds = summary['seconds']
-    table.add_row('took', f'{seconds:.2f} s ({frames / seconds:.0f} frames/s)')
+    seconds, rate = summary['seconds'], summary['frames_per_second']
+    table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
     console.print(table)
     last = [f'last {reason}: {text}' for reason, text in summary['last_sentences'].items()]
     for sentence in [*summary['sentences'], *last]:
