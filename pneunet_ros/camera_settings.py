@@ -139,7 +139,7 @@ class AreaLimits:
         4000.0, unit='px^2', meaning='areas above are dropped', bounds=(4.0, 1e6)
     )
     elongation: float = quantity(
-        2.0, unit='-', meaning='largest axis over smallest, at most', bounds=(1.0, 20.0)
+        2.5, unit='-', meaning='largest axis over smallest, at most', bounds=(1.0, 20.0)
     )
     hole: float = quantity(
         20.0, unit='px^2', meaning='dark holes up to this are closed', bounds=(0.0, 1e5)

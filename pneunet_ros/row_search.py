@@ -29,6 +29,7 @@ BEND = 0.08  # of the spacing and the square of the gap: how much more a gap can
 STRETCH = 0.25  # longest and shortest spacing of a stretched arm
 LARGER, SIZE_SPREAD = 0.9, 0.35  # largest difference of logarithmic areas in a row; its sigma
 MISSING = 9.0  # cost of a target that is not seen
+ALIKE_COST = 1.5  # of an area beyond the end of a row, below which the row goes on
 GAP_MISFIT = 0.35  # of the spacing: beyond it a gap may hide another number of targets
 LONGEST_GAP = 7  # in targets, from one that is seen to the next
 KEPT = 12  # rows kept at each step
@@ -140,7 +141,7 @@ def _misfit(
     """
     along = abs(off_x * cosine + off_y * sine)
     across = abs(off_y * cosine - off_x * sine)
-    if along > ALONG or across > ACROSS + bend or abs(larger) > LARGER:
+    if along > ALONG + 0.1 * bend or across > ACROSS + bend or abs(larger) > LARGER:
         return math.inf
     return (
         (along / SPREAD_ALONG) ** 2
@@ -314,7 +315,7 @@ def _goes_on(x: Array, y: Array, sizes: Array, arclength: Array, chosen: Indices
     for area in range(x.size):
         off_x, off_y = (x[area] - at_x) / unit, (y[area] - at_y) / unit
         larger = sizes[area] - sizes[b]
-        if area != b and _misfit(off_x, off_y, cosine, sine, 0.0, larger) < MISSING:
+        if area != b and _misfit(off_x, off_y, cosine, sine, 0.0, larger) < ALIKE_COST:
             return True
     return False
 
@@ -351,6 +352,8 @@ def _seeded(
             seen = np.sum(rows[seed] >= 0)
             if rows[seed, -1] < 0 or rows[seed, 2] < 0 or 5 * seen < 4 * targets:
                 continue
+            if np.unique(rows[seed][rows[seed] >= 0]).size < seen:
+                continue  # a row that bites its tail
             if _goes_on(x, y, sizes, arclength, rows[seed]):
                 continue
             if _goes_on(x, y, sizes, reverse, rows[seed][::-1].copy()):

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-import numpy.typing as npt
 from pneunet_ros.camera import Plane
 from pneunet_ros.camera_settings import CameraSettings
 from pneunet_ros.detection import Areas, find_areas, measure_areas
@@ -20,6 +19,8 @@ from pneunet_ros.tracking import (
     believable,
     expected,
     FARTHEST,
+    Mask,
+    moved_together,
     of_usual_size,
     usual_size,
 )
@@ -38,13 +39,19 @@ class FollowedRow:
     """A row of targets as it was in a frame, from which the next one is predicted.
 
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
-    area (targets,): how large each is to be expected, px^2.
+    area (targets,): how large each is to be expected, px^2; seen (targets,): whether it was.
     """
 
     stamp_ns: int
     pixels: Array
     velocity: Array
     area: Array
+    seen: Mask
+
+    @property
+    def spacing(self) -> float:
+        """Return the distance of neighbors, px."""
+        return float(np.median(np.hypot(*np.diff(self.pixels, axis=0).T)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,13 +90,14 @@ class View:
         return self.lens.distorted(self.plane.normalized(points))
 
     def measured(self, around: Array, reach: float, area: Array) -> Array:
-        """Measure the targets about as large as `area` (n,) px^2 near these pixels (n, 2)."""
+        """Return what is nearest to these pixels (n, 2), NaN where nothing is; (7, n).
+
+        reach: px, from there to the center at most; area (n,) px^2: how large it should be.
+        """
         size = math.sqrt(4.0 / math.pi * float(area.max()))
         settings = self.settings
         found = measure_areas(self.image, around, reach, size, settings.grey_band, settings.area)
-        rows = np.array([getattr(found, name) for name in MEASURED])
-        rows[:, ~of_usual_size(found.area, area)] = np.nan
-        return rows
+        return found.table[: len(MEASURED)].copy()
 
 
 def follow(view: View, row: FollowedRow) -> SeenRow | None:
@@ -98,9 +106,9 @@ def follow(view: View, row: FollowedRow) -> SeenRow | None:
     predicted = row.pixels
     if seconds <= LONGEST_PREDICTION:
         predicted = row.pixels + seconds * row.velocity
-    spacing = float(np.median(np.hypot(*np.diff(row.pixels, axis=0).T)))
+    spacing = row.spacing
     measured = view.measured(predicted, view.settings.gate * spacing, row.area)
-    seen = checked(view, measured, math.inf)
+    seen = checked(view, as_predicted(measured, predicted, row), row.area, math.inf)
     for _ in range(MOST_PASSES):
         lost = np.isnan(seen.points[:, 0])
         if not lost.any() or seen.seen < 2:
@@ -109,13 +117,24 @@ def follow(view: View, row: FollowedRow) -> SeenRow | None:
         again = view.pixels(np.column_stack([x[lost], y[lost]]))
         measured = seen.measured.copy()
         measured[:, lost] = view.measured(again, REACH_AGAIN * spacing, row.area[lost])
-        more = checked(view, measured, math.inf)
+        more = checked(view, as_predicted(measured, predicted, row), row.area, math.inf)
         if more.seen <= seen.seen:
             break
         seen = more
     if seen.seen < LEAST_TARGETS or not at_clamp(seen, view.arclength):
         return None
     return seen
+
+
+def as_predicted(measured: Array, predicted: Array, row: FollowedRow) -> Array:
+    """Return what was measured (7, targets), NaN where a target has moved as no neighbor has.
+
+    predicted (targets, 2) px; this is asked of targets only that were seen in the last frame.
+    """
+    off_x, off_y = np.where(row.seen, measured[:2] - predicted.T, np.nan)
+    together = moved_together(off_x, off_y, row.spacing)
+    measured[:, row.seen & ~together] = np.nan
+    return measured
 
 
 def search(view: View) -> SeenRow | Failure:
@@ -127,7 +146,9 @@ def search(view: View) -> SeenRow | Failure:
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
     row = row_from_clamp(points[usable], areas.area[usable], view.arclength, view.clamp_angle)
     chosen = np.where(row.chosen >= 0, usable[row.chosen] if usable.size else -1, -1)
-    seen = checked(view, chosen_areas(areas, chosen), FARTHEST)
+    measured = areas.table[: len(MEASURED), chosen]
+    measured[:, chosen < 0] = np.nan
+    seen = checked(view, measured, usual_size(measured[AREA]), FARTHEST)
     targets, least = view.arclength.size, least_seen(view.arclength.size)
     if seen.seen < least or not at_clamp(seen, view.arclength):
         return Failure(
@@ -180,15 +201,12 @@ def bright_areas(image: Image, settings: CameraSettings) -> Areas | Failure:
     return areas
 
 
-def chosen_areas(areas: Areas, chosen: npt.NDArray[np.int64]) -> Array:
-    """Return what is measured of the chosen areas (7, targets), NaN where the choice is -1."""
-    rows = np.array([getattr(areas, name)[chosen] for name in MEASURED])
-    rows[:, chosen < 0] = np.nan
-    return rows
+def checked(view: View, measured: Array, usual: Array, farthest: float) -> SeenRow:
+    """Return those of the targets (7, targets) that make a believable row.
 
-
-def checked(view: View, measured: Array, farthest: float) -> SeenRow:
-    """Return those of the targets (7, targets) that make a believable row."""
+    usual (targets,): how large they are compared with each other, px^2.
+    """
+    measured[:, ~of_usual_size(measured[AREA], usual)] = np.nan
     points = view.points(measured[:2].T)
     seen = believable(*columns(points), view.arclength, farthest)
     measured[:, ~seen] = np.nan
@@ -218,11 +236,18 @@ def followed(view: View, seen: SeenRow, before: FollowedRow | None) -> FollowedR
     if lost.any():
         pixels[lost] = view.pixels(np.column_stack([x[lost], y[lost]]))
     velocity = np.zeros_like(pixels)
-    if before is not None:
-        velocity = (pixels - before.pixels) / seconds_between(before.stamp_ns, stamp_ns)
+    both = ~lost & (False if before is None else before.seen)
+    if before is not None and both.any():
+        moved = (pixels - before.pixels)[both] / seconds_between(before.stamp_ns, stamp_ns)
+        for axis in range(2):
+            velocity[:, axis] = np.interp(view.arclength, view.arclength[both], moved[:, axis])
     area = usual_size(seen.measured[AREA], None if before is None else before.area)
     return FollowedRow(
-        stamp_ns=stamp_ns, pixels=freeze(pixels), velocity=freeze(velocity), area=freeze(area)
+        stamp_ns=stamp_ns,
+        pixels=freeze(pixels),
+        velocity=freeze(velocity),
+        area=freeze(area),
+        seen=~lost,
     )
 
 

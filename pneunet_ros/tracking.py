@@ -22,7 +22,10 @@ OFF_BETWEEN, OFF_BEYOND = 0.17, 0.4
 FARTHEST = 2.5  # spacings between an end of a row and the next target, where nothing else is known
 SHORTEST, LONGEST = 0.7, 1.3  # distance of neighbors over their distance along the arm
 COMPARED = 3  # neighbors on each side whose distance is looked at
-LARGEST_GROWTH, LARGEST_LOSS = 1.5, 0.8  # of the area of a target from one frame to the next
+LARGEST_LOSS, LARGEST_GROWTH = 0.8, 1.3  # of the area of a target, compared with its neighbors'
+SMALLEST, LARGEST = 0.7, 1.6  # area of a target over what it has been
+ALONE_BETWEEN, ALONE_BEYOND = 0.06, 0.15  # of the spacing: how far a target can have moved alone
+NOBODY = 1 << 30
 FOLLOWING = 0.1  # share of a new area in the area that is expected next
 
 
@@ -163,12 +166,54 @@ def _along_arc(
     return x[end] + scale * ahead * math.cos(middle), y[end] + scale * ahead * math.sin(middle)
 
 
-def of_usual_size(area: Array, usual: Array) -> Mask:
-    """Return which areas are about as large as the target has been so far (targets,).
+@kernel
+def moved_together(off_x: Array, off_y: Array, spacing: float) -> Mask:
+    """Return which targets are off their prediction as their neighbors are (targets,).
 
-    What is partly covered is smaller, and its center is not that of the target.
+    off_x, off_y: from where each was predicted, in the unit of `spacing`; NaN for those without a
+    prediction of their own or not seen. A glint beside a target, or something that covers part of
+    it, moves its center alone.
     """
-    return (area >= LARGEST_LOSS * usual) & (area <= LARGEST_GROWTH * usual)
+    together = np.isfinite(off_x) & np.isfinite(off_y)
+    places = np.flatnonzero(together)
+    for place in range(places.size):
+        target = places[place]
+        # The four nearest along the arm, on either side or on both.
+        first, last = place, place + 1
+        while last - first < min(5, places.size):
+            left = target - places[first - 1] if first > 0 else NOBODY
+            right = places[last] - target if last < places.size else NOBODY
+            first, last = (first - 1, last) if left <= right else (first, last + 1)
+        near = places[first:last]
+        near = near[near != target]
+        if near.size < 2:
+            continue
+        alone_x = off_x[target] - np.median(off_x[near])
+        alone_y = off_y[target] - np.median(off_y[near])
+        inside = first < place - 1 and place + 2 < last
+        allowed = ALONE_BETWEEN if inside else ALONE_BEYOND
+        together[target] = math.hypot(alone_x, alone_y) <= allowed * spacing
+    return together
+
+
+@kernel
+def of_usual_size(area: Array, usual: Array) -> Mask:
+    """Return which areas are as large as usual, also compared with their neighbors (targets,).
+
+    What is partly covered is smaller, what hangs together with a glint larger, and their centers
+    are not those of the target. Light and motion change neighbors alike.
+    """
+    ratios = area / usual
+    fits = np.zeros(area.size, np.bool_)
+    for target in range(area.size):
+        if math.isnan(ratios[target]):
+            continue
+        near = ratios[max(target - 3, 0) : target + 4]
+        known = near[np.isfinite(near)]
+        ratio = ratios[target] / (np.median(known) if known.size > 2 else 1.0)
+        alike = LARGEST_LOSS <= ratio <= LARGEST_GROWTH
+        fits[target] = alike and SMALLEST <= ratios[target] <= LARGEST
+    return fits
 
 
 def usual_size(area: Array, usual: Array | None = None) -> Array:
@@ -178,6 +223,7 @@ def usual_size(area: Array, usual: Array | None = None) -> Array:
     changes nothing.
     """
     if usual is None:
-        middle = float(np.nanmedian(area))
+        known = area[np.isfinite(area)]
+        middle = float(np.median(known)) if known.size else math.nan
         return np.where(np.isnan(area), middle, np.maximum(area, middle / LARGEST_GROWTH))
     return np.where(np.isnan(area), usual, (1.0 - FOLLOWING) * usual + FOLLOWING * area)
