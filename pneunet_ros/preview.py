@@ -18,11 +18,11 @@ from matplotlib.patches import Patch
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.centerline import MeasuredCurve
+from pneunet_ros.heat_map import heat
 from pneunet_ros.image import Image
 from pneunet_ros.length_unit import LengthUnit
 from pneunet_ros.output import atomic_output
 from pneunet_ros.preview_video import overlay_of
-from pneunet_ros.shape import Array
 from pneunet_ros.tracker_state import TrackerState, Tracking
 from pneunet_ros.units import seconds_between
 
@@ -35,8 +35,6 @@ WIDTH = 20.0  # inches
 PICTURES = 5
 CURVES = 60  # at most, of centerlines; half as many are always there when there were more
 BANDS = 8  # curvatures with their uncertainty
-COLUMNS = 600  # of the heat map, at most
-GAP = 3.0  # usual distances of frames, from which there is a gap in the heat map
 SIGMAS = 2.0
 
 
@@ -243,28 +241,3 @@ def _plain(axes: Axes) -> None:
 def spread(count: int, wanted: int) -> list[int]:
     """Return indices of at most `wanted` of `count` things, from the first to the last."""
     return sorted(set(np.linspace(0, count - 1, min(count, wanted)).round().astype(int).tolist()))
-
-
-def heat(times: Array, statuses: Array) -> tuple[Array, Array]:
-    """Return edges (n + 1,) in time and what is in between (n, targets), for a heat map.
-
-    statuses (frames, targets): 1 seen, 0 missing, -1 without explanation. What comes out is the
-    share of explained frames in which a target was seen, -1 where there was none of them, NaN
-    where there were no frames.
-    """
-    together = math.ceil(len(times) / COLUMNS)
-    usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    usual = usual or 1.0
-    edges: list[float] = []
-    shares: list[Array] = []
-    for first in range(0, len(times), together):
-        group = statuses[first : first + together]
-        explained = group[group[:, 0] >= 0.0] if group.shape[1] else group
-        if edges and times[first] > edges[-1] + GAP * usual:
-            shares.append(np.full(group.shape[1], np.nan))
-        elif edges:
-            edges.pop()
-        edges.append(float(times[first]))
-        shares.append(explained.mean(axis=0) if len(explained) else np.full(group.shape[1], -1.0))
-        edges.append(float(times[min(first + together, len(times)) - 1]) + usual)
-    return np.array(edges), np.array(shares)

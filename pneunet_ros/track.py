@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import math
 
 import numpy as np
+from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.errors import PneunetError, RecordingError
 from pneunet_ros.image_sources import IMAGE_TYPES
 from pneunet_ros.image_stream import ImageStream, StreamItem
@@ -87,6 +88,7 @@ def record_tracking(
             copies[topic.name] = writer.add_copy(topic)
         except RecordingError as error:
             sentences.append(f'{topic.name} was not copied: {error}')
+    serializer = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
     for step in track_steps(stream, tracker, copies):
         each(step)
         item = step.item
@@ -94,7 +96,7 @@ def record_tracking(
             writer.write_raw(copies[item.topic], item.log_time_ns, item.raw)
         if isinstance(step.outcome, Tracking):
             for output, claim in claims(step.outcome):
-                raw = serialize(output.encode(claim, frame_id, ROSBAGS_TYPES), output.type)
+                raw = serializer.bytes_of(output, claim)
                 writer.write_raw(outputs[output.name], item.log_time_ns, raw)
     return tuple(sentences)
 

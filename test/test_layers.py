@@ -43,12 +43,13 @@ FLOORS = {
         compressed_image tracker_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
         image_stream image_files image_sources
-        length_unit target_table preview_video preview
+        length_unit target_table preview_video heat_map preview
         __init__
     """,
     '4 edges': """
         replay track
-        verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.track verbs.effects
+        verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.track_summary
+        verbs.track verbs.effects
         cli
         nodes nodes.parameters nodes.process nodes.ros_types nodes.topics nodes.health nodes.log
         nodes.model_info nodes.configured_node

@@ -8,10 +8,11 @@ from matplotlib.image import imread
 import numpy as np
 from pneunet_ros.camera_file import load_camera
 from pneunet_ros.errors import RecordingError
+from pneunet_ros.heat_map import heat
 from pneunet_ros.image import Image
 from pneunet_ros.image_sources import open_images, SourceRequest
 from pneunet_ros.length_unit import length_unit
-from pneunet_ros.preview import CURVES, heat, PICTURES, Preview, spread, write_preview
+from pneunet_ros.preview import CURVES, PICTURES, Preview, spread, write_preview
 import pneunet_ros.preview_video
 from pneunet_ros.preview_video import overlay_of, write_text, write_video
 from pneunet_ros.resources import shipped
