@@ -19,15 +19,15 @@ from pneunet_ros.tracking import (
     believable,
     expected,
     FARTHEST,
+    look_alike,
     Mask,
     moved_together,
-    of_usual_size,
     usual_size,
 )
 from pneunet_ros.units import seconds_between
 
 MEASURED = ('u', 'v', 'area', 'major', 'minor', 'angle', 'std')
-AREA, STD = MEASURED.index('area'), MEASURED.index('std')
+AREA, MAJOR, MINOR, STD = (MEASURED.index(name) for name in ('area', 'major', 'minor', 'std'))
 REACH_AGAIN = 0.3  # of the spacing: how near to where its neighbors say a lost target is sought
 MOST_PASSES = 3  # over a frame, while lost targets are found again
 AT_CLAMP = 0.5  # spacings from the first targets to their place, unless the camera has moved
@@ -206,7 +206,8 @@ def checked(view: View, measured: Array, usual: Array, farthest: float) -> SeenR
 
     usual (targets,): how large they are compared with each other, px^2.
     """
-    measured[:, ~of_usual_size(measured[AREA], usual)] = np.nan
+    alike = look_alike(measured[AREA], usual, measured[MAJOR] / measured[MINOR])
+    measured[:, ~alike] = np.nan
     points = view.points(measured[:2].T)
     seen = believable(*columns(points), view.arclength, farthest)
     measured[:, ~seen] = np.nan

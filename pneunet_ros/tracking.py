@@ -18,11 +18,12 @@ Mask = npt.NDArray[np.bool_]
 
 # Of the spacing: how far a target may be from a smooth curve through its neighbors, where they are
 # on both sides of it and where they are on one.
-OFF_BETWEEN, OFF_BEYOND = 0.17, 0.4
+OFF_BETWEEN, OFF_BEYOND = 0.15, 0.4
 FARTHEST = 2.5  # spacings between an end of a row and the next target, where nothing else is known
 SHORTEST, LONGEST = 0.7, 1.3  # distance of neighbors over their distance along the arm
 COMPARED = 3  # neighbors on each side whose distance is looked at
-LARGEST_LOSS, LARGEST_GROWTH = 0.8, 1.3  # of the area of a target, compared with its neighbors'
+LARGEST_LOSS, LARGEST_GROWTH = 0.8, 1.25  # of the area of a target, compared with its neighbors'
+LONGER = 1.35  # elongation of a target over its neighbors'
 SMALLEST, LARGEST = 0.7, 1.6  # area of a target over what it has been
 ALONE_BETWEEN, ALONE_BEYOND = 0.06, 0.15  # of the spacing: how far a target can have moved alone
 NOBODY = 1 << 30
@@ -197,21 +198,25 @@ def moved_together(off_x: Array, off_y: Array, spacing: float) -> Mask:
 
 
 @kernel
-def of_usual_size(area: Array, usual: Array) -> Mask:
-    """Return which areas are as large as usual, also compared with their neighbors (targets,).
+def look_alike(area: Array, usual: Array, elongation: Array) -> Mask:
+    """Return which areas look as usual, also compared with their neighbors (targets,).
 
-    What is partly covered is smaller, what hangs together with a glint larger, and their centers
-    are not those of the target. Light and motion change neighbors alike.
+    usual: area of each so far; elongation: largest axis over smallest. What is partly covered is
+    smaller, what hangs together with a glint is larger or longer, and their centers are not those
+    of the target. Light and motion change neighbors alike.
     """
     ratios = area / usual
     fits = np.zeros(area.size, np.bool_)
     for target in range(area.size):
         if math.isnan(ratios[target]):
             continue
-        near = ratios[max(target - 3, 0) : target + 4]
-        known = near[np.isfinite(near)]
-        ratio = ratios[target] / (np.median(known) if known.size > 2 else 1.0)
-        alike = LARGEST_LOSS <= ratio <= LARGEST_GROWTH
+        size, length = ratios[target], elongation[target]
+        first = max(target - 3, 0)
+        near = first + np.flatnonzero(np.isfinite(ratios[first : target + 4]))
+        if near.size > 2:
+            size /= np.median(ratios[near])
+            length /= np.median(elongation[near])
+        alike = LARGEST_LOSS <= size <= LARGEST_GROWTH and length <= LONGER
         fits[target] = alike and SMALLEST <= ratios[target] <= LARGEST
     return fits
 

@@ -5,7 +5,14 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
-from pneunet_ros.tracking import believable, expected, FARTHEST, of_usual_size, usual_size
+from pneunet_ros.tracking import (
+    believable,
+    expected,
+    FARTHEST,
+    look_alike,
+    moved_together,
+    usual_size,
+)
 import pytest
 from rows import arc, ARCLENGTH, SPACING
 
@@ -72,12 +79,47 @@ def test_nothing_is_expected_of_a_single_target():
     assert np.count_nonzero(np.isfinite(found[:, 0])) == 1
 
 
-def test_partly_covered_targets_are_not_of_their_usual_size():
+def test_the_usual_size_follows_slowly_and_starts_no_smaller_than_most():
     usual = usual_size(np.array([80.0, np.nan, 30.0, 82.0, 81.0]))
     assert usual[1] == pytest.approx(80.5)
     assert usual[2] > 50.0  # it was covered in the first frame, and may come out larger
-    fits = of_usual_size(np.array([60.0, 80.0, 80.0, 130.0, np.nan]), usual)
-    assert fits.tolist() == [False, True, True, False, False]
     later = usual_size(np.array([90.0, np.nan, 80.0, 82.0, 81.0]), usual)
     assert usual[0] < later[0] < 90.0
     assert later[1] == usual[1]
+    assert np.isnan(usual_size(np.full(3, np.nan))).all()
+
+
+@pytest.mark.parametrize(
+    ('area', 'elongation', 'alike'),
+    [(1.0, 1.1, True), (0.75, 1.1, False), (1.4, 1.1, False), (1.1, 1.8, False)],
+)
+def test_what_is_covered_or_has_a_glint_on_it_does_not_look_alike(area, elongation, alike):
+    usual = np.full(9, 80.0)
+    areas, elongations = usual.copy(), np.full(9, 1.05)
+    areas[4] *= area
+    elongations[4] = elongation
+    expected_mask = np.arange(9) != 4
+    expected_mask[4] = alike
+    assert look_alike(areas, usual, elongations).tolist() == expected_mask.tolist()
+
+
+def test_motion_makes_all_longer_and_larger_alike():
+    usual = np.full(9, 80.0)
+    assert look_alike(1.3 * usual, usual, np.full(9, 1.9)).all()
+    assert not look_alike(0.5 * usual, usual, np.full(9, 1.0)).any()
+    assert not look_alike(np.full(9, np.nan), usual, np.full(9, np.nan)).any()
+
+
+def test_a_target_that_moves_alone_is_told_from_those_that_move_together():
+    off_x = np.linspace(0.0, 6.0, 23)  # the further out the faster
+    off_y = 0.3 * off_x
+    assert moved_together(off_x, off_y, 20.0).all()
+    off_x[20] += 2.0  # a glint touches it
+    together = moved_together(off_x, off_y, 20.0)
+    assert np.flatnonzero(~together).tolist() == [20]
+    off_x[14:18] = np.nan  # a hand; what is beyond it moves otherwise than what is before it
+    off_x[18:] += 5.0
+    together = moved_together(off_x, off_y, 20.0)
+    assert together[:14].all()
+    assert together[[18, 19, 21, 22]].all()
+    assert not together[14:18].any()
