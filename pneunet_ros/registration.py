@@ -15,6 +15,7 @@ from pneunet_ros.row_search import Row, rows_anywhere, share_of_areas
 from pneunet_ros.shape import Array
 from pneunet_ros.tracking import believable, FARTHEST
 
+RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
 STILL = 0.1  # of the spacing: further off the average so far, the arm was not at rest
 NEAR_CLAMP = 1.5  # spacings from clamp_pixel to the first target, at most
 ENOUGH = 0.8  # of the targets must be seen at rest

@@ -60,7 +60,8 @@ def least_seen(targets: int) -> int:
 def row_from_clamp(points: Array, areas: Array, arclength: Array, clamp_angle: float) -> Row:
     """Find the row that starts at the clamp; points (areas, 2) m in the base frame.
 
-    areas (areas,) sizes to compare; arclength (targets,) m.
+    areas (areas,) sizes to compare; arclength (targets,) m. A row that goes on beyond the last
+    target is none.
     """
     x, y, sizes = _columns(points, areas)
     start = np.zeros(LAST + 1)
@@ -68,6 +69,8 @@ def row_from_clamp(points: Array, areas: Array, arclength: Array, clamp_angle: f
     chosen = np.full(arclength.size, NOTHING)
     cost = _grow(x, y, sizes, arclength, start, LONGEST_GAP, math.inf, chosen)
     _cut(x, y, arclength, clamp_angle, chosen)
+    if chosen[-1] >= 0 and _goes_on(x, y, sizes, arclength, chosen):
+        chosen[:] = NOTHING  # the camera has moved, or these are other dots
     return Row(chosen, cost)
 
 
@@ -302,8 +305,10 @@ def _goes_on(x: Array, y: Array, sizes: Array, arclength: Array, chosen: Indices
     last = arclength.size - 1
     row = np.zeros(LAST + 1)
     before = last - 1
-    while chosen[before] < 0:
+    while before >= 0 and chosen[before] < 0:
         before -= 1
+    if before < 0:
+        return False
     ahead = arclength[last] - arclength[before]
     a, b = chosen[before], chosen[last]
     row[X], row[Y] = x[b], y[b]

@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros.camera import Plane
 from pneunet_ros.camera_settings import CameraSettings
 from pneunet_ros.detection import Areas, find_areas, measure_areas
+from pneunet_ros.frames import rotate
 from pneunet_ros.image import Image
 from pneunet_ros.lens import Lens
 from pneunet_ros.readings import TargetSightings
@@ -30,7 +31,8 @@ MEASURED = ('u', 'v', 'area', 'major', 'minor', 'angle', 'std')
 AREA, MAJOR, MINOR, STD = (MEASURED.index(name) for name in ('area', 'major', 'minor', 'std'))
 REACH_AGAIN = 0.3  # of the spacing: how near to where its neighbors say a lost target is sought
 MOST_PASSES = 3  # over a frame, while lost targets are found again
-AT_CLAMP = 0.5  # spacings from the first targets to their place, unless the camera has moved
+NEAR_CLAMP = 4  # targets that can hardly move, but with the camera
+OFF_ALONG, OFF_ASIDE = 0.1, 0.5  # spacings from their place, more with each: stretch and bend
 LONGEST_PREDICTION = 0.5  # s since the last frame, beyond which velocities tell nothing
 
 
@@ -121,7 +123,7 @@ def follow(view: View, row: FollowedRow) -> SeenRow | None:
         if more.seen <= seen.seen:
             break
         seen = more
-    if seen.seen < LEAST_TARGETS or not at_clamp(seen, view.arclength):
+    if seen.seen < LEAST_TARGETS or not at_clamp(view, seen):
         return None
     return seen
 
@@ -150,7 +152,7 @@ def search(view: View) -> SeenRow | Failure:
     measured[:, chosen < 0] = np.nan
     seen = checked(view, measured, usual_size(measured[AREA]), FARTHEST)
     targets, least = view.arclength.size, least_seen(view.arclength.size)
-    if seen.seen < least or not at_clamp(seen, view.arclength):
+    if seen.seen < least or not at_clamp(view, seen):
         return Failure(
             reason='no_row',
             sentence=f'only {seen.seen} of {targets} targets stand in a row from the clamp, among '
@@ -221,11 +223,16 @@ def columns(points: Array) -> tuple[Array, Array]:
     return x, y
 
 
-def at_clamp(seen: SeenRow, arclength: Array) -> bool:
-    """Whether the first two targets, where seen, are next to the clamp as they must be."""
-    points = seen.points[:2]
-    off = np.hypot(points[:, 0] - arclength[:2], points[:, 1])
-    return not np.any(off > AT_CLAMP * (arclength[1] - arclength[0]))
+def at_clamp(view: View, seen: SeenRow) -> bool:
+    """Whether the first target that is seen, if it is near the clamp, is where it must be."""
+    first = int(np.isfinite(seen.points[:, 0]).argmax())
+    if first >= NEAR_CLAMP:
+        return True
+    spacing = view.arclength[1] - view.arclength[0]
+    x, y = rotate(-view.clamp_angle, *seen.points[first].tolist())
+    allowed = (1.0 + first) * spacing
+    off_along = abs(math.hypot(x, y) - view.arclength[first])
+    return bool(off_along <= OFF_ALONG * allowed and abs(y) <= OFF_ASIDE * allowed)
 
 
 def followed(view: View, seen: SeenRow, before: FollowedRow | None) -> FollowedRow:

@@ -15,12 +15,11 @@ from pneunet_ros.image_stream import ImageStream, StreamItem
 from pneunet_ros.message_parts import UNREADABLE
 from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recording_writer import RecordingWriter
+from pneunet_ros.registration import RESTING
 from pneunet_ros.shape import Array, Refusal
 from pneunet_ros.tracker import Tracker
 from pneunet_ros.tracker_messages import claims, TRACKER_OUTPUTS
 from pneunet_ros.tracker_state import TrackerState, Tracking
-
-RESTING = 'resting'  # reason of a frame that is averaged into scale and base frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.arm import Arm
-from pneunet_ros.camera import Plane, plane_from_homography, plane_from_pose
+from pneunet_ros.camera import plane_from_homography, plane_from_pose
 from pneunet_ros.camera_settings import CameraSettings, HomographyPlane, PosePlane
 from pneunet_ros.centerline import smoother_for
 from pneunet_ros.errors import CameraError, ModelError
 from pneunet_ros.image import Image
 from pneunet_ros.lens import Lens
 from pneunet_ros.readings import unseen_targets
-from pneunet_ros.registration import Failure
+from pneunet_ros.registration import Failure, RESTING
 from pneunet_ros.row_search import LEAST_TARGETS
 from pneunet_ros.shape import Refusal, same_values
 from pneunet_ros.sighting import follow, followed, search, search_at_rest, sightings, View
@@ -93,7 +93,7 @@ class Tracker:
         if rest.frames >= wanted:
             return replace(state, rest=rest, plane=rest.plane(self.arclength)), None
         sentence = f'scale and base frame: {rest.frames} of {wanted} frames of the arm at rest'
-        return replace(state, rest=rest), Failure(reason='resting', sentence=sentence)
+        return replace(state, rest=rest), Failure(reason=RESTING, sentence=sentence)
 
     def _unexplained(
         self, state: TrackerState, image: Image, failure: Failure
@@ -107,31 +107,33 @@ class Tracker:
             sentence=failure.sentence,
         )
 
+    def started_anew(self, state: TrackerState) -> TrackerState:
+        """Return a state that knows the camera, and nothing of the arm."""
+        return self._through(state.fresh(), state.lens)
+
     def _with_lens(self, state: TrackerState, lens: Lens) -> TrackerState:
         """Take a camera_info; one that says what the last one said changes nothing."""
-        if state.lens is not None and same_values(state.lens, lens):
-            return state
-        if state.lens is not None:
-            state = state.fresh()
-        method = self.settings.plane
+        if state.lens is None:
+            return self._through(state, lens)
+        return state if same_values(state.lens, lens) else self._through(state.fresh(), lens)
+
+    def _through(self, state: TrackerState, lens: Lens | None) -> TrackerState:
+        """Return the state with a lens, and the working plane where that is known beforehand."""
+        method, plane, trouble = self.settings.plane, None, ''
         try:
-            plane: Plane | None = None
-            if isinstance(method, HomographyPlane):
+            if lens is not None and isinstance(method, HomographyPlane):
                 plane = plane_from_homography(lens, method)
             elif isinstance(method, PosePlane):
                 plane = plane_from_pose(method)
         except CameraError as error:
-            return replace(state, lens=lens, trouble=str(error))
-        return replace(state, lens=lens, plane=plane, trouble='')
+            trouble = str(error)
+        return replace(state, lens=lens, plane=plane, trouble=trouble)
 
     def _admitted(self, state: TrackerState, image: Image) -> tuple[TrackerState, Refusal | None]:
         """Whether an image can be looked at; it may start everything anew."""
         reason, sentence = stamp_fault('image', state.stamp_ns, image.stamp_ns)
         if reason == STARTS_ANEW:
-            lens, state = state.lens, replace(state.fresh(), lens=None)
-            if lens is not None:
-                state = self._with_lens(state, lens)
-            reason = ''
+            state, reason = self.started_anew(state), ''
         error = False
         if not reason and state.lens is None:
             reason, error = 'no_camera_info', True

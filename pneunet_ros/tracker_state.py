@@ -51,9 +51,8 @@ class TrackerState:
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
     def fresh(self) -> TrackerState:
-        """Forget the arm, and where it rested; camera and counts remain."""
+        """Forget camera and arm; only the counts go on."""
         return TrackerState(
-            lens=self.lens,
             frames=self.frames,
             explained=self.explained,
             resets=self.resets + 1,

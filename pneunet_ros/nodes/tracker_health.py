@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.nodes.health import age, counted, Latencies, Level, Report, texts
+from pneunet_ros.registration import RESTING
 from pneunet_ros.shape import Refusal
 from pneunet_ros.tracker_state import TrackerState, Tracking
 from pneunet_ros.units import millimeters
 
 IMAGE_TIMEOUT = 2.0  # s; silence of the camera that is an error
-RESTING = 'resting'  # reason of a frame that is averaged into scale and base frame: all is well
 
 
 class TrackerHealth:
