@@ -48,7 +48,7 @@ from dds_peer import CameraPeer, running_node, START_TIMEOUT, TIMEOUT  # noqa: E
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES  # noqa: E402
 from pneunet_ros.nodes.ros_types import serialize as to_bytes  # noqa: E402
-from pneunet_ros.nodes.tracker import started_anew, TrackerNode  # noqa: E402
+from pneunet_ros.nodes.tracker import TrackerNode  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 
@@ -477,12 +477,12 @@ def test_a_new_start_knows_the_camera_whatever_the_plane_comes_from(method):
     for index, picture in enumerate(FILM[:2]):
         image = decode_image(filmed.image_message(filmed.stamp_of(index), picture))
         state, _ = tracker.step(state, image)
-    state = started_anew(tracker, state)
+    state = tracker.started_anew(state)
     assert state.lens is before.lens
     assert (state.plane is None) == (before.plane is None) == (method == 'rest')
     assert (state.row, state.stamp_ns, state.rest.frames) == (None, None, 0)
     assert (state.frames, state.resets) == (2, 1)
-    assert started_anew(tracker, TrackerState()).lens is None
+    assert tracker.started_anew(TrackerState()).lens is None
 
 
 NOTHING_IS_COMPILED_LATE = """

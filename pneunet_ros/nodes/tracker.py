@@ -7,7 +7,6 @@ services, diagnostics and the log.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 import sys
 import time
 from typing import Any
@@ -30,7 +29,6 @@ from pneunet_ros.nodes.tracker_health import IMAGE_TIMEOUT, TrackerHealth
 from pneunet_ros.nodes.tracker_warm_up import warm_up
 from pneunet_ros.overlay import curve_in_image, draw
 from pneunet_ros.shape import Refusal
-from pneunet_ros.tracker import Tracker
 from pneunet_ros.tracker_messages import (
     CAMERA_INFO_TYPE,
     claims,
@@ -166,19 +164,13 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
 
     def forget(self) -> str:
         """Forget all images; what is known of the camera remains."""
-        self.state = started_anew(self.configuration.tracker, self.state)
+        self.state = self.configuration.tracker.started_anew(self.state)
         return 'the tracker starts anew'
 
     def take_over(self, configuration: TrackerConfiguration) -> None:
         """Start anew if anything is another one; what is known of the camera remains."""
         if configuration.tracker is not self.configuration.tracker:
-            self.state = started_anew(configuration.tracker, self.state)
-
-
-def started_anew(tracker: Tracker, state: TrackerState) -> TrackerState:
-    """Return a state that knows the camera, and nothing of the arm."""
-    lens, state = state.lens, replace(state.fresh(), lens=None)
-    return state if lens is None else tracker.step(state, lens)[0]
+            self.state = configuration.tracker.started_anew(self.state)
 
 
 def main() -> int:
