@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from pneunet_ros.area_kernels import ANGLE, AREA, MAJOR, MINOR, U, V
 from pneunet_ros.camera import Plane
 from pneunet_ros.camera_settings import CameraSettings
 from pneunet_ros.detection import Areas, find_areas, measure_areas
@@ -15,20 +16,11 @@ from pneunet_ros.lens import Lens
 from pneunet_ros.readings import TargetSightings
 from pneunet_ros.registration import Failure, row_at_rest, row_points
 from pneunet_ros.row_search import least_seen, LEAST_TARGETS, MOST_AREAS, row_from_clamp
+from pneunet_ros.row_step import check_row, next_row, Optics, pixels_of
 from pneunet_ros.shape import Array, freeze
-from pneunet_ros.tracking import (
-    believable,
-    expected,
-    FARTHEST,
-    look_alike,
-    Mask,
-    moved_together,
-    usual_size,
-)
+from pneunet_ros.tracking import expected, FARTHEST, first_size, Mask
 from pneunet_ros.units import seconds_between
 
-MEASURED = ('u', 'v', 'area', 'major', 'minor', 'angle', 'std')
-AREA, MAJOR, MINOR, STD = (MEASURED.index(name) for name in ('area', 'major', 'minor', 'std'))
 REACH_AGAIN = 0.3  # of the spacing: how near to where its neighbors say a lost target is sought
 MOST_PASSES = 3  # over a frame, while lost targets are found again
 NEAR_CLAMP = 4  # targets that can hardly move, but with the camera
@@ -41,7 +33,8 @@ class FollowedRow:
     """A row of targets as it was in a frame, from which the next one is predicted.
 
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
-    area (targets,): how large each is to be expected, px^2; seen (targets,): whether it was.
+    area (targets,): how large each is to be expected, px^2; seen (targets,): whether it was;
+    spacing: distance of neighbors, px.
     """
 
     stamp_ns: int
@@ -49,27 +42,21 @@ class FollowedRow:
     velocity: Array
     area: Array
     seen: Mask
-
-    @property
-    def spacing(self) -> float:
-        """Return the distance of neighbors, px."""
-        return float(np.median(np.hypot(*np.diff(self.pixels, axis=0).T)))
+    spacing: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeenRow:
     """The targets in a frame, NaN where one is not seen.
 
-    measured (7, targets): rows named in MEASURED, px and rad; points (targets, 2) m in base.
+    rows (targets, columns): what was measured in the image, in the columns of `area_kernels`;
+    points (targets, 2) m in base; std (targets,) m; seen: how many are.
     """
 
-    measured: Array
+    rows: Array
     points: Array
-
-    @property
-    def seen(self) -> int:
-        """How many targets are seen."""
-        return int(np.count_nonzero(np.isfinite(self.points[:, 0])))
+    std: Array
+    seen: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,23 +70,26 @@ class View:
     clamp_angle: float
     settings: CameraSettings
 
-    def points(self, pixels: Array) -> Array:
-        """Return points (n, 2) m in base of pixels (n, 2); NaN where there is none."""
-        return self.plane.points(self.lens.undistorted(pixels))
-
-    def pixels(self, points: Array) -> Array:
-        """Return pixels (n, 2) of points (n, 2) m in base; NaN where there is none."""
-        return self.lens.distorted(self.plane.normalized(points))
+    @property
+    def optics(self) -> Optics:
+        """Lens and working plane, as kernels take them."""
+        plane, lens = self.plane, self.lens
+        return (
+            lens.coefficients,
+            lens.limit,
+            plane.base_from_normalized,
+            plane.normalized_from_base,
+        )
 
     def measured(self, around: Array, reach: float, area: Array) -> Array:
-        """Return what is nearest to these pixels (n, 2), NaN where nothing is; (7, n).
+        """Return what is nearest to these pixels (n, 2), NaN where nothing is; a row for each.
 
         reach: px, from there to the center at most; area (n,) px^2: how large it should be.
         """
-        size = math.sqrt(4.0 / math.pi * float(area.max()))
+        size = math.sqrt(4.0 / math.pi * area.max())
         settings = self.settings
         found = measure_areas(self.image, around, reach, size, settings.grey_band, settings.area)
-        return found.table[: len(MEASURED)].copy()
+        return found.table.T.copy()
 
 
 def follow(view: View, row: FollowedRow) -> SeenRow | None:
@@ -108,18 +98,30 @@ def follow(view: View, row: FollowedRow) -> SeenRow | None:
     predicted = row.pixels
     if seconds <= LONGEST_PREDICTION:
         predicted = row.pixels + seconds * row.velocity
-    spacing = row.spacing
-    measured = view.measured(predicted, view.settings.gate * spacing, row.area)
-    seen = checked(view, as_predicted(measured, predicted, row), row.area, math.inf)
+
+    def checked(rows: Array) -> SeenRow:
+        count, points, std = check_row(
+            rows,
+            predicted,
+            row.seen,
+            row.area,
+            row.spacing,
+            view.arclength,
+            math.inf,
+            view.optics,
+        )
+        return SeenRow(rows=rows, points=points, std=std, seen=count)
+
+    seen = checked(view.measured(predicted, view.settings.gate * row.spacing, row.area))
     for _ in range(MOST_PASSES):
-        lost = np.isnan(seen.points[:, 0])
-        if not lost.any() or seen.seen < 2:
+        if seen.seen == len(predicted) or seen.seen < 2:
             break
+        lost = np.isnan(seen.std)
         x, y = expected(*columns(seen.points), view.arclength)
-        again = view.pixels(np.column_stack([x[lost], y[lost]]))
-        measured = seen.measured.copy()
-        measured[:, lost] = view.measured(again, REACH_AGAIN * spacing, row.area[lost])
-        more = checked(view, as_predicted(measured, predicted, row), row.area, math.inf)
+        again = pixels_of(x[lost], y[lost], view.optics)
+        rows = seen.rows.copy()
+        rows[lost] = view.measured(again, REACH_AGAIN * row.spacing, row.area[lost])
+        more = checked(rows)
         if more.seen <= seen.seen:
             break
         seen = more
@@ -128,29 +130,17 @@ def follow(view: View, row: FollowedRow) -> SeenRow | None:
     return seen
 
 
-def as_predicted(measured: Array, predicted: Array, row: FollowedRow) -> Array:
-    """Return what was measured (7, targets), NaN where a target has moved as no neighbor has.
-
-    predicted (targets, 2) px; this is asked of targets only that were seen in the last frame.
-    """
-    off_x, off_y = np.where(row.seen, measured[:2] - predicted.T, np.nan)
-    together = moved_together(off_x, off_y, row.spacing)
-    measured[:, row.seen & ~together] = np.nan
-    return measured
-
-
 def search(view: View) -> SeenRow | Failure:
     """Find the row that starts at the clamp among all bright areas of the frame."""
     areas = bright_areas(view.image, view.settings)
     if isinstance(areas, Failure):
         return areas
-    points = view.points(np.column_stack([areas.u, areas.v]))
+    points = view.plane.points(view.lens.undistorted(np.column_stack([areas.u, areas.v])))
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
     row = row_from_clamp(points[usable], areas.area[usable], view.arclength, view.clamp_angle)
-    chosen = np.where(row.chosen >= 0, usable[row.chosen] if usable.size else -1, -1)
-    measured = areas.table[: len(MEASURED), chosen]
-    measured[:, chosen < 0] = np.nan
-    seen = checked(view, measured, usual_size(measured[AREA]), FARTHEST)
+    rows = areas.table.T[usable[row.chosen]] if usable.size else np.zeros((0, 0))
+    rows[row.chosen < 0] = np.nan
+    seen = found_row(view, rows)
     targets, least = view.arclength.size, least_seen(view.arclength.size)
     if seen.seen < least or not at_clamp(view, seen):
         return Failure(
@@ -203,18 +193,14 @@ def bright_areas(image: Image, settings: CameraSettings) -> Areas | Failure:
     return areas
 
 
-def checked(view: View, measured: Array, usual: Array, farthest: float) -> SeenRow:
-    """Return those of the targets (7, targets) that make a believable row.
-
-    usual (targets,): how large they are compared with each other, px^2.
-    """
-    alike = look_alike(measured[AREA], usual, measured[MAJOR] / measured[MINOR])
-    measured[:, ~alike] = np.nan
-    points = view.points(measured[:2].T)
-    seen = believable(*columns(points), view.arclength, farthest)
-    measured[:, ~seen] = np.nan
-    points[~seen] = np.nan
-    return SeenRow(measured=freeze(measured), points=freeze(points))
+def found_row(view: View, rows: Array) -> SeenRow:
+    """Return those targets of a row found from nothing (targets, columns) that are believed."""
+    nowhere, nobody = np.zeros((len(rows), 2)), np.zeros(len(rows), np.bool_)
+    usual = first_size(rows[:, AREA])
+    count, points, std = check_row(
+        rows, nowhere, nobody, usual, 1.0, view.arclength, FARTHEST, view.optics
+    )
+    return SeenRow(rows=rows, points=points, std=std, seen=count)
 
 
 def columns(points: Array) -> tuple[Array, Array]:
@@ -238,32 +224,33 @@ def at_clamp(view: View, seen: SeenRow) -> bool:
 def followed(view: View, seen: SeenRow, before: FollowedRow | None) -> FollowedRow:
     """Return the row as the next frame needs it; before: the row of the frame before, if any."""
     stamp_ns = view.image.stamp_ns
-    x, y = expected(*columns(seen.points), view.arclength)
-    pixels = np.ascontiguousarray(seen.measured[:2].T)
-    lost = np.isnan(pixels[:, 0])
-    if lost.any():
-        pixels[lost] = view.pixels(np.column_stack([x[lost], y[lost]]))
-    velocity = np.zeros_like(pixels)
-    both = ~lost & (False if before is None else before.seen)
-    if before is not None and both.any():
-        moved = (pixels - before.pixels)[both] / seconds_between(before.stamp_ns, stamp_ns)
-        for axis in range(2):
-            velocity[:, axis] = np.interp(view.arclength, view.arclength[both], moved[:, axis])
-    area = usual_size(seen.measured[AREA], None if before is None else before.area)
+    if before is None:
+        pixels, nobody = seen.rows[:, :2].copy(), np.zeros(len(seen.rows), np.bool_)
+        last = (pixels, nobody, first_size(seen.rows[:, AREA]), 1.0)
+    else:
+        seconds = seconds_between(before.stamp_ns, stamp_ns)
+        last = (before.pixels, before.seen, before.area, seconds)
+    pixels, velocity, area, who, spacing = next_row(
+        seen.rows, seen.points, view.arclength, view.optics, *last
+    )
     return FollowedRow(
-        stamp_ns=stamp_ns,
-        pixels=freeze(pixels),
-        velocity=freeze(velocity),
-        area=freeze(area),
-        seen=~lost,
+        stamp_ns=stamp_ns, pixels=pixels, velocity=velocity, area=area, seen=who, spacing=spacing
     )
 
 
 def sightings(view: View, seen: SeenRow) -> TargetSightings:
     """Return what is published of the targets that are seen."""
-    normalized = view.lens.undistorted(seen.measured[:2].T)
-    meters_per_pixel = view.lens.scale(normalized) * view.plane.scale(normalized)
-    values = dict(zip(MEASURED, seen.measured, strict=True))
-    values['std'] = seen.measured[STD] * meters_per_pixel
-    x, y = seen.points.T
-    return TargetSightings(stamp_ns=view.image.stamp_ns, x=x, y=y, **values)
+    x, y = columns(seen.points)
+    table = freeze(np.ascontiguousarray(seen.rows.T))
+    return TargetSightings(
+        stamp_ns=view.image.stamp_ns,
+        x=freeze(x),
+        y=freeze(y),
+        std=freeze(seen.std),
+        u=table[U],
+        v=table[V],
+        area=table[AREA],
+        major=table[MAJOR],
+        minor=table[MINOR],
+        angle=table[ANGLE],
+    )

@@ -27,7 +27,6 @@ LONGER = 1.35  # elongation of a target over its neighbors'
 SMALLEST, LARGEST = 0.7, 1.6  # area of a target over what it has been
 ALONE_BETWEEN, ALONE_BEYOND = 0.06, 0.15  # of the spacing: how far a target can have moved alone
 NOBODY = 1 << 30
-FOLLOWING = 0.1  # share of a new area in the area that is expected next
 
 
 @kernel
@@ -62,7 +61,7 @@ def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
 
 @inlined
 def _wrong_distances(x: Array, y: Array, arclength: Array, places: Indices, target: int) -> float:
-    """Return 1 + the share of neighbors that are too near or too far; 2 without neighbors."""
+    """Return twice the share of neighbors that are too near or too far; 2 without neighbors."""
     here = int(np.searchsorted(places, target))
     wrong = known = 0
     for place in range(max(here - COMPARED, 0), min(here + COMPARED + 1, places.size)):
@@ -75,7 +74,7 @@ def _wrong_distances(x: Array, y: Array, arclength: Array, places: Indices, targ
         known += 1
         if distance > LONGEST * along or distance < SHORTEST * along - 0.1 * (along - spacing):
             wrong += 1
-    return 2.0 if known == 0 else 1.0 + wrong / known
+    return 2.0 if known == 0 else 2.0 * wrong / known
 
 
 @inlined
@@ -221,14 +220,11 @@ def look_alike(area: Array, usual: Array, elongation: Array) -> Mask:
     return fits
 
 
-def usual_size(area: Array, usual: Array | None = None) -> Array:
-    """Return how large each target is to be expected next (targets,).
+def first_size(area: Array) -> Array:
+    """Return how large targets are to be expected after they are found (targets,).
 
-    usual: what was expected so far; without it a target starts no smaller than most. NaN in `area`
-    changes nothing.
+    A target starts no smaller than most, as it may be covered in part; NaN is one not seen.
     """
-    if usual is None:
-        known = area[np.isfinite(area)]
-        middle = float(np.median(known)) if known.size else math.nan
-        return np.where(np.isnan(area), middle, np.maximum(area, middle / LARGEST_GROWTH))
-    return np.where(np.isnan(area), usual, (1.0 - FOLLOWING) * usual + FOLLOWING * area)
+    known = area[np.isfinite(area)]
+    middle = float(np.median(known)) if known.size else math.nan
+    return np.where(np.isnan(area), middle, np.maximum(area, middle / LARGEST_GROWTH))

@@ -29,7 +29,7 @@ FLOORS = {
         arm attempt equilibrium tip many
         image camera_settings lens_kernels lens camera
         area_kernels detection
-        row_search tracking registration sighting
+        row_search tracking registration row_step sighting
         centerline_prior centerline_kernel centerline
         lab lab.lens lab.scene lab.discs lab.shading lab.targets lab.renderer lab.motion
     """,

@@ -9,9 +9,9 @@ from pneunet_ros.tracking import (
     believable,
     expected,
     FARTHEST,
+    first_size,
     look_alike,
     moved_together,
-    usual_size,
 )
 import pytest
 from rows import arc, ARCLENGTH, SPACING
@@ -79,14 +79,12 @@ def test_nothing_is_expected_of_a_single_target():
     assert np.count_nonzero(np.isfinite(found[:, 0])) == 1
 
 
-def test_the_usual_size_follows_slowly_and_starts_no_smaller_than_most():
-    usual = usual_size(np.array([80.0, np.nan, 30.0, 82.0, 81.0]))
-    assert usual[1] == pytest.approx(80.5)
-    assert usual[2] > 50.0  # it was covered in the first frame, and may come out larger
-    later = usual_size(np.array([90.0, np.nan, 80.0, 82.0, 81.0]), usual)
-    assert usual[0] < later[0] < 90.0
-    assert later[1] == usual[1]
-    assert np.isnan(usual_size(np.full(3, np.nan))).all()
+def test_a_target_starts_no_smaller_than_most():
+    first = first_size(np.array([80.0, np.nan, 30.0, 82.0, 81.0]))
+    assert first[1] == pytest.approx(80.5)
+    assert first[2] > 50.0  # it was covered in the first frame, and may come out larger
+    assert first[[0, 3, 4]].tolist() == [80.0, 82.0, 81.0]
+    assert np.isnan(first_size(np.full(3, np.nan))).all()
 
 
 @pytest.mark.parametrize(
