@@ -10,7 +10,7 @@ ARGS ?=
 
 # Two at a time on the common small machine; more than four only fight for the DDS.
 PYTEST_FLAGS := -n auto --maxprocesses 4 --dist worksteal
-BENCHES := $(wildcard bench/solver.py bench/replay.py bench/latency.py)
+BENCHES := $(wildcard $(addprefix bench/,solver.py replay.py latency.py tracker.py tracker_live.py centerline.py))
 
 # A sourced ROS, or the environment of another Python, must not leak into ours.
 ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
@@ -48,7 +48,7 @@ test-oldest: $(OLDEST)/all ## the tests on the libraries of Ubuntu 24.04
 	$(OLDEST)/bin/python -m pytest $(PYTEST_FLAGS) $(ARGS)
 
 .PHONY: bench
-bench: $(VENV)/all ## how fast it is here: solver, replay, latency
+bench: $(VENV)/all ## how fast and how exact it is here: solver, replay, tracker, nodes
 	@set -e; for bench in $(BENCHES); do echo "== $$bench"; $(VENV)/bin/python $$bench; done
 
 .PHONY: check
