@@ -1,7 +1,7 @@
 """A row of targets from one frame to the next: where each is expected, and what can be believed.
 
 Positions are those in the working plane, in any unit that is true to shape; NaN where a target is
-not seen. All three functions are pure and work on the whole row.
+not seen. All functions are pure and work on the whole row.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from pneunet_ros.solver.compiled import inlined, kernel
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-# Of the spacing: how far a target may be from a smooth curve through its neighbors, where they are
-# on both sides of it and where they are on one.
-OFF_BETWEEN, OFF_BEYOND = 0.15, 0.4
+OFF_CURVE = 0.09  # of the spacing: three sigmas or so of the place of a target that is well painted
+BEYOND = 4.5  # error of the distance from an arc through the last three: 1, 3, 3, 1 of theirs
 FARTHEST = 2.5  # spacings between an end of a row and the next target, where nothing else is known
 SHORTEST, LONGEST = 0.7, 1.3  # distance of neighbors over their distance along the arm
 COMPARED = 3  # neighbors on each side whose distance is looked at
@@ -91,9 +90,9 @@ def _off_the_curve(
     next_to = others[min(after, others.size - 1)]
     if not between and abs(arclength[target] - arclength[next_to]) >= farthest * spacing:
         return 2.0
-    at_x, at_y = _from_others(x, y, arclength, others, after, target)
+    at_x, at_y, spread = _from_others(x, y, arclength, others, after, target)
     off: float = math.hypot(x[target] - at_x, y[target] - at_y) / spacing
-    return off / (OFF_BETWEEN if between else OFF_BEYOND)
+    return off / (OFF_CURVE * spread)
 
 
 @kernel
@@ -112,43 +111,43 @@ def expected(x: Array, y: Array, arclength: Array) -> tuple[Array, Array]:
         if math.isfinite(x[target]) and math.isfinite(y[target]):
             continue
         after = int(np.searchsorted(places, target))
-        at_x[target], at_y[target] = _from_others(x, y, arclength, places, after, target)
+        at_x[target], at_y[target], _ = _from_others(x, y, arclength, places, after, target)
     return at_x, at_y
 
 
 @inlined
 def _from_others(
     x: Array, y: Array, arclength: Array, places: Indices, after: int, target: int
-) -> tuple[float, float]:
-    """Return where a target is by the others that are seen; after: how many come before it."""
+) -> tuple[float, float, float]:
+    """Return where a target is by the others that are seen; after: how many come before it.
+
+    The third value is the error of the distance from there, where all places have the error 1.
+    """
     if after == 0:
         return _along_arc(x, y, arclength, places[:3], target)
     if after == places.size:
         return _along_arc(x, y, arclength, places[::-1][:3], target)
     low = max(0, min(after - 2, places.size - 4))
-    chosen = places[low : low + 4]
-    at = arclength[target]
-    return _between(arclength, x, chosen, at), _between(arclength, y, chosen, at)
-
-
-@inlined
-def _between(arclength: Array, values: Array, places: Indices, at: float) -> float:
-    """Interpolate by the polynomial through these places."""
-    total = 0.0
-    for place in places:
+    near = places[low : low + 4]
+    at_x = at_y = 0.0
+    square = 1.0
+    for place in near:
         weight = 1.0
-        for other in places:
+        for other in near:
             if other != place:
-                weight *= (at - arclength[other]) / (arclength[place] - arclength[other])
-        total += weight * values[place]
-    return total
+                weight *= arclength[target] - arclength[other]
+                weight /= arclength[place] - arclength[other]
+        at_x += weight * x[place]
+        at_y += weight * y[place]
+        square += weight * weight
+    return at_x, at_y, math.sqrt(square)
 
 
 @inlined
 def _along_arc(
     x: Array, y: Array, arclength: Array, places: Indices, target: int
-) -> tuple[float, float]:
-    """Return where the arc through the two or three nearest that are seen leads."""
+) -> tuple[float, float, float]:
+    """Return where the arc through the two or three nearest that are seen leads, and its error."""
     end, before = places[0], places[1]
     step_x, step_y = x[end] - x[before], y[end] - y[before]
     along = abs(arclength[end] - arclength[before])
@@ -163,7 +162,9 @@ def _along_arc(
         bending = 2.0 * turn / abs(arclength[end] - arclength[first])
     ahead = abs(arclength[target] - arclength[end])
     middle = heading + 0.5 * bending * (along + ahead)
-    return x[end] + scale * ahead * math.cos(middle), y[end] + scale * ahead * math.sin(middle)
+    at_x = x[end] + scale * ahead * math.cos(middle)
+    at_y = y[end] + scale * ahead * math.sin(middle)
+    return at_x, at_y, BEYOND
 
 
 @kernel

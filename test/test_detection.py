@@ -212,6 +212,22 @@ def test_other_white_nearby_does_not_matter():
     assert areas.area[0] == pytest.approx(expected.area[0], rel=0.01)
 
 
+@pytest.mark.parametrize('behind', [80.0, 92.0])
+def test_the_background_of_a_dot_is_the_dark_arm_it_is_on(behind):
+    centers = CENTERS[:3] * [1.0, 0.0] + [0.0, 35.3]
+    picture = dots((70, 95), centers, noise=0.0, background=behind)
+    picture[25:46] -= behind - 45.0
+    picture += 3.0 * np.random.default_rng(6).standard_normal(picture.shape)
+    found = find_areas(image_of(picture), BAND, LIMITS)
+    near = measured(picture, centers)
+    assert len(found) == 3
+    for areas in (found, near):
+        order = np.argsort(areas.u)
+        assert np.allclose(areas.u[order], centers[:, 0], atol=0.06)
+        assert np.allclose(areas.v[order], centers[:, 1], atol=0.06)
+        assert np.allclose(areas.contrast, 160.0, atol=8.0)
+
+
 def test_small_dark_holes_are_closed():
     picture = draw_dot((41, 41), (20.3, 19.8), 7.0)
     whole = measured(picture, [(20, 20)])
