@@ -199,7 +199,7 @@ def test_what_is_no_whole_area_within_the_limits_is_nan():
     large = draw_dot((41, 41), (20.0, 20.0), 8.0)
     assert np.isnan(measured(large, [(20, 20)], limits=AreaLimits(largest=150.0)).u[0])
     long = draw_dot((41, 41), (20.0, 20.0), 8.0, aspect=0.45)
-    assert np.isnan(measured(long, [(20, 20)]).u[0])
+    assert np.isnan(measured(long, [(20, 20)], limits=AreaLimits(elongation=2.0)).u[0])
 
 
 def test_other_white_nearby_does_not_matter():
