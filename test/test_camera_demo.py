@@ -7,8 +7,14 @@ from importlib.util import module_from_spec, spec_from_file_location
 
 import cv2
 import numpy as np
+from pneunet_ros import load_model
+from pneunet_ros.camera_settings import CameraSettings
+from pneunet_ros.image_sources import open_images, SourceRequest
 from pneunet_ros.messages import decode_pressure
 from pneunet_ros.recording import open_recording
+from pneunet_ros.resources import shipped
+from pneunet_ros.track import track_steps
+from pneunet_ros.tracker import Tracker
 import pytest
 from rosbags.rosbag2 import Reader
 
@@ -190,3 +196,22 @@ def test_white_is_where_the_truth_says(messages, truth):
     assert np.sqrt(np.mean(np.square(errors))) < 0.06
     assert np.abs(np.mean(errors, axis=0)).max() < 0.02
     assert np.abs(errors).max() < 0.4
+
+
+def test_the_tracker_sees_what_is_true(folder, truth):
+    tracker = Tracker(load_model(shipped('config/paper_arm.yaml')), CameraSettings())
+    stream = open_images(folder, SourceRequest())
+    steps = [step.outcome for step in track_steps(stream, tracker) if step.frame]
+    assert [step.reason for step in steps] == ['resting'] * 4 + [''] * (IMAGES - 4)
+    after = slice(4, None)
+    seen = {
+        name: np.array([getattr(step.sightings, name) for step in steps[after]])
+        for name in ('x', 'y', 'u', 'v')
+    }
+    found, visible = np.isfinite(seen['x']), truth['visible'][after]
+    assert not np.any(found & (visible < 0.5))
+    assert np.count_nonzero(found & (visible > 0.99)) > 0.99 * np.count_nonzero(visible > 0.99)
+    off_px = np.hypot(seen['u'] - truth['u'][after], seen['v'] - truth['v'][after])
+    off = np.hypot(seen['x'] - truth['x'][after], seen['y'] - truth['y'][after])
+    assert np.nanmax(off_px) < 0.6
+    assert np.sqrt(np.nanmean(off**2)) < 2.5e-5
