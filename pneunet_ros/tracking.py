@@ -16,7 +16,9 @@ from pneunet_ros.solver.compiled import inlined, kernel
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-OFF_CURVE = 0.09  # of the spacing: three sigmas or so of the place of a target that is well painted
+OFF_CURVE = (
+    0.09  # of the spacing: three sigmas or so of the place of a target that is well painted
+)
 BEYOND = 4.5  # error of the distance from an arc through the last three: 1, 3, 3, 1 of theirs
 FARTHEST = 2.5  # spacings between an end of a row and the next target, where nothing else is known
 SHORTEST, LONGEST = 0.7, 1.3  # distance of neighbors over their distance along the arm
@@ -38,6 +40,7 @@ def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
     when it is `farthest` spacings or more from the next.
     """
     seen = np.isfinite(x) & np.isfinite(y)
+    others = np.empty(x.size, np.int64)
     smooth = False
     while True:
         places = np.flatnonzero(seen)
@@ -45,7 +48,7 @@ def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
         for place in range(places.size):
             target = int(places[place])
             if smooth:
-                bad = _off_the_curve(x, y, arclength, places, target, farthest)
+                bad = _off_the_curve(x, y, arclength, places, target, farthest, others)
             else:
                 bad = _wrong_distances(x, y, arclength, places, target)
             if bad > worst:
@@ -78,13 +81,21 @@ def _wrong_distances(x: Array, y: Array, arclength: Array, places: Indices, targ
 
 @inlined
 def _off_the_curve(
-    x: Array, y: Array, arclength: Array, places: Indices, target: int, farthest: float
+    x: Array,
+    y: Array,
+    arclength: Array,
+    places: Indices,
+    target: int,
+    farthest: float,
+    scratch: Indices,
 ) -> float:
     """How far a target is off the curve through its neighbors; above 1 it is too far."""
-    others = places[places != target]
+    others = scratch[: places.size - 1]
     if others.size < 2:
         return 2.0
-    after = int(np.searchsorted(others, target))
+    after = int(np.searchsorted(places, target))
+    others[:after] = places[:after]
+    others[after:] = places[after + 1 :]
     between = 0 < after < others.size
     spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
     next_to = others[min(after, others.size - 1)]
@@ -167,6 +178,18 @@ def _along_arc(
     return at_x, at_y, BEYOND
 
 
+@inlined
+def _median(values: Array, count: int) -> float:
+    """Return the median of the first few values, which it puts in order."""
+    for place in range(1, count):
+        value = values[place]
+        while place > 0 and values[place - 1] > value:
+            values[place] = values[place - 1]
+            place -= 1
+        values[place] = value
+    return float(0.5 * (values[(count - 1) // 2] + values[count // 2]))
+
+
 @kernel
 def moved_together(off_x: Array, off_y: Array, spacing: float) -> Mask:
     """Return which targets are off their prediction as their neighbors are (targets,).
@@ -177,6 +200,7 @@ def moved_together(off_x: Array, off_y: Array, spacing: float) -> Mask:
     """
     together = np.isfinite(off_x) & np.isfinite(off_y)
     places = np.flatnonzero(together)
+    near_x, near_y = np.empty(4), np.empty(4)
     for place in range(places.size):
         target = places[place]
         # The four nearest along the arm, on either side or on both.
@@ -185,12 +209,15 @@ def moved_together(off_x: Array, off_y: Array, spacing: float) -> Mask:
             left = target - places[first - 1] if first > 0 else NOBODY
             right = places[last] - target if last < places.size else NOBODY
             first, last = (first - 1, last) if left <= right else (first, last + 1)
-        near = places[first:last]
-        near = near[near != target]
-        if near.size < 2:
+        near = 0
+        for other in range(first, last):
+            if other != place:
+                near_x[near], near_y[near] = off_x[places[other]], off_y[places[other]]
+                near += 1
+        if near < 2:
             continue
-        alone_x = off_x[target] - np.median(off_x[near])
-        alone_y = off_y[target] - np.median(off_y[near])
+        alone_x = off_x[target] - _median(near_x, near)
+        alone_y = off_y[target] - _median(near_y, near)
         inside = first < place - 1 and place + 2 < last
         allowed = ALONE_BETWEEN if inside else ALONE_BEYOND
         together[target] = math.hypot(alone_x, alone_y) <= allowed * spacing
@@ -205,19 +232,22 @@ def look_alike(area: Array, usual: Array, elongation: Array) -> Mask:
     smaller, what hangs together with a glint is larger or longer, and their centers are not those
     of the target. Light and motion change neighbors alike.
     """
-    ratios = area / usual
     fits = np.zeros(area.size, np.bool_)
+    sizes, lengths = np.empty(7), np.empty(7)
     for target in range(area.size):
-        if math.isnan(ratios[target]):
+        size, length = area[target] / usual[target], elongation[target]
+        if math.isnan(size):
             continue
-        size, length = ratios[target], elongation[target]
-        first = max(target - 3, 0)
-        near = first + np.flatnonzero(np.isfinite(ratios[first : target + 4]))
-        if near.size > 2:
-            size /= np.median(ratios[near])
-            length /= np.median(elongation[near])
-        alike = LARGEST_LOSS <= size <= LARGEST_GROWTH and length <= LONGER
-        fits[target] = alike and SMALLEST <= ratios[target] <= LARGEST
+        usual_enough = SMALLEST <= size <= LARGEST
+        near = 0
+        for other in range(max(target - 3, 0), min(target + 4, area.size)):
+            if not math.isnan(area[other]):
+                sizes[near], lengths[near] = area[other] / usual[other], elongation[other]
+                near += 1
+        if near > 2:
+            size /= _median(sizes, near)
+            length /= _median(lengths, near)
+        fits[target] = usual_enough and LARGEST_LOSS <= size <= LARGEST_GROWTH and length <= LONGER
     return fits
 
 
