@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
+import re
 import time
 
 import pytest
@@ -14,7 +16,7 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.following import common_offer, FollowingSubscription  # noqa: E402
+from pneunet_ros.nodes.following import common_offer, DEPTH, FollowingSubscription  # noqa: E402
 import rclpy  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
@@ -129,3 +131,9 @@ def test_depth_that_is_given_stays_when_it_follows(publisher, follower):
 
 def test_nothing_is_offered_by_nobody():
     assert common_offer([]) is None
+
+
+def test_the_depth_is_that_of_the_documentation():
+    page = (Path(__file__).resolve().parent.parent / 'docs/tracker.md').read_text()
+    depths = re.findall(r'^\| `.*\| in\b.*as its publisher, depth (\d+)', page, re.MULTILINE)
+    assert depths == [str(DEPTH)] * 3

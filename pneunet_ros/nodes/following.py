@@ -19,7 +19,9 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 
-DEPTH = 10
+# A third of a second at 60 Hz: a node that had to wait catches up. More would only be later where
+# images come faster than they can be looked at.
+DEPTH = 20
 Offer = tuple[ReliabilityPolicy, DurabilityPolicy]
 ANYTHING: Offer = (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
 
