@@ -25,7 +25,7 @@ REACH_AGAIN = 0.3  # of the spacing: how near to where its neighbors say a lost 
 MOST_PASSES = 3  # over a frame, while lost targets are found again
 NEAR_CLAMP = 4  # targets that can hardly move, but with the camera
 OFF_ALONG, OFF_ASIDE = 0.1, 0.5  # spacings from their place, more with each: stretch and bend
-LONGEST_PREDICTION = 0.5  # s since the last frame, beyond which velocities tell nothing
+LONGEST_PREDICTION = 0.1  # s; velocities tell nothing of what comes later
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,9 +95,7 @@ class View:
 def follow(view: View, row: FollowedRow) -> SeenRow | None:
     """Find the row near where it must be by now; None where it is lost."""
     seconds = seconds_between(row.stamp_ns, view.image.stamp_ns)
-    predicted = row.pixels
-    if seconds <= LONGEST_PREDICTION:
-        predicted = row.pixels + seconds * row.velocity
+    predicted = row.pixels + min(seconds, LONGEST_PREDICTION) * row.velocity
 
     def checked(rows: Array) -> SeenRow:
         count, points, std = check_row(

@@ -27,6 +27,7 @@ LARGEST_LOSS, LARGEST_GROWTH = 0.87, 1.2  # of the area of a target, compared wi
 LONGER = 1.35  # elongation of a target over its neighbors'
 SMALLEST, LARGEST = 0.7, 1.6  # area of a target over what it has been
 ALONE_BETWEEN, ALONE_BEYOND = 0.06, 0.15  # of the spacing: how far a target can have moved alone
+STEPS = 2.0  # of neighbors, by which one at the end may have moved more than their middle
 NOBODY = 1 << 30
 
 
@@ -219,8 +220,13 @@ def moved_together(off_x: Array, off_y: Array, spacing: float) -> Mask:
         alone_x = off_x[target] - _median(near_x, near)
         alone_y = off_y[target] - _median(near_y, near)
         inside = first < place - 1 and place + 2 < last
-        allowed = ALONE_BETWEEN if inside else ALONE_BEYOND
-        together[target] = math.hypot(alone_x, alone_y) <= allowed * spacing
+        allowed = ALONE_BETWEEN * spacing
+        if not inside:
+            # Where all moved otherwise than expected, they did so more and more along the arm.
+            upper, lower = near // 2, (near - 1) // 2
+            step_x, step_y = near_x[upper] - near_x[lower], near_y[upper] - near_y[lower]
+            allowed = ALONE_BEYOND * spacing + STEPS * math.hypot(step_x, step_y)
+        together[target] = math.hypot(alone_x, alone_y) <= allowed
     return together
 
 
