@@ -45,7 +45,7 @@ from rich.progress import track  # noqa: E402
 from scipy.optimize import linear_sum_assignment  # noqa: E402
 from sklearn.exceptions import ConvergenceWarning  # noqa: E402
 from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: E402
-from sklearn.gaussian_process.kernels import ConstantKernel, RBF, WhiteKernel  # noqa: E402
+from sklearn.gaussian_process.kernels import RBF, WhiteKernel  # noqa: E402
 from views import Score, View  # noqa: E402
 
 RADII, NOISES = (3.0, 4.0, 5.0, 8.0), (2.0, 4.0, 8.0)
@@ -128,8 +128,8 @@ class Textbook:
         self.last, self.scale = start, meters_per_pixel
         self.arclength = arm.target_arclength[:, None]
         self.stations = np.linspace(0.0, arm.target_arclength[-1], 57)
-        kernel = ConstantKernel(1.0) * RBF(0.3) + WhiteKernel(1e-4)
-        self.process = GaussianProcessRegressor(kernel, normalize_y=True)
+        # The least that a textbook would take, and it goes on from what the last frame taught it.
+        self.process = GaussianProcessRegressor(RBF(0.6) + WhiteKernel(1e-4), normalize_y=True)
 
     def step(self, grey: np.ndarray) -> np.ndarray:
         """Return the curvature at the stations."""
@@ -145,6 +145,7 @@ class Textbook:
         self.last = found
         points = (found - found[0]) * self.scale / 0.11
         self.process.fit(self.arclength / 0.11, points)
+        self.process.kernel = self.process.kernel_
         curve = self.process.predict(self.stations[:, None] / 0.11)
         first = np.gradient(curve, self.stations, axis=0)
         second = np.gradient(first, self.stations, axis=0)

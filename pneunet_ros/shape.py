@@ -15,6 +15,8 @@ Array = npt.NDArray[np.float64]
 def frozen_array(value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
     """Return a read-only float64 array; raises RequestError when `shape` is given and differs."""
     array = np.asarray(value, dtype=np.float64, order='C')
+    if array is value and array.shape == shape and not array.flags.writeable:
+        return array
     if shape is not None and array.shape != shape:
         raise RequestError(f'an array of shape {shape} was expected, got {array.shape}')
     if array.flags.writeable:

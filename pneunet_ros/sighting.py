@@ -71,6 +71,11 @@ class View:
     settings: CameraSettings
 
     @property
+    def spacing(self) -> float:
+        """Distance of the first two targets along the arm, m."""
+        return float(self.arclength[1] - self.arclength[0])
+
+    @property
     def optics(self) -> Optics:
         """Lens and working plane, as kernels take them."""
         plane, lens = self.plane, self.lens
@@ -209,14 +214,17 @@ def columns(points: Array) -> tuple[Array, Array]:
 
 def at_clamp(view: View, seen: SeenRow) -> bool:
     """Whether the first target that is seen, if it is near the clamp, is where it must be."""
-    first = int(np.isfinite(seen.points[:, 0]).argmax())
-    if first >= NEAR_CLAMP:
-        return True
-    spacing = view.arclength[1] - view.arclength[0]
-    x, y = rotate(-view.clamp_angle, *seen.points[first].tolist())
-    allowed = (1.0 + first) * spacing
-    off_along = abs(math.hypot(x, y) - view.arclength[first])
-    return bool(off_along <= OFF_ALONG * allowed and abs(y) <= OFF_ASIDE * allowed)
+    near = zip(
+        view.arclength[:NEAR_CLAMP].tolist(), seen.points[:NEAR_CLAMP].tolist(), strict=True
+    )
+    for first, (arclength, point) in enumerate(near):
+        x, y = rotate(-view.clamp_angle, *point)
+        if math.isnan(x):
+            continue
+        allowed = (1.0 + first) * view.spacing
+        off_along = abs(math.hypot(x, y) - arclength)
+        return off_along <= OFF_ALONG * allowed and abs(y) <= OFF_ASIDE * allowed
+    return True
 
 
 def followed(view: View, seen: SeenRow, before: FollowedRow | None) -> FollowedRow:

@@ -51,7 +51,6 @@ class Tracker:
         state, refusal = self._admitted(state, reading)
         if refusal is not None:
             return state.counting(refusal.reason), refusal
-        state = replace(state, stamp_ns=reading.stamp_ns, frames=state.frames + 1)
         state, failure = self._at_rest(state, reading)
         if failure is not None:
             return self._unexplained(state, reading, failure)
@@ -73,7 +72,13 @@ class Tracker:
                 return self._unexplained(state, reading, found)
             seen = found
         targets = sightings(view, seen)
-        state = replace(state, row=followed(view, seen, before), explained=state.explained + 1)
+        state = replace(
+            state,
+            row=followed(view, seen, before),
+            stamp_ns=reading.stamp_ns,
+            frames=state.frames + 1,
+            explained=state.explained + 1,
+        )
         return state, Tracking(sightings=targets, curve=self.smoother.smooth(targets))
 
     def _at_rest(self, state: TrackerState, image: Image) -> tuple[TrackerState, Failure | None]:
@@ -99,8 +104,14 @@ class Tracker:
         self, state: TrackerState, image: Image, failure: Failure
     ) -> tuple[TrackerState, Tracking]:
         """Count a frame that does not show the arm; the next one is looked at afresh."""
-        counts = counted(state.unexplained, failure.reason)
-        return replace(state, row=None, unexplained=counts), Tracking(
+        state = replace(
+            state,
+            row=None,
+            stamp_ns=image.stamp_ns,
+            frames=state.frames + 1,
+            unexplained=counted(state.unexplained, failure.reason),
+        )
+        return state, Tracking(
             sightings=unseen_targets(image.stamp_ns, self.arclength.size),
             curve=None,
             reason=failure.reason,
