@@ -36,6 +36,7 @@ FLOORS = {
     '2 inference': """
         settings stamp_order estimator_state estimator zero holds
         tracker_state tracker
+        run
     """,
     '3 outside': """
         output yaml_file model_file camera_file plots

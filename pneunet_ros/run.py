@@ -1,0 +1,71 @@
+"""A recording as calibration and diagnosis see it: readings, and the frames with their targets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.errors import RecordingError
+from pneunet_ros.shape import Array, freeze, frozen_array
+
+Stamps = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Run:
+    """One recording: what was read, and where the targets were seen meanwhile.
+
+    `reading_stamp_ns` (readings,) and `pressure` (readings,) Pa are all pressure readings, stamps
+    increasing; `stamp_ns` (frames,) are the frames in which targets were seen and `reading`
+    (frames,) the pressure reading that belongs to each. force (frames, 2) N and moment (frames,)
+    N m are the end load at the frames in the base frame, as read; `loaded` is False where nothing
+    was attached, and the load then exactly zero. x, y (frames, targets) m in the base frame, NaN
+    where a target was not seen. Raises RecordingError where these do not fit together.
+    """
+
+    name: str
+    reading_stamp_ns: Stamps
+    pressure: Array
+    stamp_ns: Stamps
+    reading: Stamps
+    loaded: bool
+    force: Array
+    moment: Array
+    x: Array
+    y: Array
+
+    def __post_init__(self) -> None:
+        """Check the shapes and the order of the stamps."""
+        readings, frames = len(self.reading_stamp_ns), len(self.stamp_ns)
+        if readings == 0 or frames == 0:
+            raise RecordingError(f'{self.name}: no frame with targets and a pressure reading')
+        for name in ('reading_stamp_ns', 'stamp_ns', 'reading'):
+            values = np.array(getattr(self, name), dtype=np.int64)
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+        targets = np.asarray(self.x).shape[1]
+        shapes = {
+            'pressure': (readings,),
+            'force': (frames, 2),
+            'moment': (frames,),
+            'x': (frames, targets),
+            'y': (frames, targets),
+        }
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
+        for name in ('reading_stamp_ns', 'stamp_ns'):
+            if not np.all(np.diff(getattr(self, name)) > 0):
+                raise RecordingError(f'{self.name}: {name} must increase')
+        if not (np.all(self.reading >= 0) and np.all(self.reading < readings)):
+            raise RecordingError(f'{self.name}: a frame belongs to a reading that is not there')
+
+    @property
+    def frame_pressure(self) -> Array:
+        """Pressure (Pa) as read at every frame, (frames,)."""
+        return freeze(self.pressure[self.reading])
+
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """Which targets were seen in which frame, (frames, targets)."""
+        return np.isfinite(self.x)
