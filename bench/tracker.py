@@ -40,6 +40,7 @@ from pneunet_ros.lab.scene import Dots, Moment, Scene  # noqa: E402
 from pneunet_ros.resources import shipped  # noqa: E402
 from pneunet_ros.tracker import Tracker  # noqa: E402
 from pneunet_ros.tracker_state import TrackerState  # noqa: E402
+from pneunet_ros.verbs.verb import plain  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import track  # noqa: E402
 from scipy.optimize import linear_sum_assignment  # noqa: E402
@@ -297,7 +298,7 @@ def main() -> None:
         'curvature': curvature_errors(arm, 5),
     }
     if arguments.json:
-        print(json.dumps(result))
+        print(json.dumps(plain(result)))
     else:
         show(result)
 
