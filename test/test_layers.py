@@ -22,7 +22,9 @@ FLOORS = {
         solver.sensitivity solver.chain solver.collocation_numpy
         curvature moment_law noise rod
         effects.effect
-        effects.pressure_offset effects.pressure_gain effects.pressure_lag
+        effects.pressure_offset effects.pressure_gain effects.force_misalignment
+        effects.camera_scale effects.camera_rotation
+        effects.pressure_lag effects.hysteresis effects.creep effects.softening
         effects.pressure_elongation effects.stiffening effects.extensibility
         effects.gravity effects.clamp_compliance effects.load_offset
         effects
@@ -41,7 +43,7 @@ FLOORS = {
     '3 outside': """
         output yaml_file model_file camera_file plots
         message_parts estimate_messages messages cdr_template
-        compressed_image tracker_messages overlay
+        cloud_points compressed_image tracker_messages reading_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
         image_stream image_files image_sources
         length_unit target_table preview_video heat_map preview

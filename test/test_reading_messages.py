@@ -1,0 +1,146 @@
+"""Readings through messages and back, and clouds of targets laid out in every way."""
+
+from __future__ import annotations
+
+import math
+
+from bags import header
+import numpy as np
+from pneunet_ros.cloud_points import point_type
+from pneunet_ros.errors import MessageError
+from pneunet_ros.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
+from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.reading_messages import (
+    decode_targets,
+    POINTS_TYPE,
+    pressure_message,
+    targets_message,
+    wrench_message,
+)
+from pneunet_ros.readings import PressureReading, WrenchReading
+import pytest
+
+BASE = 'pneunet_base'
+STAMP = 3_250_000_001
+X, Y = np.array([0.0, 0.01, np.nan, 0.03]), np.array([0.0, 0.001, np.nan, 0.009])
+FIELDS = [('x', '<f8', 0), ('y', '<f8', 8), ('id', '<i4', 16)]
+DATATYPES = {'i2': 3, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
+
+
+def cloud(fields=FIELDS, size=24, *, ids=(0, 1, 2, 3), frame_id=BASE, rows=1, padding=0, **other):
+    """Return a cloud of the four targets above, its points laid out by `fields`."""
+    points = np.zeros(len(ids), point_type(list(fields), size))
+    for place, number in enumerate(ids):
+        for name, values in (('x', X), ('y', Y), ('id', np.arange(4))):
+            if name in points.dtype.names:
+                points[name][place] = values[number % 4] if name != 'id' else number
+    width = points.size // rows
+    raw = points.view(np.uint8).reshape(rows, -1)
+    raw = np.pad(raw, ((0, 0), (0, padding)), constant_values=255).reshape(-1)
+    make = ROSBAGS_TYPES('sensor_msgs/msg/PointField')
+    content = {
+        'header': header(STAMP, frame_id),
+        'height': rows,
+        'width': width,
+        'fields': [
+            make(name=name, offset=offset, datatype=DATATYPES[kind[1:]], count=1)
+            for name, kind, offset in fields
+        ],
+        'is_bigendian': fields[0][1][0] == '>',
+        'point_step': size,
+        'row_step': width * size + padding,
+        'data': raw,
+        'is_dense': False,
+    }
+    return ROSBAGS_TYPES(POINTS_TYPE)(**(content | other))
+
+
+def renamed(message):
+    """Return a cloud whose last field is a second x."""
+    message.fields[-1].name = 'x'
+    return message
+
+
+def recorded(message, type_name):
+    """Return a message as it comes out of a recording."""
+    return deserialize(serialize(message, type_name), type_name, jazzy())
+
+
+def test_pressure_comes_back_as_it_was():
+    reading = PressureReading(stamp_ns=STAMP, pressure=31e3, variance=3600.0)
+    message = recorded(pressure_message(reading, 'hose', ROSBAGS_TYPES), PRESSURE_TYPE)
+    assert decode_pressure(message) == reading
+    assert message.header.frame_id == 'hose'
+
+
+def test_wrench_comes_back_as_it_was():
+    reading = WrenchReading(
+        stamp_ns=STAMP, force_x=0.175, force_y=-0.07, moment=1e-3, frame_id='cell'
+    )
+    message = recorded(wrench_message(reading, ROSBAGS_TYPES), WRENCH_TYPE)
+    assert decode_wrench(message) == reading
+
+
+def test_targets_come_back_as_they_were():
+    message = targets_message(STAMP, X, [0.0, 0.001, 5.0, np.nan], BASE, ROSBAGS_TYPES, std=1e-4)
+    found = decode_targets(recorded(message, POINTS_TYPE), BASE, 4)
+    assert found.stamp_ns == STAMP
+    np.testing.assert_array_equal(found.x, np.float32([0.0, 0.01, np.nan, np.nan]))
+    np.testing.assert_array_equal(found.y, np.float32([0.0, 0.001, np.nan, np.nan]))
+    np.testing.assert_array_equal(found.std, [1e-4, 1e-4, np.nan, np.nan])
+    assert np.isnan(found.area).all()
+
+
+@pytest.mark.parametrize(
+    'message',
+    [
+        cloud(),
+        cloud(ids=(3, 1, 0, 2)),
+        cloud([('id', '<u4', 2), ('y', '<f4', 7), ('x', '<f8', 11)], 20),
+        cloud([('x', '>f8', 0), ('y', '>f4', 8), ('id', '>i4', 12)], 16),
+        cloud(rows=2, padding=5),
+        cloud(rows=4),
+    ],
+    ids=['plain', 'turned', 'odd offsets', 'big-endian', 'padded rows', 'column'],
+)
+def test_points_are_read_however_they_are_laid_out(message):
+    found = decode_targets(recorded(message, POINTS_TYPE), BASE, 4)
+    np.testing.assert_allclose(found.x, X, rtol=1e-7)
+    np.testing.assert_allclose(found.y, Y, rtol=1e-7)
+    assert found.seen == 3
+
+
+@pytest.mark.parametrize(
+    ('message', 'said'),
+    [
+        (cloud(frame_id='camera'), "frame 'camera', and must be in 'pneunet_base'"),
+        (cloud(ids=(0, 1, 2)), 'there are 3 points in targets, and the arm has 4 targets'),
+        (cloud(ids=(0, 1, 2, 2)), 'must be 0 to 3, each once, not 0, 1, 2, 2'),
+        (cloud(ids=(0, 1, 2, 4)), 'must be 0 to 3, each once, not 0, 1, 2, 4'),
+        (cloud(ids=(0, 1, 2, -1)), 'must be 0 to 3, each once'),
+        (cloud(FIELDS[:2]), 'the field id of targets is missing: it must be int32'),
+        (cloud(FIELDS[1:]), 'the field x of targets is missing: it must be float'),
+        (cloud([*FIELDS[:2], ('id', '<f4', 16)]), 'the field id of targets is no int32'),
+        (cloud([('x', '<i4', 0), *FIELDS[1:]], ids=(0, 1)), 'the field x of targets is no float'),
+        (renamed(cloud([*FIELDS, ('w', '<f4', 20)])), 'names a field twice'),
+        (cloud(point_step=18), 'the field id does not lie within the 18 bytes'),
+        (cloud(data=np.zeros(95, np.uint8)), '95 bytes cannot hold 1 x 4 points of 24 bytes'),
+        (cloud(rows=2, row_step=20), 'rows of 20 bytes cannot hold 2 points'),
+        (cloud(width=2**32 - 1), 'cannot hold'),
+        (cloud(width=0), 'there are 0 points'),
+        (cloud(point_step=0), 'does not lie within the 0 bytes'),
+    ],
+)
+def test_clouds_that_are_no_targets_are_refused(message, said):
+    with pytest.raises(MessageError, match=said):
+        decode_targets(recorded(message, POINTS_TYPE), BASE, 4)
+
+
+def test_what_is_no_cloud_is_refused():
+    with pytest.raises(MessageError, match='is no usable sensor_msgs/msg/PointCloud2'):
+        decode_targets(object(), BASE)
+
+
+def test_fields_beside_may_be_missing():
+    found = decode_targets(cloud(), BASE)
+    assert math.isnan(found.std[0])
