@@ -24,7 +24,7 @@ from pneunet_ros.equilibrium import (
 )
 from pneunet_ros.errors import ModelError
 from pneunet_ros.estimator_state import admitted, EstimatorState
-from pneunet_ros.frames import rotate
+from pneunet_ros.meaning import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.settings import EstimatorSettings
 from pneunet_ros.shape import Array, freeze, Refusal, ShapeEstimate
@@ -74,24 +74,10 @@ class Estimator:
         self, state: EstimatorState, reading: WrenchReading
     ) -> tuple[EstimatorState, Refusal | None]:
         """Remember an end wrench in the base frame."""
-        known = [self.settings.frame_id, self.settings.wrench_frame]
-        if reading.frame_id not in known:
-            named = ' nor '.join(frame for frame in known if frame)
-            sentence = (
-                f'end wrench in frame {reading.frame_id!r}, which is not {named}; set '
-                'wrench_frame (and wrench_yaw, wrench_sign) to what the sensor reports'
-            )
+        sentence = wrong_frame(self.settings, reading)
+        if sentence:
             return state, refused(reading.stamp_ns, 'wrong_frame', sentence)
-        sign = float(self.settings.wrench_sign)
-        force = rotate(self.settings.wrench_yaw, sign * reading.force_x, sign * reading.force_y)
-        resolved = WrenchReading(
-            stamp_ns=reading.stamp_ns,
-            force_x=force[0],
-            force_y=force[1],
-            moment=sign * reading.moment,
-            frame_id=self.settings.frame_id,
-        )
-        return state.with_wrench(resolved), None
+        return state.with_wrench(base_wrench(self.settings, reading)), None
 
     def take_pressure(
         self, state: EstimatorState, reading: PressureReading, note: str
@@ -103,9 +89,7 @@ class Estimator:
         notes = [note] if note else []
         if elapsed > self.settings.input_timeout:
             notes.append(f'first pressure after {elapsed:.3g} s')
-        gauge = reading.pressure + self.settings.pressure_offset
-        if self.settings.pressure_reference == 'absolute':
-            gauge -= self.settings.ambient_pressure
+        gauge = gauge_pressure(self.settings, reading.pressure)
         wrench, age, refusal = self.wrench_at(state, reading.stamp_ns)
         load = self.arm.sense(
             Load(

@@ -36,7 +36,7 @@ FLOORS = {
         lab lab.lens lab.scene lab.discs lab.shading lab.targets lab.renderer lab.motion
     """,
     '2 inference': """
-        settings stamp_order estimator_state estimator zero holds
+        settings meaning stamp_order estimator_state estimator zero holds
         tracker_state tracker
         run
     """,
