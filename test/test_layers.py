@@ -45,6 +45,7 @@ FLOORS = {
         message_parts estimate_messages messages cdr_template
         cloud_points compressed_image tracker_messages reading_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
+        recorded_series run_reader
         image_stream image_files image_sources
         length_unit target_table preview_video heat_map preview
         __init__
