@@ -1,0 +1,309 @@
+"""The most probable model given recordings, and how sure that is: Gauss-Newton on target points.
+
+What is fitted are the points, not differentiated curvature. Unknowns of the model, disturbances
+of the measurement and the errors of pressure and force readings have Gaussian priors; readings are
+integrated out frame by frame, the rest is solved for. All unknowns are scaled to their prior, so
+that it is the unit matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.calibration.disturbances import Disturbances, PATH_NODES
+from pneunet_ros.calibration.response import Drive, drive_of, Series, THETA
+from pneunet_ros.calibration.unknowns import Unknowns
+from pneunet_ros.curvature import pressure_rows
+from pneunet_ros.errors import ModelError
+from pneunet_ros.noise import SensorNoise
+from pneunet_ros.run import Run
+from pneunet_ros.shape import Array, frozen_array
+from scipy.linalg import cho_factor, cho_solve
+
+MOST_STEPS = 25
+SMALL_STEP = 0.05  # standard deviations of all that is fitted, together
+MOST_HALVINGS = 8
+# of drift_std: a random walk between its nodes on a straight line, per frame
+BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FittedRun:
+    """A run beside what the fitted model says of it.
+
+    x, y (frames, targets) m: the model alone; disturbance (frames, 2, targets) m: what placement
+    and camera add; fields (frames, 6, targets) as of `solver.stations.at_stations`; whitened
+    (frames,) the squared whitened residual and freedom (frames,) the number of its coordinates.
+    Frames that have no equilibrium (`solved` False) count nothing.
+    """
+
+    run: Run
+    drive: Drive
+    fields: Array
+    disturbance: Array
+    whitened: Array
+    freedom: Array
+    solved: Array
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus predicted with the disturbances found, (frames, 2, targets) m."""
+        return np.stack([self.run.x, self.run.y], axis=1) - self.fields[:, :2] - self.disturbance
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """A fitted model: values (n,) of the unknowns, their covariance, and every run beside it.
+
+    information (n, n) is that of the data alone on the unknowns of the model (disturbances
+    integrated out) and pull (n,) the same data's linear term; log_evidence compares models on the
+    same data. `converged` and `status` say how the search ended.
+    """
+
+    unknowns: Unknowns
+    values: Array
+    covariance: Array
+    information: Array
+    pull: Array
+    placement: Array
+    runs: tuple[FittedRun, ...]
+    chi_squared: float
+    freedom: int
+    log_evidence: float
+    steps: int
+    converged: bool
+    status: str
+
+    @property
+    def arm(self) -> Arm:
+        """The arm with the fitted values."""
+        return self.unknowns.arm(self.values)
+
+
+class Posterior:
+    """Cost and normal equations of the unknowns, over all runs."""
+
+    def __init__(
+        self, unknowns: Unknowns, runs: Sequence[Run], noise: SensorNoise, targets: Array
+    ) -> None:
+        self.unknowns, self.runs, self.noise = unknowns, tuple(runs), noise
+        self.disturbances = Disturbances(targets=targets.size, runs=len(runs), noise=noise)
+        self.series = [Series(targets) for _ in runs]
+        self.whitenings: list[Whitening | None] = [None] * len(self.runs)
+        model, rest = unknowns.prior, self.disturbances.prior
+        self.size = model.shape[0]
+        scale = np.zeros((self.size + rest.shape[0],) * 2)
+        scale[: self.size, : self.size] = np.linalg.cholesky(model)
+        scale[self.size :, self.size :] = np.linalg.cholesky(rest)
+        self.scale = scale
+
+    def unscaled(self, scaled: Array) -> tuple[Array, Array]:
+        """Return unknowns of the model and disturbances (m) of scaled ones."""
+        values = self.scale @ scaled
+        return self.unknowns.mean + values[: self.size], values[self.size :]
+
+    def cost(self, scaled: Array) -> float:
+        """Half the squared norm of all that is whitened, by the whitening of `linearized`."""
+        values, disturbance = self.unscaled(scaled)
+        arm = self.unknowns.arm(values)
+        cost = 0.5 * float(scaled @ scaled)
+        for which, run in enumerate(self.runs):
+            fitted, _ = self.one(which, run, arm, disturbance)
+            cost += 0.5 * float(fitted.whitened.sum())
+        return cost
+
+    def linearized(self, scaled: Array) -> tuple[float, tuple[FittedRun, ...], Array, Array]:
+        """Return cost, runs, normal matrix and gradient at these unknowns, all scaled."""
+        values, disturbance = self.unscaled(scaled)
+        arm = self.unknowns.arm(values)
+        size = scaled.size
+        normal, gradient = np.zeros((size, size)), np.zeros(size)
+        cost, runs = 0.5 * float(scaled @ scaled), []
+        for which, run in enumerate(self.runs):
+            self.whitenings[which] = None
+            fitted, beside = self.one(which, run, arm, disturbance)
+            jacobian = self.jacobian(which, fitted, arm, values, beside)
+            whitening = self.whitenings[which]
+            assert whitening is not None
+            own = self.size + self.disturbances.of_run(which)
+            places = np.concatenate([np.arange(self.size), own])
+            residual = whitening(fitted.residual.reshape(len(beside), -1, 1))
+            white = whitening(jacobian).reshape(-1, places.size)
+            normal[np.ix_(places, places)] += white.T @ white
+            gradient[places] += white.T @ residual.ravel()
+            fitted = replace(fitted, whitened=np.sum(residual**2, axis=(1, 2)))
+            cost += 0.5 * float(fitted.whitened.sum())
+            runs.append(fitted)
+        normal = self.scale.T @ normal @ self.scale
+        return cost, tuple(runs), normal, self.scale.T @ gradient
+
+    def one(self, which: int, run: Run, arm: Arm, disturbance: Array) -> tuple[FittedRun, Array]:
+        """Return a run beside the model, and how its points answer to disturbances."""
+        series, drive = self.series[which], drive_of(arm, run)
+        solved = series.solve(arm, drive.pressure, drive.loads).copy()
+        fields = series.fields.copy()
+        own = self.disturbances.of_run(which)
+        beside = self.disturbances.answer(run, fields[:, THETA])
+        moved = beside @ disturbance[own]
+        seen = run.seen & solved[:, None]
+        whitening, whitened = self.whitenings[which], np.zeros(len(seen))
+        if whitening is not None:
+            residual = np.stack([run.x, run.y], axis=1) - fields[:, :2] - moved
+            whitened = np.sum(whitening(residual.reshape(len(seen), -1, 1)) ** 2, axis=(1, 2))
+        fitted = FittedRun(
+            run=run,
+            drive=drive,
+            fields=fields,
+            disturbance=moved,
+            whitened=whitened,
+            freedom=2 * seen.sum(axis=1),
+            solved=solved,
+        )
+        return fitted, beside
+
+    def jacobian(
+        self, which: int, fitted: FittedRun, arm: Arm, values: Array, beside: Array
+    ) -> Array:
+        """How points (frames, 2 targets) answer to unknowns and disturbances; sets whitening."""
+        drive, run = fitted.drive, fitted.run
+        columns = () if self.unknowns.law is None else self.unknowns.law.columns
+        answer = self.series[which].answer(arm, drive.pressure, drive.loads, np.array(columns))
+        frames, causes = answer.values.shape[:2]
+        points = answer.values[:, :, :2].reshape(frames, causes, -1)
+        seen = run.seen & fitted.solved[:, None]
+        mask = np.repeat(seen[:, None], 2, axis=1).reshape(frames, -1)
+        sensed = self.sensed(points, values, drive, run.loaded)
+        self.whitenings[which] = Whitening(self.noise.target_std, sensed, mask)
+        model = np.matmul(points.transpose(0, 2, 1), self.unknowns.causes(values, drive))
+        return np.concatenate([model, beside.reshape(frames, mask.shape[1], -1)], axis=2)
+
+    def sensed(self, points: Array, values: Array, drive: Drive, loaded: bool) -> Array:
+        """What one sigma of each reading does to the points, (frames, 2 targets, readings).
+
+        points (frames, causes, 2 targets) are the answers. Two more columns are what the camera
+        moves between the nodes of its path.
+        """
+        unknowns = self.unknowns
+        table = values[: unknowns.cells].reshape(unknowns.pressure.size, -1)
+        row, _ = pressure_rows(unknowns.pressure, drive.pressure)
+        step = np.diff(unknowns.pressure)[:, None]
+        slope = (np.diff(table, axis=0) / step)[row]
+        knots = points[:, 3 : 3 + table.shape[1]]
+        columns = [self.noise.pressure_std * np.einsum('fk,fkp->fp', slope, knots)]
+        if loaded:
+            stds = self.noise.force_std, self.noise.force_std, self.noise.moment_std
+            columns += [std * points[:, load] for load, std in enumerate(stds) if std > 0.0]
+        between = np.zeros((2, *columns[0].shape))
+        half = columns[0].shape[1] // 2
+        between[0, :, :half] = between[1, :, half:] = self.noise.drift_std * BETWEEN_NODES
+        return np.stack([*columns, *between], axis=2)
+
+
+class Whitening:
+    """Makes residuals of frames white: white noise of targets and the errors of that frame's readings.
+
+    With covariance sigma^2 1 + P P^T, P = U S V^T: subtracts along U what the readings explain.
+    """
+
+    def __init__(self, sigma: float, sensed: Array, mask: Array) -> None:
+        self.sigma, self.mask = sigma, mask
+        masked = np.where(mask[:, :, None], sensed, 0.0)
+        self.directions, sizes, _ = np.linalg.svd(masked / sigma, full_matrices=False)
+        self.shrink = 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
+
+    def __call__(self, columns: Array) -> Array:
+        """Whiten columns (frames, coordinates, n); zero where nothing was seen."""
+        columns = np.where(self.mask[:, :, None], columns, 0.0)
+        along = np.matmul(self.directions.transpose(0, 2, 1), columns)
+        along *= self.shrink[:, :, None]
+        return (columns - np.matmul(self.directions, along)) / self.sigma
+
+
+def fit(
+    unknowns: Unknowns,
+    runs: Sequence[Run],
+    noise: SensorNoise,
+    targets: Array,
+    start: Array | None = None,
+    each: Callable[[int, float], None] = lambda step, cost: None,
+) -> Fit:
+    """Find the most probable unknowns; `start` are values to begin with, `each` sees every step."""
+    posterior = Posterior(unknowns, runs, noise, targets)
+    scaled = np.zeros(posterior.scale.shape[0])
+    if start is not None:
+        size = posterior.size
+        scaled[:size] = np.linalg.solve(posterior.scale[:size, :size], start - unknowns.mean)
+    last = posterior.linearized(scaled)
+    status, converged, steps = 'no convergence within the allowed steps', False, 0
+    for steps in range(1, MOST_STEPS + 1):
+        cost, _, normal, gradient = last
+        factor = cho_factor(normal + np.eye(scaled.size))
+        step = cho_solve(factor, gradient - scaled)
+        # Newton's decrement: the size of the step in standard deviations
+        decrement = float(np.sqrt(step @ (gradient - scaled)))
+        each(steps, cost)
+        if decrement < SMALL_STEP:
+            status, converged = 'converged', True
+            break
+        share = lowering(posterior, scaled, step, cost)
+        if share == 0.0:
+            status = f'no step lowers the cost any more; {decrement:.2g} standard deviations left'
+            break
+        scaled = scaled + share * step
+        last = posterior.linearized(scaled)
+    return finished(posterior, scaled, last, steps, converged, status)
+
+
+def lowering(posterior: Posterior, scaled: Array, step: Array, cost: float) -> float:
+    """Return the share of a step that lowers the cost, halved until it does; 0 where none does."""
+    for halvings in range(MOST_HALVINGS):
+        share = 0.5**halvings
+        try:
+            if posterior.cost(scaled + share * step) < cost:
+                return share
+        except ModelError:  # no such arm: a rigidity through zero
+            continue
+    return 0.0
+
+
+def finished(
+    posterior: Posterior,
+    scaled: Array,
+    last: tuple[float, tuple[FittedRun, ...], Array, Array],
+    steps: int,
+    converged: bool,
+    status: str,
+) -> Fit:
+    """Put the result together: covariance and information of the model's unknowns."""
+    cost, fitted, normal, gradient = last
+    size = posterior.size
+    hessian = normal + np.eye(scaled.size)
+    whole = np.linalg.inv(hessian)
+    scale = posterior.scale[:size, :size]
+    values, disturbance = posterior.unscaled(scaled)
+    # Disturbances integrated out, with their prior: what the data say of the model alone.
+    rest = np.linalg.inv(hessian[size:, size:])
+    cross = normal[:size, size:]
+    information = normal[:size, :size] - cross @ rest @ cross.T
+    target = gradient + normal @ scaled
+    pull = target[:size] - cross @ rest @ target[size:]
+    unscale = np.linalg.inv(scale)
+    sign, log_size = np.linalg.slogdet(hessian)
+    return Fit(
+        unknowns=posterior.unknowns,
+        values=frozen_array(values),
+        covariance=frozen_array(scale @ whole[:size, :size] @ scale.T),
+        information=frozen_array(unscale.T @ information @ unscale),
+        pull=frozen_array(unscale.T @ pull),
+        placement=frozen_array(disturbance[: 2 * posterior.disturbances.targets].reshape(2, -1)),
+        runs=fitted,
+        chi_squared=float(sum(run.whitened.sum() for run in fitted)),
+        freedom=int(sum(run.freedom.sum() for run in fitted)),
+        log_evidence=-cost - 0.5 * float(log_size),
+        steps=steps,
+        converged=converged,
+        status=status,
+    )

@@ -1,0 +1,157 @@
+"""The unknown constants of the moment laws, one class per law, as numbers in a vector."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from pneunet_ros.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
+from pneunet_ros.rod import RIGIDITY, START
+from pneunet_ros.shape import Array, frozen_array
+
+SPLIT_MEAN, SPLIT_STD = 0.12, 0.05  # l1 / l; the paper knows 0.10 to 0.15
+SPLIT_TREND_STD = 0.05  # over the whole range of pressure
+SPLIT_WAVE_STD = 0.02  # of a row beside the straight line
+SPLIT_LIMITS = (0.02, 0.9)
+SPLIT_ROWS = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LawUnknowns(abc.ABC):
+    """Unknowns of one kind of moment law, with a prior that the data easily outweigh.
+
+    mean (n,) and prior (n, n) covariance; stiffness is a first guess of EI (N m^2).
+    """
+
+    columns: ClassVar[tuple[tuple[int, int], ...]]  # of the sections, that the unknowns move
+    stiffness: float
+    low: float
+    high: float
+    length: float
+    weight: float
+    mean: Array = field(init=False)
+    prior: Array = field(init=False)
+
+    @abc.abstractmethod
+    def law(self, values: Array) -> MomentLaw:
+        """Return the law with these constants; ModelError where they are none."""
+
+    @abc.abstractmethod
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """Return the numbers of the model file that move, and their change per unknown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PiecewiseUnknowns(LawUnknowns):
+    """Eq 10: alpha1 and alpha2 at the ends of the pressure range, linear between; l1 / l in rows.
+
+    The rigidities are regressed linearly in pressure, as in the paper; the split is a line with
+    waves. M_O is zero: beside kappa0 it cannot be identified.
+    """
+
+    columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY), (1, RIGIDITY), (1, START))
+    rows: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Set up rows and prior."""
+        rows = np.linspace(self.low, self.high, SPLIT_ROWS)
+        alpha = self.stiffness / (self.weight * self.length**2)
+        trend = (rows - rows.mean()) / (self.high - self.low)
+        wave = np.exp(-0.5 * (np.subtract.outer(trend, trend) / 0.25) ** 2)
+        split = (
+            SPLIT_STD**2
+            + SPLIT_TREND_STD**2 * np.outer(trend, trend)
+            + SPLIT_WAVE_STD**2 * (wave + 1e-6 * np.eye(SPLIT_ROWS))
+        )
+        prior = np.zeros((4 + SPLIT_ROWS, 4 + SPLIT_ROWS))
+        # alpha at either end: one of unknown size, and a change over the range
+        prior[:4, :4] = np.kron(np.eye(2), alpha**2 * (1.0 + 0.25 * np.array([[1, -1], [-1, 1]])))
+        prior[4:, 4:] = split
+        mean = np.concatenate([np.full(4, alpha), np.full(SPLIT_ROWS, SPLIT_MEAN)])
+        object.__setattr__(self, 'rows', frozen_array(rows))
+        object.__setattr__(self, 'mean', frozen_array(mean))
+        object.__setattr__(self, 'prior', frozen_array(prior))
+
+    @property
+    def shares(self) -> Array:
+        """How far each row lies from the lower to the upper end of the range, 0 to 1."""
+        return (self.rows - self.low) / (self.high - self.low)
+
+    def law(self, values: Array) -> PiecewiseLinearLaw:
+        """Eq 10 with these constants."""
+        up = self.shares[:, None]
+        ends = values[:4].reshape(2, 2)  # section, end of the range
+        rigidity = (1.0 - up) * ends[:, 0] + up * ends[:, 1]
+        return PiecewiseLinearLaw(
+            pressure=self.rows,
+            split=np.clip(values[4:], *SPLIT_LIMITS),
+            rigidity=rigidity,
+            moment_offset=np.zeros((SPLIT_ROWS, 2)),
+        )
+
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """Rigidities and splits of all rows."""
+        names = [f'moment_law.rigidity.{row}.{i}' for row in range(SPLIT_ROWS) for i in range(2)]
+        names += [f'moment_law.split.{row}' for row in range(SPLIT_ROWS)]
+        change = np.zeros((3 * SPLIT_ROWS, 4 + SPLIT_ROWS))
+        for row, up in enumerate(self.shares.tolist()):
+            for i in range(2):
+                change[2 * row + i, 2 * i : 2 * i + 2] = 1.0 - up, up
+        change[2 * SPLIT_ROWS :, 4:] = np.eye(SPLIT_ROWS)
+        return tuple(names), change
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinearUnknowns(LawUnknowns):
+    """M = EI (kappa - kappa0): one stiffness."""
+
+    columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY),)
+
+    def __post_init__(self) -> None:
+        """Set up the prior."""
+        object.__setattr__(self, 'mean', frozen_array([self.stiffness]))
+        object.__setattr__(self, 'prior', frozen_array([[self.stiffness**2]]))
+
+    def law(self, values: Array) -> LinearLaw:
+        """The law with this stiffness."""
+        return LinearLaw(bending_stiffness=float(values[0]))
+
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """The stiffness."""
+        return ('moment_law.bending_stiffness',), np.eye(1)
+
+
+# Figure 1 of the paper, m
+PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.002, 't2': 0.008}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MajidiUnknowns(LawUnknowns):
+    """Eq 11 with the paper's section: one elastic modulus; kappa0 is fitted as for other laws."""
+
+    columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY),)
+
+    def __post_init__(self) -> None:
+        """Set up the prior: the modulus that gives the guessed stiffness at no pressure."""
+        section = PAPER_SECTION
+        modulus = 12.0 * self.stiffness / (section['thickness'] ** 3 * section['width'])
+        object.__setattr__(self, 'mean', frozen_array([modulus]))
+        object.__setattr__(self, 'prior', frozen_array([[modulus**2]]))
+
+    def law(self, values: Array) -> MajidiLaw:
+        """The law with this modulus."""
+        return MajidiLaw(modulus=float(values[0]), **PAPER_SECTION)
+
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """The modulus."""
+        return ('moment_law.modulus',), np.eye(1)
+
+
+LAW_UNKNOWNS: dict[str, Callable[..., LawUnknowns]] = {
+    PiecewiseLinearLaw.kind: PiecewiseUnknowns,
+    LinearLaw.kind: LinearUnknowns,
+    MajidiLaw.kind: MajidiUnknowns,
+}

@@ -1,0 +1,136 @@
+"""The noise of a set of recordings, from the recordings themselves and never from model residuals.
+
+White noise from second differences in time, in which smooth motion cancels; the camera's place
+and drift from the target at the clamp, which does not move with the arm; placement of the targets
+from how they lie beside a smooth curve while the arm is straightest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from pneunet_ros.noise import SensorNoise
+from pneunet_ros.run import Run
+from pneunet_ros.shape import Array
+
+SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
+FEWEST = 20  # values, for an estimate
+AT_CLAMP = 0.01  # of the length: a target as close as this does not move with the arm
+BLOCKS = 8  # of a run, whose means show the drift of the camera
+SMOOTH_DEGREE = 6  # polynomial in arclength that a straight arm follows
+FEWEST_TARGETS = 12  # for a placement
+STRAIGHTEST = 0.1  # share of the unloaded frames
+SMALLEST = 1e-9  # of a standard deviation that was found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseEstimate:
+    """The noise found, and per standard deviation a sentence where it comes from."""
+
+    noise: SensorNoise
+    sources: Mapping[str, str]
+
+
+def estimated_noise(runs: Sequence[Run], arclength: Array, assumed: SensorNoise) -> NoiseEstimate:
+    """Estimate all standard deviations; what the runs cannot tell is kept as `assumed`.
+
+    arclength (targets,) m of the targets.
+    """
+    white = second_differences(
+        [values for run in runs for values in (*run.x.T, *run.y.T)],
+    )
+    found: dict[str, tuple[float | None, str]] = {
+        'target_std': (white, 'second differences of target positions in time'),
+        'pressure_std': (
+            second_differences([run.pressure for run in runs]),
+            'second differences of pressure readings in time',
+        ),
+    }
+    loaded = [run for run in runs if run.loaded]
+    force = [values for run in loaded for values in run.force.T]
+    found['force_std'] = second_differences(force), 'second differences of force readings in time'
+    moment = [run.moment for run in loaded if np.any(run.moment != 0.0)]
+    found['moment_std'] = (
+        second_differences(moment),
+        'second differences of moment readings in time',
+    )
+    known = white if white is not None else assumed.target_std
+    found['placement_std'] = (
+        placement(runs, arclength, known),
+        'targets beside a smooth curve while the arm is straightest',
+    )
+    place, drift = camera(runs, arclength, known)
+    found['registration_std'] = place, 'the target at the clamp, between recordings'
+    found['drift_std'] = drift, 'the target at the clamp, within recordings'
+    noise, sources = assumed, {}
+    for item in fields(SensorNoise):
+        std, sentence = found[item.name]
+        sources[item.name] = sentence
+        if std is None:
+            sources[item.name] = 'assumed; these recordings cannot tell'
+            continue
+        noise = replace(noise, **{item.name: float(f'{max(std, SMALLEST):.3g}')})
+    return NoiseEstimate(noise=noise, sources=sources)
+
+
+def second_differences(series: Sequence[Array]) -> float | None:
+    """Return the standard deviation of white noise on smooth series, each (values,) in time."""
+    apart = [np.abs(np.diff(values, 2)) for values in series]
+    all_apart = np.concatenate([values[np.isfinite(values)] for values in apart] or [np.zeros(0)])
+    if all_apart.size < FEWEST:
+        return None
+    return SIGMA_OF_MEDIAN * float(np.median(all_apart)) / np.sqrt(6.0)
+
+
+def placement(runs: Sequence[Run], arclength: Array, white: float) -> float | None:
+    """Return the standard deviation of the painted places, per coordinate (m)."""
+    if arclength.size < FEWEST_TARGETS:
+        return None
+    free = [run for run in runs if not run.loaded]
+    if not free:
+        return None
+    frames = np.concatenate([np.stack([run.x, run.y], axis=1) for run in free])
+    whole = frames[np.all(np.isfinite(frames), axis=(1, 2))]
+    if len(whole) < FEWEST:
+        return None
+    chord = np.hypot(*(whole[:, :, -1] - whole[:, :, 0]).T)
+    count = max(FEWEST, round(STRAIGHTEST * len(whole)))
+    mean = whole[np.argsort(-chord)[:count]].mean(axis=0)
+    smooth = np.polynomial.chebyshev.chebvander(
+        2.0 * arclength / arclength[-1] - 1.0, SMOOTH_DEGREE
+    )
+    coefficients, *_ = np.linalg.lstsq(smooth, mean.T, rcond=None)
+    beside = mean.T - smooth @ coefficients
+    variance = np.sum(beside**2) / (2 * (arclength.size - SMOOTH_DEGREE - 1))
+    return float(np.sqrt(max(variance - white**2 / count, 0.0)))
+
+
+def camera(
+    runs: Sequence[Run], arclength: Array, white: float
+) -> tuple[float | None, float | None]:
+    """Return the spread of the camera's place between runs and its drift within a run (m)."""
+    if arclength[0] > AT_CLAMP * arclength[-1]:
+        return None, None
+    places, walked, own = [], [], []
+    for run in runs:
+        here = np.column_stack([run.x[:, 0], run.y[:, 0]])
+        here = here[np.isfinite(here[:, 0])]
+        if len(here) < FEWEST:
+            continue
+        places.append(here.mean(axis=0))
+        blocks = np.array_split(here, BLOCKS)
+        means = np.array([block.mean(axis=0) for block in blocks])
+        walked.append(np.diff(means, axis=0) ** 2)
+        own.append(2.0 * white**2 * BLOCKS / len(here))
+    if not walked:
+        return None, None
+    # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block.
+    excess = float(np.mean(walked)) - float(np.mean(own))
+    drift = float(np.sqrt(max(excess, 0.0) * 1.5 * BLOCKS))
+    if len(places) < 3:
+        return None, drift
+    # The mean over a run of a walk that starts at zero has a third of the variance of its end.
+    spread = float(np.var(places, axis=0, ddof=1).mean()) - drift**2 / 3.0
+    return float(np.sqrt(max(spread, 0.0))), drift

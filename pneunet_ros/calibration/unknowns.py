@@ -1,0 +1,122 @@
+"""What is fitted, as one vector: the table of kappa_p0 and the constants of the moment law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.calibration.law_unknowns import LawUnknowns
+from pneunet_ros.calibration.response import Drive
+from pneunet_ros.curvature import IntrinsicCurvature, pressure_rows
+from pneunet_ros.shape import Array, frozen_array
+
+NUGGET = 1e-6  # of the variance of the prior, so that it can be inverted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Smoothness:
+    """What is believed of kappa_p0 before any recording, a Gaussian process over p and s.
+
+    amplitude (1/m) at the highest pressure of a part that is proportional to pressure, deviation
+    (1/m) of a part that is not; both smooth in s over `reach` (of the length).
+    """
+
+    amplitude: float
+    deviation: float
+    reach: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Unknowns:
+    """The unknowns: curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, then the law.
+
+    `frame` is an arm that has everything else; without `law` the arm keeps its own.
+    """
+
+    frame: Arm
+    pressure: Array
+    arclength: Array
+    smoothness: Smoothness
+    law: LawUnknowns | None
+    mean: Array = field(init=False)
+    prior: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Put the prior together."""
+        rows, knots = self.pressure, self.arclength
+        apart = np.subtract.outer(knots, knots) / self.smoothness.reach
+        along = np.exp(-0.5 * apart**2)
+        top = np.max(np.abs(rows))
+        apart = np.subtract.outer(rows, rows) / (0.5 * np.ptp(rows))
+        over = self.smoothness.amplitude**2 * np.outer(rows, rows) / top**2
+        over = over + self.smoothness.deviation**2 * np.exp(-0.5 * apart**2)
+        field_prior = np.kron(over, along)
+        field_prior += NUGGET * self.smoothness.amplitude**2 * np.eye(field_prior.shape[0])
+        mean, prior = np.zeros(field_prior.shape[0]), field_prior
+        if self.law is not None:
+            mean = np.concatenate([mean, self.law.mean])
+            size = prior.shape[0]
+            prior = np.zeros((mean.size, mean.size))
+            prior[:size, :size], prior[size:, size:] = field_prior, self.law.prior
+        object.__setattr__(self, 'mean', frozen_array(mean))
+        object.__setattr__(self, 'prior', frozen_array(prior))
+
+    @property
+    def cells(self) -> int:
+        """How many unknowns are cells of the curvature's table."""
+        return self.pressure.size * self.arclength.size
+
+    def arm(self, values: Array) -> Arm:
+        """Return the arm with these values; ModelError where there is none."""
+        table = values[: self.cells].reshape(self.pressure.size, self.arclength.size)
+        curvature = IntrinsicCurvature(
+            pressure=self.pressure, arclength=self.arclength, curvature=table
+        )
+        law = self.frame.moment_law if self.law is None else self.law.law(values[self.cells :])
+        return replace(self.frame, intrinsic_curvature=curvature, moment_law=law, covariance=None)
+
+    def causes(self, values: Array, drive: Drive) -> Array:
+        """How much each cause of a response moves per unknown, (frames, causes, unknowns).
+
+        Causes: F1, F2, M, knots, then the columns of the law; see `response.Series.answer`.
+        """
+        frames, knots = drive.pressure.size, self.arclength.size
+        columns = () if self.law is None else self.law.columns
+        out = np.zeros((frames, 3 + knots + len(columns), values.size))
+        row, above = pressure_rows(self.pressure, drive.pressure)
+        which = np.arange(frames)
+        for knot in range(knots):
+            out[which, 3 + knot, row * knots + knot] = 1.0 - above
+            out[which, 3 + knot, (row + 1) * knots + knot] = above
+        if self.law is None:
+            return out
+        arm = self.arm(values)
+        known = np.clip(drive.pressure, *arm.pressure_range)
+        for unknown in range(self.cells, values.size):
+            step = 1e-5 * np.sqrt(self.prior[unknown, unknown])
+            sides = []
+            for sign in (-1.0, 1.0):
+                moved = values[self.cells :].copy()
+                moved[unknown - self.cells] += sign * step
+                law = self.law.law(moved)
+                sides.append(law.sections(known, arm.length, arm.weight))
+            slope = (sides[1] - sides[0]) / (2.0 * step)
+            for place, (section, column) in enumerate(columns):
+                out[:, 3 + knots + place, unknown] = slope[:, section, column]
+        return out
+
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """Return dotted names of the model's numbers and their change per unknown."""
+        names = [
+            f'intrinsic_curvature.curvature.{row}.{knot}'
+            for row in range(self.pressure.size)
+            for knot in range(self.arclength.size)
+        ]
+        if self.law is None:
+            return tuple(names), np.eye(self.cells)
+        more, change = self.law.quantities()
+        whole = np.zeros((self.cells + change.shape[0], self.mean.size))
+        whole[: self.cells, : self.cells] = np.eye(self.cells)
+        whole[self.cells :, self.cells :] = change
+        return (*names, *more), whole
