@@ -11,10 +11,28 @@ import sys
 
 from pneunet_ros import __version__
 from pneunet_ros.errors import PneunetError
-from pneunet_ros.verbs import demo, effects, predict, replay, track
+from pneunet_ros.verbs import (
+    demo,
+    effects,
+    export,
+    import_table,
+    predict,
+    replay,
+    simulate,
+    track,
+)
 from pneunet_ros.verbs.verb import Verb, WRONG
 
-VERBS: tuple[Verb, ...] = (demo.VERB, predict.VERB, replay.VERB, track.VERB, effects.VERB)
+VERBS: tuple[Verb, ...] = (
+    demo.VERB,
+    predict.VERB,
+    replay.VERB,
+    track.VERB,
+    export.VERB,
+    import_table.VERB,
+    effects.VERB,
+    simulate.VERB,
+)
 INTERRUPTED = 130
 NEGATIVE_NUMBER = re.compile(r'-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?')
 

@@ -34,11 +34,15 @@ FLOORS = {
         row_search tracking registration row_step sighting
         centerline_prior centerline_kernel centerline
         lab lab.lens lab.scene lab.discs lab.shading lab.targets lab.renderer lab.motion
+        lab.chain_kernels lab.chain lab.lab_arm lab.lab_effect
+        lab.reading_effects lab.history_kernels lab.memory_effects lab.chain_effects
+        lab.lab_effects lab.timeline lab.protocols lab.sensors lab.scenario lab.lab_recording
+        lab.simulated
     """,
     '2 inference': """
         settings meaning stamp_order estimator_state estimator zero holds
         tracker_state tracker
-        run
+        run lab_run
     """,
     '3 outside': """
         output yaml_file model_file camera_file plots
@@ -46,14 +50,16 @@ FLOORS = {
         cloud_points compressed_image tracker_messages reading_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
         recorded_series run_reader
+        scenario_file lab_files
         image_stream image_files image_sources
+        reading_table table_columns csv_table table_reader table_writer
         length_unit target_table preview_video heat_map preview
         __init__
     """,
     '4 edges': """
         replay track
         verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.track_summary
-        verbs.track verbs.effects
+        verbs.track verbs.effects verbs.simulate verbs.export verbs.import_table
         cli
         nodes nodes.parameters nodes.process nodes.ros_types nodes.topics nodes.health nodes.log
         nodes.model_info nodes.configured_node

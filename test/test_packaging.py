@@ -116,7 +116,7 @@ def test_commands_exist(setup_arguments):
 
 def test_all_shipped_files_are_installed(setup_arguments):
     installed = {file for _, files in setup_arguments['data_files'] for file in files}
-    for folder in ('config', 'launch', 'bags'):
+    for folder in ('config', 'launch', 'bags', 'scenarios'):
         for file in (CHECKOUT / folder).rglob('*'):
             if file.is_file() and '__pycache__' not in file.parts:
                 assert file.relative_to(CHECKOUT).as_posix() in installed

@@ -23,7 +23,7 @@ COMMANDS = [line for line in SHELL if line.startswith('pneunet ') and 'VERB' not
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a folder that looks like a fresh clone from within, to write into."""
-    for name in ('config', 'bags'):
+    for name in ('config', 'bags', 'scenarios'):
         (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -1,0 +1,161 @@
+"""Shapes of the lab arm: what a chain is made of and carries in every frame, and how it lies.
+
+Second order in the element length. See `chain_kernels` for the energy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.chain_kernels import equilibria
+from pneunet_ros.shape import Array, freeze, frozen_array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Chain:
+    """The lab arm as a chain of n elements, in so many frames.
+
+    turning (frames, n + 1) rad: of the unloaded arm at every joint, joints standing at the clamp,
+    between elements, and at the free end. rigidity (frames, 2) N m^2, before and after split
+    (frames,) m. force (frames, 2) N and moment (frames,) N m at the free end. The rest is what
+    effects bring: rest (frames, n) strain; line (n, 2) N, the force of the line load beyond the
+    middle of every element; axial_compliance 1/N and how it grows with the strain; cubic m^2 and
+    quintic m^4 of the moment; clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; beside and
+    beyond, m, where the end force acts, across and along the free end.
+    """
+
+    length: float
+    clamp_angle: float
+    turning: Array
+    rigidity: Array
+    split: Array
+    force: Array
+    moment: Array
+    rest: Array = field(default_factory=lambda: np.zeros(0))
+    line: Array = field(default_factory=lambda: np.zeros(0))
+    axial_compliance: float = 0.0
+    axial_growth: float = 0.0
+    cubic: float = 0.0
+    quintic: float = 0.0
+    clamp_compliance: float = 0.0
+    clamp_hardening: float = 0.0
+    beside: float = 0.0
+    beyond: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the sizes; refuse rigidities for which there is no least energy."""
+        frames, joints = np.shape(self.turning)
+        sizes = {
+            'turning': (frames, joints),
+            'rigidity': (frames, 2),
+            'split': (frames,),
+            'force': (frames, 2),
+            'moment': (frames,),
+            'rest': (frames, joints - 1),
+            'line': (joints - 1, 2),
+        }
+        for name, size in sizes.items():
+            value = np.asarray(getattr(self, name), np.float64)
+            value = value if value.size else np.zeros(size)
+            object.__setattr__(self, name, frozen_array(value, size))
+        if not np.all(self.rigidity > 0.0):
+            raise RequestError('the lab arm needs positive rigidity at all pressures')
+
+    @property
+    def element(self) -> float:
+        """Length of an element (m)."""
+        return self.length / len(self.line)
+
+    @property
+    def middles(self) -> Array:
+        """Arclength (m) in the middle of every element, (n,)."""
+        return freeze((np.arange(len(self.line), dtype=np.float64) + 0.5) * self.element)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Lying:
+    """A chain in equilibrium: angles (frames, n + 2) rad, x, y (frames, n + 1) m of its joints."""
+
+    chain: Chain
+    angles: Array
+    x: Array
+    y: Array
+
+    def points(self, arclength: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Return x, y (m) and theta (rad) at places along the arm (m), each (frames, places)."""
+        s = np.asarray(arclength, np.float64)
+        joints = self.chain.element * np.arange(self.x.shape[1], dtype=np.float64)
+        ends = np.concatenate([[0.0], self.chain.middles, [self.chain.length]])
+        x, y = between(joints, self.x, s), between(joints, self.y, s)
+        return freeze(x), freeze(y), freeze(between(ends, self.angles, s))
+
+    def curvature(self, arclength: npt.ArrayLike) -> Array:
+        """Return the curvature (1/m, per unstretched length) at places (m), (frames, places)."""
+        h, count = self.chain.element, self.x.shape[1]
+        span = np.full(count, h)
+        places = h * np.arange(count, dtype=np.float64)
+        span[[0, -1]] *= 0.5
+        places[[0, -1]] += 0.25 * h, -0.25 * h
+        s = np.clip(np.asarray(arclength, np.float64), places[0], places[-1])
+        return freeze(between(places, np.diff(self.angles, axis=1) / span, s))
+
+
+def between(places: Array, values: Array, at: Array) -> Array:
+    """Interpolate rows of values (frames, places) linearly; returns (frames, at)."""
+    below = np.clip(np.searchsorted(places, at, side='right') - 1, 0, places.size - 2)
+    weight = (at - places[below]) / (places[below + 1] - places[below])
+    result: Array = (1.0 - weight) * values[:, below] + weight * values[:, below + 1]
+    return result
+
+
+def middle_joints(length: float, elements: int) -> Array:
+    """Return the borders (m) of the parts of the arm that the joints stand for, (n + 2,)."""
+    middles = (np.arange(elements, dtype=np.float64) + 0.5) * (length / elements)
+    return freeze(np.concatenate([[0.0], middles, [length]]))
+
+
+def lying(chain: Chain) -> Lying:
+    """Return the chain in equilibrium, frame after frame.
+
+    A frame starts from the one before, so that a branch of equilibria is followed as long as it
+    exists. Raises RequestError that names the first frame for which none was found.
+    """
+    frames, joints = chain.turning.shape
+    loads = np.column_stack([chain.rigidity, chain.split, chain.force, chain.moment])
+    numbers = np.array(
+        [
+            chain.element,
+            chain.clamp_angle,
+            chain.clamp_compliance,
+            chain.clamp_hardening,
+            chain.axial_compliance,
+            chain.axial_growth,
+            chain.cubic,
+            chain.quintic,
+            chain.beside,
+            chain.beyond,
+        ]
+    )
+    angles = np.zeros((frames, joints + 1))
+    solved = int(
+        equilibria(chain.turning, chain.rest, chain.line, freeze(loads), freeze(numbers), angles)
+    )
+    if solved < frames:
+        force = chain.force[solved]
+        raise RequestError(
+            f'the lab arm finds no equilibrium in frame {solved}, under the force '
+            f'({force[0]:.3g}, {force[1]:.3g}) N: use smaller loads or effects'
+        )
+    cosine, sine = np.cos(angles[:, 1:-1]), np.sin(angles[:, 1:-1])
+    n1, n2 = (chain.force[:, None, i] + chain.line[None, :, i] for i in (0, 1))
+    strain = chain.axial_compliance * (n1 * cosine + n2 * sine)
+    stretched = chain.element * (1.0 + chain.rest + strain * (1.0 + chain.axial_growth * strain))
+    nothing = np.zeros((frames, 1))
+    x, y = (
+        freeze(np.concatenate([nothing, np.cumsum(stretched * part, axis=1)], axis=1))
+        for part in (cosine, sine)
+    )
+    return Lying(chain=chain, angles=freeze(angles), x=x, y=y)

@@ -1,0 +1,226 @@
+"""The lab arm as a chain: its energy, and Newton's way down to where it is least.
+
+Straight elements, held together by springs that bend. Unknown are the angles of the tangent at the
+clamp, of every element, and at the free end. Nothing here is shared with the solver of the model.
+
+`numbers` are, in this order: element length m, clamp angle rad, clamp compliance rad/(N m), its
+hardening 1/rad^2, axial compliance 1/N, its growth -, cubic term m^2, quintic term m^4, place of
+the end force beside and beyond the free end m.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pneunet_ros.shape import Array
+from pneunet_ros.solver.compiled import kernel
+
+SETTLED = 1e-11  # rad, of the last whole step
+MOST_STEPS = 80
+LONGEST_STEP = 0.5  # rad
+LOAD_STEPS = 24  # of the way back from the unloaded arm
+
+
+@kernel
+def bent(d: float, rigidity: float, cubic: float, quintic: float) -> tuple[float, float, float]:
+    """Energy per length (N), moment (N m) and stiffness (N m^2) at a curvature d beyond rest."""
+    q = d * d
+    energy = rigidity * q * (0.5 + q * (0.25 * cubic + q * quintic / 6.0))
+    moment = rigidity * d * (1.0 + q * (cubic + q * quintic))
+    return energy, moment, rigidity * (1.0 + q * (3.0 * cubic + 5.0 * q * quintic))
+
+
+@kernel
+def joint(
+    turn: float,
+    before: float,
+    after: float,
+    first: float,
+    second: float,
+    cubic: float,
+    quintic: float,
+) -> tuple[float, float, float]:
+    """Energy (J), moment (N m) and stiffness (N m) of a joint turned by `turn` beyond rest.
+
+    before, after (m): how much of the arm that it stands for lies on either side of l1, where the
+    rigidity changes from `first` to `second`. Both sides carry the same moment.
+    """
+    if after <= 0.0 or before <= 0.0:
+        span = before if after <= 0.0 else after
+        rigidity = first if after <= 0.0 else second
+        energy, moment, stiffness = bent(turn / span, rigidity, cubic, quintic)
+        return span * energy, moment, stiffness / span
+    d = turn * second / (before * second + after * first)
+    e1, m1, k1 = bent(d, first, cubic, quintic)
+    e2, m2, k2 = bent((turn - before * d) / after, second, cubic, quintic)
+    for _ in range(30):
+        step = (m1 - m2) / (k1 + k2 * before / after)
+        d -= step
+        e1, m1, k1 = bent(d, first, cubic, quintic)
+        e2, m2, k2 = bent((turn - before * d) / after, second, cubic, quintic)
+        if abs(step) <= 1e-13 * (1.0 + abs(d)):
+            break
+    return before * e1 + after * e2, 0.5 * (m1 + m2), 1.0 / (before / k1 + after / k2)
+
+
+@kernel
+def energy_of(
+    angles: Array,
+    turning: Array,
+    rest: Array,
+    line: Array,
+    load: Array,
+    numbers: Array,
+    share: float,
+    gradient: Array,
+    diagonal: Array,
+    beside: Array,
+) -> float:
+    """Energy (J) of the chain; fills its gradient and tridiagonal matrix of second derivatives.
+
+    angles (n + 2,), turning (n + 1,) rad of the unloaded joints, rest (n,) strain and line (n, 2)
+    N of the elements; load = rigidities (2), l1, force (2), moment; share: of all loads.
+    """
+    count = rest.shape[0]
+    h, axial, growth = numbers[0], numbers[4], numbers[5]
+    force_x, force_y, end_moment = share * load[3], share * load[4], share * load[5]
+    for i in range(count + 2):
+        gradient[i], diagonal[i] = 0.0, 0.0
+    energy: float = 0.0
+    for j in range(count + 1):
+        low = max(0.0, (j - 0.5) * h)
+        high = min(count * h, (j + 0.5) * h)
+        before = min(max(load[2] - low, 0.0), high - low)
+        part, moment, stiffness = joint(
+            angles[j + 1] - angles[j] - turning[j],
+            before,
+            high - low - before,
+            load[0],
+            load[1],
+            numbers[6],
+            numbers[7],
+        )
+        energy += part
+        gradient[j] -= moment
+        gradient[j + 1] += moment
+        diagonal[j] += stiffness
+        diagonal[j + 1] += stiffness
+        beside[j] = -stiffness
+    for i in range(count):
+        sine, cosine = math.sin(angles[i + 1]), math.cos(angles[i + 1])
+        n1, n2 = force_x + share * line[i, 0], force_y + share * line[i, 1]
+        along, across = n1 * cosine + n2 * sine, n2 * cosine - n1 * sine
+        strain = axial * along
+        length = 1.0 + rest[i] + strain * (1.0 + growth * strain)
+        energy -= h * along * (1.0 + rest[i] + strain * (0.5 + growth * strain / 3.0))
+        gradient[i + 1] -= h * length * across
+        slope = axial * (1.0 + 2.0 * growth * strain)
+        diagonal[i + 1] += h * (length * along - slope * across * across)
+    sine, cosine = math.sin(angles[count + 1]), math.cos(angles[count + 1])
+    along, across = force_x * cosine + force_y * sine, force_y * cosine - force_x * sine
+    energy -= numbers[8] * across + numbers[9] * along + end_moment * angles[count + 1]
+    gradient[count + 1] += numbers[8] * along - numbers[9] * across - end_moment
+    diagonal[count + 1] += numbers[8] * across + numbers[9] * along
+    if numbers[2] > 0.0:
+        given = angles[0] - numbers[1]
+        harder = numbers[3] * given * given
+        energy += 0.5 * given * given / numbers[2] * (1.0 + 0.5 * harder)
+        gradient[0] += given / numbers[2] * (1.0 + harder)
+        diagonal[0] += (1.0 + 3.0 * harder) / numbers[2]
+    else:
+        gradient[0], diagonal[0], beside[0] = 0.0, 1.0, 0.0
+    return energy
+
+
+@kernel
+def settle(
+    angles: Array,
+    turning: Array,
+    rest: Array,
+    line: Array,
+    load: Array,
+    numbers: Array,
+    share: float,
+    work: Array,
+) -> float:
+    """Move the angles, in place, to where the energy is least; returns the last step in rad.
+
+    work (5, n + 2) is scratch. A step is taken as far as it lowers the energy; where the matrix is
+    not positive its negative pivots are turned round, so that the way is always down.
+    """
+    size = angles.shape[0]
+    gradient, diagonal, beside, step, trial = work[0], work[1], work[2], work[3], work[4]
+    energy = energy_of(
+        angles, turning, rest, line, load, numbers, share, gradient, diagonal, beside
+    )
+    floor = 1e-3 * min(load[0], load[1]) / (numbers[0] * rest.shape[0])
+    largest = math.inf
+    for _ in range(MOST_STEPS):
+        diagonal[0] = max(abs(diagonal[0]), floor)
+        for i in range(1, size):
+            ratio = beside[i - 1] / diagonal[i - 1]
+            diagonal[i] = max(abs(diagonal[i] - ratio * beside[i - 1]), floor)
+            gradient[i] -= ratio * gradient[i - 1]
+        step[size - 1] = -gradient[size - 1] / diagonal[size - 1]
+        largest = abs(step[size - 1])
+        for i in range(size - 2, -1, -1):
+            step[i] = -(gradient[i] + beside[i] * step[i + 1]) / diagonal[i]
+            largest = max(largest, abs(step[i]))
+        if not largest < 1e100:
+            return math.inf
+        reach = min(1.0, LONGEST_STEP / max(largest, 1e-300))
+        lowered = energy
+        for _halving in range(20):
+            for i in range(size):
+                trial[i] = angles[i] + reach * step[i]
+            lowered = energy_of(
+                trial, turning, rest, line, load, numbers, share, gradient, diagonal, beside
+            )
+            if lowered <= energy + 1e-14 * abs(energy):
+                break
+            reach *= 0.5
+        for i in range(size):
+            angles[i] = trial[i]
+        energy = lowered
+        if reach == 1.0 and largest < SETTLED:
+            break
+    return largest
+
+
+@kernel
+def equilibria(
+    turning: Array, rest: Array, line: Array, loads: Array, numbers: Array, angles: Array
+) -> int:
+    """Solve every frame, each from the one before; returns how many were solved, in their order.
+
+    turning (frames, n + 1), rest (frames, n), loads (frames, 6); fills angles (frames, n + 2). A
+    frame that cannot be reached so is reached from the unloaded arm by adding the load in steps.
+    """
+    frames: int = angles.shape[0]
+    size = angles.shape[1]
+    work = np.empty((5, size))
+    for f in range(frames):
+        now = angles[f]
+        if f > 0:
+            for i in range(size):
+                now[i] = angles[f - 1, i]
+            now[0] = angles[f - 1, 0] if numbers[2] > 0.0 else numbers[1]
+            left = settle(now, turning[f], rest[f], line, loads[f], numbers, 1.0, work)
+            if left < SETTLED:
+                continue
+        now[0] = numbers[1]
+        for i in range(size - 1):
+            now[i + 1] = now[i] + turning[f, i]
+        left = settle(now, turning[f], rest[f], line, loads[f], numbers, 1.0, work)
+        if left < SETTLED:
+            continue
+        now[0] = numbers[1]
+        for i in range(size - 1):
+            now[i + 1] = now[i] + turning[f, i]
+        for k in range(LOAD_STEPS):
+            share = (k + 1.0) / LOAD_STEPS
+            left = settle(now, turning[f], rest[f], line, loads[f], numbers, share, work)
+        if not left < SETTLED:
+            return f
+    return frames

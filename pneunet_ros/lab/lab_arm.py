@@ -1,0 +1,135 @@
+"""The arm of the virtual lab: its own description of the truth, not the model's.
+
+Intrinsic curvature is a sum of Legendre polynomials in s, smooth along the whole arm; between rows
+it is linear in p, and so are rigidities and l1, so that the model can represent this arm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import legendre
+import numpy.typing as npt
+from pneunet_ros.errors import RequestError
+from pneunet_ros.shape import Array, freeze, frozen_array
+from pneunet_ros.units import check_quantities, quantity
+
+VARIATION = 0.15  # largest share by which a seed changes a parameter of the arm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LabArm:
+    """Truth about an arm.
+
+    targets (targets,) m along the arm; curvature_pressure (rows,) Pa and modes (rows, degree + 1)
+    1/m: kappa0 = sum of modes[k] P_k(2 s / l - 1); law_pressure (rows,) Pa, split (rows,) l1 / l,
+    rigidity (rows, 2) alpha = B / (mg l^2), positive. `seed` is that of the places where targets
+    were painted; in an arm made by `varied` of its parameters, too.
+    """
+
+    name: str
+    length: float = quantity(unit='m', meaning='length', bounds=(1e-3, 10.0))
+    weight: float = quantity(unit='N', meaning='mg', bounds=(1e-6, 1e4))
+    clamp_angle: float = quantity(0.0, unit='rad', meaning='theta(0)', bounds=(-7.0, 7.0))
+    targets: Array
+    curvature_pressure: Array
+    modes: Array
+    law_pressure: Array
+    split: Array
+    rigidity: Array
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the tables."""
+        check_quantities(self, 'arm', RequestError)
+        modes, rows = np.atleast_2d(self.modes), (len(self.law_pressure),)
+        sizes: dict[str, tuple[int, ...]] = {
+            'targets': (len(self.targets),),
+            'curvature_pressure': (len(self.curvature_pressure),),
+            'modes': (len(self.curvature_pressure), modes.shape[1]),
+            'law_pressure': rows,
+            'split': rows,
+            'rigidity': (*rows, 2),
+        }
+        for name, size in sizes.items():
+            object.__setattr__(self, name, frozen_array(getattr(self, name), size))
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise RequestError(f'arm: {name} holds NaN or infinity')
+        for name in ('curvature_pressure', 'law_pressure', 'targets'):
+            values = getattr(self, name)
+            if values.size < 2 or not np.all(np.diff(values) > 0.0):
+                raise RequestError(f'arm: {name} must hold two or more increasing values')
+        if self.targets[0] < 0.0 or self.targets[-1] > self.length:
+            raise RequestError(f'arm: targets must lie between 0 and the length {self.length} m')
+        if not np.all((self.split > 0.0) & (self.split < 1.0)):
+            raise RequestError('arm: split must lie between 0 and 1 (l1 / l)')
+        if not np.all(self.rigidity > 0.0):
+            raise RequestError('arm: rigidity must be positive: the lab finds least energy')
+        if not self.pressure_range[0] < self.pressure_range[1]:
+            raise RequestError('arm: curvature and moment law have no pressures in common')
+
+    @property
+    def pressure_range(self) -> tuple[float, float]:
+        """Pressures (Pa) for which both tables hold."""
+        tables = self.curvature_pressure, self.law_pressure
+        return max(float(t[0]) for t in tables), min(float(t[-1]) for t in tables)
+
+    def curvature_weights(self, pressure: Array) -> Array:
+        """Return how much of every row of `modes` there is at pressures (n,) Pa, (n, rows)."""
+        rows = self.curvature_pressure
+        below = np.clip(np.searchsorted(rows, pressure, side='right') - 1, 0, rows.size - 2)
+        above = (pressure - rows[below]) / (rows[below + 1] - rows[below])
+        weights = np.zeros((pressure.size, rows.size))
+        each = np.arange(pressure.size)
+        weights[each, below] = 1.0 - above
+        weights[each, below + 1] = above
+        return freeze(weights)
+
+    def intrinsic_curvature(self, arclength: npt.ArrayLike) -> Array:
+        """Return kappa0 (1/m) of every row at places along the arm (m), (rows, places)."""
+        u = 2.0 * np.asarray(arclength, np.float64) / self.length - 1.0
+        return freeze(np.asarray(legendre.legval(u, self.modes.T)))
+
+    def turned(self, arclength: npt.ArrayLike) -> Array:
+        """Return the angle (rad) that the unloaded arm has turned at places (m), for each row."""
+        u = 2.0 * np.asarray(arclength, np.float64) / self.length - 1.0
+        integral = legendre.legint(self.modes.T, lbnd=-1.0, axis=0)
+        return frozen_array(0.5 * self.length * np.asarray(legendre.legval(u, integral)))
+
+    def stiffness(self, pressure: Array) -> tuple[Array, Array]:
+        """Return rigidities (n, 2) N m^2 and l1 (n,) m at pressures (n,) Pa."""
+        scale = self.weight * self.length**2
+        rigidity = [np.interp(pressure, self.law_pressure, alpha) for alpha in self.rigidity.T]
+        split = np.interp(pressure, self.law_pressure, self.split)
+        return freeze(scale * np.column_stack(rigidity)), freeze(self.length * split)
+
+
+def varied(arm: LabArm, seed: int) -> LabArm:
+    """Return another arm of the same make: parameters up to 15 % off, targets painted anew.
+
+    Seed 0 is the arm itself.
+    """
+    if seed == 0:
+        return replace(arm, seed=0)
+    random = np.random.default_rng([seed, 7])
+    size, lean, first, second, tilt, place = random.uniform(-1.0, 1.0, 6)
+    # A factor 1 + VARIATION (2/3 size + 1/3 lean u), u from -1 at the clamp to 1 at the end.
+    factor = [1.0 + VARIATION * size * 2.0 / 3.0, VARIATION * lean / 3.0]
+    modes = np.stack([padded(legendre.legmul(row, factor), row.size + 1) for row in arm.modes])
+    low, high = arm.pressure_range
+    along = 2.0 * (arm.law_pressure - low) / (high - low) - 1.0
+    stiffer = 1.0 + VARIATION * (np.array([first, second]) * 0.75 + 0.25 * tilt * along[:, None])
+    return replace(
+        arm,
+        name=f'{arm.name}-{seed}',
+        seed=seed,
+        modes=modes,
+        rigidity=arm.rigidity * stiffer,
+        split=arm.split * (1.0 + VARIATION * place),
+    )
+
+
+def padded(row: Array, size: int) -> Array:
+    """Return coefficients with zeros for those that vanished."""
+    return np.concatenate([row, np.zeros(size - row.size)])

@@ -1,0 +1,76 @@
+"""What an effect of the virtual lab may do to an arm, written anew beside the model's effects.
+
+Names and main parameters are the model's, so that truth can be compared. `richness` says how far
+an effect goes beyond the plain law of that name: 0 is the plain law.
+"""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.chain import Chain
+from pneunet_ros.lab.lab_arm import LabArm
+from pneunet_ros.shape import Array
+from pneunet_ros.units import check_quantities, quantity
+
+Past = tuple[float, ...]  # what an effect remembers
+RICHNESS = quantity(
+    0.0, unit='-', meaning='how far beyond the plain law: 0 plain, 1 rich', bounds=(0.0, 2.0)
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course:
+    """What happens in the chamber, at fine times (n,) s.
+
+    pressure (n,) Pa at the sensor and chamber (n,) Pa behind the line, both true; weights (n,
+    rows) of the arm's rows of intrinsic curvature; rigidity_factor (n,).
+    """
+
+    arm: LabArm
+    time: Array
+    pressure: Array
+    chamber: Array
+    weights: Array
+    rigidity_factor: Array
+
+    def pressed(self, chamber: Array) -> Course:
+        """Return the course with another pressure in the chamber."""
+        return replace(self, chamber=chamber, weights=self.arm.curvature_weights(chamber))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabEffect(abc.ABC):
+    """An effect of the virtual lab; each may speak in any of these places."""
+
+    name: ClassVar[str]
+    richness: float = field(default=0.0, metadata=RICHNESS.metadata)
+
+    def __post_init__(self) -> None:
+        """Refuse parameters outside their bounds."""
+        check_quantities(self, f'effects.{self.name}', RequestError)
+
+    def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
+        """Return what sensors say of pressures (n,) Pa and forces (n, 2) N."""
+        return pressure, force
+
+    def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
+        """Return the course with this effect, and what is remembered of it; past () is rest."""
+        return course, past
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Return the chain with this effect at chamber pressures (frames,) Pa."""
+        return chain
+
+    def see(self, arm: LabArm, points: Array, share: Array) -> Array:
+        """Return where a camera sees points (frames, n, 2) m; share (frames,) 0 to 1 of time."""
+        return points
+
+
+def rising(arm: LabArm, pressure: Array) -> Array:
+    """Return -1 to 1 from the lowest to the highest pressure of the arm."""
+    low, high = arm.pressure_range
+    return 2.0 * (pressure - low) / (high - low) - 1.0

@@ -1,0 +1,82 @@
+"""What the virtual lab hands over: a recording as sensors made it, and the truth beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.lab.lab_effect import Past
+from pneunet_ros.lab.scenario import Scenario
+from pneunet_ros.shape import Array
+
+Stamps = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LabMemory:
+    """What an arm remembers: when (s, lab time), at what pressure (Pa), and by which effects."""
+
+    time: float
+    pressure: float
+    past: Mapping[str, Past]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LabTruth:
+    """The truth behind the frames of a recording, in the base frame, SI.
+
+    time (frames,) s since the beginning; pressure at the sensor and in the chamber (frames,);
+    force (frames, 2), moment (frames,); target_x, target_y (frames, targets), where the painted
+    targets are; x, y, theta, curvature, intrinsic_curvature (frames, stations) at arclength
+    (stations,): curvatures per unstretched length, the intrinsic one with creep. registration
+    (2,), drift (frames, 2): how far the camera shows everything beside its place; placement
+    (targets, 2): of targets from their places, along and across the arm.
+    """
+
+    time: Array
+    pressure: Array
+    chamber_pressure: Array
+    force: Array
+    moment: Array
+    target_x: Array
+    target_y: Array
+    arclength: Array
+    x: Array
+    y: Array
+    theta: Array
+    curvature: Array
+    intrinsic_curvature: Array
+    registration: Array
+    placement: Array
+    drift: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LabRecording:
+    """A recording of the virtual lab: what was read, and the truth.
+
+    reading_stamp_ns, pressure (readings,): all pressure readings; wrench_stamp_ns, wrench_force
+    (wrenches, 2), wrench_moment (wrenches,): all wrench readings, none where nothing hangs on the
+    arm all the time (`loaded` False); stamp_ns (frames,), x, y (frames, targets): frames, NaN
+    where a target was not seen. reading (frames,) is the pressure reading nearest to each frame,
+    force (frames, 2) and moment (frames,) the nearest wrench reading, exactly zero where nothing
+    hangs on the arm.
+    """
+
+    scenario: Scenario
+    loaded: bool
+    reading_stamp_ns: Stamps
+    pressure: Array
+    wrench_stamp_ns: Stamps
+    wrench_force: Array
+    wrench_moment: Array
+    stamp_ns: Stamps
+    reading: Stamps
+    force: Array
+    moment: Array
+    x: Array
+    y: Array
+    truth: LabTruth
+    memory: LabMemory

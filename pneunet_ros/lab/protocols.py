@@ -1,0 +1,245 @@
+"""How the arm is tried out: the protocols of a lab, each lasting exactly its duration.
+
+Steps are ramps that take their time. Nothing hangs on the arm where the force is exactly zero.
+"""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass, fields
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.timeline import Leg, share_of_time, Timeline, timeline
+from pneunet_ros.units import check_quantities, quantity
+
+SHORTEST = 0.2  # s
+Row = tuple[float, ...]
+
+
+def seconds(default: float, meaning: str) -> Any:
+    """Declare a time of a protocol."""
+    return quantity(default, unit='s', meaning=meaning, bounds=(0.0, 1e5))
+
+
+def pascals(default: float, meaning: str) -> Any:
+    """Declare a pressure of a protocol."""
+    return quantity(default, unit='Pa', meaning=meaning, bounds=(0.0, 1e7))
+
+
+def newtons(default: float, meaning: str) -> Any:
+    """Declare a force of a protocol."""
+    return quantity(default, unit='N', meaning=meaning, bounds=(-1e3, 1e3))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Protocol(abc.ABC):
+    """A protocol: `kind` as the scenario file calls it; fields without unit are lists."""
+
+    kind: ClassVar[str]
+    duration: float = seconds(40.0, 'of all of it')
+    rest: float = seconds(1.6, 'at pressure 0 without a load, first of all')
+    ramp: float = seconds(0.6, 'from hold to hold')
+
+    def __post_init__(self) -> None:
+        """Check times, pressures and forces."""
+        check_quantities(self, 'protocol', RequestError)
+        for name in self.lists():
+            values = getattr(self, name)
+            if not values or not all(math.isfinite(value) for value in values):
+                raise RequestError(f'protocol.{name} must be a list of numbers')
+            object.__setattr__(self, name, tuple(float(value) for value in values))
+
+    @classmethod
+    def lists(cls) -> tuple[str, ...]:
+        """Return the names of fields that are lists of numbers."""
+        return tuple(item.name for item in fields(cls) if 'unit' not in item.metadata)
+
+    @abc.abstractmethod
+    def timeline(self) -> Timeline:
+        """Return what is done to the arm; RequestError where it does not fit into `duration`."""
+
+    def holds(self, count: int, ramps: int) -> float:
+        """Return how long (s) each of so many holds lasts, beside so many ramps and the rest."""
+        left = self.duration - self.rest - ramps * self.ramp
+        return share_of_time(left, count, SHORTEST, 'holds')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlowRamp(Protocol):
+    """Unloaded: slowly up to the top, a short hold, slowly down again, a rest."""
+
+    kind: ClassVar[str] = 'slow_ramp'
+    top: float = pascals(55e3, 'largest pressure')
+    hold: float = seconds(1.6, 'at the top')
+
+    def timeline(self) -> Timeline:
+        """Return the ramp."""
+        left = self.duration - 2.0 * self.rest - self.hold
+        slope = share_of_time(left, 2, SHORTEST, 'ramps')
+        legs = [
+            Leg(seconds=self.rest, pressure=0.0),
+            Leg(seconds=slope, pressure=self.top),
+            Leg(seconds=self.hold, pressure=self.top),
+            Leg(seconds=slope, pressure=0.0),
+            Leg(seconds=self.rest, pressure=0.0),
+        ]
+        return timeline(legs, loaded=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Staircase(Protocol):
+    """Unloaded: up and down in steps, with a hold on each."""
+
+    kind: ClassVar[str] = 'staircase'
+    pressures: Row = (11e3, 22e3, 33e3, 44e3, 55e3)  # holds on the way up, Pa
+
+    def timeline(self) -> Timeline:
+        """Return the staircase."""
+        levels = [*self.pressures, *self.pressures[-2::-1], 0.0]
+        hold = self.holds(len(levels), len(levels))
+        legs = [Leg(seconds=self.rest, pressure=0.0)]
+        for level in levels:
+            legs.append(Leg(seconds=self.ramp, pressure=level))
+            legs.append(Leg(seconds=hold, pressure=level))
+        return timeline(legs, loaded=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeadWeights(Protocol):
+    """Weights are hung on one after the other; with each, the pressures are stepped through.
+
+    The string pulls at `angle` from E1. Every second weight sees the pressures in reverse.
+    """
+
+    kind: ClassVar[str] = 'dead_weights'
+    pressures: Row = (5e3, 20e3, 35e3, 50e3)  # holds with every weight, Pa
+    weights: Row = (0.1, 0.2, 0.3)  # pull of the string, N
+    angle: float = quantity(0.6, unit='rad', meaning='of the pull, from E1', bounds=(-7.0, 7.0))
+
+    def timeline(self) -> Timeline:
+        """Return the steps."""
+        count = len(self.weights) * len(self.pressures)
+        hold = self.holds(count, count + 1)
+        legs = [
+            Leg(seconds=self.rest, pressure=0.0),
+            Leg(seconds=self.ramp, pressure=self.pressures[0]),
+        ]
+        for place, weight in enumerate(self.weights):
+            force = weight * math.cos(self.angle), weight * math.sin(self.angle)
+            for level in self.pressures[:: -1 if place % 2 else 1]:
+                legs.append(Leg(seconds=self.ramp, pressure=level, force=force))
+                legs.append(Leg(seconds=hold, pressure=level, force=force))
+        return timeline(legs, loaded=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceSweeps(Protocol):
+    """At each pressure, and for each direction, the pull grows slowly and goes back."""
+
+    kind: ClassVar[str] = 'force_sweeps'
+    pressures: Row = (20e3, 45e3)  # at which the force is swept, Pa
+    angles: Row = (0.2, 0.9)  # of the pull, from E1, rad
+    smallest: float = newtons(0.04, 'pull at the beginning and the end of a sweep')
+    largest: float = newtons(0.3, 'pull at its turning point')
+
+    def timeline(self) -> Timeline:
+        """Return the sweeps."""
+        count = len(self.pressures) * len(self.angles)
+        left = self.duration - self.rest - (count + 1) * self.ramp
+        half = share_of_time(left, 2 * count, SHORTEST, 'sweeps')
+        legs = [
+            Leg(seconds=self.rest, pressure=0.0),
+            Leg(seconds=self.ramp, pressure=self.pressures[0]),
+        ]
+        for level in self.pressures:
+            for angle in self.angles:
+                low, high = (
+                    (pull * math.cos(angle), pull * math.sin(angle))
+                    for pull in (self.smallest, self.largest)
+                )
+                legs.append(Leg(seconds=self.ramp, pressure=level, force=low))
+                legs.append(Leg(seconds=half, pressure=level, force=high))
+                legs.append(Leg(seconds=half, pressure=level, force=low))
+        return timeline(legs, loaded=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Strings(Protocol):
+    """Two strings at the end, pulled anew at every pressure; it begins with the first pull.
+
+    Their forces are resolved to the base frame by their angles from E1: 0 and pi/2 where they are
+    already the F_A and F_B of Table 1.
+    """
+
+    kind: ClassVar[str] = 'strings'
+    pressures: Row = (0.0, 31e3)  # Pa
+    pull_a: Row = (0.25, 0.175)  # of the one string at each pressure, N
+    pull_b: Row = (0.0, 0.07)  # of the other string at each pressure, N
+    angle_a: float = quantity(0.0, unit='rad', meaning='of string a', bounds=(-7.0, 7.0))
+    angle_b: float = quantity(
+        0.5 * math.pi, unit='rad', meaning='of string b, from E1', bounds=(-7.0, 7.0)
+    )
+
+    def timeline(self) -> Timeline:
+        """Return the holds."""
+        rows = len(self.pressures)
+        if not rows == len(self.pull_a) == len(self.pull_b):
+            raise RequestError('protocol: pressures, pull_a and pull_b must be of equal length')
+        hold = share_of_time(self.duration - (rows - 1) * self.ramp, rows, SHORTEST, 'holds')
+        forces = [
+            (
+                a * math.cos(self.angle_a) + b * math.cos(self.angle_b),
+                a * math.sin(self.angle_a) + b * math.sin(self.angle_b),
+            )
+            for a, b in zip(self.pull_a, self.pull_b, strict=True)
+        ]
+        legs: list[Leg] = []
+        for level, force in zip(self.pressures, forces, strict=True):
+            if legs:
+                legs.append(Leg(seconds=self.ramp, pressure=level, force=force))
+            legs.append(Leg(seconds=hold, pressure=level, force=force))
+        return timeline(legs, loaded=True, pressure=self.pressures[0], force=forces[0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RandomMix(Protocol):
+    """Ramps of random length to random pressures and forces, about every second one a hold after.
+
+    With both largest forces 0 the arm is unloaded. `seed` is of the protocol alone.
+    """
+
+    kind: ClassVar[str] = 'random_mix'
+    seed: float = quantity(1.0, unit='-', meaning='of the course', bounds=(0.0, 2.0**31))
+    lowest: float = pascals(2e3, 'pressure')
+    top: float = pascals(60e3, 'pressure')
+    force_x: Row = (0.1, 0.28)  # smallest and largest, N
+    force_y: Row = (0.0, 0.22)  # smallest and largest, N
+
+    def timeline(self) -> Timeline:
+        """Return the course."""
+        random = np.random.default_rng([int(self.seed), 5])
+        loaded = any(self.force_x) or any(self.force_y)
+        legs = [Leg(seconds=self.rest, pressure=0.0)]
+        left = self.duration - self.rest
+        while left > 0.0:
+            level, a, b, slope, hold = random.uniform(size=5)
+            force = (
+                self.force_x[0] + a * (self.force_x[-1] - self.force_x[0]),
+                self.force_y[0] + b * (self.force_y[-1] - self.force_y[0]),
+            )
+            level = self.lowest + level * (self.top - self.lowest)
+            parts = self.ramp * (1.0 + 4.0 * slope**2), 3.0 * max(hold - 0.4, 0.0)
+            for part in parts:
+                if left > 0.0 and part > 0.0:
+                    legs.append(Leg(seconds=min(part, left), pressure=level, force=force))
+                    left -= part
+        return timeline(legs, loaded=loaded)
+
+
+PROTOCOLS: dict[str, type[Protocol]] = {
+    protocol.kind: protocol
+    for protocol in (SlowRamp, Staircase, DeadWeights, ForceSweeps, Strings, RandomMix)
+}

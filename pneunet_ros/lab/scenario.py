@@ -1,0 +1,107 @@
+"""A scenario of the virtual lab: which arm, with which effects, is tried out and measured how."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+import numpy as np
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.lab_arm import LabArm
+from pneunet_ros.lab.lab_effect import LabEffect
+from pneunet_ros.lab.lab_effects import LAB_EFFECTS
+from pneunet_ros.lab.protocols import Protocol
+from pneunet_ros.lab.sensors import LabNoise, Rates
+from pneunet_ros.units import check_quantities, quantity
+
+Changes = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detail:
+    """How finely the truth is computed and kept; both are whole numbers."""
+
+    elements: float = quantity(448.0, unit='-', meaning='of the chain', bounds=(8.0, 1e5))
+    stations: float = quantity(113.0, unit='-', meaning='of the truth kept', bounds=(2.0, 1e5))
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_quantities(self, 'detail', RequestError)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scenario:
+    """All that makes a recording of the virtual lab; the same scenario makes the same recording.
+
+    `seed` is that of the noise of this recording; what belongs to the arm (parameters, where
+    targets were painted) has the arm's own. `start` (s): when the recording begins, counted from
+    the lab's first moment.
+    """
+
+    name: str
+    seed: int = 0
+    start: float = quantity(0.0, unit='s', meaning='when the recording begins', bounds=(0.0, 1e8))
+    arm: LabArm
+    effects: tuple[LabEffect, ...] = ()
+    protocol: Protocol
+    noise: LabNoise = field(default_factory=LabNoise)
+    rates: Rates = field(default_factory=Rates)
+    detail: Detail = field(default_factory=Detail)
+
+    def __post_init__(self) -> None:
+        """Check what goes together and put the effects into the order of their table."""
+        check_quantities(self, 'scenario', RequestError)
+        names = [effect.name for effect in self.effects]
+        if len(set(names)) < len(names):
+            raise RequestError(f'an effect is given twice: {", ".join(names)}')
+        order = list(LAB_EFFECTS)
+        effects = sorted(self.effects, key=lambda effect: order.index(effect.name))
+        object.__setattr__(self, 'effects', tuple(effects))
+
+    def with_effects(self, changes: Changes) -> Scenario:
+        """Return this scenario with parameters of effects set, be they there already or not."""
+        effects = {effect.name: effect for effect in self.effects}
+        for name, parameters in changes.items():
+            known = effects.get(name)
+            given = dataclasses.asdict(known) if known is not None else {}
+            effects[name] = lab_effect(name, given | dict(parameters))
+        return dataclasses.replace(self, effects=tuple(effects.values()))
+
+
+def lab_effect(name: str, parameters: Mapping[str, float]) -> LabEffect:
+    """Return an effect by its name; RequestError lists the names and parameters there are."""
+    if name not in LAB_EFFECTS:
+        raise RequestError(f'unknown effect {name}; known here: {", ".join(LAB_EFFECTS)}')
+    kind = LAB_EFFECTS[name]
+    known = [item.name for item in dataclasses.fields(kind)]
+    for parameter in parameters:
+        if parameter not in known:
+            raise RequestError(
+                f'effects.{name} has no parameter {parameter}; known here: {", ".join(known)}'
+            )
+    return kind(**parameters)
+
+
+def described(scenario: Scenario) -> dict[str, Any]:
+    """Return a scenario as plain numbers, texts and lists; infinity as text, as JSON has none."""
+    protocol = plain(scenario.protocol)
+    return {
+        **{name: plain(getattr(scenario, name)) for name in ('name', 'seed', 'start', 'arm')},
+        'effects': {effect.name: plain(effect) for effect in scenario.effects},
+        'protocol': {'kind': scenario.protocol.kind, **protocol},
+        **{name: plain(getattr(scenario, name)) for name in ('noise', 'rates', 'detail')},
+    }
+
+
+def plain(value: Any) -> Any:
+    """Return a dataclass, an array, a tuple or a number as JSON can carry it."""
+    if dataclasses.is_dataclass(value):
+        return {item.name: plain(getattr(value, item.name)) for item in dataclasses.fields(value)}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return [plain(item) for item in value]
+    return str(value) if isinstance(value, float) and math.isinf(value) else value

@@ -1,0 +1,115 @@
+"""The sensors of the virtual lab and their honest noise.
+
+Every kind of noise draws from a stream of its own, so that one can be changed without the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import zlib
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.errors import RequestError
+from pneunet_ros.shape import Array, freeze
+from pneunet_ros.units import check_quantities, NANOSECONDS_PER_SECOND, quantity
+from scipy.interpolate import PchipInterpolator
+
+DRIFT_KNOTS = 9  # of the random walk that the drift is
+OCCLUSION = 0.3, 1.2  # s, shortest and longest
+HIDDEN = 2, 5  # targets, fewest and most, by one occlusion
+START = 1_750_000_000  # s, stamp at which the first recording of a lab may begin
+_SIZE = (0.0, 1e6)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabNoise:
+    """One standard deviation of everything that goes wrong while measuring, SI."""
+
+    pressure_std: float = quantity(60.0, unit='Pa', meaning='white, a reading', bounds=_SIZE)
+    force_std: float = quantity(1e-3, unit='N', meaning='white, a component', bounds=_SIZE)
+    moment_std: float = quantity(1e-5, unit='N m', meaning='white, a reading', bounds=_SIZE)
+    target_std: float = quantity(5e-5, unit='m', meaning='white, a coordinate', bounds=_SIZE)
+    placement_std: float = quantity(
+        5e-5, unit='m', meaning='per target, for good, turns with the arm', bounds=_SIZE
+    )
+    registration_std: float = quantity(
+        1e-4, unit='m', meaning='of the camera, per recording', bounds=_SIZE
+    )
+    drift_std: float = quantity(
+        5e-5, unit='m', meaning='of the camera, at the end of a recording', bounds=_SIZE
+    )
+    jitter_std: float = quantity(5e-4, unit='s', meaning='of stamps', bounds=(0.0, 1.0))
+    dropout: float = quantity(
+        0.003, unit='-', meaning='share of sightings that fail', bounds=(0.0, 0.9)
+    )
+    occlusions: float = quantity(
+        0.05, unit='1/s', meaning='how often something hides targets', bounds=(0.0, 100.0)
+    )
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_quantities(self, 'noise', RequestError)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rates:
+    """How often every sensor speaks (Hz)."""
+
+    pressure: float = quantity(50.0, unit='Hz', bounds=(0.1, 1e4))
+    wrench: float = quantity(50.0, unit='Hz', bounds=(0.1, 1e4))
+    frames: float = quantity(10.0, unit='Hz', bounds=(0.1, 1e4))
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_quantities(self, 'rates', RequestError)
+
+
+def stream(name: str, *seeds: int) -> np.random.Generator:
+    """Return the random numbers of this name and these seeds."""
+    return np.random.default_rng([zlib.crc32(name.encode()), *seeds])
+
+
+def regular(rate: float, duration: float, offset: float = 0.0) -> Array:
+    """Return the times (s) at which a sensor speaks, the first after `offset` of a period."""
+    count = int(np.floor(rate * duration + 1e-9))
+    return freeze((np.arange(count, dtype=np.float64) + offset) / rate)
+
+
+def stamps(
+    random: np.random.Generator, time: Array, start: float, noise: LabNoise
+) -> npt.NDArray[np.int64]:
+    """Return stamps (ns) of readings taken at these times (s) after `start`: late or early."""
+    period = float(np.min(np.diff(time))) if time.size > 1 else 1.0
+    late = np.clip(noise.jitter_std * random.standard_normal(time.size), -period / 3, period / 3)
+    since = np.maximum(start + time + late, 0.0) * NANOSECONDS_PER_SECOND
+    result: npt.NDArray[np.int64] = START * NANOSECONDS_PER_SECOND + np.rint(since).astype(
+        np.int64
+    )
+    return result
+
+
+def placed(random: np.random.Generator, targets: int, noise: LabNoise) -> Array:
+    """Return how far targets (targets, 2) m are from their places, along and across the arm."""
+    return freeze(noise.placement_std * random.standard_normal((targets, 2)))
+
+
+def drifted(random: np.random.Generator, time: Array, duration: float, noise: LabNoise) -> Array:
+    """Return how far the camera has drifted (n, 2) m: smooth, from nothing to drift_std."""
+    steps = random.standard_normal((DRIFT_KNOTS - 1, 2)) / np.sqrt(DRIFT_KNOTS - 1)
+    walk = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    knots = np.linspace(0.0, duration, DRIFT_KNOTS)
+    return freeze(noise.drift_std * np.asarray(PchipInterpolator(knots, walk)(time)))
+
+
+def hidden(
+    random: np.random.Generator, time: Array, duration: float, targets: int, noise: LabNoise
+) -> npt.NDArray[np.bool_]:
+    """Return which targets are missing in which frame, (frames, targets)."""
+    missing: npt.NDArray[np.bool_] = random.uniform(size=(time.size, targets)) < noise.dropout
+    for _ in range(int(random.poisson(noise.occlusions * duration))):
+        begin, length = random.uniform(0.0, duration), random.uniform(*OCCLUSION)
+        first, count = random.integers(targets), random.integers(HIDDEN[0], HIDDEN[1] + 1)
+        frames = (time >= begin) & (time < begin + length)
+        missing[frames, first : first + count] = True
+    return missing

@@ -1,0 +1,225 @@
+"""The virtual lab at work: scenario -> recording with known truth.
+
+Pressure and load come from the protocol. Effects with a history are followed in small steps of
+time; at every frame of the camera a chain in equilibrium gives the shape; sensors read all of it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.chain import Chain, Lying, lying, middle_joints
+from pneunet_ros.lab.lab_effect import Course, Past
+from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth, Stamps
+from pneunet_ros.lab.scenario import Scenario
+from pneunet_ros.lab.sensors import drifted, hidden, placed, regular, stamps, stream
+from pneunet_ros.lab.timeline import Timeline
+from pneunet_ros.shape import Array, freeze
+
+STEP = 0.002  # s, in which the past is followed
+MOST_STEPS_BETWEEN = 5000  # from one recording to the next
+FRAME_OFFSET = 0.25  # of a frame, by which the camera begins after the other sensors
+
+
+def simulated(scenario: Scenario, memory: LabMemory | None = None) -> LabRecording:
+    """Return the recording that a scenario makes, deterministic to the last bit.
+
+    memory: what the arm remembers of an earlier recording (`LabRecording.memory`); without one it
+    is virgin and has rested. Raises RequestError where protocol and arm do not fit together, and
+    where the arm finds no equilibrium.
+    """
+    events = scenario.protocol.timeline()
+    check_pressures(scenario, events)
+    course, memory = unfolded(scenario, events, memory)
+    times = regular(scenario.rates.frames, events.duration, FRAME_OFFSET)
+    if times.size < 2:
+        raise RequestError('protocol.duration must hold two frames or more')
+    arm, weights = scenario.arm, sampled(course, course.weights, times)
+    chamber = sampled(course, course.chamber[:, None], times)[:, 0]
+    shape = lying(chain_of(scenario, events, course, times))
+    arclength = np.linspace(0.0, arm.length, int(scenario.detail.stations))
+    x, y, theta = shape.points(arclength)
+    placement = placed(stream('placement', arm.seed), arm.targets.size, scenario.noise)
+    target_x, target_y = painted(shape, arm.targets, placement)
+    registration = scenario.noise.registration_std * random_of(
+        scenario, 'registration'
+    ).standard_normal(2)
+    drift = drifted(random_of(scenario, 'drift'), times, events.duration, scenario.noise)
+    truth = LabTruth(
+        time=times,
+        pressure=events.pressure_at(times),
+        chamber_pressure=freeze(chamber),
+        force=events.force_at(times),
+        moment=freeze(np.zeros(times.size)),
+        target_x=target_x,
+        target_y=target_y,
+        arclength=freeze(arclength),
+        x=x,
+        y=y,
+        theta=theta,
+        curvature=shape.curvature(arclength),
+        intrinsic_curvature=freeze(weights @ arm.intrinsic_curvature(arclength)),
+        registration=freeze(registration),
+        placement=placement,
+        drift=drift,
+    )
+    return measured(scenario, events, truth, memory)
+
+
+def check_pressures(scenario: Scenario, events: Timeline) -> None:
+    """Refuse pressures for which the arm is not described."""
+    low, high = scenario.arm.pressure_range
+    lowest, highest = float(events.pressure.min()), float(events.pressure.max())
+    if lowest < low or highest > high:
+        raise RequestError(
+            f'the protocol goes from {lowest:g} to {highest:g} Pa, but the arm is described from '
+            f'{low:g} to {high:g} Pa only'
+        )
+
+
+def random_of(scenario: Scenario, name: str) -> np.random.Generator:
+    """Return the random numbers of this name in this recording."""
+    return stream(f'{scenario.name}/{name}', scenario.seed)
+
+
+def unfolded(
+    scenario: Scenario, events: Timeline, memory: LabMemory | None
+) -> tuple[Course, LabMemory]:
+    """Return what happens in the chamber, and what the arm remembers at the end."""
+    past: dict[str, Past] = {}
+    if memory is not None:
+        gap = scenario.start - memory.time
+        if gap < 0.0:
+            raise RequestError(
+                f'{scenario.name} begins at {scenario.start:g} s, before the end of the recording '
+                f'before it at {memory.time:g} s'
+            )
+        past = dict(memory.past)
+        count = min(math.ceil(gap / STEP), MOST_STEPS_BETWEEN) + 1
+        between = np.linspace(memory.pressure, float(events.pressure[0]), count)
+        _, past = followed(scenario, np.linspace(0.0, gap, count), between, past)
+    time = np.linspace(0.0, events.duration, math.ceil(events.duration / STEP) + 1)
+    course, past = followed(scenario, time, events.pressure_at(time), past)
+    end = scenario.start + events.duration
+    return course, LabMemory(time=end, pressure=float(events.pressure[-1]), past=past)
+
+
+def followed(
+    scenario: Scenario, time: Array, pressure: Array, past: dict[str, Past]
+) -> tuple[Course, dict[str, Past]]:
+    """Let all effects act, one after the other, from what each remembers."""
+    pressure = freeze(pressure)
+    course = Course(
+        arm=scenario.arm,
+        time=freeze(time),
+        pressure=pressure,
+        chamber=pressure,
+        weights=scenario.arm.curvature_weights(pressure),
+        rigidity_factor=freeze(np.ones(time.size)),
+    )
+    later: dict[str, Past] = {}
+    for effect in scenario.effects:
+        course, later[effect.name] = effect.unfold(course, past.get(effect.name, ()))
+    return course, later
+
+
+def sampled(course: Course, columns: Array, times: Array) -> Array:
+    """Return columns (n, k) of a course at other times (s), (times, k)."""
+    values = [np.interp(times, course.time, column) for column in columns.T]
+    return freeze(np.column_stack(values))
+
+
+def chain_of(scenario: Scenario, events: Timeline, course: Course, times: Array) -> Chain:
+    """Return the arm at these times (s) as a chain, with all that effects bring."""
+    arm = scenario.arm
+    chamber = freeze(np.interp(times, course.time, course.chamber))
+    factor = np.interp(times, course.time, course.rigidity_factor)
+    rigidity, split = arm.stiffness(chamber)
+    borders = middle_joints(arm.length, int(scenario.detail.elements))
+    turned = sampled(course, course.weights, times) @ arm.turned(borders)
+    chain = Chain(
+        length=arm.length,
+        clamp_angle=arm.clamp_angle,
+        turning=freeze(np.diff(turned, axis=1)),
+        rigidity=freeze(rigidity * factor[:, None]),
+        split=split,
+        force=events.force_at(times),
+        moment=freeze(np.zeros(times.size)),
+    )
+    for effect in scenario.effects:
+        chain = effect.build(arm, chain, chamber)
+    return chain
+
+
+def painted(shape: Lying, places: Array, placement: Array) -> tuple[Array, Array]:
+    """Return x, y (m) of targets painted beside their places, each (frames, targets)."""
+    x, y, theta = shape.points(places)
+    cosine, sine = np.cos(theta), np.sin(theta)
+    along, across = placement.T
+    return freeze(x + along * cosine - across * sine), freeze(y + along * sine + across * cosine)
+
+
+def measured(
+    scenario: Scenario, events: Timeline, truth: LabTruth, memory: LabMemory
+) -> LabRecording:
+    """Return what the sensors make of the truth."""
+    arm, noise, rates = scenario.arm, scenario.noise, scenario.rates
+    start, duration = scenario.start, events.duration
+    times = regular(rates.pressure, duration), regular(rates.wrench, duration), truth.time
+    stamp = [
+        stamps(random_of(scenario, f'stamps of {name}'), time, start, noise)
+        for name, time in zip(('pressure', 'wrench', 'frames'), times, strict=True)
+    ]
+    pressure, _ = read(scenario, events, times[0])
+    white = random_of(scenario, 'pressure').standard_normal(pressure.size)
+    _, force = read(scenario, events, times[1])
+    random = random_of(scenario, 'wrench')
+    hanging = np.abs(events.force_at(times[1])).max(axis=1) > 0.0
+    force = force + noise.force_std * random.standard_normal(force.shape)
+    moment = noise.moment_std * random.standard_normal(len(force))
+    force, moment = force * hanging[:, None], moment * hanging
+    nearest_wrench = nearest(stamp[1], stamp[2])
+    points = np.stack([truth.target_x, truth.target_y], axis=-1)
+    share = freeze(truth.time / duration)
+    for effect in scenario.effects:
+        points = effect.see(arm, points, share)
+    points = points + truth.registration + truth.drift[:, None]
+    points += noise.target_std * random_of(scenario, 'targets').standard_normal(points.shape)
+    targets = arm.targets.size
+    points[hidden(random_of(scenario, 'hidden'), truth.time, duration, targets, noise)] = np.nan
+    kept = slice(None if events.loaded else 0)
+    return LabRecording(
+        scenario=scenario,
+        loaded=events.loaded,
+        reading_stamp_ns=stamp[0],
+        pressure=freeze(pressure + noise.pressure_std * white),
+        wrench_stamp_ns=stamp[1][kept],
+        wrench_force=freeze(force[kept]),
+        wrench_moment=freeze(moment[kept]),
+        stamp_ns=stamp[2],
+        reading=nearest(stamp[0], stamp[2]),
+        force=freeze(force[nearest_wrench]),
+        moment=freeze(moment[nearest_wrench]),
+        x=freeze(np.ascontiguousarray(points[..., 0])),
+        y=freeze(np.ascontiguousarray(points[..., 1])),
+        truth=truth,
+        memory=memory,
+    )
+
+
+def read(scenario: Scenario, events: Timeline, times: Array) -> tuple[Array, Array]:
+    """Return what noiseless sensors say of pressure (n,) Pa and force (n, 2) N at times (s)."""
+    pressure, force = events.pressure_at(times), events.force_at(times)
+    for effect in scenario.effects:
+        pressure, force = effect.read(scenario.arm, pressure, force)
+    return pressure, force
+
+
+def nearest(stamp_ns: Stamps, wanted_ns: Stamps) -> Stamps:
+    """Return which of increasing stamps is nearest to each of those wanted."""
+    after = np.clip(np.searchsorted(stamp_ns, wanted_ns), 1, stamp_ns.size - 1)
+    earlier = wanted_ns - stamp_ns[after - 1] <= stamp_ns[after] - wanted_ns
+    chosen: Stamps = (after - earlier).astype(np.int64)
+    return chosen

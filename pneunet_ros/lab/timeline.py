@@ -1,0 +1,81 @@
+"""What is done to the lab arm over time: pressure and end load, joined by straight lines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.errors import RequestError
+from pneunet_ros.shape import Array, freeze, frozen_array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Timeline:
+    """Corners (k,) of the course of true pressure (Pa) and force (k, 2) N; time in s from 0.
+
+    `loaded`: something is hung on the arm at some time, so that its force is measured.
+    """
+
+    time: Array
+    pressure: Array
+    force: Array
+    loaded: bool
+
+    def __post_init__(self) -> None:
+        """Check the sizes."""
+        count = (len(self.time),)
+        for name, size in (('time', count), ('pressure', count), ('force', (*count, 2))):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), size))
+
+    @property
+    def duration(self) -> float:
+        """Length in s."""
+        return float(self.time[-1])
+
+    def pressure_at(self, time: Array) -> Array:
+        """Return the pressure (Pa) at times (n,) s."""
+        return freeze(np.interp(time, self.time, self.pressure))
+
+    def force_at(self, time: Array) -> Array:
+        """Return the force (n, 2) N at times (n,) s."""
+        columns = [np.interp(time, self.time, self.force[:, i]) for i in (0, 1)]
+        return freeze(np.column_stack(columns))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leg:
+    """A part of a protocol: so many seconds, straight to a pressure (Pa) and a force (N)."""
+
+    seconds: float
+    pressure: float
+    force: tuple[float, float] = (0.0, 0.0)
+
+
+def timeline(
+    legs: Iterable[Leg],
+    *,
+    loaded: bool,
+    pressure: float = 0.0,
+    force: tuple[float, float] = (0.0, 0.0),
+) -> Timeline:
+    """Put legs one after the other, beginning at this pressure (Pa) and force (N)."""
+    time, pressures, forces = [0.0], [pressure], [force]
+    for leg in legs:
+        time.append(time[-1] + leg.seconds)
+        pressures.append(leg.pressure)
+        forces.append(leg.force)
+    return Timeline(
+        time=np.array(time), pressure=np.array(pressures), force=np.array(forces), loaded=loaded
+    )
+
+
+def share_of_time(left: float, parts: int, shortest: float, what: str) -> float:
+    """Return the length (s) of each of so many equal parts; RequestError where it is too short."""
+    each = left / parts
+    if each < shortest:
+        raise RequestError(
+            f'protocol: {what} would last {each:.2f} s each, and less than {shortest:g} s is of '
+            'no use: make duration longer or the protocol simpler'
+        )
+    return each
