@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.curvature import IntrinsicCurvature, table_array
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.effects.effect import Effect, History, Load
+from pneunet_ros.effects.effect import Effect, History, Load, PressureScale
 from pneunet_ros.errors import ModelError
 from pneunet_ros.moment_law import MomentLaw
 from pneunet_ros.noise import ModelCovariance, SensorNoise
@@ -28,8 +28,9 @@ class Arm:
 
     `target_arclength` (targets,) m is the place of every white target; `effects` are in the order
     of the table of effects; `sources` says where each number comes from. `pressure_range` (Pa) is
-    where both intrinsic curvature and moment law are calibrated; `sensing` and `acting` are the
-    effects that change what a reading means and those that have a history.
+    where both intrinsic curvature and moment law are calibrated; `sensing`, `seeing` and `acting`
+    are the effects that change what a reading means, where points are seen, and those that have a
+    history; `recalling` are the places in `acting` of those whose history changes the rod.
     """
 
     name: str
@@ -45,7 +46,10 @@ class Arm:
     sources: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     sensing: tuple[Effect, ...] = field(init=False, repr=False)
+    seeing: tuple[Effect, ...] = field(init=False, repr=False)
     acting: tuple[Effect, ...] = field(init=False, repr=False)
+    recalling: tuple[int, ...] = field(init=False, repr=False)
+    scale: PressureScale = field(init=False, repr=False)
     knots: Array = field(init=False, repr=False)
     table: RodTable = field(init=False, repr=False)
     pressure_range: tuple[float, float] = field(init=False, repr=False)
@@ -68,9 +72,11 @@ class Arm:
         effects = tuple(sorted(self.effects, key=lambda effect: order.index(effect.name)))
         object.__setattr__(self, 'target_arclength', targets)
         object.__setattr__(self, 'effects', effects)
-        for place, verb in (('sensing', 'sense'), ('acting', 'actuate')):
+        for place, verb in (('sensing', 'sense'), ('seeing', 'see'), ('acting', 'actuate')):
             speaking = [item for item in effects if overrides(item, verb)]
             object.__setattr__(self, place, tuple(speaking))
+        recalling = [i for i, item in enumerate(self.acting) if overrides(item, 'recall')]
+        object.__setattr__(self, 'recalling', tuple(recalling))
         object.__setattr__(self, 'sources', MappingProxyType(dict(self.sources)))
         object.__setattr__(self, 'provenance', MappingProxyType(dict(self.provenance)))
         object.__setattr__(
@@ -79,6 +85,8 @@ class Arm:
         low, high = self.moment_law.pressure_range
         rows = self.intrinsic_curvature.pressure
         low, high = max(low, float(rows[0])), min(high, float(rows[-1]))
+        scale = PressureScale(rows=tuple(rows.tolist()), top=high, std=self.sensors.pressure_std)
+        object.__setattr__(self, 'scale', scale)
         object.__setattr__(self, 'pressure_range', (low, high))
         if not low < high:
             raise ModelError(
@@ -100,9 +108,15 @@ class Arm:
             load = effect.sense(load)
         return load
 
+    def see(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return where points that truly are at x, y (m, base frame) are measured."""
+        for effect in self.seeing:
+            x, y = effect.see(x, y)
+        return x, y
+
     def initial_history(self, pressure: float) -> tuple[History, ...]:
-        """History of an arm that has rested at this pressure (Pa)."""
-        return tuple(effect.initial(pressure) for effect in self.acting)
+        """History of an arm that has rested at this pressure (Pa), one tuple per acting effect."""
+        return tuple(effect.initial(pressure, self.scale) for effect in self.acting)
 
     def actuate(
         self, history: tuple[History, ...], seconds: float, pressure: float
@@ -110,9 +124,15 @@ class Arm:
         """History and chamber pressure (Pa), `seconds` after the call that gave the history."""
         following = []
         for effect, state in zip(self.acting, history, strict=True):
-            state, pressure = effect.actuate(state, seconds, pressure)
+            state, pressure = effect.actuate(state, seconds, pressure, self.scale)
             following.append(state)
         return tuple(following), pressure
+
+    def follows(self, history: tuple[History, ...]) -> bool:
+        """Whether the chamber answers to a small change of the pressure at the sensor."""
+        return all(
+            effect.follows(state) for effect, state in zip(self.acting, history, strict=True)
+        )
 
     def tabulated(self) -> RodTable:
         """Every pressure at which curvature or law has a row, with the record of the rod there.
@@ -136,13 +156,28 @@ class Arm:
             turning=frozen_array(turning),
         )
 
-    def rods(self, pressure: Array) -> Rods:
-        """Return the record of the rod at each of these chamber pressures (n,) Pa."""
+    def rods(
+        self, pressure: Array, history: tuple[History, ...] | tuple[Array, ...] | None = None
+    ) -> Rods:
+        """Return the record of the rod at each of these chamber pressures (n,) Pa.
+
+        history: that of `actuate`, the same at all of the pressures; or per acting effect an array
+        (n, numbers), one history per pressure. None: an arm that has rested for ever at each.
+        """
         sections, turning = self.table.at(pressure)
         clamp = np.zeros((pressure.size, CLAMP_WIDTH))
         clamp[:, CLAMP_ANGLE] = self.clamp_angle
         for effect in self.effects:
             effect.terms(pressure).add_to(sections, clamp)
+        if history is not None:
+            for place in self.recalling:
+                past = np.asarray(history[place])
+                terms = self.acting[place].recall(past, self.scale)
+                terms.add_to(sections, clamp)
+                if terms.late_weights is not None:
+                    late = self.intrinsic_curvature.mixed_turning(terms.late_weights, self.length)
+                    turning *= 1.0 - terms.late_share
+                    turning += terms.late_share * late
         return Rods(
             length=self.length,
             pressure=pressure,

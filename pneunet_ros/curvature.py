@@ -110,11 +110,25 @@ class IntrinsicCurvature:
         row, weight = pressure_rows(self.pressure, pressure)
         weight = weight[:, None, None]
         per_length = (1.0 - weight) * self.turning[row] + weight * self.turning[row + 1]
-        # kappa = sum c_k u^(k-1) k with u = s / l, so theta = l sum c_k (s / l)^k
-        return per_length * (length ** (1.0 - np.arange(5.0)))
+        return over_meters(per_length, length)
+
+    def mixed_turning(self, weights: Array, length: float) -> Array:
+        """Pieces of mixtures of the rows, weights (n, rows) or (rows,), over arclength in m.
+
+        (n, columns - 1, 5), n = 1 for one mixture.
+        """
+        rows = self.turning.reshape(self.pressure.size, -1)
+        mixed = (weights @ rows).reshape(-1, *self.turning.shape[1:])
+        return over_meters(mixed, length)
 
     def at(self, pressure: float, arclength: npt.ArrayLike) -> Array:
         """kappa_p0 (1/m) at one pressure (Pa) and any s / l."""
         row, weight = pressure_rows(self.pressure, pressure)
         values = (1.0 - weight) * self.curvature[row] + weight * self.curvature[row + 1]
         return freeze(np.asarray(CubicSpline(self.arclength, values)(np.asarray(arclength))))
+
+
+def over_meters(per_length: Array, length: float) -> Array:
+    """Return turning (..., 5) over arclength in m from that over s / l, per unit length."""
+    # kappa = sum c_k u^(k-1) k with u = s / l, so theta = l sum c_k (s / l)^k
+    return per_length * (length ** (1.0 - np.arange(5.0)))

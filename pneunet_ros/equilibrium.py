@@ -14,7 +14,7 @@ import math
 import numpy as np
 from pneunet_ros.arm import Arm, EXTRAPOLATION
 from pneunet_ros.attempt import Attempt
-from pneunet_ros.effects.effect import Load
+from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.errors import RequestError
 from pneunet_ros.rod import REST_STRAIN, RIGIDITY, Rods
 from pneunet_ros.shape import Array, freeze, frozen_array, Shape, SolverNodes
@@ -188,12 +188,6 @@ def out_of_range(arm: Arm, pressure: float) -> str:
     )
 
 
-def pressure_step(arm: Arm) -> float:
-    """Distance (Pa) over which the change of the record with pressure is taken."""
-    low, high = arm.pressure_range
-    return PRESSURE_STEP * (high - low)
-
-
 def linearized(
     solution: SolverNodes, panel_changes: Array, end_changes: Array
 ) -> tuple[Array, Array, bool]:
@@ -257,19 +251,30 @@ def panels_of(rods: Rods, solution: SolverNodes) -> Array:
     return panels
 
 
-def with_pressure_change(arm: Arm, chamber_pressure: float) -> tuple[Rods, Change]:
-    """Return the record of the rod at a chamber pressure (Pa), and how it changes per pascal."""
-    step = pressure_step(arm)
+def with_pressure_change(
+    arm: Arm, chamber_pressure: float, history: tuple[History, ...] | None = None
+) -> tuple[Rods, Change]:
+    """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal."""
+    step = PRESSURE_STEP * (arm.pressure_range[1] - arm.pressure_range[0])
     pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
-    rods = arm.rods(np.array(pressures))
+    rods = arm.rods(np.array(pressures), history)
     return rods.one(0), Change(before=rods.one(1), after=rods.one(2), distance=2.0 * step)
 
 
 def tip_jacobian(arm: Arm, shape: Shape) -> Array:
-    """d(x, y, theta) of the tip / d(chamber pressure, F1, F2, M), (3, 4) SI."""
+    """d(x, y, theta) of the tip / d(chamber pressure, F1, F2, M), (3, 4) SI, of an arm at rest."""
     if shape.solution is None:
         raise RequestError(f'no Jacobian without a shape: {shape.status}')
-    chamber = steady_pressure(arm, shape.pressure)
-    rods, change = with_pressure_change(arm, chamber)
+    rested = arm.initial_history(shape.pressure)
+    history, chamber = arm.actuate(rested, 0.0, shape.pressure)
+    rods, change = with_pressure_change(arm, chamber, history)
     response = respond(shape.solution, rods, (change,), shape.arclength[-1:])
-    return frozen_array(response.tip[[LOADS, 0, 1, 2]].T)
+    return jacobian_of(arm, response, history)
+
+
+def jacobian_of(arm: Arm, response: Response, history: tuple[History, ...]) -> Array:
+    """Return the tip's Jacobian from a response whose first cause after the loads is pressure."""
+    jacobian = response.tip[[LOADS, 0, 1, 2]].T
+    if not arm.follows(history):  # the play takes up what the pressure changes
+        jacobian[:, 0] = 0.0
+    return freeze(jacobian)

@@ -16,6 +16,7 @@ from pneunet_ros.arm import Arm, EXTRAPOLATION
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.equilibrium import (
     Change,
+    jacobian_of,
     out_of_range,
     respond,
     solve_rod,
@@ -108,7 +109,7 @@ class Estimator:
             refusal = refused(reading.stamp_ns, 'out_of_range', sentence)
         if refusal is not None:
             return state.with_reading(reading.stamp_ns, history), refusal
-        rods, change = with_pressure_change(self.arm, chamber)
+        rods, change = with_pressure_change(self.arm, chamber, history)
         shape = solve_rod(self.arm, rods, load, state.solution, self.arclength)
         state = state.with_reading(reading.stamp_ns, history)
         if shape.solution is None:
@@ -118,11 +119,10 @@ class Estimator:
         if shape.stable is False:
             notes.append('the equilibrium is unstable under dead load')
         changes = [change]
-        pressures = np.array([chamber])
-        changes += [
-            Change(before=before.rods(pressures), after=after.rods(pressures), distance=distance)
-            for before, after, distance in self.model_columns
-        ]
+        for before, after, distance in self.model_columns:
+            # With the arm's own history: what other parameters would have made of it is left out.
+            less, more = (side.rods(rods.pressure, history) for side in (before, after))
+            changes.append(Change(before=less, after=more, distance=distance))
         response = respond(shape.solution, rods, tuple(changes), self.arclength)
         mixing = self.noise_columns(reading, gauge, wrench)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
@@ -137,7 +137,7 @@ class Estimator:
             stamp_ns=reading.stamp_ns,
             shape=shape,
             chamber_pressure=chamber,
-            jacobian=freeze(response.tip[[PRESSURE, 0, 1, 2]].T),
+            jacobian=jacobian_of(self.arm, response, history),
             tip_covariance=freeze(covariance),
             std_x=freeze(std[0]),
             std_y=freeze(std[1]),

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.arm import Arm, EXTRAPOLATION
 from pneunet_ros.attempt import FINEST_DETAIL
-from pneunet_ros.effects.effect import Load
+from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.equilibrium import (
     DEFAULT_STATIONS,
     linearized,
@@ -60,12 +60,13 @@ def solve_many(
     *,
     start: Shape,
     stations: int = DEFAULT_STATIONS,
+    history: tuple[History, ...] | tuple[Array, ...] | None = None,
 ) -> Shapes:
     """Shapes at chamber pressures (n,) Pa under end forces (n, 2) N and moments (n,) or one, N m.
 
-    `start` is a converged shape near them. The loads are the true ones: sensing effects and
-    history do not enter. Raises RequestError for values of other shape, NaN or infinity, or a
-    start without solution.
+    `start` is a converged shape near them. The loads are the true ones: sensing effects do not
+    enter; `history` as in `Arm.rods`. Raises RequestError for values of other shape, NaN or
+    infinity, or a start without solution.
     """
     pressure = np.atleast_1d(np.asarray(pressure, dtype=np.float64))
     loads = np.empty((pressure.size, LOADS))
@@ -81,7 +82,7 @@ def solve_many(
     if start.solution is None:
         raise RequestError(f'the start is no shape: {start.status}')
     arclength = station_arclength(arm.length, stations)
-    rods = arm.rods(pressure)
+    rods = arm.rods(pressure, history)
     ends = np.concatenate([rods.clamp, loads], axis=1)
     guesses = predicted(arm, start, np.column_stack([loads, pressure]))
     nodes, residual = np.empty_like(guesses), np.empty(pressure.size)

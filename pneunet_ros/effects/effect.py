@@ -2,12 +2,13 @@
 
 An effect may speak in four places and nowhere else:
 
-- *sensing* (`sense`): what a reading means;
-- *actuation* (`initial`, `actuate`): from the pressure at the sensor, with its history, to the
-  pressure in the chamber; history comes in and goes out as a tuple of numbers;
-- *material* and *mechanics* (`terms`): what it adds to the record of the rod.
+- *sensing* (`sense`, `see`): what a reading means, and what a camera makes of points;
+- *actuation* (`initial`, `actuate`, `follows`): from the pressure at the sensor, with its history,
+  to the pressure in the chamber; history comes in and goes out as a tuple of numbers;
+- *material* and *mechanics* (`terms`): what it adds to the record of the rod;
+- an effect that keeps a history may add to the record by it, too (`recall`).
 
-The default of every parameter is its neutral value, at which the effect does nothing at all.
+The defaults of the parameters are neutral: an effect with all of them does nothing at all.
 """
 
 from __future__ import annotations
@@ -48,12 +49,27 @@ class Load:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PressureScale:
+    """What an effect with a history may know of its arm, in Pa.
+
+    rows: pressures of the table of kappa_p0, increasing; top: upper end of the calibrated range;
+    std: standard deviation of a pressure reading.
+    """
+
+    rows: tuple[float, ...]
+    top: float
+    std: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Terms:
     """What an effect adds to the record of the rod; contributions of effects are summed.
 
     Only rigidity factors multiply. Each term is a number or an array (pressures,); it holds for
     the whole length. Units: moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -,
-    line loads N/m, clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
+    line loads N/m, clamp_angle rad, clamp_compliance rad/(N m), load_offset m. late_share of
+    kappa_p0 is replaced by a mixture of the rows of its table with late_weights, (rows,) or one
+    mixture per pressure (pressures, rows).
     """
 
     rigidity_factor: float | Array = UNITY
@@ -66,6 +82,8 @@ class Terms:
     clamp_angle: float | Array = NOTHING
     clamp_compliance: float | Array = NOTHING
     load_offset: float | Array = NOTHING
+    late_share: float = NOTHING
+    late_weights: Array | None = None
 
     def add_to(self, sections: Array, clamp: Array) -> None:
         """Add these terms to records of a rod: sections (n, sections, 8), clamp (n, 3)."""
@@ -114,13 +132,27 @@ class Effect(abc.ABC):
         """Return the true load behind a reading."""
         return load
 
-    def initial(self, pressure: float) -> History:
+    def see(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return the measured places of points that truly are at x, y (m) in the base frame."""
+        return x, y
+
+    def initial(self, pressure: float, scale: PressureScale) -> History:
         """History of an arm that has rested at this pressure (Pa) for ever."""
         return ()
 
-    def actuate(self, history: History, seconds: float, pressure: float) -> tuple[History, float]:
+    def actuate(
+        self, history: History, seconds: float, pressure: float, scale: PressureScale
+    ) -> tuple[History, float]:
         """History and chamber pressure (Pa), `seconds` after the last call, at this pressure."""
         return history, pressure
+
+    def follows(self, history: History) -> bool:
+        """Whether the chamber answers to a small change of the pressure at the sensor."""
+        return True
+
+    def recall(self, past: Array, scale: PressureScale) -> Terms:
+        """Return what the past adds to the rod: one history (numbers,) or many (n, numbers)."""
+        return NO_TERMS
 
     def terms(self, pressure: Array) -> Terms:
         """Return what the effect adds to the rod at these chamber pressures (n,) Pa."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
-from pneunet_ros.effects.effect import Effect, History, Place
+from pneunet_ros.effects.effect import Effect, History, Place, PressureScale
 from pneunet_ros.units import quantity
 
 
@@ -30,11 +30,13 @@ class PressureLag(Effect):
         source='prior: 0.1 to 2 m of 2 to 4 mm tubing',
     )
 
-    def initial(self, pressure: float) -> History:
+    def initial(self, pressure: float, scale: PressureScale) -> History:
         """Equilibrium."""
         return (pressure, pressure)
 
-    def actuate(self, history: History, seconds: float, pressure: float) -> tuple[History, float]:
+    def actuate(
+        self, history: History, seconds: float, pressure: float, scale: PressureScale
+    ) -> tuple[History, float]:
         """Exact answer of the first-order line to a straight change of pressure."""
         before, chamber = history
         if self.time_constant == 0.0:

@@ -1,0 +1,48 @@
+"""Pressure must turn back by some width before the chamber follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pneunet_ros.effects.effect import Effect, History, Place, PressureScale
+from pneunet_ros.units import quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hysteresis(Effect):
+    """Play operator: the chamber stays where it is until the pressure is half a width away.
+
+    Exact for readings joined by straight lines. History: the pressure before the play and the
+    pressure in the chamber (Pa). Starts in the middle of the play.
+    """
+
+    name: ClassVar[str] = 'hysteresis'
+    place: ClassVar[Place] = 'actuation'
+    meaning: ClassVar[str] = 'play of this full width between pressure and chamber'
+    width: float = quantity(
+        0.0,
+        unit='Pa',
+        meaning='full width of the play',
+        bounds=(0.0, 1e5),
+        prior=(0.0, 4e3),
+        source='prior: a loop as wide as 6 % of the 66 kPa of Table 1',
+    )
+
+    def initial(self, pressure: float, scale: PressureScale) -> History:
+        """Middle of the play."""
+        return (pressure, pressure)
+
+    def actuate(
+        self, history: History, seconds: float, pressure: float, scale: PressureScale
+    ) -> tuple[History, float]:
+        """Push the chamber where the play has come to its end."""
+        half = 0.5 * self.width
+        chamber = min(max(history[1], pressure - half), pressure + half)
+        return (pressure, chamber), chamber
+
+    def follows(self, history: History) -> bool:
+        """Whether the play is at one of its ends; the same sums as in `actuate`, so exactly."""
+        pressure, chamber = history
+        half = 0.5 * self.width
+        return not pressure - half < chamber < pressure + half

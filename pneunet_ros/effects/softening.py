@@ -1,0 +1,55 @@
+"""An arm that has been inflated further before is softer than a virgin one (Mullins)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from pneunet_ros.effects.effect import Effect, History, Place, PressureScale, Terms
+from pneunet_ros.shape import Array
+from pneunet_ros.units import quantity
+
+NOISE_BAND = 8.0  # sigma between the largest and the smallest of ten thousand readings at rest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Softening(Effect):
+    """Rigidity x (1 - loss p_max / p_range) while p is below the largest pressure so far.
+
+    p_range is the upper end of the calibrated range, and p_max counts no further. A reading is
+    below p_max where the noise of the sensor does not explain it: an arm that rests at p_max would
+    else be soft by noise alone. History: p_max (Pa), and 1 where p is below it, else 0. Starts
+    virgin.
+    """
+
+    name: ClassVar[str] = 'softening'
+    place: ClassVar[Place] = 'material'
+    meaning: ClassVar[str] = 'rigidity x (1 - loss p_max / p_range) below p_max (Mullins)'
+    loss: float = quantity(
+        0.0,
+        unit='-',
+        meaning='share of rigidity that the full range takes',
+        bounds=(0.0, 0.9),
+        prior=(0.0, 0.3),
+        source='prior: little in pure silicone, up to a third in filled rubber',
+    )
+
+    def initial(self, pressure: float, scale: PressureScale) -> History:
+        """Virgin: never inflated further."""
+        return (pressure, 0.0)
+
+    def actuate(
+        self, history: History, seconds: float, pressure: float, scale: PressureScale
+    ) -> tuple[History, float]:
+        """Remember the largest pressure, and whether this one is below it."""
+        largest = max(history[0], pressure)
+        below = pressure < largest - NOISE_BAND * scale.std
+        return (largest, float(below)), pressure
+
+    def recall(self, past: Array, scale: PressureScale) -> Terms:
+        """Return the loss of rigidity, the same for small changes of pressure."""
+        if scale.top <= 0.0:  # an arm of negative pressures alone is never inflated
+            return Terms()
+        share = np.minimum(np.maximum(past[..., 0] / scale.top, 0.0), 1.0)
+        return Terms(rigidity_factor=1.0 - self.loss * share * past[..., 1])
