@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +59,18 @@ class Run:
                 raise RecordingError(f'{self.name}: {name} must increase')
         if not (np.all(self.reading >= 0) and np.all(self.reading < readings)):
             raise RecordingError(f'{self.name}: a frame belongs to a reading that is not there')
+
+    def thinned(self, most: int) -> Run:
+        """Return the run with at most so many frames, evenly spread over it."""
+        frames = len(self.stamp_ns)
+        if frames <= most:
+            return self
+        some = np.unique(np.linspace(0, frames - 1, most).astype(np.int64))
+        cut = {
+            name: getattr(self, name)[some]
+            for name in ('stamp_ns', 'reading', 'force', 'moment', 'x', 'y')
+        }
+        return replace(self, **cut)
 
     @property
     def frame_pressure(self) -> Array:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.arm import Arm
 from pneunet_ros.calibration.disturbances import Disturbances, PATH_NODES
 from pneunet_ros.calibration.response import Drive, drive_of, Series, THETA
@@ -46,7 +47,7 @@ class FittedRun:
     disturbance: Array
     whitened: Array
     freedom: Array
-    solved: Array
+    solved: npt.NDArray[np.bool_]
 
     @property
     def residual(self) -> Array:
@@ -169,18 +170,18 @@ class Posterior:
     ) -> Array:
         """How points (frames, 2 targets) answer to unknowns and disturbances; sets whitening."""
         drive, run = fitted.drive, fitted.run
-        columns = () if self.unknowns.law is None else self.unknowns.law.columns
-        answer = self.series[which].answer(arm, drive.pressure, drive.loads, np.array(columns))
+        columns = self.unknowns.columns
+        answer = self.series[which].answer(arm, drive.pressure, drive.loads, columns)
         frames, causes = answer.values.shape[:2]
         points = answer.values[:, :, :2].reshape(frames, causes, -1)
         seen = run.seen & fitted.solved[:, None]
         mask = np.repeat(seen[:, None], 2, axis=1).reshape(frames, -1)
-        sensed = self.sensed(points, values, drive, run.loaded)
+        sensed = self.sensed(points, values, drive, run)
         self.whitenings[which] = Whitening(self.noise.target_std, sensed, mask)
         model = np.matmul(points.transpose(0, 2, 1), self.unknowns.causes(values, drive))
         return np.concatenate([model, beside.reshape(frames, mask.shape[1], -1)], axis=2)
 
-    def sensed(self, points: Array, values: Array, drive: Drive, loaded: bool) -> Array:
+    def sensed(self, points: Array, values: Array, drive: Drive, run: Run) -> Array:
         """What one sigma of each reading does to the points, (frames, 2 targets, readings).
 
         points (frames, causes, 2 targets) are the answers. Two more columns are what the camera
@@ -193,8 +194,9 @@ class Posterior:
         slope = (np.diff(table, axis=0) / step)[row]
         knots = points[:, 3 : 3 + table.shape[1]]
         columns = [self.noise.pressure_std * np.einsum('fk,fkp->fp', slope, knots)]
-        if loaded:
-            stds = self.noise.force_std, self.noise.force_std, self.noise.moment_std
+        if run.loaded:
+            moment_std = self.noise.moment_std if np.any(run.moment != 0.0) else 0.0
+            stds = self.noise.force_std, self.noise.force_std, moment_std
             columns += [std * points[:, load] for load, std in enumerate(stds) if std > 0.0]
         between = np.zeros((2, *columns[0].shape))
         half = columns[0].shape[1] // 2

@@ -28,6 +28,8 @@ from pneunet_ros.solver.series import answers, follow
 from pneunet_ros.units import seconds_between
 from scipy.interpolate import CubicSpline
 
+Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
+
 X, Y, THETA, CURVATURE, INTRINSIC_CURVATURE, MOMENT = range(6)  # fields at stations
 
 
@@ -35,12 +37,15 @@ X, Y, THETA, CURVATURE, INTRINSIC_CURVATURE, MOMENT = range(6)  # fields at stat
 class Drive:
     """What really acted on the arm at the frames of a run, by its sensing and its history.
 
-    pressure (frames,) Pa in the chamber; loads (frames, 3): F1, F2 (N), M (N m); histories: one
-    per frame.
+    pressure (frames,) Pa in the chamber; loads (frames, 3): F1, F2 (N), M (N m).
     """
 
     pressure: Array
     loads: Array
+
+    def at(self, frames: npt.NDArray[np.int64]) -> Drive:
+        """Return the same for some of the frames."""
+        return Drive(pressure=self.pressure[frames], loads=self.loads[frames])
 
 
 def drive_of(arm: Arm, run: Run) -> Drive:
@@ -76,7 +81,7 @@ class Answer:
     """
 
     values: Array
-    columns: npt.NDArray[np.int64]
+    columns: Columns
     knots: int
 
 
@@ -90,7 +95,7 @@ class Series:
         self.counts = np.zeros(0, dtype=np.int64)
 
     def solve(self, arm: Arm, pressure: Array, loads: Array) -> npt.NDArray[np.bool_]:
-        """Solve all frames; returns which have a shape. `fields` (frames, 6, stations) is filled."""
+        """Solve all frames; `fields` (frames, 6, stations) is filled. Return which have a shape."""
         rods = arm.rods(pressure)
         counts = mesh_counts(rods, loads)
         if self.counts.size != counts.size or np.any(counts > self.counts):
@@ -156,11 +161,10 @@ class Series:
                 collocation.unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
             first += 1
 
-    def answer(self, arm: Arm, pressure: Array, loads: Array, columns: Array) -> Answer:
+    def answer(self, arm: Arm, pressure: Array, loads: Array, columns: Columns) -> Answer:
         """Return the linear answer of the solved frames to these columns of sections."""
         rods = arm.rods(pressure)
         unit = knot_turning(arm)
-        columns = np.ascontiguousarray(columns, dtype=np.int64).reshape(-1, 2)
         size = np.abs(rods.sections[:, columns[:, 0], columns[:, 1]]).mean(axis=0)
         steps = 1e-4 * np.where(size > 0.0, size, 1.0)
         causes = 3 + unit.shape[0] + len(columns)
@@ -205,7 +209,7 @@ def mesh_counts(rods: Rods, loads: Array) -> npt.NDArray[np.int64]:
 
 
 def knot_turning(arm: Arm) -> Array:
-    """Turning (knots, pieces, 5) of a curvature that is 1/m at one knot of the table and 0 else."""
+    """Return the turning (knots, pieces, 5) of a curvature of 1/m at one knot and 0 at others."""
     shares = arm.intrinsic_curvature.arclength
     spline = CubicSpline(shares, np.eye(shares.size), axis=1)
     powers = np.moveaxis(spline.antiderivative().c[::-1], (0, 1, 2), (2, 1, 0))

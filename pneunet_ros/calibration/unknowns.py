@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pneunet_ros.arm import Arm
 from pneunet_ros.calibration.law_unknowns import LawUnknowns
-from pneunet_ros.calibration.response import Drive
+from pneunet_ros.calibration.response import Columns, Drive
 from pneunet_ros.curvature import IntrinsicCurvature, pressure_rows
 from pneunet_ros.shape import Array, frozen_array
 
@@ -76,13 +76,19 @@ class Unknowns:
         law = self.frame.moment_law if self.law is None else self.law.law(values[self.cells :])
         return replace(self.frame, intrinsic_curvature=curvature, moment_law=law, covariance=None)
 
+    @property
+    def columns(self) -> Columns:
+        """Columns of the sections that the law moves, (k, 2)."""
+        columns = () if self.law is None else self.law.columns
+        return np.array(columns, dtype=np.int64).reshape(-1, 2)
+
     def causes(self, values: Array, drive: Drive) -> Array:
         """How much each cause of a response moves per unknown, (frames, causes, unknowns).
 
         Causes: F1, F2, M, knots, then the columns of the law; see `response.Series.answer`.
         """
         frames, knots = drive.pressure.size, self.arclength.size
-        columns = () if self.law is None else self.law.columns
+        columns = self.columns.tolist()
         out = np.zeros((frames, 3 + knots + len(columns), values.size))
         row, above = pressure_rows(self.pressure, drive.pressure)
         which = np.arange(frames)

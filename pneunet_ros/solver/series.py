@@ -1,4 +1,4 @@
-"""Many rods one after the other on one mesh: each starts from its own last solution or its neighbor's.
+"""Many rods one after the other on one mesh, each from its own or its neighbor's solution.
 
 For fits: beside the shapes at stations, their linear answer to every column of the record of the
 rod, from which the answer to any parameter follows by the chain rule.

@@ -1,0 +1,45 @@
+"""How well a model says a recording that it has not seen, registration removed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.calibration.response import drive_of, Series
+from pneunet_ros.run import Run
+from pneunet_ros.shape import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Score:
+    """Measured minus predicted targets of one run, less their mean: what registration could be.
+
+    rms (m) is per coordinate; p95 (m) of the distance; error (frames, 2, targets) m, NaN where
+    not seen or without equilibrium; missing is the share of frames without equilibrium.
+    """
+
+    name: str
+    rms: float
+    p95: float
+    missing: float
+    error: Array
+
+
+def score(arm: Arm, run: Run) -> Score:
+    """Predict a run from its readings and compare."""
+    series, drive = Series(arm.target_arclength), drive_of(arm, run)
+    solved = series.solve(arm, drive.pressure, drive.loads)
+    error = np.stack([run.x, run.y], axis=1) - series.fields[:, :2]
+    error = np.where(solved[:, None, None], error, np.nan)
+    if not solved.any():
+        return Score(name=run.name, rms=np.nan, p95=np.nan, missing=1.0, error=error)
+    error = error - np.nanmean(error, axis=(0, 2), keepdims=True)
+    apart = np.hypot(error[:, 0], error[:, 1])
+    return Score(
+        name=run.name,
+        rms=float(np.sqrt(np.nanmean(error**2))),
+        p95=float(np.nanpercentile(apart, 95.0)),
+        missing=float(1.0 - solved.mean()),
+        error=error,
+    )

@@ -1,0 +1,44 @@
+"""The covariance of a fitted model in few columns: those that move the shape most."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.calibration.fit import Fit
+from pneunet_ros.calibration.response import Series
+from pneunet_ros.noise import ModelCovariance, MOST_COLUMNS
+from pneunet_ros.shape import Array
+
+FRAMES = 24  # of every run, spread over it
+DIGITS = 6
+
+
+def low_rank(fit: Fit) -> tuple[ModelCovariance, float]:
+    """Return the covariance of the model's numbers, and which share of the shape's variance it has.
+
+    Of the factor Q of the full covariance those directions are kept in which the targets of the
+    fitted frames move most, enlarged so that the variance in total is that of all.
+    """
+    factor = np.linalg.cholesky(fit.covariance + 1e-12 * np.diag(np.diag(fit.covariance)))
+    moved = np.concatenate([answers(fit, which) for which in range(len(fit.runs))]) @ factor
+    _, sizes, turned = np.linalg.svd(moved, full_matrices=False)
+    share = float(np.sum(sizes[:MOST_COLUMNS] ** 2) / np.sum(sizes**2))
+    columns = factor @ turned[:MOST_COLUMNS].T / np.sqrt(share)
+    names, change = fit.unknowns.quantities()
+    rounded = np.array(
+        [[float(f'{value:.{DIGITS}g}') for value in row] for row in change @ columns]
+    )
+    return ModelCovariance(quantities=names, factor=rounded), share
+
+
+def answers(fit: Fit, which: int) -> Array:
+    """How the targets of some frames of a run answer to the unknowns, (points, unknowns)."""
+    fitted = fit.runs[which]
+    some = np.unique(np.linspace(0, len(fitted.solved) - 1, FRAMES).astype(int))
+    some = some[fitted.solved[some]]
+    drive, arm = fitted.drive.at(some), fit.arm
+    series = Series(arm.target_arclength)
+    series.solve(arm, drive.pressure, drive.loads)
+    answer = series.answer(arm, drive.pressure, drive.loads, fit.unknowns.columns).values
+    points = answer[:, :, :2].reshape(*answer.shape[:2], -1).transpose(0, 2, 1)
+    moved = np.matmul(points, fit.unknowns.causes(fit.values, drive))
+    return moved.reshape(-1, fit.values.size)

@@ -1,0 +1,104 @@
+"""What recordings must hold to calibrate from; the sentence says what to do where they do not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.errors import RecordingError, RequestError
+from pneunet_ros.run import Run
+from pneunet_ros.units import kilopascals
+
+FEWEST_FRAMES = 20  # of a recording
+FEWEST_TARGETS = 4  # seen somewhere in a recording
+SMALLEST_SPAN = 1000.0  # Pa of pressure, over all unloaded recordings
+SMALLEST_MOTION = 5e-4  # m of the tip
+SMALLEST_FORCE = 0.005  # N, for a load
+UNLOADED_FORCE = 0.02  # N: more than the offset of a force sensor
+LARGEST_PRESSURE = 1e6  # Pa
+LONGER_THAN_ARM = 1.3  # of the length, from the clamp to a target
+
+
+def check_runs(unloaded: Sequence[Run], loaded: Sequence[Run], arm: Arm) -> None:
+    """Raise RequestError or RecordingError where the recordings cannot give a calibration."""
+    if not unloaded:
+        raise RequestError(
+            'no unloaded recording: the curvature kappa_p0 comes from an arm without end load; '
+            'name such recordings after --unloaded'
+        )
+    for run in (*unloaded, *loaded):
+        check_targets(run, arm)
+        check_units(run, arm)
+    for run in unloaded:
+        if run.loaded and float(np.max(np.hypot(*run.force.T))) > UNLOADED_FORCE:
+            raise RecordingError(
+                f'{run.name} was given as unloaded, but its end force reaches '
+                f'{np.max(np.hypot(*run.force.T)):.3g} N; name it after --loaded'
+            )
+    for run in loaded:
+        if not run.loaded or float(np.max(np.hypot(*run.force.T))) < SMALLEST_FORCE:
+            raise RecordingError(
+                f'{run.name} was given as loaded, but it has no end force above '
+                f'{SMALLEST_FORCE} N; name it after --unloaded'
+            )
+    pressures = np.concatenate([run.frame_pressure for run in unloaded])
+    if np.ptp(pressures) < SMALLEST_SPAN:
+        raise RecordingError(
+            f'the unloaded recordings span {kilopascals(float(np.ptp(pressures))):.2g} kPa of '
+            'pressure: kappa_p0 needs at least two pressures; record a ramp or a staircase'
+        )
+    if max(motion(run) for run in unloaded) < SMALLEST_MOTION:
+        raise RecordingError(
+            'the targets hardly move in the unloaded recordings although the pressure changes; '
+            'do the target topic and the pressure belong together?'
+        )
+
+
+def check_targets(run: Run, arm: Arm) -> None:
+    """Raise RecordingError where a recording has too few targets or too few frames."""
+    if run.x.shape[1] != arm.target_arclength.size:
+        raise RecordingError(
+            f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
+            'recordings of different arms cannot be calibrated together (see --arm)'
+        )
+    if len(run.stamp_ns) < FEWEST_FRAMES:
+        raise RecordingError(
+            f'{run.name} has {len(run.stamp_ns)} frames with targets and a pressure; '
+            f'at least {FEWEST_FRAMES} are needed'
+        )
+    if np.count_nonzero(run.seen.any(axis=0)) < min(FEWEST_TARGETS, run.x.shape[1]):
+        raise RecordingError(f'{run.name} shows fewer than {FEWEST_TARGETS} targets')
+
+
+def check_units(run: Run, arm: Arm) -> None:
+    """Raise RecordingError where numbers are of a size that no arm has: another unit."""
+    highest = float(np.max(np.abs(run.frame_pressure)))
+    if highest > LARGEST_PRESSURE:
+        raise RecordingError(
+            f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa'
+        )
+    reach = float(np.nanmax(np.hypot(run.x, run.y)))
+    if reach > LONGER_THAN_ARM * arm.length:
+        raise RecordingError(
+            f'{run.name}: a target {reach:.3g} m from the clamp, and the arm is '
+            f'{arm.length:.3g} m long; targets must be in m, in the base frame at the clamp, and '
+            'of this arm (see --arm)'
+        )
+    middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach
+    if middle < 0.02 * arm.length:
+        raise RecordingError(
+            f'{run.name}: the last target lies {middle:.3g} m from the clamp, and the arm is '
+            f'{arm.length:.3g} m long; is the unit right, and the first target that at the clamp?'
+        )
+
+
+def motion(run: Run) -> float:
+    """Return how far the last target that is ever seen moves (m)."""
+    last = int(np.flatnonzero(run.seen.any(axis=0))[-1])
+    return float(
+        np.hypot(
+            np.nanmax(run.x[:, last]) - np.nanmin(run.x[:, last]),
+            np.nanmax(run.y[:, last]) - np.nanmin(run.y[:, last]),
+        )
+    )

@@ -1,0 +1,43 @@
+"""How smooth kappa_p0 is, chosen by the evidence of a first, linearized fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import itertools
+
+import numpy as np
+from pneunet_ros.calibration.fit import Fit
+from pneunet_ros.calibration.unknowns import Smoothness
+from pneunet_ros.shape import Array
+
+REACHES = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7)  # of the length
+DEVIATIONS = (0.01, 0.03, 0.1, 0.3)  # of the amplitude
+
+
+def likeliest_smoothness(first: Fit) -> tuple[Smoothness, float]:
+    """Return the smoothness under which the data of a fit are most probable, and its log evidence.
+
+    The data enter through the fit's information and pull, so nothing is solved again; the size of
+    kappa_p0 is taken from the fit.
+    """
+    unknowns, cells = first.unknowns, first.unknowns.cells
+    table = first.values[:cells].reshape(unknowns.pressure.size, -1)
+    amplitude = 1.5 * float(np.max(np.abs(table)))
+    best: tuple[float, Smoothness] | None = None
+    for reach, share in itertools.product(REACHES, DEVIATIONS):
+        trial = Smoothness(amplitude=amplitude, deviation=share * amplitude, reach=reach)
+        prior = replace(unknowns, smoothness=trial).prior[:cells, :cells]
+        evidence = log_evidence(prior, first.information[:cells, :cells], first.pull[:cells])
+        if best is None or evidence > best[0]:
+            best = evidence, trial
+    assert best is not None
+    return best[1], best[0]
+
+
+def log_evidence(prior: Array, information: Array, pull: Array) -> float:
+    """Return log of the evidence of linear Gaussian data, up to what the prior does not change."""
+    root = np.linalg.cholesky(prior)
+    normal = root.T @ information @ root + np.eye(len(prior))
+    along = root.T @ pull
+    _, log_size = np.linalg.slogdet(normal)
+    return 0.5 * float(along @ np.linalg.solve(normal, along)) - 0.5 * float(log_size)
