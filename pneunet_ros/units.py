@@ -17,6 +17,23 @@ NANOSECONDS_PER_SECOND = 1_000_000_000
 PASCALS_PER_KILOPASCAL = 1000.0
 STANDARD_ATMOSPHERE = 101_325.0  # Pa
 
+# How much of the SI unit a unit is, by what is measured: the units in names of table columns.
+SI_PER_UNIT: dict[str, dict[str, float]] = {
+    'time': {'s': 1.0, 'ms': 1e-3, 'us': 1e-6},
+    'pressure': {
+        'pa': 1.0,
+        'hpa': 100.0,
+        'kpa': 1000.0,
+        'mbar': 100.0,
+        'bar': 1e5,
+        'psi': 6894.757293168,
+    },
+    'force': {'n': 1.0, 'mn': 1e-3, 'gf': 9.80665e-3},
+    'moment': {'n_m': 1.0, 'n_mm': 1e-3, 'mn_m': 1e-3},
+    'length': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6},
+    'angle': {'rad': 1.0, 'deg': math.pi / 180.0},
+}
+
 
 def kilopascals(pressure: float) -> float:
     """Pressure in kPa from Pa."""

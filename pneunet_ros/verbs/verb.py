@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, BooleanOptionalAction, Namespace
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 import dataclasses
 from dataclasses import dataclass
 import json
@@ -23,6 +23,17 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 DONE, NEGATIVE, WRONG = 0, 1, 2  # exit codes
 PAPER_ARM = 'config/paper_arm.yaml'
+# The settings that say what a reading means, for verbs that read recordings without estimating.
+SENSOR_SETTINGS = (
+    'frame_id',
+    'wrench_required',
+    'pressure_reference',
+    'ambient_pressure',
+    'pressure_offset',
+    'wrench_sign',
+    'wrench_yaw',
+    'wrench_frame',
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,10 +114,12 @@ def add_overwrite(parser: ArgumentParser) -> None:
     )
 
 
-def add_settings(parser: ArgumentParser) -> None:
-    """Add the settings of the estimator as options, from their declaration."""
+def add_settings(parser: ArgumentParser, names: Collection[str] | None = None) -> None:
+    """Add the settings of the estimator, or those of these names, as options."""
     group = parser.add_argument_group('sensors and stack (as the parameters of the node)')
     for item in dataclasses.fields(EstimatorSettings):
+        if names is not None and item.name not in names:
+            continue
         meaning, unit = item.metadata['meaning'], item.metadata.get('unit')
         shown = f' {unit}' if unit else ''
         option: dict[str, Any] = {'help': f'{meaning} (default: {item.default}{shown})'}
@@ -125,7 +138,8 @@ def add_settings(parser: ArgumentParser) -> None:
 def settings_of(arguments: Namespace) -> EstimatorSettings:
     """Return the settings that were asked for."""
     names = [item.name for item in dataclasses.fields(EstimatorSettings)]
-    return EstimatorSettings(**{name: getattr(arguments, name) for name in names})
+    given = {name: getattr(arguments, name) for name in names if hasattr(arguments, name)}
+    return EstimatorSettings(**given)
 
 
 def add_topics(parser: ArgumentParser, example: str = 'pressure=/my/pressure') -> None:

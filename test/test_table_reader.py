@@ -1,0 +1,214 @@
+"""Tables with named unit columns: what they mean in SI, and what is refused with its place."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pneunet_ros import csv_table
+from pneunet_ros.errors import RecordingError, RequestError
+from pneunet_ros.table_columns import column_of, KINDS, known_names
+from pneunet_ros.table_reader import ImportRequest, read_table, string_force
+from pneunet_ros.units import SI_PER_UNIT
+import pytest
+
+
+def read(tmp_path, text, **request):
+    """Read a table of this text."""
+    path = tmp_path / 'table.csv'
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_table(path, ImportRequest(**request))[0]
+
+
+def test_all_columns_at_once(tmp_path):
+    table = read(
+        tmp_path,
+        '\ufefftime_s,pressure_kpa,force_x_n,force_y_mn,moment_n_mm,x0_m,y0_m,x2_mm,y2_mm\r\n'
+        '0.5,31.5,0.175,70,2,0.001,0.002,30,-4\r\n'
+        '0.51,32,0.17,71,,0,0,nan,5\r\n'
+        '\r\n'
+        '0.52,,,,,,,,\r\n',
+    )
+    assert table.stamp_ns.tolist() == [500_000_000, 510_000_000, 520_000_000]
+    np.testing.assert_array_equal(table.pressure, [31.5e3, 32e3, np.nan])
+    np.testing.assert_allclose(table.wrench[0], [0.175, 0.07, 0.002], rtol=1e-15)
+    np.testing.assert_allclose(table.x[0], [0.001, np.nan, 0.03])
+    np.testing.assert_allclose(table.y[0], [0.002, np.nan, -0.004])
+    assert math.isnan(table.x[1, 2])
+    assert table.framed.tolist() == [True, True, False]
+    # A wrench with a hole is none.
+    assert table.counts() == {'pressure': 2, 'end_wrench': 1, 'targets': 2}
+
+
+@pytest.mark.parametrize(
+    ('column', 'si'),
+    [
+        ('pressure_pa', 1.0),
+        ('pressure_hpa', 100.0),
+        ('pressure_kpa', 1e3),
+        ('pressure_mbar', 100.0),
+        ('pressure_bar', 1e5),
+        ('pressure_psi', 0.45359237 * 9.80665 / 0.0254**2),
+        ('force_x_gf', 9.80665e-3),
+        ('moment_mn_m', 1e-3),
+        ('x3_um', 1e-6),
+        ('y17_cm', 1e-2),
+        ('angle_a_deg', math.pi / 180.0),
+        ('time_ms', 1e-3),
+    ],
+)
+def test_units(column, si):
+    assert column_of(column).si_per_unit == pytest.approx(si, rel=1e-12)
+
+
+def test_every_known_name_is_known():
+    for quantity, kind in KINDS.items():
+        for unit in SI_PER_UNIT[kind]:
+            name = f'{quantity}7_{unit}' if quantity in 'xy' else f'{quantity}_{unit}'
+            assert column_of(name).quantity == quantity
+        assert quantity in known_names()
+
+
+@pytest.mark.parametrize(
+    'name', ['pressure', 'pressure_mm', 'x_m', 'x-1_m', 'z0_m', 'force_n', 'x3m', 'tip', 'x1.0_m']
+)
+def test_other_names_are_not(name):
+    assert column_of(name) is None
+
+
+def test_stamps_are_kept_to_the_nanosecond(tmp_path):
+    table = read(tmp_path, 'stamp_ns,time_s,pressure_pa\n1700000000123456789,0,1\n')
+    assert table.stamp_ns.tolist() == [1700000000123456789]
+    table = read(tmp_path, 'time_s,pressure_pa\n1700000000.123456789,1\n')
+    assert table.stamp_ns.tolist() == [1700000000123456789]
+
+
+def test_time_from_zero_begins_at_one_second(tmp_path):
+    table = read(tmp_path, 'time_ms,pressure_pa\n-10,1\n0,1\n30,1\n')
+    assert table.stamp_ns.tolist() == [10**9, 10**9 + 10**7, 10**9 + 4 * 10**7]
+
+
+def test_a_rate_gives_rows_their_time(tmp_path):
+    text = 'pressure_pa\n1\n2\n3\n'
+    assert read(tmp_path, text, rate=50.0).stamp_ns.tolist() == [
+        10**9,
+        10**9 + 2 * 10**7,
+        10**9 + 4 * 10**7,
+    ]
+    with pytest.raises(RequestError, match=r'has no time: .* give --rate HZ'):
+        read(tmp_path, text)
+    with pytest.raises(RequestError, match='has the column time_s: leave out --rate'):
+        read(tmp_path, 'time_s,pressure_pa\n0,1\n', rate=1.0)
+    with pytest.raises(RequestError, match='must lie between'):
+        read(tmp_path, text, rate=0.0)
+
+
+def test_one_arm_of_a_table_of_many(tmp_path):
+    text = 'arm,p,dx,dy,who\nA,0,0,0,x\nB,0,0,0,y\nB,50,2.3,-17.2,y\nA,50,1,1,x\n'
+    request = {
+        'select': {'arm': 'B'},
+        'rename': {'p': 'pressure_mbar', 'dx': 'x0_mm', 'dy': 'y0_mm'},
+        'offsets': {'x0_mm': 135.0},
+        'ignore': ['who'],
+        'rate': 1.0,
+    }
+    table = read(tmp_path, text, **request)
+    np.testing.assert_array_equal(table.pressure, [0.0, 5000.0])
+    np.testing.assert_allclose(table.x, [[0.135], [0.1373]])
+    np.testing.assert_allclose(table.y, [[0.0], [-0.0172]])
+    with pytest.raises(RecordingError, match=r'no row has arm=C; there are A; B$'):
+        read(tmp_path, text, **(request | {'select': {'arm': 'C'}}))
+    with pytest.raises(RequestError, match='--offset x1_mm=: there is no such column'):
+        read(tmp_path, text, **(request | {'offsets': {'x1_mm': 1.0}}))
+    with pytest.raises(RecordingError, match=r"no column 'q' \(--rename\); it has arm, p, dx"):
+        read(tmp_path, text, **(request | {'rename': {'q': 'pressure_pa'}}))
+    with pytest.raises(RecordingError, match='two columns are called x0_mm'):
+        read(tmp_path, text, **(request | {'rename': {'dx': 'x0_mm', 'dy': 'x0_mm'}}))
+
+
+def test_strings_along_the_axes_give_the_forces_of_table_1():
+    assert string_force(0.175, 0.0, 0.07, 0.0) == (0.175, 0.07)
+
+
+def test_strings_turn_counter_clockwise(tmp_path):
+    table = read(
+        tmp_path,
+        'time_s,force_a_n,angle_a_deg,force_b_n,angle_b_deg\n1,0.2,90,0.1,0\n2,0.2,0,0.1,90\n',
+    )
+    np.testing.assert_allclose(table.wrench[:, :2], [[0.0, 0.3], [0.1, 0.0]], atol=1e-16)
+    # Both strings turned together: the resultant turns with them.
+    x, y = string_force(0.175, 0.3, 0.07, 0.3)
+    assert math.atan2(y, x) == pytest.approx(math.atan2(0.07, 0.175) + 0.3)
+    assert math.hypot(x, y) == pytest.approx(math.hypot(0.07, 0.175))
+
+
+def test_one_string_is_enough_and_its_angle_0_if_not_given(tmp_path):
+    table = read(tmp_path, 'time_s,force_b_n\n1,0.1\n')
+    np.testing.assert_array_equal(table.wrench, [[0.0, 0.1, 0.0]])
+
+
+def test_what_the_estimator_made_is_left_out(tmp_path):
+    path = tmp_path / 'table.csv'
+    path.write_text('time_s,pressure_pa,estimate_tip_x_m\n1,2,3\n')
+    table, sentences = read_table(path, ImportRequest())
+    assert table.counts()['pressure'] == 1
+    assert sentences == (f'{path}: columns estimate_... are not readings and were left out',)
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('', 'is empty: the first line must name the columns'),
+        ('\n\n', 'is empty: the first line must name the columns'),
+        ('time_s,pressure_pa\n', 'has no rows below its first line'),
+        ('time_s;pressure_pa\n1;2\n', 'columns are separated by semicolons; export it with comm'),
+        ('time_s\tpressure_pa\n1\t2\n', 'columns are separated by tabs'),
+        ('time_s,pressure_pa\n1,2,5\n', 'line 2: 3 cells, but there are 2 columns; .*a point'),
+        ('time_s,pressure_pa\n1,"2,5"\n', r"line 2, column pressure_pa: '2,5' is no number \(dec"),
+        ('time_s,pressure_pa\n1,5\n2,abc\n', "line 3, column pressure_pa: 'abc' is no number; a"),
+        ('time_s,pressure_pa\n1,inf\n', "column pressure_pa: 'inf' is no number"),
+        ('time_s,pressure_pa\n1,1e999\n', "'1e999' is no number"),
+        ('time_s,pressure_pa\n1,1_0\n', "'1_0' is no number"),
+        ('time_s,pressure_pa\n1,=1+1\n', "'=1.1' is no number"),
+        ('time_s,pressure_pa\n1,0x1F\n', 'is no number'),
+        ('time_s,pressure_pa\n,1\n', 'line 2, column time_s: there is no time'),
+        ('time_s,pressure_pa\nnan,1\n', 'line 2, column time_s: there is no time'),
+        ('time_s,pressure_pa\n1,1\n1,1\n', 'line 3, column time_s: time must increase from row'),
+        ('time_s,pressure_pa\n2,1\n1,1\n', 'line 3, column time_s: time must increase'),
+        ('time_s,pressure_pa\n1e300,1\n', 'line 2, column time_s: .* no time that a header can'),
+        ('stamp_ns,pressure_pa\n0,1\n', 'line 2, column stamp_ns: 0 is no time that a header'),
+        ('time_s,pressure_pa\n1,\n', 'holds no reading: no pressure, no force, no target'),
+        ('time_s,x0_m,y0_m\n1,,\n', 'holds no reading'),
+        ('time_s\n1\n', 'holds no reading'),
+        ('time_s,pressure_pa,pressure_pa\n1,1,1\n', "two columns are called 'pressure_pa'"),
+        ('time_s,pressure_pa,pressure_bar\n1,1,1\n', 'pressure_pa and pressure_bar say the same'),
+        ('time_s,pressure\n1,1\n', r"column 'pressure' is not known; rename it .*pressure_\(pa\|"),
+        ('time_s,x0_m\n1,1\n', 'x0_m is there without its y0'),
+        ('time_s,x500_m,y500_m\n1,1,1\n', 'x500_m: at most 500 targets'),
+        ('time_s,angle_a_deg\n1,1\n', 'angle_a_deg is there without force_a'),
+        ('time_s,force_x_n,force_a_n\n1,1,1\n', 'both along the axes .* and by strings'),
+        ('time_s,pressure_pa\n1,"2\n', 'is no CSV file'),
+        (b'time_s,pressure_pa\n1,\xff\n', 'is no text in UTF-8'),
+        (b'time_s,pressure_pa\n1,\x00\n', 'is no '),
+        ('time_s,' + 'a' * 300 + '\n1,1\n', 'a name of a column has 300 characters'),
+        ('time_s,' + ','.join(f'c{index}' for index in range(3000)) + '\n', 'more than 2000 col'),
+    ],
+)
+def test_tables_that_cannot_be_read_are_refused_with_the_place(tmp_path, text, said):
+    with pytest.raises(RecordingError, match=said) as caught:
+        read(tmp_path, text)
+    assert 'table.csv' in str(caught.value)
+
+
+def test_sizes_are_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_table, 'MOST_ROWS', 2)
+    with pytest.raises(RecordingError, match='has more than 2 rows'):
+        read(tmp_path, 'time_s,pressure_pa\n1,1\n2,1\n3,1\n')
+    monkeypatch.setattr(csv_table, 'MOST_BYTES', 10)
+    with pytest.raises(RecordingError, match='has more than 0 MB'):
+        read(tmp_path, 'time_s,pressure_pa\n1,1\n')
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(RecordingError, match=r'missing.csv cannot be read: No such file'):
+        read_table(tmp_path / 'missing.csv', ImportRequest())

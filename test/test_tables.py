@@ -1,0 +1,154 @@
+"""The verbs `export` and `import`: recording -> table -> the same recording."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+from pneunet_ros.cli import main
+from pneunet_ros.errors import RecordingError
+from pneunet_ros.recording_writer import write_recording
+from pneunet_ros.run_reader import read_run
+import pytest
+from recorded_runs import MS, pressure, readings, record, START, targets
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def recording(tmp_path):
+    said = readings()
+    hidden = targets(START + 22 * MS, 0.001)
+    hidden.data[72:76] = np.float32([np.nan]).view(np.uint8)
+    said = [
+        (name, at, hidden) if name == 'targets' and at == START + 25 * MS else (name, at, message)
+        for name, at, message in said
+    ]
+    return record(tmp_path / 'r.mcap', said)
+
+
+def same_run(left, right):
+    """Whether two runs hold the same readings to the last bit."""
+    names = ('reading_stamp_ns', 'pressure', 'stamp_ns', 'reading', 'force', 'moment', 'x', 'y')
+    return left.loaded == right.loaded and all(
+        np.array_equal(getattr(left, name), getattr(right, name), equal_nan=True) for name in names
+    )
+
+
+def test_a_recording_comes_back_from_its_table_to_the_last_bit(tmp_path, recording, capsys):
+    table, again = tmp_path / 't.csv', tmp_path / 'again.mcap'
+    assert main(['export', str(recording), '--output', str(table)]) == 0
+    assert main(['import', str(table), '--output', str(again)]) == 0
+    assert '50 rows over' in capsys.readouterr().out
+    left, right = read_run(recording, 3)[0], read_run(again, 3)[0]
+    assert math.isnan(left.x[1, 1])
+    assert same_run(left, right)
+
+
+def test_the_table_has_a_row_per_stamp_and_empty_cells(tmp_path, recording):
+    table = tmp_path / 't.csv'
+    assert main(['export', str(recording), '--output', str(table)]) == 0
+    lines = table.read_text().splitlines()
+    assert lines[0] == (
+        'stamp_ns,time_s,pressure_pa,force_x_n,force_y_n,moment_n_m,x0_m,y0_m,x1_m,y1_m,x2_m,y2_m'
+    )
+    assert lines[1] == '1000000000000,0.0,0.0,,,,,,,,,'
+    assert lines[2] == '1000001000000,0.001,,0.0,0.0,0.001,,,,,,'
+    assert lines[3].startswith('1000002000000,0.002,,,,,0.0,0.0,')
+    assert len(lines) == 51
+
+
+def test_arrays_by_the_same_names(tmp_path, recording):
+    table = tmp_path / 't.npz'
+    assert main(['export', str(recording), '--output', str(table)]) == 0
+    with np.load(table) as arrays:
+        assert arrays['stamp_ns'].dtype == np.int64
+        assert arrays['stamp_ns'][2] == START + 2 * MS
+        assert np.count_nonzero(np.isfinite(arrays['pressure_pa'])) == 20
+        assert np.count_nonzero(np.isfinite(arrays['x1_m'])) == 9
+
+
+def test_what_sensors_report_becomes_what_it_means(tmp_path, recording):
+    table = tmp_path / 't.npz'
+    options = ['--pressure-offset', '5', '--wrench-sign', '-1', '--topic']
+    options += ['pressure=/pneunet/pressure', '--output', str(table)]
+    assert main(['export', str(recording), *options]) == 0
+    with np.load(table) as arrays:
+        assert np.nanmin(arrays['pressure_pa']) == 5.0
+        assert np.nanmin(arrays['force_x_n']) == pytest.approx(-0.19)
+
+
+def test_estimated_tips_are_exported_and_left_out_again(tmp_path, capsys):
+    replayed, table = tmp_path / 'replayed.mcap', tmp_path / 't.csv'
+    short = record(tmp_path / 'r.mcap', readings(5))
+    assert main(['replay', str(short), '--output', str(replayed)]) == 0
+    assert main(['export', str(replayed), '--output', str(table)]) == 0
+    header, first, *_ = table.read_text().splitlines()
+    assert header.endswith('estimate_tip_x_m,estimate_tip_y_m,estimate_tip_theta_rad')
+    assert len(first.split(',')) == len(header.split(','))
+    capsys.readouterr()
+    again = tmp_path / 'again.mcap'
+    assert main(['import', str(table), '--output', str(again), '--json']) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary['topics'] == {'/pneunet/pressure': 5, '/pneunet/end_wrench': 5}
+    assert 'estimate_... are not readings' in summary['sentences'][0]
+
+
+def test_what_is_left_out_is_said(tmp_path, capsys):
+    said = readings()
+    said.append(('pressure', START + 300 * MS, pressure(START + 300 * MS, math.nan)))
+    path = record(tmp_path / 'r.mcap', said)
+    assert main(['export', str(path), '--output', str(tmp_path / 't.csv'), '--json']) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary['rows'] == 50
+    assert summary['sentences'] == [
+        '/pneunet/pressure: 1 pressure reading left out, NaN or infinite'
+    ]
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['export', 'REC', '--output', 't.txt'], 't.txt must end in .csv or .npz'),
+        (['export', 'missing.mcap', '--output', 't.csv'], 'missing.mcap'),
+        (['export', 'REC', '--output', 'REC'], 'must end in .csv'),
+        (['export', 'REC', '--output', 'there.csv'], 'exists already'),
+        (['export', 'REC', '--output', 't.csv', '--topic', 'image_raw=/x'], '--topic image_raw'),
+        (['export', 'REC', '--output', 't.csv', '--frame-id', 'x'], 'which is not x;'),
+        (['import', 'there.csv', '--output', 'new.mcap'], 'is empty'),
+        (['import', 'good.csv', '--output', 'REC'], 'exists already'),
+        (['import', 'good.csv', '--output', 'new.mcap', '--offset', 'x'], '--offset x is not'),
+        (['import', 'good.csv', '--output', 'new.mcap', '--offset', 'x=y'], "'y' is no number"),
+    ],
+)
+def test_requests_that_cannot_be_met(tmp_path, recording, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'there.csv').write_text('')
+    (tmp_path / 'good.csv').write_text('time_s,pressure_pa\n1,2\n')
+    before = sorted(tmp_path.iterdir())
+    assert main([str(recording) if word == 'REC' else word for word in words]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count('\n') == 1
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_images_alone_are_nothing_to_export(tmp_path, recording, capsys):
+    with write_recording(tmp_path / 'empty.mcap') as writer:
+        writer.add('/pneunet/image_raw', 'sensor_msgs/msg/Image')
+    words = ['export', str(tmp_path / 'empty.mcap'), '--output', str(tmp_path / 't.csv')]
+    assert main(words) == 2
+    assert 'images are turned into targets by `track`' in capsys.readouterr().err
+
+
+def test_the_shipped_recording_is_exported_and_imported(tmp_path):
+    table, again = tmp_path / 't.csv', tmp_path / 'again'
+    assert main(['export', str(ROOT / 'bags/table1'), '--output', str(table)]) == 0
+    assert main(['import', str(table), '--output', str(again)]) == 0
+    with pytest.raises(RecordingError, match='has no topic targets'):
+        read_run(again, 23)
+    second = tmp_path / 'u.csv'
+    assert main(['export', str(again), '--output', str(second)]) == 0
+    assert second.read_text() == table.read_text()
