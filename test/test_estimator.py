@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+import json
 import math
 
 import numpy as np
@@ -367,6 +368,22 @@ def test_behind_a_line_the_chamber_lags_and_the_jacobian_is_its():
     at_chamber = last(UNLOADED, pressure(1, chamber))
     np.testing.assert_allclose(estimate.shape.x, at_chamber.shape.x, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(estimate.jacobian, at_chamber.jacobian, rtol=1e-8, atol=1e-14)
+
+
+def test_an_estimator_goes_on_from_a_history_that_was_written_down():
+    effects = (
+        EFFECTS['hysteresis'](width=1e3),
+        EFFECTS['creep'](amplitude=0.1, time_constant=2.0),
+        EFFECTS['softening'](loss=0.2),
+    )
+    estimator = estimator_with(replace(ARM, effects=effects), wrench_required=False)
+    state, _ = fed(estimator, pressure(1, 20e3), pressure(2, 50e3), pressure(3, 35e3))
+    written = json.loads(json.dumps(state.history))
+    resumed = replace(state, history=tuple(tuple(item) for item in written))
+    goes_on, anew = (estimator.step(begin, pressure(4, 34e3))[1] for begin in (state, resumed))
+    assert same_values(goes_on, anew)
+    forgetful = last(estimator, pressure(4, 34e3))
+    assert math.dist(goes_on.shape.tip[:2], forgetful.shape.tip[:2]) > 5e-4
 
 
 def test_a_reading_that_is_refused_still_moves_the_lag():

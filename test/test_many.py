@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.equilibrium import solve_rod
 from pneunet_ros.errors import RequestError
 from pneunet_ros.many import FIELDS, solve_many
 from pneunet_ros.resources import shipped
@@ -58,6 +60,29 @@ def test_a_cubic_law_is_solved_rod_by_rod() -> None:
     alone = solve(arm, 32e3, (0.18, 0.06))
     assert shapes.converged.all()
     np.testing.assert_allclose(shapes.y[1], alone.y, rtol=0.0, atol=1e-9)
+
+
+def test_rods_with_a_past_are_those_solved_alone() -> None:
+    effects = (
+        EFFECTS['creep'](amplitude=0.2, time_constant=5.0),
+        EFFECTS['softening'](loss=0.3),
+    )
+    arm = replace(ARM, effects=effects)
+    history, histories = arm.initial_history(20e3), []
+    pressures = np.array([31e3, 34e3, 31e3])
+    for pressure in pressures:
+        history, _ = arm.actuate(history, 2.0, float(pressure))
+        histories.append(history)
+    past = tuple(np.array(item) for item in zip(*histories, strict=True))
+    start = solve(arm, 31e3, (0.175, 0.07))
+    shapes = solve_many(arm, pressures, [[0.175, 0.07]] * 3, start=start, history=past)
+    assert shapes.converged.all()
+    for which, pressure in enumerate(pressures):
+        rods = arm.rods(np.array([pressure]), histories[which])
+        load = Load(pressure=pressure, force_x=0.175, force_y=0.07)
+        alone = solve_rod(arm, rods, load, None, shapes.arclength)
+        np.testing.assert_allclose(shapes.y[which], alone.y, rtol=0.0, atol=1e-8)
+    assert abs(shapes.y[0, -1] - shapes.y[2, -1]) > 5e-5  # the same load, another past
 
 
 def test_a_rod_far_from_the_start_is_solved_or_says_so() -> None:

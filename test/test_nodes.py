@@ -14,6 +14,7 @@ import bags
 from estimates import plain
 import numpy as np
 from pneunet_ros import __version__
+from pneunet_ros.effects import EFFECTS
 from pneunet_ros.estimate_messages import SHAPE_POINT
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.message_store import ROSBAGS_TYPES
@@ -86,10 +87,13 @@ def lonely_peer():
 # Live and replay
 
 
-def played_back(path):
+MODEL = shipped('config/paper_arm.yaml')
+
+
+def played_back(path, model=MODEL):
     """Replay a recording: each message with what it brings by topic, or None."""
     recording = open_recording(path)
-    estimator = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
+    estimator = Estimator(arm=load_model(model))
     frame_id = estimator.settings.frame_id
     for step in steps(recording, estimator, input_topics(recording, estimator, {})):
         messages = None
@@ -101,9 +105,9 @@ def played_back(path):
         yield step.message, messages
 
 
-def played_live(peer, path):
+def played_live(peer, path, model=MODEL):
     """Give what `played_back` gives, by the node; one reading after the other."""
-    for message, expected in played_back(path):
+    for message, expected in played_back(path, model):
         publisher = peer.pressures if message.topic.endswith('pressure') else peer.wrenches
         publisher.publish(bytes(message.raw))
         if expected is None:
@@ -120,10 +124,11 @@ def exactly(messages):
     return messages and {name: repr(plain(messages[name])) for name in sorted(messages)}
 
 
-def same_live_as_replayed(peer, path):
+def same_live_as_replayed(peer, path, model=MODEL):
     """Compare all messages of all topics field by field; returns how many estimates there were."""
     estimates = 0
-    for (_, live), (_, replayed) in zip(played_live(peer, path), played_back(path), strict=True):
+    both = played_live(peer, path, model), played_back(path, model)
+    for (_, live), (_, replayed) in zip(*both, strict=True):
         assert exactly(live) == exactly(replayed)
         estimates += live is not None
     return estimates
@@ -139,6 +144,25 @@ def test_live_equals_replay_bit_for_bit(peer, tmp_path):
             if round(message.log_time_ns * 1e-9 / 0.05) % 10 == 0:
                 writer.write_raw(topics[message.topic], message.log_time_ns, message.raw)
     assert same_live_as_replayed(peer, part) > 150
+
+
+def test_live_equals_replay_for_an_arm_with_a_past(lonely_peer, tmp_path):
+    """Lag, play, creep and softening, also where readings are refused and time jumps back."""
+    effects = (
+        EFFECTS['pressure_lag'](time_constant=0.2),
+        EFFECTS['hysteresis'](width=1e3),
+        EFFECTS['creep'](amplitude=0.1, time_constant=2.0),
+        EFFECTS['softening'](loss=0.2),
+    )
+    model, readings = tmp_path / 'model.yaml', tmp_path / 'bad.mcap'
+    save_model(dataclasses.replace(load_model(MODEL), effects=effects), model)
+    write_bad_readings(readings)
+    arguments = (*EVERYTHING, '-p', f'model_file:={model}')
+    with running_node(tmp_path / 'output', OTHER_DOMAIN, *arguments) as node:
+        node.wait_for('ready')
+        lonely_peer.connect()
+        assert same_live_as_replayed(lonely_peer, readings, model) > 20
+        assert node.end(signal.SIGTERM) == 0, node.text
 
 
 def write_bad_readings(path):
