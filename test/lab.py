@@ -25,10 +25,11 @@ NOISELESS = LabNoise(**NOTHING)
 DEGREE = 60  # of the polynomials that stand for a cubic spline of 11 knots: 1e-7 m at the tip
 
 
+@cache
 def lab_arm_of(arm: Arm) -> LabArm:
     """Return the arm of a model as the lab describes it."""
     table, law = arm.intrinsic_curvature, arm.moment_law
-    nodes, weights = legendre.leggauss(400)
+    nodes, weights = legendre.leggauss(200)
     values = np.array([table.at(pressure, 0.5 * (nodes + 1)) for pressure in table.pressure])
     modes = (values * weights) @ legendre.legvander(nodes, DEGREE) * (np.arange(DEGREE + 1) + 0.5)
     return LabArm(

@@ -25,7 +25,7 @@ class LabStiffening(LabEffect):
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Add to the energy of joints."""
-        quintic = 0.3 * self.richness * self.coefficient**2
+        quintic = self.richness * self.coefficient**2
         return replace(chain, cubic=self.coefficient, quintic=quintic)
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from pneunet_ros.shape import Array
 from pneunet_ros.solver.compiled import kernel
 
-SETTLED = 1e-11  # rad, of the last whole step
+SETTLED = 1e-11  # rad, of the last step
+NEAR = 1e-6  # rad, of a step that is taken whole
 MOST_STEPS = 80
 LONGEST_STEP = 0.5  # rad
 LOAD_STEPS = 24  # of the way back from the unloaded arm
@@ -169,6 +170,10 @@ def settle(
             largest = max(largest, abs(step[i]))
         if not largest < 1e100:
             return math.inf
+        if largest < SETTLED:
+            for i in range(size):
+                angles[i] += step[i]
+            break
         reach = min(1.0, LONGEST_STEP / max(largest, 1e-300))
         lowered = energy
         for _halving in range(20):
@@ -177,14 +182,13 @@ def settle(
             lowered = energy_of(
                 trial, turning, rest, line, load, numbers, share, gradient, diagonal, beside
             )
-            if lowered <= energy + 1e-14 * abs(energy):
+            # What a very small step does to the energy cannot be told from rounding.
+            if largest < NEAR or lowered <= energy + 1e-14 * abs(energy):
                 break
             reach *= 0.5
         for i in range(size):
             angles[i] = trial[i]
         energy = lowered
-        if reach == 1.0 and largest < SETTLED:
-            break
     return largest
 
 

@@ -11,7 +11,7 @@ from pneunet_ros.lab.lab_effect import Course, LabEffect, Past
 from pneunet_ros.shape import freeze
 from pneunet_ros.units import quantity
 
-RECOVERY_TIME = 600.0  # s, in which a rich Mullins effect is forgotten
+RECOVERY_TIME = 120.0  # s, in which a rich Mullins effect is forgotten
 # Share of the arm's largest pressure over which a softened arm comes back to its virgin curve:
 # hardly any by the plain law, and more by a rich one.
 REJOINING, RICH_REJOINING = 0.002, 0.02
