@@ -12,6 +12,7 @@ import sys
 from pneunet_ros import __version__
 from pneunet_ros.errors import PneunetError
 from pneunet_ros.verbs import (
+    check,
     demo,
     effects,
     export,
@@ -28,6 +29,7 @@ VERBS: tuple[Verb, ...] = (
     predict.VERB,
     replay.VERB,
     track.VERB,
+    check.VERB,
     export.VERB,
     import_table.VERB,
     effects.VERB,

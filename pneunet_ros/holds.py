@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pneunet_ros.shape import ShapeEstimate
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.shape import Array, ShapeEstimate
 from pneunet_ros.units import seconds_between
 
 SHORTEST_HOLD = 1.5  # s
@@ -35,3 +37,33 @@ def load_of(estimate: ShapeEstimate) -> tuple[float, float, float, float]:
     """Pressure (Pa), force (N) and moment (N m) of an estimate."""
     shape = estimate.shape
     return shape.pressure, *shape.force, shape.end_moment
+
+
+def held_spans(
+    stamp_ns: npt.NDArray[np.int64],
+    values: Array,
+    still: Array,
+    shortest: float = SHORTEST_HOLD,
+) -> list[tuple[int, int]]:
+    """Return first and last index of stretches of at least `shortest` s in which readings rest.
+
+    values (readings, quantities) of noisy sensors rest while each of them stays within `still`
+    (quantities,) from its largest to its smallest. Stretches do not overlap.
+    """
+    spans: list[tuple[int, int]] = []
+    first = 0
+    if not len(values):
+        return spans
+    lowest = highest = values[0]
+    for index in range(len(values) + 1):
+        if index < len(values):
+            low = np.minimum(lowest, values[index])
+            high = np.maximum(highest, values[index])
+            if np.all(high - low <= still):
+                lowest, highest = low, high
+                continue
+        if seconds_between(int(stamp_ns[first]), int(stamp_ns[index - 1])) >= shortest:
+            spans.append((first, index - 1))
+        if index < len(values):
+            first, lowest, highest = index, values[index], values[index]
+    return spans

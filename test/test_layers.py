@@ -57,9 +57,9 @@ FLOORS = {
         __init__
     """,
     '4 edges': """
-        replay track
+        replay track recording_check
         verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.track_summary
-        verbs.track verbs.effects verbs.simulate verbs.export verbs.import_table
+        verbs.track verbs.effects verbs.simulate verbs.export verbs.import_table verbs.check
         cli
         nodes nodes.parameters nodes.process nodes.ros_types nodes.topics nodes.health nodes.log
         nodes.model_info nodes.configured_node
