@@ -95,11 +95,12 @@ def center_errors(images: int) -> list[dict[str, float]]:
 
 
 def identity(arm, frames: int, shown: bool) -> dict[str, float]:
-    """Who is who in rendered frames of 20 different views."""
+    """Who is who in rendered frames of 20 different views, after the arm has been at rest."""
     score = Score()
     unexplained = 0
+    resting = CameraSettings().rest_frames - 1
     for seed in track(range(20), 'identity', disable=not shown, transient=True):
-        view = View(arm, seed, frames // 20)
+        view = View(arm, seed, resting + -(-frames // 20))
         clamp_pixel = view.clamp_pixel if seed % 2 else None
         tracker = Tracker(arm, CameraSettings(clamp_pixel=clamp_pixel))
         state, _ = tracker.step(TrackerState(), view.lens)
@@ -107,7 +108,7 @@ def identity(arm, frames: int, shown: bool) -> dict[str, float]:
             if number % LOST_EVERY == LOST_EVERY - 1:
                 state = replace(state, row=None)
             state, tracking = tracker.step(state, image)
-            if number >= CameraSettings().rest_frames - 1:
+            if number >= resting:
                 unexplained += bool(tracking.reason)
                 score.count(tracking.sightings, truth)
     return {

@@ -26,6 +26,7 @@ COMPARED = 3  # neighbors on each side whose distance is looked at
 LARGEST_LOSS, LARGEST_GROWTH = 0.87, 1.2  # of the area of a target, compared with its neighbors'
 LONGER = 1.35  # elongation of a target over its neighbors'
 SMALLEST, LARGEST = 0.7, 1.6  # area of a target over what it has been
+FIRST_GROWTH = 1.1  # area of a target over most, where it has not been seen before
 ALONE_BETWEEN, ALONE_BEYOND = 0.06, 0.15  # of the spacing: how far a target can have moved alone
 STEPS = 2.0  # of neighbors, by which one at the end may have moved more than their middle
 NOBODY = 1 << 30
@@ -260,8 +261,10 @@ def look_alike(area: Array, usual: Array, elongation: Array) -> Mask:
 def first_size(area: Array) -> Array:
     """Return how large targets are to be expected after they are found (targets,).
 
-    A target starts no smaller than most, as it may be covered in part; NaN is one not seen.
+    A target starts no smaller than most, as it may be covered in part, and hardly larger, as a
+    glint may hang on to it; NaN is one not seen.
     """
     known = area[np.isfinite(area)]
     middle = float(np.median(known)) if known.size else math.nan
-    return np.where(np.isnan(area), middle, np.maximum(area, middle / LARGEST_GROWTH))
+    first: Array = np.clip(area, middle / LARGEST_GROWTH, FIRST_GROWTH * middle)
+    return np.where(np.isnan(area), middle, first)

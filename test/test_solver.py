@@ -334,20 +334,30 @@ def test_a_kernel_is_compiled_again_when_an_equation_in_another_file_changes(
     tmp_path, foreign_environment
 ):
     toy = tmp_path / 'toy'
-    toy.mkdir()
-    (toy / 'compiled.py').write_text(Path(compiled.__file__).read_text())
+    (toy / 'solver').mkdir(parents=True)
+    (toy / 'solver' / 'compiled.py').write_text(Path(compiled.__file__).read_text())
     (toy / 'whole.py').write_text(
-        'from toy.compiled import kernel\n'
-        'from toy.part import part\n\n\n'
-        '@kernel\ndef whole(x: float) -> float:\n    return 2.0 * part(x)\n\n\n'
+        'from toy.solver.compiled import kernel\n'
+        'from toy.piece import piece\n\n\n'
+        '@kernel\ndef whole(x: float) -> float:\n    return 2.0 * piece(x)\n\n\n'
         'print(whole(1.0), sum(whole.stats.cache_hits.values()))\n'
     )
     answers = []
-    for factor in (3.0, 3.0, 5.0):
-        (toy / 'part.py').write_text(
-            'from toy.compiled import inlined\n\n\n'
-            f'@inlined\ndef part(x: float) -> float:\n    return {factor} * x\n'
+    for kind, factor in (
+        ('kernel', 3.0),
+        ('kernel', 3.0),
+        ('kernel', 5.0),
+        ('part', 5.0),
+        ('part', 7.0),
+        ('part', 7.0),
+        ('inlined', 8.0),
+        ('inlined', 9.0),
+    ):
+        (toy / 'piece.py').write_text(
+            f'from toy.solver.compiled import {kind}\n\n\n'
+            f'@{kind}\ndef piece(x: float) -> float:\n    return {factor} * x\n'
         )
+        (toy / 'beside.py').write_text(f'FACTOR = {len(answers)}  # no kernel knows it\n')
         done = subprocess.run(
             [sys.executable, '-c', 'import toy.whole'],
             env={
@@ -359,5 +369,27 @@ def test_a_kernel_is_compiled_again_when_an_equation_in_another_file_changes(
             text=True,
             check=True,
         )
-        answers.append(done.stdout.split())
-    assert answers == [['6.0', '0'], ['6.0', '1'], ['10.0', '0']]
+        answers.append(tuple(done.stdout.split()))
+    assert answers == [
+        ('6.0', '0'),
+        ('6.0', '1'),
+        ('10.0', '0'),
+        ('10.0', '0'),
+        ('14.0', '0'),
+        ('14.0', '1'),
+        ('16.0', '0'),
+        ('18.0', '0'),
+    ]
+
+
+def test_the_fingerprint_is_of_the_files_with_kernels_alone_whatever_their_order(tmp_path):
+    one, other = tmp_path / 'one', tmp_path / 'other'
+    kernels = {name: f'from p.solver.compiled import kernel  # {name}\n' for name in 'abc'}
+    for package, names in ((one, 'abc'), (other, 'cba')):
+        (package / 'inner').mkdir(parents=True)
+        for name in names:
+            (package / 'inner' / f'{name}.py').write_text(kernels[name])
+        (package / 'plain.py').write_text(f'NAME = {names!r}\n')
+    assert compiled.fingerprint(one) == compiled.fingerprint(other)
+    (other / 'inner' / 'b.py').write_text(kernels['b'] + 'CONSTANT = 2\n')
+    assert compiled.fingerprint(one) != compiled.fingerprint(other)

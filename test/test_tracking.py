@@ -79,10 +79,12 @@ def test_nothing_is_expected_of_a_single_target():
     assert np.count_nonzero(np.isfinite(found[:, 0])) == 1
 
 
-def test_a_target_starts_no_smaller_than_most():
+def test_a_target_starts_about_as_large_as_most():
     first = first_size(np.array([80.0, np.nan, 30.0, 82.0, 81.0]))
     assert first[1] == pytest.approx(80.5)
     assert first[2] > 50.0  # it was covered in the first frame, and may come out larger
+    with_glint = first_size(np.array([80.0, 120.0, 80.0, 80.0]))
+    assert with_glint[1] < 90.0
     assert first[[0, 3, 4]].tolist() == [80.0, 82.0, 81.0]
     assert np.isnan(first_size(np.full(3, np.nan))).all()
 
@@ -99,6 +101,17 @@ def test_what_is_covered_or_has_a_glint_on_it_does_not_look_alike(area, elongati
     expected_mask = np.arange(9) != 4
     expected_mask[4] = alike
     assert look_alike(areas, usual, elongations).tolist() == expected_mask.tolist()
+
+
+@pytest.mark.parametrize(('area', 'alike'), [(0.9, True), (1.2, True), (1.38, False)])
+def test_a_glint_that_hangs_on_to_a_target_shows_when_a_row_is_found(area, alike):
+    areas = np.full(9, 48.0)
+    areas[4] *= area
+    elongation = np.full(9, 1.02)
+    elongation[4] = 1.34  # hardly allowed: the area must tell
+    assert look_alike(areas, first_size(areas), elongation).tolist() == [
+        place != 4 or alike for place in range(9)
+    ]
 
 
 def test_motion_makes_all_longer_and_larger_alike():

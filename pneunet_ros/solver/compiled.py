@@ -21,13 +21,23 @@ HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.ge
 )
 
 
-def fingerprint() -> str:
-    """Compute a hash of all files with equations and kernels."""
-    files = sorted(Path(__file__).parent.glob('*.py'))
-    return hashlib.sha256(b''.join(file.read_bytes() for file in files)).hexdigest()
+def fingerprint(package: Path) -> str:
+    """Compute a hash of all files of a package that have to do with kernels: they import this one.
+
+    Kernels call kernels and take constants from other files, hence one hash for them all.
+    """
+    whole = hashlib.sha256()
+    for folder, folders, names in os.walk(package):
+        folders.sort()
+        for name in sorted(names):
+            if name.endswith('.py'):
+                content = Path(folder, name).read_bytes()
+                if b'solver.compiled import' in content:  # as in this line: of this file, too
+                    whole.update(hashlib.sha256(content).digest())
+    return whole.hexdigest()
 
 
-SOURCES = fingerprint()
+SOURCES = fingerprint(Path(__file__).parent.parent) if HAVE_NUMBA else ''
 
 
 def kernel(function: Function) -> Function:
@@ -52,6 +62,20 @@ def kernel(function: Function) -> Function:
         compiled = numba.njit(**options)(function)
     kernel_function: Function = compiled
     return kernel_function
+
+
+def part(function: Function) -> Function:
+    """Compile what only kernels call: it is kept on disk within them, not on its own.
+
+    Numba optimizes across calls only where it compiles both sides; what it finds on disk is called
+    as it is. Kernels that share such a part are as fast whichever of them was compiled first.
+    """
+    if not HAVE_NUMBA:
+        return function
+    import numba
+
+    compiled: Function = numba.njit(error_model='numpy', fastmath={'contract'})(function)
+    return compiled
 
 
 def inlined(function: Function) -> Function:
