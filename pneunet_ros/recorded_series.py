@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ from pneunet_ros.meaning import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.message_parts import POINTS_TYPE, UNREADABLE
 from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.reading_messages import decode_targets, TARGETS_NAME
-from pneunet_ros.recording import RecordedMessage, Recording
+from pneunet_ros.recording import Recording
 from pneunet_ros.run import Stamps
 from pneunet_ros.settings import EstimatorSettings
 from pneunet_ros.shape import Array, freeze
@@ -96,15 +97,17 @@ def read_series(
         name = names[message.topic]
         try:
             if name == TARGETS_NAME:
-                stamp_ns, row = _targets(message, settings, targets)
+                found = decode_targets(message.message, settings.frame_id, targets)
+                stamp_ns, row = found.stamp_ns, np.array([found.x, found.y])
                 targets = row.shape[1]
             else:
-                stamp_ns, row = _reading(name, message, settings)
-        except _Unusable as error:
-            raise RecordingError(
-                f'{recording.path}: {message.topic} at log time {message.log_time_ns} ns: {error}'
-            ) from error
-        except MessageError:
+                stamp_ns, row = _reading(name, message.message, settings)
+        except MessageError as error:
+            if name == TARGETS_NAME or isinstance(error, _WrongFrame):
+                raise RecordingError(
+                    f'{recording.path}: {message.topic} at log time {message.log_time_ns} ns: '
+                    f'{error}'
+                ) from error
             unreadable[name] += 1
             continue
         stamps[name].append(stamp_ns)
@@ -115,30 +118,18 @@ def read_series(
     }
 
 
-class _Unusable(Exception):
-    """A message that shows that the whole topic is not what is needed."""
+class _WrongFrame(MessageError):
+    """An end wrench in a frame that is not known: so are all of its topic."""
 
 
-def _targets(
-    message: RecordedMessage, settings: EstimatorSettings, targets: int | None
-) -> tuple[int, Array]:
-    try:
-        found = decode_targets(message.message, settings.frame_id, targets)
-    except MessageError as error:
-        raise _Unusable(str(error)) from error
-    return found.stamp_ns, np.array([found.x, found.y])
-
-
-def _reading(
-    name: str, message: RecordedMessage, settings: EstimatorSettings
-) -> tuple[int, Array]:
+def _reading(name: str, message: Any, settings: EstimatorSettings) -> tuple[int, Array]:
     if name == 'pressure':
-        pressure = decode_pressure(message.message)
+        pressure = decode_pressure(message)
         return pressure.stamp_ns, np.array([gauge_pressure(settings, pressure.pressure)])
-    wrench = decode_wrench(message.message)
+    wrench = decode_wrench(message)
     sentence = wrong_frame(settings, wrench)
     if sentence:
-        raise _Unusable(sentence)
+        raise _WrongFrame(sentence)
     load = base_wrench(settings, wrench)
     return load.stamp_ns, np.array([load.force_x, load.force_y, load.moment])
 
