@@ -6,9 +6,13 @@ import json
 import math
 from pathlib import Path
 
+from bags import header
 import numpy as np
 from pneunet_ros.cli import main
 from pneunet_ros.errors import RecordingError
+from pneunet_ros.estimate_messages import POSE_TYPE
+from pneunet_ros.message_store import ROSBAGS_TYPES
+from pneunet_ros.messages import PRESSURE_TYPE
 from pneunet_ros.recording_writer import write_recording
 from pneunet_ros.run_reader import read_run
 import pytest
@@ -80,19 +84,37 @@ def test_what_sensors_report_becomes_what_it_means(tmp_path, recording):
         assert np.nanmin(arrays['force_x_n']) == pytest.approx(-0.19)
 
 
+def write_tip(path, heading):
+    """Write a pressure reading and the tip that an estimator made of it."""
+    make = ROSBAGS_TYPES
+    half = heading / 2
+    pose = make('geometry_msgs/msg/Pose')(
+        position=make('geometry_msgs/msg/Point')(x=0.1, y=0.04, z=0.0),
+        orientation=make('geometry_msgs/msg/Quaternion')(
+            x=0.0, y=0.0, z=math.sin(half), w=math.cos(half)
+        ),
+    )
+    tip = make(POSE_TYPE)(
+        header=header(START),
+        pose=make('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=np.zeros(36)),
+    )
+    with write_recording(path) as writer:
+        writer.write(writer.add('/p/pressure', PRESSURE_TYPE), START, pressure(START, 31e3))
+        writer.write(writer.add('/p/tip', POSE_TYPE), START, tip)
+
+
 def test_estimated_tips_are_exported_and_left_out_again(tmp_path, capsys):
-    replayed, table = tmp_path / 'replayed.mcap', tmp_path / 't.csv'
-    short = record(tmp_path / 'r.mcap', readings(5))
-    assert main(['replay', str(short), '--output', str(replayed)]) == 0
-    assert main(['export', str(replayed), '--output', str(table)]) == 0
-    header, first, *_ = table.read_text().splitlines()
-    assert header.endswith('estimate_tip_x_m,estimate_tip_y_m,estimate_tip_theta_rad')
-    assert len(first.split(',')) == len(header.split(','))
+    estimated, table = tmp_path / 'estimated.mcap', tmp_path / 't.csv'
+    write_tip(estimated, -2.5)
+    assert main(['export', str(estimated), '--output', str(table)]) == 0
+    names, first = table.read_text().splitlines()
+    assert names.endswith('estimate_tip_x_m,estimate_tip_y_m,estimate_tip_theta_rad')
+    assert first.startswith('1000000000000,0.0,31000.0,0.1,0.04,-2.5')
     capsys.readouterr()
     again = tmp_path / 'again.mcap'
     assert main(['import', str(table), '--output', str(again), '--json']) == 0
     summary = json.loads(capsys.readouterr().out)
-    assert summary['topics'] == {'/pneunet/pressure': 5, '/pneunet/end_wrench': 5}
+    assert summary['topics'] == {'/pneunet/pressure': 1}
     assert 'estimate_... are not readings' in summary['sentences'][0]
 
 
