@@ -6,7 +6,7 @@ Steps are ramps that take their time. Nothing hangs on the arm where the force i
 from __future__ import annotations
 
 import abc
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 import math
 from typing import Any, ClassVar
 
@@ -231,11 +231,15 @@ class RandomMix(Protocol):
                 self.force_y[0] + b * (self.force_y[-1] - self.force_y[0]),
             )
             level = self.lowest + level * (self.top - self.lowest)
-            parts = self.ramp * (1.0 + 4.0 * slope**2), 3.0 * max(hold - 0.4, 0.0)
-            for part in parts:
-                if left > 0.0 and part > 0.0:
-                    legs.append(Leg(seconds=min(part, left), pressure=level, force=force))
-                    left -= part
+            slope = self.ramp * (1.0 + 4.0 * slope**2)
+            if slope > left:  # no time for a ramp: a last hold
+                legs.append(replace(legs[-1], seconds=left))
+                break
+            hold = min(3.0 * max(hold - 0.4, 0.0), left - slope)
+            for part in (slope, hold):
+                if part > 0.0:
+                    legs.append(Leg(seconds=part, pressure=level, force=force))
+            left -= slope + hold
         return timeline(legs, loaded=loaded)
 
 

@@ -1,0 +1,130 @@
+"""Scenario files: what they mean, and that every mistake in one is a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import shutil
+
+from lab import recorded
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_effects import LAB_EFFECTS
+from pneunet_ros.lab.protocols import Strings
+from pneunet_ros.lab.scenario import described
+from pneunet_ros.resources import shipped
+from pneunet_ros.scenario_file import changes_of, load_scenario
+from pneunet_ros.shape import same_values
+import pytest
+
+FOLDER = shipped('scenarios')
+PROTOCOL = 'protocol: {kind: slow_ramp}\n'
+HEAD = 'schema_version: 1\nname: mine\narm: lab_arm.yaml\n'
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Load a scenario from its text, beside the shipped arm."""
+    shutil.copy(FOLDER / 'lab_arm.yaml', tmp_path)
+
+    def load(text):
+        (tmp_path / 'mine.yaml').write_text(text)
+        return load_scenario(tmp_path / 'mine.yaml')
+
+    return load
+
+
+def test_a_file_of_a_few_lines_is_enough(load):
+    scenario = load(HEAD + PROTOCOL)
+    assert (scenario.name, scenario.seed, scenario.start, scenario.effects) == ('mine', 0, 0.0, ())
+    assert same_values(scenario.arm, recorded('strings').scenario.arm)
+
+
+def test_all_keys_are_read(load):
+    scenario = load(
+        HEAD + 'seed: 4\nstart: 60.0\narm_seed: 3\nrichness: 0.5\n'
+        'effects: {gravity: {weight_y: -1.5}, creep: {amplitude: 0.1, richness: 0.0}}\n'
+        'protocol: {kind: strings, pressures: [0.0, 1.0e+3], pull_a: [0.2, 0.1], '
+        'pull_b: [0.0, 0.1], angle_b: 1.2, duration: 12.0}\n'
+        'noise: {target_std: 1.0e-4}\nrates: {frames: 5.0}\ndetail: {elements: 100}\n'
+    )
+    assert (scenario.seed, scenario.start) == (4, 60.0)
+    assert same_values(scenario.arm, varied(recorded('strings').scenario.arm, 3))
+    creep, gravity = scenario.effects  # in the order of the table
+    assert (creep.name, creep.amplitude, creep.richness) == ('creep', 0.1, 0.0)
+    assert (gravity.name, gravity.weight_y, gravity.richness) == ('gravity', -1.5, 0.5)
+    assert scenario.protocol == Strings(
+        pressures=(0.0, 1e3), pull_a=(0.2, 0.1), pull_b=(0.0, 0.1), angle_b=1.2, duration=12.0
+    )
+    assert (scenario.noise.target_std, scenario.noise.force_std) == (1e-4, 1e-3)
+    assert (scenario.rates.frames, scenario.detail.elements) == (5.0, 100.0)
+
+
+def test_the_arm_may_stand_in_the_scenario_itself(load):
+    lines = (FOLDER / 'lab_arm.yaml').read_text().splitlines()
+    block = ''.join(f'  {line}\n' for line in lines if not line.startswith('schema_version'))
+    scenario = load(f'schema_version: 1\nname: mine\n{PROTOCOL}arm:\n{block}')
+    assert same_values(scenario.arm, recorded('strings').scenario.arm)
+
+
+def test_a_description_holds_all_of_a_scenario():
+    scenario = recorded('strings').scenario.with_effects({'extensibility': {'richness': 1.0}})
+    content = described(scenario)
+    assert content['arm']['split'] == [0.1, 0.1, 0.15, 0.15]
+    assert content['effects'] == {'extensibility': {'richness': 1.0, 'axial_stiffness': 'inf'}}
+    assert content['protocol']['kind'] == 'strings'
+    assert content['protocol']['pull_b'][-1] == 0.275
+
+
+def test_changes_are_put_over_what_is_there():
+    scenario = recorded('strings').scenario.with_effects(
+        changes_of(['gravity.weight_x=0.5', 'gravity.weight_y=-1'])
+    )
+    changed = scenario.with_effects(changes_of(['gravity.weight_x=0.25', 'creep.amplitude=0.1']))
+    creep, gravity = changed.effects
+    assert (gravity.weight_x, gravity.weight_y, creep.amplitude) == (0.25, -1.0, 0.1)
+
+
+@pytest.mark.parametrize('text', ['gravity', 'gravity=1', 'gravity.weight_x', 'gravity.x=', '.=1'])
+def test_a_change_of_another_form_is_refused(text):
+    with pytest.raises(RequestError, match=r'not of the form NAME\.PARAMETER=VALUE'):
+        changes_of([text])
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        (HEAD, 'protocol is missing; needed here: schema_version, name, arm, protocol'),
+        (HEAD + PROTOCOL + 'sead: 1\n', 'unknown key sead; known here: schema_version, name'),
+        (HEAD + PROTOCOL + 'seed: -1\n', 'seed must be a whole number from 0 on, not -1'),
+        (HEAD + PROTOCOL + 'richness: much\n', 'richness must be a number in SI units'),
+        (HEAD + PROTOCOL + 'noise: {std: 1}\n', 'unknown key noise.std; known here: pressure_std'),
+        (HEAD + PROTOCOL + 'rates: {frames: 0}\n', 'rates.frames = 0.0 is not within'),
+        (HEAD + PROTOCOL + 'effects: {drag: {}}\n', f'known here: {", ".join(LAB_EFFECTS)}'),
+        (HEAD + PROTOCOL + 'effects: {creep: {a: 1}}\n', 'unknown key effects.creep.a; known'),
+        (HEAD + 'protocol: {kind: jump}\n', 'protocol.kind must be one of slow_ramp, staircase'),
+        (HEAD + 'protocol: {kind: slow_ramp, hight: 1}\n', 'unknown key protocol.hight; known'),
+        (HEAD + 'protocol: {kind: staircase, pressures: [a]}\n', 'protocol.pressures must be a'),
+        (HEAD.replace('1', '2', 1) + PROTOCOL, 'schema_version 2 is not known; known: 1'),
+        (HEAD.replace('lab_arm', 'no_arm') + PROTOCOL, 'cannot read the lab arm file'),
+        (HEAD.replace('mine', '""') + PROTOCOL, "name must be a text, not ''"),
+        (HEAD.replace('lab_arm.yaml', '{name: x}') + PROTOCOL, 'arm.length is missing'),
+    ],
+)
+def test_what_is_wrong_in_a_scenario_is_said(load, text, words):
+    with pytest.raises(RequestError) as caught:
+        load(text)
+    assert 'mine.yaml: ' in str(caught.value)
+    assert words in str(caught.value)
+
+
+def test_a_wrong_arm_file_is_named(load, tmp_path):
+    arm = tmp_path / 'lab_arm.yaml'
+    arm.write_text(arm.read_text().replace('split:', 'splat:'))
+    with pytest.raises(RequestError, match=r'lab_arm\.yaml: unknown key moment_law\.splat; known'):
+        load(HEAD + PROTOCOL)
+
+
+@pytest.mark.parametrize('file', sorted(FOLDER.glob('*.yaml')), ids=lambda file: file.stem)
+def test_shipped_scenarios_are_named_as_their_files(file: Path):
+    if file.stem != 'lab_arm':
+        assert load_scenario(file).name == file.stem
