@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -193,16 +193,16 @@ class Arm:
         changes: dotted path, such as `moment_law.rigidity.0.1` or `arm.length`, to an amount in
         SI.
         """
-        arm = dataclasses.replace(self, covariance=None)
+        moves = []
         for name, amount in changes.items():
             first, *rest = name.split('.')
             if first == 'arm' and rest and rest[0] in ('length', 'weight', 'clamp_angle'):
-                path = rest
+                moves.append(Move(path=tuple(rest), amount=amount, name=name))
             elif first in ('intrinsic_curvature', 'moment_law', 'effects', 'sensors'):
-                path = [first, *rest]
+                moves.append(Move(path=(first, *rest), amount=amount, name=name))
             else:
                 raise ModelError(unknown_quantity(name))
-            arm = moved(arm, path, amount, name)
+        arm: Arm = moved(dataclasses.replace(self, covariance=None), moves)
         return arm
 
 
@@ -219,32 +219,55 @@ def unknown_quantity(name: str) -> str:
     )
 
 
-def moved(owner: Any, path: list[str], amount: float, name: str) -> Any:
-    """Return a copy of `owner` in which the number at `path` is larger by `amount`."""
-    if not path:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Move:
+    """By how much the number at a path inside something is moved; `name` is for sentences."""
+
+    path: tuple[str, ...]
+    amount: float
+    name: str
+
+    def inside(self) -> Move:
+        """Return the move as seen from one step further inside."""
+        return Move(path=self.path[1:], amount=self.amount, name=self.name)
+
+
+def moved(owner: Any, moves: Sequence[Move]) -> Any:
+    """Return a copy of `owner` in which the numbers at these paths are larger by their amounts."""
+    if not moves:
+        return owner
+    ended = next((move for move in moves if not move.path), None)
+    if ended is not None:
         if isinstance(owner, bool) or not isinstance(owner, (int, float)):
-            raise ModelError(unknown_quantity(name))
-        return float(owner) + amount
-    key, *rest = path
+            raise ModelError(unknown_quantity(ended.name))
+        return float(owner) + sum(move.amount for move in moves)
     if isinstance(owner, np.ndarray):
-        copy = np.array(owner)
-        try:
-            if not all(item.isdecimal() for item in path):
-                raise ModelError(unknown_quantity(name))
-            index = tuple(int(item) for item in path)
-            copy[index] = moved(float(copy[index]), [], amount, name)
-        except (ValueError, IndexError, TypeError):
-            raise ModelError(unknown_quantity(name)) from None
-        return copy
+        return moved_table(owner, moves)
+    apart: dict[str, list[Move]] = {}
+    for move in moves:
+        apart.setdefault(move.path[0], []).append(move.inside())
+    known: list[str] = []
     if isinstance(owner, tuple):
-        if key not in [effect.name for effect in owner]:
-            raise ModelError(unknown_quantity(name))
-        return tuple(
-            moved(effect, rest, amount, name) if effect.name == key else effect for effect in owner
-        )
-    known = []
-    if dataclasses.is_dataclass(owner):
+        known = [effect.name for effect in owner]
+    elif dataclasses.is_dataclass(owner):
         known = [item.name for item in dataclasses.fields(owner) if item.init]
-    if key not in known:
-        raise ModelError(unknown_quantity(name))
-    return dataclasses.replace(owner, **{key: moved(getattr(owner, key), rest, amount, name)})
+    for key, inside in apart.items():
+        if key not in known:
+            raise ModelError(unknown_quantity(inside[0].name))
+    if isinstance(owner, tuple):
+        return tuple(moved(effect, apart.get(effect.name, [])) for effect in owner)
+    changes = {key: moved(getattr(owner, key), inside) for key, inside in apart.items()}
+    return dataclasses.replace(owner, **changes)
+
+
+def moved_table(table: Array, moves: Sequence[Move]) -> Array:
+    """Return a copy of a table in which the cells at these paths are larger."""
+    copy = np.array(table)
+    for move in moves:
+        if not all(item.isdecimal() for item in move.path) or len(move.path) != copy.ndim:
+            raise ModelError(unknown_quantity(move.name))
+        try:
+            copy[tuple(int(item) for item in move.path)] += move.amount
+        except IndexError:
+            raise ModelError(unknown_quantity(move.name)) from None
+    return copy

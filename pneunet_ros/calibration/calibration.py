@@ -90,7 +90,8 @@ def calibrate(
     low, high = pressure_span(runs)
     stage = Stages(frame, noise, low, high, each)
     free, smoothness = stage.first_experiment(unloaded)
-    joint, laws = free, ()
+    joint = free
+    laws: tuple[LawScore, ...] = ()
     if loaded:
         law = stage.law(kind, stage.stiffness(unloaded, loaded, free, smoothness))
         joint = stage.joint(unloaded, loaded, free, smoothness, law)

@@ -6,26 +6,29 @@ model there. From the tip alone it is badly conditioned; `sigma` says how badly.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.arm import Arm
-from pneunet_ros.calibration.response import drive_of, Series
+from pneunet_ros.calibration.drive import Drive, drives_of
+from pneunet_ros.calibration.response import Series
 from pneunet_ros.estimator import neighbors
+from pneunet_ros.noise import SensorNoise
 from pneunet_ros.run import Run
 from pneunet_ros.shape import Array
 
 MOST_STEPS = 30
 SMALL_STEP = 1e-4  # of a standard deviation of the force
 LARGEST_STEP = 0.1  # N
+SMALLEST_NORMAL = 1e-4  # 1/N^2: a force as uncertain as 100 N is not determined
 PRESSURE_STEP = 20.0  # Pa
-NO_COLUMNS = np.zeros((0, 2), dtype=np.int64)
 SPREAD_STEPS = (0, 3)  # when what the model leaves open is computed: it changes little
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EndForces:
-    """F1 and F2 (N) of frames, (frames, 2), and their covariance (frames, 2, 2); NaN: not found."""
+    """F1, F2 (N) of frames, (frames, 2), and their covariance (frames, 2, 2); NaN: not found."""
 
     force: Array
     covariance: Array
@@ -45,64 +48,86 @@ def end_forces(arm: Arm, run: Run, *, tip_only: bool = False) -> EndForces:
     noise, targets = arm.sensors, arm.target_arclength
     used = np.zeros(targets.size, dtype=bool)
     used[-1 if tip_only else slice(None)] = True
-    drive = drive_of(arm, run)
+    (drive,) = drives_of(arm, [run])
     loads, frames = drive.loads.copy(), len(drive.pressure)
     series = Series(targets)
     measured = np.stack([run.x, run.y], axis=1)
-    seen = np.isfinite(measured) & used
-    # Covariance of the points (frames, 2 T, 2 T) less what the model adds.
-    variance = noise.target_std**2 + noise.placement_std**2
-    base = variance * np.eye(2 * targets.size)
-    common = np.kron(np.eye(2), np.ones((targets.size, targets.size)))
-    base += (noise.registration_std**2 + noise.drift_std**2) * common
-    found = np.zeros(frames, dtype=bool)
-    covariance = np.full((frames, 2, 2), np.nan)
+    seen = (np.isfinite(measured) & used).reshape(frames, -1)
+    errors = point_errors(noise, targets.size)
+    found, covariance = np.zeros(frames, dtype=bool), np.full((frames, 2, 2), np.nan)
+    some = np.flatnonzero(np.count_nonzero(seen, axis=1) >= 2)
+    spread = np.zeros((frames, seen.shape[1], 0))
     for count in range(MOST_STEPS):
-        solved = series.solve(arm, drive.pressure, loads)
-        fields = series.fields[:, :2].copy()
-        answer = series.answer(arm, drive.pressure, loads, NO_COLUMNS).values
-        slopes = answer[:, :2, :2].reshape(frames, 2, -1).transpose(0, 2, 1)
-        if count in SPREAD_STEPS:
-            spread = model_spread(arm, drive.pressure, loads)
-        residual = np.where(seen, measured - fields, 0.0).reshape(frames, -1)
-        largest = 0.0
-        for frame in np.flatnonzero(solved):
-            which = seen[frame].ravel()
-            if which.sum() < 2:
-                continue
-            errors = base[np.ix_(which, which)] + spread[frame][which] @ spread[frame][which].T
-            j = slopes[frame][which]
-            weighted = np.linalg.solve(errors, np.column_stack([j, residual[frame][which]]))
-            normal = j.T @ weighted[:, :2]
-            covariance[frame] = np.linalg.inv(normal)
-            step = covariance[frame] @ (j.T @ weighted[:, 2])
-            size = float(np.sqrt(step @ normal @ step))
-            share = min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-12))
-            loads[frame, :2] += share * step
-            found[frame] = size < SMALL_STEP
-            largest = max(largest, size)
-        if largest < SMALL_STEP:
+        if some.size == 0:
             break
-    force = np.where((found & solved)[:, None], loads[:, :2], np.nan)
-    covariance[~(found & solved)] = np.nan
-    return EndForces(force=force, covariance=covariance)
+        now = drive.at(some).with_loads(loads[some])
+        solved = series.solve(arm, now)
+        if count in SPREAD_STEPS:
+            moved = model_spread(arm, now)
+            spread = np.zeros((frames, *moved.shape[1:]))
+            spread[some] = moved
+        slopes = series.load_answer(arm, now)[:, :, :2]
+        residual = (measured[some] - series.points).reshape(some.size, -1)
+        step, covariance[some] = weighted_steps(
+            errors, spread[some], slopes, residual, seen[some] & solved[:, None]
+        )
+        size = np.sqrt(np.einsum('fi,fij,fj->f', step, np.linalg.inv(covariance[some]), step))
+        share = np.minimum(1.0, LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))
+        loads[some] += np.column_stack([share[:, None] * step, np.zeros(some.size)])
+        found[some] = solved & (size < SMALL_STEP)
+        going_on = np.flatnonzero(solved & (size >= SMALL_STEP))
+        some, series = some[going_on], series.some(going_on)
+    covariance[~found] = np.nan
+    return EndForces(force=np.where(found[:, None], loads[:, :2], np.nan), covariance=covariance)
 
 
-def model_spread(arm: Arm, pressure: Array, loads: Array) -> Array:
-    """What one sigma of the pressure and of each column of the covariance does to the points.
+def point_errors(noise: SensorNoise, targets: int) -> Array:
+    """Return the covariance of measured points, (2 targets, 2 targets), less the model's own."""
+    variance = noise.target_std**2 + noise.placement_std**2
+    common = np.kron(np.eye(2), np.ones((targets, targets)))
+    place = noise.registration_std**2 + noise.drift_std**2
+    return variance * np.eye(2 * targets) + place * common
+
+
+def weighted_steps(
+    errors: Array, spread: Array, slopes: Array, residual: Array, seen: npt.NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return the weighted least squares step (frames, 2) of every frame and its covariance.
+
+    errors (points, points); spread (frames, points, n) of the model; slopes (frames, points, 2);
+    residual and seen (frames, points).
+    """
+    both = seen[:, :, None] & seen[:, None, :]
+    whole = errors + np.matmul(spread, spread.transpose(0, 2, 1))
+    scale = errors[0, 0]  # what is not seen stands alone, with a slope of zero
+    whole = np.where(both, whole, scale * np.eye(errors.shape[0]))
+    slopes = np.where(seen[:, :, None], slopes, 0.0)
+    right = np.concatenate([slopes, np.where(seen, residual, 0.0)[:, :, None]], axis=2)
+    weighted = np.linalg.solve(whole, right)
+    normal = np.matmul(slopes.transpose(0, 2, 1), weighted)
+    normal[:, [0, 1], [0, 1]] += SMALLEST_NORMAL  # where the points do not answer at all
+    covariance = np.linalg.inv(normal[:, :, :2])
+    return np.matmul(covariance, normal[:, :, 2:])[:, :, 0], covariance
+
+
+def model_spread(arm: Arm, drive: Drive) -> Array:
+    """Return what one sigma of the pressure and of each column of the covariance moves.
 
     (frames, 2 targets, 1 + columns) m; NaN-free, zero where a neighbor has no equilibrium.
     """
 
-    def points(arm: Arm, pressure: Array) -> Array:
+    def points(arm: Arm, drive: Drive) -> Array:
         series = Series(arm.target_arclength)
-        solved = series.solve(arm, pressure, loads)
-        return np.where(solved[:, None, None], series.fields[:, :2], np.nan)
+        solved = series.solve(arm, drive)
+        return np.where(solved[:, None, None], series.points, np.nan)
 
-    ends = [points(arm, pressure + sign * PRESSURE_STEP) for sign in (-1.0, 1.0)]
+    ends = [
+        points(arm, replace(drive, pressure=drive.pressure + sign * PRESSURE_STEP))
+        for sign in (-1.0, 1.0)
+    ]
     moved = [arm.sensors.pressure_std * (ends[1] - ends[0]) / (2.0 * PRESSURE_STEP)]
     for column in () if arm.covariance is None else arm.covariance.columns():
         before, after, distance = neighbors(arm, column)
-        moved.append((points(after, pressure) - points(before, pressure)) / distance)
-    spread = np.stack([change.reshape(len(pressure), -1) for change in moved], axis=2)
+        moved.append((points(after, drive) - points(before, drive)) / distance)
+    spread = np.stack([change.reshape(len(drive.pressure), -1) for change in moved], axis=2)
     return np.where(np.isfinite(spread), spread, 0.0)

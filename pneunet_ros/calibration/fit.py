@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.arm import Arm
 from pneunet_ros.calibration.disturbances import Disturbances, PATH_NODES
-from pneunet_ros.calibration.response import Drive, drive_of, Series, THETA
+from pneunet_ros.calibration.drive import Drive, drives_of
+from pneunet_ros.calibration.response import Series, THETA
 from pneunet_ros.calibration.unknowns import Unknowns
 from pneunet_ros.curvature import pressure_rows
 from pneunet_ros.errors import ModelError
@@ -35,15 +36,17 @@ BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
 class FittedRun:
     """A run beside what the fitted model says of it.
 
-    x, y (frames, targets) m: the model alone; disturbance (frames, 2, targets) m: what placement
-    and camera add; fields (frames, 6, targets) as of `solver.stations.at_stations`; whitened
-    (frames,) the squared whitened residual and freedom (frames,) the number of its coordinates.
+    points (frames, 2, targets) m: the model alone, as measured; disturbance (frames, 2, targets)
+    m: what placement and camera add; fields (frames, 6, targets) as of
+    `solver.stations.at_stations`; whitened (frames,) the squared whitened residual and freedom
+    (frames,) the number of its coordinates.
     Frames that have no equilibrium (`solved` False) count nothing.
     """
 
     run: Run
     drive: Drive
     fields: Array
+    points: Array
     disturbance: Array
     whitened: Array
     freedom: Array
@@ -52,7 +55,7 @@ class FittedRun:
     @property
     def residual(self) -> Array:
         """Measured minus predicted with the disturbances found, (frames, 2, targets) m."""
-        return np.stack([self.run.x, self.run.y], axis=1) - self.fields[:, :2] - self.disturbance
+        return np.stack([self.run.x, self.run.y], axis=1) - self.points - self.disturbance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,8 +114,8 @@ class Posterior:
         values, disturbance = self.unscaled(scaled)
         arm = self.unknowns.arm(values)
         cost = 0.5 * float(scaled @ scaled)
-        for which, run in enumerate(self.runs):
-            fitted, _ = self.one(which, run, arm, disturbance)
+        for which, drive in enumerate(drives_of(arm, self.runs)):
+            fitted, _ = self.one(which, arm, drive, disturbance)
             cost += 0.5 * float(fitted.whitened.sum())
         return cost
 
@@ -123,9 +126,9 @@ class Posterior:
         size = scaled.size
         normal, gradient = np.zeros((size, size)), np.zeros(size)
         cost, runs = 0.5 * float(scaled @ scaled), []
-        for which, run in enumerate(self.runs):
+        for which, drive in enumerate(drives_of(arm, self.runs)):
             self.whitenings[which] = None
-            fitted, beside = self.one(which, run, arm, disturbance)
+            fitted, beside = self.one(which, arm, drive, disturbance)
             jacobian = self.jacobian(which, fitted, arm, values, beside)
             whitening = self.whitenings[which]
             assert whitening is not None
@@ -141,10 +144,12 @@ class Posterior:
         normal = self.scale.T @ normal @ self.scale
         return cost, tuple(runs), normal, self.scale.T @ gradient
 
-    def one(self, which: int, run: Run, arm: Arm, disturbance: Array) -> tuple[FittedRun, Array]:
+    def one(
+        self, which: int, arm: Arm, drive: Drive, disturbance: Array
+    ) -> tuple[FittedRun, Array]:
         """Return a run beside the model, and how its points answer to disturbances."""
-        series, drive = self.series[which], drive_of(arm, run)
-        solved = series.solve(arm, drive.pressure, drive.loads).copy()
+        series, run = self.series[which], self.runs[which]
+        solved = series.solve(arm, drive).copy()
         fields = series.fields.copy()
         own = self.disturbances.of_run(which)
         beside = self.disturbances.answer(run, fields[:, THETA])
@@ -152,12 +157,13 @@ class Posterior:
         seen = run.seen & solved[:, None]
         whitening, whitened = self.whitenings[which], np.zeros(len(seen))
         if whitening is not None:
-            residual = np.stack([run.x, run.y], axis=1) - fields[:, :2] - moved
+            residual = np.stack([run.x, run.y], axis=1) - series.points - moved
             whitened = np.sum(whitening(residual.reshape(len(seen), -1, 1)) ** 2, axis=(1, 2))
         fitted = FittedRun(
             run=run,
             drive=drive,
             fields=fields,
+            points=series.points.copy(),
             disturbance=moved,
             whitened=whitened,
             freedom=2 * seen.sum(axis=1),
@@ -171,7 +177,7 @@ class Posterior:
         """How points (frames, 2 targets) answer to unknowns and disturbances; sets whitening."""
         drive, run = fitted.drive, fitted.run
         columns = self.unknowns.columns
-        answer = self.series[which].answer(arm, drive.pressure, drive.loads, columns)
+        answer = self.series[which].answer(arm, drive, columns)
         frames, causes = answer.values.shape[:2]
         points = answer.values[:, :, :2].reshape(frames, causes, -1)
         seen = run.seen & fitted.solved[:, None]
@@ -182,7 +188,7 @@ class Posterior:
         return np.concatenate([model, beside.reshape(frames, mask.shape[1], -1)], axis=2)
 
     def sensed(self, points: Array, values: Array, drive: Drive, run: Run) -> Array:
-        """What one sigma of each reading does to the points, (frames, 2 targets, readings).
+        """Return what one sigma of each reading moves, (frames, 2 targets, readings).
 
         points (frames, causes, 2 targets) are the answers. Two more columns are what the camera
         moves between the nodes of its path.
@@ -205,12 +211,12 @@ class Posterior:
 
 
 class Whitening:
-    """Makes residuals of frames white: white noise of targets and the errors of that frame's readings.
+    """Makes residuals of frames white: noise of targets and errors of that frame's readings.
 
     With covariance sigma^2 1 + P P^T, P = U S V^T: subtracts along U what the readings explain.
     """
 
-    def __init__(self, sigma: float, sensed: Array, mask: Array) -> None:
+    def __init__(self, sigma: float, sensed: Array, mask: npt.NDArray[np.bool_]) -> None:
         self.sigma, self.mask = sigma, mask
         masked = np.where(mask[:, :, None], sensed, 0.0)
         self.directions, sizes, _ = np.linalg.svd(masked / sigma, full_matrices=False)
@@ -221,7 +227,8 @@ class Whitening:
         columns = np.where(self.mask[:, :, None], columns, 0.0)
         along = np.matmul(self.directions.transpose(0, 2, 1), columns)
         along *= self.shrink[:, :, None]
-        return (columns - np.matmul(self.directions, along)) / self.sigma
+        white: Array = (columns - np.matmul(self.directions, along)) / self.sigma
+        return white
 
 
 def fit(
@@ -232,7 +239,7 @@ def fit(
     start: Array | None = None,
     each: Callable[[int, float], None] = lambda step, cost: None,
 ) -> Fit:
-    """Find the most probable unknowns; `start` are values to begin with, `each` sees every step."""
+    """Find the most probable unknowns; `start`: values to begin with; `each` sees every step."""
     posterior = Posterior(unknowns, runs, noise, targets)
     scaled = np.zeros(posterior.scale.shape[0])
     if start is not None:
@@ -293,7 +300,7 @@ def finished(
     target = gradient + normal @ scaled
     pull = target[:size] - cross @ rest @ target[size:]
     unscale = np.linalg.inv(scale)
-    sign, log_size = np.linalg.slogdet(hessian)
+    _, log_size = np.linalg.slogdet(hessian)
     return Fit(
         unknowns=posterior.unknowns,
         values=frozen_array(values),

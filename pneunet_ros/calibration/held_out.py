@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.arm import Arm
-from pneunet_ros.calibration.response import drive_of, Series
+from pneunet_ros.calibration.drive import drives_of
+from pneunet_ros.calibration.response import Series
 from pneunet_ros.run import Run
 from pneunet_ros.shape import Array
 
@@ -28,9 +29,9 @@ class Score:
 
 def score(arm: Arm, run: Run) -> Score:
     """Predict a run from its readings and compare."""
-    series, drive = Series(arm.target_arclength), drive_of(arm, run)
-    solved = series.solve(arm, drive.pressure, drive.loads)
-    error = np.stack([run.x, run.y], axis=1) - series.fields[:, :2]
+    series, (drive,) = Series(arm.target_arclength), drives_of(arm, [run])
+    solved = series.solve(arm, drive)
+    error = np.stack([run.x, run.y], axis=1) - series.points
     error = np.where(solved[:, None, None], error, np.nan)
     if not solved.any():
         return Score(name=run.name, rms=np.nan, p95=np.nan, missing=1.0, error=error)

@@ -116,11 +116,11 @@ class LinearUnknowns(LawUnknowns):
         object.__setattr__(self, 'prior', frozen_array([[self.stiffness**2]]))
 
     def law(self, values: Array) -> LinearLaw:
-        """The law with this stiffness."""
+        """Return the law with this stiffness."""
         return LinearLaw(bending_stiffness=float(values[0]))
 
     def quantities(self) -> tuple[tuple[str, ...], Array]:
-        """The stiffness."""
+        """Return the stiffness."""
         return ('moment_law.bending_stiffness',), np.eye(1)
 
 
@@ -142,11 +142,11 @@ class MajidiUnknowns(LawUnknowns):
         object.__setattr__(self, 'prior', frozen_array([[modulus**2]]))
 
     def law(self, values: Array) -> MajidiLaw:
-        """The law with this modulus."""
+        """Return the law with this modulus."""
         return MajidiLaw(modulus=float(values[0]), **PAPER_SECTION)
 
     def quantities(self) -> tuple[tuple[str, ...], Array]:
-        """The modulus."""
+        """Return the modulus."""
         return ('moment_law.modulus',), np.eye(1)
 
 

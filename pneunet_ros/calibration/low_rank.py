@@ -13,7 +13,7 @@ DIGITS = 6
 
 
 def low_rank(fit: Fit) -> tuple[ModelCovariance, float]:
-    """Return the covariance of the model's numbers, and which share of the shape's variance it has.
+    """Return the covariance of the model's numbers, and its share of the shape's variance.
 
     Of the factor Q of the full covariance those directions are kept in which the targets of the
     fitted frames move most, enlarged so that the variance in total is that of all.
@@ -37,8 +37,9 @@ def answers(fit: Fit, which: int) -> Array:
     some = some[fitted.solved[some]]
     drive, arm = fitted.drive.at(some), fit.arm
     series = Series(arm.target_arclength)
-    series.solve(arm, drive.pressure, drive.loads)
-    answer = series.answer(arm, drive.pressure, drive.loads, fit.unknowns.columns).values
+    series.solve(arm, drive)
+    answer = series.answer(arm, drive, fit.unknowns.columns).values
     points = answer[:, :, :2].reshape(*answer.shape[:2], -1).transpose(0, 2, 1)
     moved = np.matmul(points, fit.unknowns.causes(fit.values, drive))
-    return moved.reshape(-1, fit.values.size)
+    flat: Array = moved.reshape(-1, fit.values.size)
+    return flat

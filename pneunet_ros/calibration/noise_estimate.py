@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+import math
 
 import numpy as np
 from pneunet_ros.noise import SensorNoise
@@ -17,6 +18,7 @@ from pneunet_ros.shape import Array
 
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 FEWEST = 20  # values, for an estimate
+EVEN = 1.5  # standard deviations of the mean over targets: the arm's motion has not changed
 AT_CLAMP = 0.01  # of the length: a target as close as this does not move with the arm
 BLOCKS = 8  # of a run, whose means show the drift of the camera
 SMOOTH_DEGREE = 6  # polynomial in arclength that a straight arm follows
@@ -38,9 +40,7 @@ def estimated_noise(runs: Sequence[Run], arclength: Array, assumed: SensorNoise)
 
     arclength (targets,) m of the targets.
     """
-    white = second_differences(
-        [values for run in runs for values in (*run.x.T, *run.y.T)],
-    )
+    white = white_of_targets(runs)
     found: dict[str, tuple[float | None, str]] = {
         'target_std': (white, 'second differences of target positions in time'),
         'pressure_std': (
@@ -81,7 +81,31 @@ def second_differences(series: Sequence[Array]) -> float | None:
     all_apart = np.concatenate([values[np.isfinite(values)] for values in apart] or [np.zeros(0)])
     if all_apart.size < FEWEST:
         return None
-    return SIGMA_OF_MEDIAN * float(np.median(all_apart)) / np.sqrt(6.0)
+    return SIGMA_OF_MEDIAN * float(np.median(all_apart)) / math.sqrt(6.0)
+
+
+def white_of_targets(runs: Sequence[Run]) -> float | None:
+    """Return the standard deviation of white noise of targets while the arm moves evenly.
+
+    White noise averages out over the targets of a frame; a change of motion does not. Frames are
+    compared less their mean, so that choosing among them does not make the noise smaller.
+    """
+    series = [values for run in runs for values in (run.x, run.y)]
+    first = second_differences([column for values in series for column in values.T])
+    if first is None:
+        return None
+    even = []
+    for values in series:
+        apart = np.diff(values, 2, axis=0)
+        count = np.maximum(np.isfinite(apart).sum(axis=1), 1)
+        common = np.nansum(apart, axis=1) / count
+        steady = (np.abs(common) < EVEN * first * np.sqrt(6.0 / count)) & (count > 1)
+        beside = (apart - common[:, None]) * np.sqrt(count / np.maximum(count - 1, 1))[:, None]
+        even.append(beside[steady])
+    apart = np.concatenate([values[np.isfinite(values)] for values in even])
+    if apart.size < FEWEST:
+        return first
+    return SIGMA_OF_MEDIAN * float(np.median(np.abs(apart))) / math.sqrt(6.0)
 
 
 def placement(runs: Sequence[Run], arclength: Array, white: float) -> float | None:

@@ -19,13 +19,11 @@ from pneunet_ros.attempt import (
     MOST_PANELS,
     TURN_PER_PANEL,
 )
-from pneunet_ros.effects.effect import Load
+from pneunet_ros.calibration.drive import Drive
 from pneunet_ros.rod import Rods
-from pneunet_ros.run import Run
 from pneunet_ros.shape import Array
 from pneunet_ros.solver import collocation
 from pneunet_ros.solver.series import answers, follow
-from pneunet_ros.units import seconds_between
 from scipy.interpolate import CubicSpline
 
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
@@ -34,49 +32,11 @@ X, Y, THETA, CURVATURE, INTRINSIC_CURVATURE, MOMENT = range(6)  # fields at stat
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Drive:
-    """What really acted on the arm at the frames of a run, by its sensing and its history.
-
-    pressure (frames,) Pa in the chamber; loads (frames, 3): F1, F2 (N), M (N m).
-    """
-
-    pressure: Array
-    loads: Array
-
-    def at(self, frames: npt.NDArray[np.int64]) -> Drive:
-        """Return the same for some of the frames."""
-        return Drive(pressure=self.pressure[frames], loads=self.loads[frames])
-
-
-def drive_of(arm: Arm, run: Run) -> Drive:
-    """Return what acted at the frames: sensing effects, then history over all readings."""
-    pressures = run.frame_pressure
-    loads = np.column_stack([run.force, run.moment])
-    if not arm.sensing and not arm.acting:
-        return Drive(pressure=pressures, loads=loads)
-    true = [
-        arm.sense(Load(pressure=p, force_x=f1, force_y=f2, moment=m))
-        for p, (f1, f2, m) in zip(pressures.tolist(), loads.tolist(), strict=True)
-    ]
-    loads = np.array([[load.force_x, load.force_y, load.moment] for load in true])
-    chamber = np.empty(len(run.pressure))
-    history, before = None, 0
-    for place, (stamp, pressure) in enumerate(
-        zip(run.reading_stamp_ns.tolist(), run.pressure.tolist(), strict=True)
-    ):
-        sensed = arm.sense(Load(pressure=pressure)).pressure
-        if history is None:
-            history, before = arm.initial_history(sensed), stamp
-        history, chamber[place] = arm.actuate(history, seconds_between(before, stamp), sensed)
-        before = stamp
-    return Drive(pressure=chamber[run.reading], loads=loads)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Answer:
     """Linear answer of the shapes at stations to the columns of the record.
 
-    values (frames, causes, 6, stations); causes: F1, F2, M, knots of the curvature, then the
+    values (frames, causes, 6, stations), x and y as measured; causes: F1, F2, M, knots of the
+    curvature, then the
     `columns` (k, 2) of sections.
     """
 
@@ -88,26 +48,36 @@ class Answer:
 class Series:
     """The shapes of an arm in the frames of a run, kept as starts for the next, changed arm."""
 
-    __slots__ = ('arclength', 'counts', 'detail', 'fields', 'known', 'nodes', 'solved')
+    __slots__ = ('arclength', 'counts', 'detail', 'fields', 'known', 'nodes', 'points', 'solved')
 
     def __init__(self, arclength: Array) -> None:
         self.arclength = arclength
         self.counts = np.zeros(0, dtype=np.int64)
 
-    def solve(self, arm: Arm, pressure: Array, loads: Array) -> npt.NDArray[np.bool_]:
-        """Solve all frames; `fields` (frames, 6, stations) is filled. Return which have a shape."""
-        rods = arm.rods(pressure)
-        counts = mesh_counts(rods, loads)
+    def solve(self, arm: Arm, drive: Drive) -> npt.NDArray[np.bool_]:
+        """Solve all frames; return which have a shape.
+
+        Fills `fields` (frames, 6, stations) and `points` (frames, 2, stations), where the stations
+        are measured by a camera of which only the effects of the arm are known.
+        """
+        rods = arm.rods(drive.pressure, drive.histories)
+        counts = mesh_counts(rods, drive.loads)
         if self.counts.size != counts.size or np.any(counts > self.counts):
-            self.start_anew(counts, len(pressure))
+            self.start_anew(counts, len(drive.pressure))
+        self.settle(arm, rods, drive.loads)
+        self.points = np.stack(arm.see(self.fields[:, X], self.fields[:, Y]), axis=1)
+        return self.solved
+
+    def settle(self, arm: Arm, rods: Rods, loads: Array) -> None:
+        """Solve on a mesh that carries the solutions; what is too fine for any is not solved."""
         while True:
             self.sweep(arm, rods, loads)
             if not np.any(self.detail[self.solved] > FINEST_DETAIL * arm.length):
-                return self.solved
+                return
             if 2 * int(self.counts.sum()) > MOST_PANELS:
                 self.solved &= self.detail <= FINEST_DETAIL * arm.length
-                return self.solved
-            self.start_anew(2 * self.counts, len(pressure))
+                return
+            self.start_anew(2 * self.counts, len(loads))
 
     def start_anew(self, counts: npt.NDArray[np.int64], frames: int) -> None:
         """Take another mesh."""
@@ -161,10 +131,28 @@ class Series:
                 collocation.unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
             first += 1
 
-    def answer(self, arm: Arm, pressure: Array, loads: Array, columns: Columns) -> Answer:
+    def some(self, frames: npt.NDArray[np.int64]) -> Series:
+        """Return the series of some of the frames, with their solutions."""
+        series = Series(self.arclength)
+        series.start_anew(self.counts, frames.size)
+        series.nodes[:], series.known[:] = self.nodes[frames], self.known[frames]
+        return series
+
+    def load_answer(self, arm: Arm, drive: Drive) -> Array:
+        """How points (frames, 2 stations) answer to F1, F2 and M, (frames, 2 stations, 3)."""
+        none = np.zeros((0, 2), dtype=np.int64)
+        answer = self.answered(arm, drive, none, knot_turning(arm)[:0])
+        return answer[:, :, :2].reshape(len(answer), answer.shape[1], -1).transpose(0, 2, 1)
+
+    def answer(self, arm: Arm, drive: Drive, columns: Columns) -> Answer:
         """Return the linear answer of the solved frames to these columns of sections."""
-        rods = arm.rods(pressure)
         unit = knot_turning(arm)
+        values = self.answered(arm, drive, columns, unit)
+        return Answer(values=values, columns=columns, knots=unit.shape[0])
+
+    def answered(self, arm: Arm, drive: Drive, columns: Columns, unit: Array) -> Array:
+        """Return the answer to loads, knots of this turning and columns, as in `Answer`."""
+        rods, loads = arm.rods(drive.pressure, drive.histories), drive.loads
         size = np.abs(rods.sections[:, columns[:, 0], columns[:, 1]]).mean(axis=0)
         steps = 1e-4 * np.where(size > 0.0, size, 1.0)
         causes = 3 + unit.shape[0] + len(columns)
@@ -185,13 +173,14 @@ class Series:
             self.arclength,
             out,
         )
-        return Answer(values=out, columns=columns, knots=unit.shape[0])
+        out[:, :, X], out[:, :, Y] = arm.see(out[:, :, X], out[:, :, Y])  # it is linear
+        return out
 
 
 def mesh_counts(rods: Rods, loads: Array) -> npt.NDArray[np.int64]:
     """Return the panels per section that every one of the rods needs."""
     ends = np.column_stack([rods.clamp, loads])
-    return np.max(
+    counts: npt.NDArray[np.int64] = np.max(
         [
             collocation.panel_counts(
                 rods.length,
@@ -206,6 +195,7 @@ def mesh_counts(rods: Rods, loads: Array) -> npt.NDArray[np.int64]:
         ],
         axis=0,
     )
+    return counts
 
 
 def knot_turning(arm: Arm) -> Array:

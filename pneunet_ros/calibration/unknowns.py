@@ -6,9 +6,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pneunet_ros.arm import Arm
+from pneunet_ros.calibration.drive import Drive
 from pneunet_ros.calibration.law_unknowns import LawUnknowns
-from pneunet_ros.calibration.response import Columns, Drive
-from pneunet_ros.curvature import IntrinsicCurvature, pressure_rows
+from pneunet_ros.calibration.response import Columns
+from pneunet_ros.curvature import IntrinsicCurvature
+from pneunet_ros.rod import RIGIDITY
 from pneunet_ros.shape import Array, frozen_array
 
 NUGGET = 1e-6  # of the variance of the prior, so that it can be inverted
@@ -90,15 +92,17 @@ class Unknowns:
         frames, knots = drive.pressure.size, self.arclength.size
         columns = self.columns.tolist()
         out = np.zeros((frames, 3 + knots + len(columns), values.size))
-        row, above = pressure_rows(self.pressure, drive.pressure)
-        which = np.arange(frames)
+        arm = self.arm(values)
+        weights = drive.row_weights(arm)
         for knot in range(knots):
-            out[which, 3 + knot, row * knots + knot] = 1.0 - above
-            out[which, 3 + knot, (row + 1) * knots + knot] = above
+            out[:, 3 + knot, knot : self.cells : knots] = weights
         if self.law is None:
             return out
-        arm = self.arm(values)
-        known = np.clip(drive.pressure, *arm.pressure_range)
+        known = np.clip(drive.pressure, *arm.moment_law.pressure_range)
+        base = self.law.law(values[self.cells :]).sections(known, arm.length, arm.weight)
+        softened = np.ones_like(base)  # by the effects: the rigidity alone
+        rods = arm.rods(drive.pressure, drive.histories)
+        softened[:, :, RIGIDITY] = rods.sections[:, :, RIGIDITY] / base[:, :, RIGIDITY]
         for unknown in range(self.cells, values.size):
             step = 1e-5 * np.sqrt(self.prior[unknown, unknown])
             sides = []
@@ -107,7 +111,7 @@ class Unknowns:
                 moved[unknown - self.cells] += sign * step
                 law = self.law.law(moved)
                 sides.append(law.sections(known, arm.length, arm.weight))
-            slope = (sides[1] - sides[0]) / (2.0 * step)
+            slope = (sides[1] - sides[0]) / (2.0 * step) * softened
             for place, (section, column) in enumerate(columns):
                 out[:, 3 + knots + place, unknown] = slope[:, section, column]
         return out
