@@ -98,6 +98,7 @@ def test_a_change_of_another_form_is_refused(text):
         (HEAD + PROTOCOL + 'seed: -1\n', 'seed must be a whole number from 0 on, not -1'),
         (HEAD + PROTOCOL + 'richness: much\n', 'richness must be a number in SI units'),
         (HEAD + PROTOCOL + 'noise: {std: 1}\n', 'unknown key noise.std; known here: pressure_std'),
+        (HEAD + PROTOCOL + 'detail: {elements: 99.5}\n', 'detail.elements = 99.5 is no whole'),
         (HEAD + PROTOCOL + 'rates: {frames: 0}\n', 'rates.frames = 0.0 is not within'),
         (HEAD + PROTOCOL + 'effects: {drag: {}}\n', f'known here: {", ".join(LAB_EFFECTS)}'),
         (HEAD + PROTOCOL + 'effects: {creep: {a: 1}}\n', 'unknown key effects.creep.a; known'),

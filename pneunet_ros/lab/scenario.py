@@ -30,6 +30,9 @@ class Detail:
     def __post_init__(self) -> None:
         """Check the values."""
         check_quantities(self, 'detail', RequestError)
+        for name in ('elements', 'stations'):
+            if not float(getattr(self, name)).is_integer():
+                raise RequestError(f'detail.{name} = {getattr(self, name)} is no whole number')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
