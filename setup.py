@@ -31,10 +31,11 @@ setup(
     maintainer='pneunet_ros maintainers',
     maintainer_email='maintainers@pneunet.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={PACKAGE: ['py.typed', 'templates/*']},
     data_files=list(shipped_files()),
     python_requires='>=3.11',
     install_requires=[
+        'jinja2>=3.1',
         'lz4>=4.0',
         'matplotlib>=3.6',
         'mcap>=1.2',

@@ -43,6 +43,7 @@ FLOORS = {
         settings meaning stamp_order estimator_state estimator zero holds
         tracker_state tracker
         run lab_run
+        calibration.stances calibration.views calibration.linearity calibration.sensitivity
     """,
     '3 outside': """
         output yaml_file model_file camera_file plots
@@ -54,6 +55,8 @@ FLOORS = {
         image_stream image_files image_sources
         reading_table table_columns csv_table table_reader table_writer
         length_unit target_table preview_video heat_map preview
+        report_style figure_data shape_figures moment_figures force_figures trend_figures
+        residual_figures calibration_figures calibration_tables calibration_report
         __init__
     """,
     '4 edges': """

@@ -29,6 +29,7 @@ NOT_SOURCE = shutil.ignore_patterns(
 # Import name -> name on PyPI, name of rosdep (None: it has none, the README says so).
 LIBRARIES = {
     'cv2': ('opencv-python-headless', 'python3-opencv'),
+    'jinja2': ('jinja2', 'python3-jinja2'),
     'lz4': ('lz4', None),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mcap': ('mcap', None),

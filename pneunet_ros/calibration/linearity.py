@@ -1,0 +1,99 @@
+"""Is it linear in pressure? kappa_p0 and kappa - kappa0 at four places of the arm (Figure 11)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.calibration.fitted import Fit
+from pneunet_ros.calibration.views import curvature_weights, MomentView
+from pneunet_ros.shape import Array
+
+PLACES = (0.2, 0.4, 0.6, 0.8)  # s / l, as in the paper
+FEWEST = 3  # values, for a straight line that can be wrong
+NUGGET = 1e-9  # of the largest variance, so that it can be inverted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Linearity:
+    """Values (n,) over pressure (n,) Pa at s / l = place, and the straight line through them.
+
+    value, std, departure (from the line) and departure_std in 1/m; the line is intercept (1/m) +
+    slope (1/(m Pa)) p.
+    """
+
+    place: float
+    pressure: Array
+    value: Array
+    std: Array
+    intercept: float
+    slope: float
+    slope_std: float
+    departure: Array
+    departure_std: Array
+
+    @property
+    def largest(self) -> int:
+        """Which departure is largest beside its standard error."""
+        return int(np.argmax(np.abs(self.departure) / self.departure_std))
+
+    @property
+    def sigmas(self) -> float:
+        """The largest departure in units of its standard error."""
+        return float(abs(self.departure[self.largest]) / self.departure_std[self.largest])
+
+
+def straight(place: float, pressure: Array, value: Array, covariance: Array) -> Linearity | None:
+    """Fit a straight line to values with a covariance; None for too few or one pressure only."""
+    if pressure.size < FEWEST or np.ptp(pressure) == 0.0:
+        return None
+    whole = covariance + NUGGET * np.max(np.diag(covariance)) * np.eye(pressure.size)
+    middle, half = pressure.mean(), 0.5 * np.ptp(pressure)
+    design = np.column_stack([np.ones(pressure.size), (pressure - middle) / half])
+    weighted = np.linalg.solve(whole, design)
+    spread = np.linalg.inv(design.T @ weighted)
+    onto = spread @ weighted.T
+    level, trend = (onto @ value).tolist()
+    aside = np.eye(pressure.size) - design @ onto
+    variance = np.diag(aside @ whole @ aside.T)
+    return Linearity(
+        place=place,
+        pressure=pressure,
+        value=value,
+        std=np.sqrt(np.diag(covariance)),
+        intercept=level - trend * middle / half,
+        slope=trend / half,
+        slope_std=float(np.sqrt(spread[1, 1])) / half,
+        departure=aside @ value,
+        departure_std=np.sqrt(np.maximum(variance, NUGGET * np.max(np.diag(whole)))),
+    )
+
+
+def intrinsic_linearity(fit: Fit) -> tuple[Linearity, ...]:
+    """Return kappa_p0 over the rows of its table, at all places."""
+    rows = fit.unknowns.pressure
+    weights = curvature_weights(fit, rows, np.array(PLACES))
+    table = fit.arm.intrinsic_curvature
+    values = np.array([table.at(float(row), PLACES) for row in rows])
+    found = [
+        straight(place, rows, values[:, at], weights[:, at] @ fit.covariance @ weights[:, at].T)
+        for at, place in enumerate(PLACES)
+    ]
+    return tuple(item for item in found if item is not None)
+
+
+def change_linearity(views: Sequence[MomentView], length: float) -> tuple[Linearity, ...]:
+    """Return measured kappa - kappa0 over the pressures of views of one recording, at all places.
+
+    The load changes with pressure as it did in the recording. The error of kappa0 is taken for
+    independent between pressures.
+    """
+    pressure = np.array([view.stance.pressure for view in views])
+    found = []
+    for place in PLACES:
+        at = place * length
+        value = np.array([np.interp(at, view.arclength, view.change) for view in views])
+        std = np.array([np.interp(at, view.arclength, view.std) for view in views])
+        found.append(straight(place, pressure, value, np.diag(std**2)))
+    return tuple(item for item in found if item is not None)
