@@ -85,7 +85,7 @@ def load_knowledge(model: Path) -> Knowledge:
         return Knowledge(**values | {'kind': str(values['kind'])})
     except FileNotFoundError:
         raise ModelError(
-            f'{path} is missing: it is written beside a model by `pneunet calibrate` and is needed '
+            f'{path} is missing: `pneunet calibrate` writes it beside a model, and it is needed '
             'to continue; calibrate anew with all recordings'
         ) from None
     except (OSError, ValueError, KeyError, BadZipFile, EOFError, PneunetError) as error:

@@ -9,15 +9,16 @@ that it is the unit matrix.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from pneunet_ros.arm import Arm
 from pneunet_ros.calibration.disturbances import Disturbances, PATH_NODES
 from pneunet_ros.calibration.drive import Drive, drives_of
+from pneunet_ros.calibration.fitted import Fit, FittedRun
 from pneunet_ros.calibration.response import Series, THETA
 from pneunet_ros.calibration.unknowns import Unknowns
+from pneunet_ros.calibration.whitening import Whitening
 from pneunet_ros.curvature import pressure_rows
 from pneunet_ros.errors import ModelError
 from pneunet_ros.noise import SensorNoise
@@ -30,61 +31,6 @@ SMALL_STEP = 0.05  # standard deviations of all that is fitted, together
 MOST_HALVINGS = 8
 # of drift_std: a random walk between its nodes on a straight line, per frame
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FittedRun:
-    """A run beside what the fitted model says of it.
-
-    points (frames, 2, targets) m: the model alone, as measured; disturbance (frames, 2, targets)
-    m: what placement and camera add; fields (frames, 6, targets) as of
-    `solver.stations.at_stations`; whitened (frames,) the squared whitened residual and freedom
-    (frames,) the number of its coordinates.
-    Frames that have no equilibrium (`solved` False) count nothing.
-    """
-
-    run: Run
-    drive: Drive
-    fields: Array
-    points: Array
-    disturbance: Array
-    whitened: Array
-    freedom: Array
-    solved: npt.NDArray[np.bool_]
-
-    @property
-    def residual(self) -> Array:
-        """Measured minus predicted with the disturbances found, (frames, 2, targets) m."""
-        return np.stack([self.run.x, self.run.y], axis=1) - self.points - self.disturbance
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fit:
-    """A fitted model: values (n,) of the unknowns, their covariance, and every run beside it.
-
-    information (n, n) is that of the data alone on the unknowns of the model (disturbances
-    integrated out) and pull (n,) the same data's linear term; log_evidence compares models on the
-    same data. `converged` and `status` say how the search ended.
-    """
-
-    unknowns: Unknowns
-    values: Array
-    covariance: Array
-    information: Array
-    pull: Array
-    placement: Array
-    runs: tuple[FittedRun, ...]
-    chi_squared: float
-    freedom: int
-    log_evidence: float
-    steps: int
-    converged: bool
-    status: str
-
-    @property
-    def arm(self) -> Arm:
-        """The arm with the fitted values."""
-        return self.unknowns.arm(self.values)
 
 
 class Posterior:
@@ -208,27 +154,6 @@ class Posterior:
         half = columns[0].shape[1] // 2
         between[0, :, :half] = between[1, :, half:] = self.noise.drift_std * BETWEEN_NODES
         return np.stack([*columns, *between], axis=2)
-
-
-class Whitening:
-    """Makes residuals of frames white: noise of targets and errors of that frame's readings.
-
-    With covariance sigma^2 1 + P P^T, P = U S V^T: subtracts along U what the readings explain.
-    """
-
-    def __init__(self, sigma: float, sensed: Array, mask: npt.NDArray[np.bool_]) -> None:
-        self.sigma, self.mask = sigma, mask
-        masked = np.where(mask[:, :, None], sensed, 0.0)
-        self.directions, sizes, _ = np.linalg.svd(masked / sigma, full_matrices=False)
-        self.shrink = 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
-
-    def __call__(self, columns: Array) -> Array:
-        """Whiten columns (frames, coordinates, n); zero where nothing was seen."""
-        columns = np.where(self.mask[:, :, None], columns, 0.0)
-        along = np.matmul(self.directions.transpose(0, 2, 1), columns)
-        along *= self.shrink[:, :, None]
-        white: Array = (columns - np.matmul(self.directions, along)) / self.sigma
-        return white
 
 
 def fit(

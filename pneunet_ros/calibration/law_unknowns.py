@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -26,6 +25,7 @@ class LawUnknowns(abc.ABC):
     mean (n,) and prior (n, n) covariance; stiffness is a first guess of EI (N m^2).
     """
 
+    kind: ClassVar[str]
     columns: ClassVar[tuple[tuple[int, int], ...]]  # of the sections, that the unknowns move
     stiffness: float
     low: float
@@ -52,6 +52,7 @@ class PiecewiseUnknowns(LawUnknowns):
     waves. M_O is zero: beside kappa0 it cannot be identified.
     """
 
+    kind: ClassVar[str] = PiecewiseLinearLaw.kind
     columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY), (1, RIGIDITY), (1, START))
     rows: Array = field(init=False)
 
@@ -108,6 +109,7 @@ class PiecewiseUnknowns(LawUnknowns):
 class LinearUnknowns(LawUnknowns):
     """M = EI (kappa - kappa0): one stiffness."""
 
+    kind: ClassVar[str] = LinearLaw.kind
     columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY),)
 
     def __post_init__(self) -> None:
@@ -132,6 +134,7 @@ PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.00
 class MajidiUnknowns(LawUnknowns):
     """Eq 11 with the paper's section: one elastic modulus; kappa0 is fitted as for other laws."""
 
+    kind: ClassVar[str] = MajidiLaw.kind
     columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY),)
 
     def __post_init__(self) -> None:
@@ -150,8 +153,6 @@ class MajidiUnknowns(LawUnknowns):
         return ('moment_law.modulus',), np.eye(1)
 
 
-LAW_UNKNOWNS: dict[str, Callable[..., LawUnknowns]] = {
-    PiecewiseLinearLaw.kind: PiecewiseUnknowns,
-    LinearLaw.kind: LinearUnknowns,
-    MajidiLaw.kind: MajidiUnknowns,
+LAW_UNKNOWNS: dict[str, type[LawUnknowns]] = {
+    law.kind: law for law in (PiecewiseUnknowns, LinearUnknowns, MajidiUnknowns)
 }

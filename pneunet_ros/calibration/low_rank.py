@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.calibration.fit import Fit
+from pneunet_ros.calibration.fitted import Fit
 from pneunet_ros.calibration.response import Series
 from pneunet_ros.noise import ModelCovariance, MOST_COLUMNS
 from pneunet_ros.shape import Array

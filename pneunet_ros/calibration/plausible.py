@@ -20,9 +20,14 @@ LARGEST_PRESSURE = 1e6  # Pa
 LONGER_THAN_ARM = 1.3  # of the length, from the clamp to a target
 
 
-def check_runs(unloaded: Sequence[Run], loaded: Sequence[Run], arm: Arm) -> None:
-    """Raise RequestError or RecordingError where the recordings cannot give a calibration."""
-    if not unloaded:
+def check_runs(
+    unloaded: Sequence[Run], loaded: Sequence[Run], arm: Arm, *, first: bool = True
+) -> None:
+    """Raise RequestError or RecordingError where the recordings cannot give a calibration.
+
+    first: nothing is known of the arm yet.
+    """
+    if not unloaded and (first or not loaded):
         raise RequestError(
             'no unloaded recording: the curvature kappa_p0 comes from an arm without end load; '
             'name such recordings after --unloaded'
@@ -42,6 +47,8 @@ def check_runs(unloaded: Sequence[Run], loaded: Sequence[Run], arm: Arm) -> None
                 f'{run.name} was given as loaded, but it has no end force above '
                 f'{SMALLEST_FORCE} N; name it after --unloaded'
             )
+    if not first:
+        return
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     if np.ptp(pressures) < SMALLEST_SPAN:
         raise RecordingError(

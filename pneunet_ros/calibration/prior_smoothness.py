@@ -6,7 +6,7 @@ from dataclasses import replace
 import itertools
 
 import numpy as np
-from pneunet_ros.calibration.fit import Fit
+from pneunet_ros.calibration.fitted import Fit
 from pneunet_ros.calibration.unknowns import Smoothness
 from pneunet_ros.shape import Array
 

@@ -33,7 +33,8 @@ class Smoothness:
 class Unknowns:
     """The unknowns: curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, then the law.
 
-    `frame` is an arm that has everything else; without `law` the arm keeps its own.
+    `frame` is an arm that has everything else; without `law` the arm keeps its own. known: mean
+    and covariance of the first unknowns from an earlier fit, in place of what is believed before any.
     """
 
     frame: Arm
@@ -41,6 +42,7 @@ class Unknowns:
     arclength: Array
     smoothness: Smoothness
     law: LawUnknowns | None
+    known: tuple[Array, Array] | None = None
     mean: Array = field(init=False)
     prior: Array = field(init=False)
 
@@ -61,6 +63,11 @@ class Unknowns:
             size = prior.shape[0]
             prior = np.zeros((mean.size, mean.size))
             prior[:size, :size], prior[size:, size:] = field_prior, self.law.prior
+        if self.known is not None:
+            size = self.known[0].size
+            mean[:size] = self.known[0]
+            prior[:size, :] = prior[:, :size] = 0.0
+            prior[:size, :size] = self.known[1]
         object.__setattr__(self, 'mean', frozen_array(mean))
         object.__setattr__(self, 'prior', frozen_array(prior))
 

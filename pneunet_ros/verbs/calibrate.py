@@ -81,7 +81,7 @@ def options(parser: ArgumentParser) -> None:
         dest='earlier',
         type=Path,
         metavar='MODEL.yaml',
-        help='go on from this calibration with new recordings; its .knowledge.npz stands beside it',
+        help='go on from this calibration; its .knowledge.npz must stand beside it',
     )
     parser.add_argument('--name', help='of the model (default: the name of the output file)')
     parser.add_argument(
