@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.errors import MessageError
 from pneunet_ros.estimator import Estimator, Outcome
 from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.message_parts import Input, UNREADABLE
+from pneunet_ros.message_parts import Input, Output, UNREADABLE
 from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.messages import INPUTS, OUTPUTS
 from pneunet_ros.readings import Reading
@@ -65,7 +65,9 @@ def steps(
 
 
 def estimate_topic(pressure_topic: str, name: str) -> str:
-    """Full name of an output topic: beside the pressure topic, in its namespace."""
+    """Full name of an output topic: in the namespace of the pressure topic, unless absolute."""
+    if name.startswith('/'):
+        return name
     return f'{pressure_topic.rsplit("/", 1)[0]}/{name}'
 
 
@@ -75,13 +77,14 @@ def record_steps(
     estimator: Estimator,
     topics: Mapping[str, Input[Reading]],
     each: Callable[[Step], None],
+    views: Sequence[Output[ShapeEstimate]] = (),
 ) -> None:
-    """Write the inputs, unchanged, and all outputs; `each` sees every step."""
+    """Write the inputs, unchanged, all outputs, and `views`; `each` sees every step."""
     copies = {name: writer.add_copy(recording.topic(name)) for name in topics}
     pressure_topic = next(name for name, item in topics.items() if item.name == 'pressure')
     outputs = [
         (output, writer.add(estimate_topic(pressure_topic, output.name), output.type))
-        for output in OUTPUTS
+        for output in (*OUTPUTS, *views)
     ]
     serializer = ClaimSerializer(
         types=ROSBAGS_TYPES, serialize=serialize, frame_id=estimator.settings.frame_id

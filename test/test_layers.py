@@ -47,7 +47,7 @@ FLOORS = {
     """,
     '3 outside': """
         output yaml_file model_file camera_file plots
-        message_parts estimate_messages messages cdr_template
+        message_parts estimate_messages messages view_messages cdr_template
         cloud_points compressed_image tracker_messages reading_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
         recorded_series run_reader

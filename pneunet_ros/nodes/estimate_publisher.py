@@ -12,9 +12,9 @@ from pneunet_ros.shape import ShapeEstimate
 
 # Published first, as a controller may wait for them; the centerline last, as it is for people.
 FOR_CONTROL = ('shape', 'tip', 'tip_jacobian')
-FOR_PEOPLE = 'centerline'
+FOR_PEOPLE = ('centerline', 'markers')
 PUBLISHED = tuple(
-    sorted(OUTPUTS, key=lambda topic: (topic.name not in FOR_CONTROL, topic.name == FOR_PEOPLE))
+    sorted(OUTPUTS, key=lambda topic: (topic.name not in FOR_CONTROL, topic.name in FOR_PEOPLE))
 )
 
 
@@ -22,15 +22,23 @@ class EstimatePublisher:
     """Publishes estimates on all their topics, as far as somebody listens.
 
     A message is not even built for a topic without subscribers. `centerline_rate` (Hz) limits the
-    topic of that name, as reading a Path is costly; 0 means every estimate.
+    topics for people, as building and reading them is costly; 0 means every estimate. `views` are
+    published beside the topics that are always there.
     """
 
-    def __init__(self, node: Any, serializer: ClaimSerializer, centerline_rate: float) -> None:
+    def __init__(
+        self,
+        node: Any,
+        serializer: ClaimSerializer,
+        centerline_rate: float,
+        views: tuple[Output[ShapeEstimate], ...] = (),
+    ) -> None:
         self.centerline_rate = centerline_rate
         self._serializer = serializer
-        self._due = 0.0
+        self._due = dict.fromkeys(FOR_PEOPLE, 0.0)
         self._publishers: tuple[tuple[Output[ShapeEstimate], Any], ...] = tuple(
-            (topic, publisher(node, topic.type, topic.name, output_qos())) for topic in PUBLISHED
+            (topic, publisher(node, topic.type, topic.name, output_qos()))
+            for topic in (*PUBLISHED, *views)
         )
 
     def publish(self, estimate: ShapeEstimate, now: float) -> None:
@@ -38,16 +46,17 @@ class EstimatePublisher:
         for topic, out in self._publishers:
             if out.get_subscription_count() == 0:
                 continue
-            if topic.name == FOR_PEOPLE and not self._centerline_is_due(now):
+            if topic.name in FOR_PEOPLE and not self._is_due(topic.name, now):
                 continue
             out.publish(self._serializer.bytes_of(topic, estimate))
 
-    def _centerline_is_due(self, now: float) -> bool:
+    def _is_due(self, name: str, now: float) -> bool:
         if self.centerline_rate <= 0.0:
             return True
-        if now < self._due:
+        due = self._due[name]
+        if now < due:
             return False
         # A step from when it was due keeps the rate, unless nothing was wanted for a while.
         period = 1.0 / self.centerline_rate
-        self._due = self._due + period if now - self._due < period else now + period
+        self._due[name] = due + period if now - due < period else now + period
         return True

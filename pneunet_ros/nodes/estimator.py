@@ -65,7 +65,9 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         if trouble:
             self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')
 
-        self.outputs = EstimatePublisher(self, serializer, self.configuration.node.centerline_rate)
+        node = self.configuration.node
+        views = node.views(lambda: self.configuration.estimator.arm)
+        self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, views)
         self.open_services()
         self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
 

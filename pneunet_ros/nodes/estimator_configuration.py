@@ -6,14 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pneunet_ros.errors import RequestError
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.estimator_state import EstimatorState
+from pneunet_ros.message_parts import Output
 from pneunet_ros.model_file import load_model
 from pneunet_ros.nodes.estimator_info import estimator_info
 from pneunet_ros.nodes.model_info import model_label
 from pneunet_ros.nodes.parameters import model_path, ParameterTable, SHIPPED_MODEL
 from pneunet_ros.settings import check_settings, EstimatorSettings, setting
+from pneunet_ros.shape import ShapeEstimate
 from pneunet_ros.units import quantity
+from pneunet_ros.view_messages import ArmInUse, markers_output, TIP_FRAME, transform_output
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,18 +28,43 @@ class NodeSettings:
     centerline_rate: float = quantity(
         30.0,
         unit='Hz',
-        meaning='largest rate of the topic centerline; 0: every estimate',
+        meaning='largest rate of centerline and of markers; 0: every estimate',
         bounds=(0.0, 1000.0),
     )
+    publish_markers: bool = setting(
+        False, 'publish the topic markers: the arm, its targets and the end force, for displays'
+    )
+    publish_tf: bool = setting(False, 'publish the transform from frame_id to tip_frame on /tf')
+    tip_frame: str = setting(TIP_FRAME, 'frame of the free end, on /tf')
 
     def __post_init__(self) -> None:
         """Refuse values outside their declaration."""
         check_settings(self)
+        if not self.tip_frame:
+            raise RequestError('tip_frame must not be empty')
+
+    def views(self, arm: ArmInUse) -> tuple[Output[ShapeEstimate], ...]:
+        """Return the outputs for the eye that were asked for."""
+        outputs = []
+        if self.publish_tf:
+            outputs.append(transform_output(self.tip_frame))
+        if self.publish_markers:
+            outputs.append(markers_output(arm))
+        return tuple(outputs)
 
 
 PARAMETERS = ParameterTable(
     owners=(NodeSettings, EstimatorSettings),
-    read_only=frozenset({'frame_id', 'stations', 'wrench_required'}),
+    read_only=frozenset(
+        {
+            'frame_id',
+            'publish_markers',
+            'publish_tf',
+            'stations',
+            'tip_frame',
+            'wrench_required',
+        }
+    ),
 )
 
 

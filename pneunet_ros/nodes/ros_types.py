@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy.typing as npt
+from pneunet_ros.errors import RequestError
 from rclpy.serialization import serialize_message
 
 
@@ -29,9 +30,17 @@ RCLPY_TYPES = RclpyTypes()
 
 @cache
 def message_class(type_name: str) -> Callable[..., Any]:
-    """Import the class of a type such as 'nav_msgs/msg/Path'."""
+    """Import the class of a type such as 'nav_msgs/msg/Path'; RequestError where there is none."""
     package, _, name = type_name.split('/')
-    found: Callable[..., Any] = getattr(import_module(f'{package}.msg'), name)
+    try:
+        module = import_module(f'{package}.msg')
+    except ModuleNotFoundError:
+        raise RequestError(
+            f'{type_name} is needed, and the package {package} is not in this ROS: install it '
+            f'(apt install ros-jazzy-{package.replace("_", "-")}; it is not among the wheels on '
+            'PyPI if pip does not find it), or do not ask for what needs it'
+        ) from None
+    found: Callable[..., Any] = getattr(module, name)
     return found
 
 

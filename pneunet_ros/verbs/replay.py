@@ -30,6 +30,7 @@ from pneunet_ros.verbs.verb import (
     topics_of,
     Verb,
 )
+from pneunet_ros.view_messages import markers_output, TIP_FRAME, transform_output
 from rich.table import Table
 
 
@@ -44,6 +45,11 @@ def options(parser: ArgumentParser) -> None:
         type=Path,
         metavar='OUT.mcap',
         help='write inputs and all estimator topics here (default: print the summary only)',
+    )
+    parser.add_argument(
+        '--views',
+        action='store_true',
+        help='write markers (visualization_msgs) and the transform to the tip (/tf) as well',
     )
     add_overwrite(parser)
     add_topics(parser)
@@ -79,7 +85,9 @@ def run(arguments: Namespace) -> int:
                     arguments.output, overwrite=arguments.overwrite, inputs=[arguments.recording]
                 )
             )
-            record_steps(writer, recording, estimator, topics, each)
+            views = (markers_output(lambda: arm), transform_output(TIP_FRAME))
+            shown = views if arguments.views else ()
+            record_steps(writer, recording, estimator, topics, each, shown)
     seconds = time.perf_counter() - begun
     state = tally.state
     summary = {
