@@ -70,6 +70,7 @@ setup(
             'pneunet = pneunet_ros.cli:main',
             'estimator = pneunet_ros.nodes.estimator:main',
             'tracker = pneunet_ros.nodes.tracker:main',
+            'virtual_arm = pneunet_ros.nodes.virtual_arm:main',
         ],
     },
 )

@@ -11,7 +11,7 @@ from pneunet_ros.errors import RequestError
 from pneunet_ros.lab.lab_arm import LabArm, varied
 from pneunet_ros.lab.lab_effect import LabEffect
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
-from pneunet_ros.lab.protocols import Protocol, PROTOCOLS
+from pneunet_ros.lab.protocols import Protocol, PROTOCOLS, SlowRamp
 from pneunet_ros.lab.scenario import Detail, Scenario
 from pneunet_ros.lab.sensors import LabNoise, Rates
 from pneunet_ros.yaml_file import given, YamlFile
@@ -40,12 +40,28 @@ def load_scenario(path: str | Path) -> Scenario:
     return FILE.load(path, lambda content: scenario_from_mapping(content, path.parent))
 
 
+def load_lab(path: str | Path) -> Scenario:
+    """Read a scenario file, or the file of an arm alone: then the arm with the lab's defaults."""
+    path = Path(path)
+    return FILE.load(path, lambda content: lab_from_mapping(content, path.parent))
+
+
+def lab_from_mapping(content: Any, folder: Path) -> Scenario:
+    """Build a scenario from the content of its file or of that of an arm, which has no `arm`."""
+    if isinstance(content, dict) and 'arm' not in content and 'protocol' not in content:
+        arm = arm_from_mapping(content, '')
+        return Scenario(name=arm.name, arm=arm, protocol=SlowRamp())
+    return scenario_from_mapping(content, folder)
+
+
 def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
     """Build a scenario from the content of its file; its arm may be a file in that folder."""
     top = FILE.block(content, '', (*NEEDED, *OPTIONAL), set(OPTIONAL))
     FILE.check_version(top['schema_version'], SCHEMA_VERSION)
     arm = top['arm']
     if isinstance(arm, str):
+        if Path(arm).name != arm or arm == '..':
+            raise RequestError(f'arm must be a block, or the name of a file beside it, not {arm!r}')
         arm = ARM_FILE.load(folder / arm, lambda content: arm_from_mapping(content, ''))
     else:
         arm = arm_from_mapping(arm, 'arm')

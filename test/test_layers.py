@@ -37,7 +37,7 @@ FLOORS = {
         lab.chain_kernels lab.chain lab.lab_arm lab.lab_effect
         lab.reading_effects lab.history_kernels lab.memory_effects lab.chain_effects
         lab.lab_effects lab.timeline lab.protocols lab.sensors lab.scenario lab.lab_recording
-        lab.simulated
+        lab.simulated lab.valve lab.live lab.film
     """,
     '2 inference': """
         settings meaning stamp_order estimator_state estimator zero holds
@@ -48,7 +48,7 @@ FLOORS = {
     '3 outside': """
         output yaml_file model_file camera_file plots
         message_parts estimate_messages messages view_messages cdr_template
-        cloud_points compressed_image tracker_messages reading_messages overlay
+        cloud_points compressed_image tracker_messages reading_messages camera_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
         recorded_series run_reader
         scenario_file lab_files
@@ -70,6 +70,7 @@ FLOORS = {
         nodes.estimator_health nodes.estimator_warm_up nodes.estimator
         nodes.following nodes.tracker_configuration nodes.tracker_health nodes.tracker_warm_up
         nodes.tracker
+        nodes.virtual_arm_configuration nodes.virtual_arm
     """,
 }
 ORDER = [module for floor in FLOORS.values() for module in floor.split()]

@@ -117,11 +117,12 @@ def middle_joints(length: float, elements: int) -> Array:
     return freeze(np.concatenate([[0.0], middles, [length]]))
 
 
-def lying(chain: Chain) -> Lying:
+def lying(chain: Chain, start: Array | None = None) -> Lying:
     """Return the chain in equilibrium, frame after frame.
 
-    A frame starts from the one before, so that a branch of equilibria is followed as long as it
-    exists. Raises RequestError that names the first frame for which none was found.
+    A frame starts from the one before, the first one from the angles `start` (n + 2,) where they
+    are given, so that a branch of equilibria is followed as long as it exists. Raises RequestError
+    that names the first frame for which none was found.
     """
     frames, joints = chain.turning.shape
     loads = np.column_stack([chain.rigidity, chain.split, chain.force, chain.moment])
@@ -140,9 +141,10 @@ def lying(chain: Chain) -> Lying:
         ]
     )
     angles = np.zeros((frames, joints + 1))
-    solved = int(
-        equilibria(chain.turning, chain.rest, chain.line, freeze(loads), freeze(numbers), angles)
-    )
+    if start is not None:
+        angles[0] = start
+    tables = chain.turning, chain.rest, chain.line, freeze(loads), freeze(numbers)
+    solved = int(equilibria(*tables, angles, start is not None))
     if solved < frames:
         force = chain.force[solved]
         raise RequestError(

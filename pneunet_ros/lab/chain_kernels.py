@@ -194,22 +194,31 @@ def settle(
 
 @kernel
 def equilibria(
-    turning: Array, rest: Array, line: Array, loads: Array, numbers: Array, angles: Array
+    turning: Array,
+    rest: Array,
+    line: Array,
+    loads: Array,
+    numbers: Array,
+    angles: Array,
+    begun: bool,
 ) -> int:
     """Solve every frame, each from the one before; returns how many were solved, in their order.
 
-    turning (frames, n + 1), rest (frames, n), loads (frames, 6); fills angles (frames, n + 2). A
-    frame that cannot be reached so is reached from the unloaded arm by adding the load in steps.
+    turning (frames, n + 1), rest (frames, n), loads (frames, 6); fills angles (frames, n + 2), of
+    which the first row says where to begin, if `begun`. A frame that cannot be reached so is
+    reached from the unloaded arm by adding the load in steps.
     """
     frames: int = angles.shape[0]
     size = angles.shape[1]
     work = np.empty((5, size))
     for f in range(frames):
         now = angles[f]
-        if f > 0:
-            for i in range(size):
-                now[i] = angles[f - 1, i]
-            now[0] = angles[f - 1, 0] if numbers[2] > 0.0 else numbers[1]
+        if f > 0 or begun:
+            if f > 0:
+                for i in range(size):
+                    now[i] = angles[f - 1, i]
+            if numbers[2] <= 0.0:
+                now[0] = numbers[1]
             left = settle(now, turning[f], rest[f], line, loads[f], numbers, 1.0, work)
             if left < SETTLED:
                 continue

@@ -5,7 +5,7 @@ Every kind of noise draws from a stream of its own, so that one can be changed w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import zlib
 
 import numpy as np
@@ -50,6 +50,11 @@ class LabNoise:
     def __post_init__(self) -> None:
         """Check the values."""
         check_quantities(self, 'noise', RequestError)
+
+
+def noiseless() -> LabNoise:
+    """Return no noise at all."""
+    return LabNoise(**{item.name: 0.0 for item in fields(LabNoise)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,7 +38,7 @@ def simulated(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordi
         raise RequestError('protocol.duration must hold two frames or more')
     arm, weights = scenario.arm, sampled(course, course.weights, times)
     chamber = sampled(course, course.chamber[:, None], times)[:, 0]
-    shape = lying(chain_of(scenario, events, course, times))
+    shape = lying(chain_of(scenario, course, times, events.force_at(times)))
     arclength = np.linspace(0.0, arm.length, int(scenario.detail.stations))
     x, y, theta = shape.points(arclength)
     placement = placed(stream('placement', arm.seed), arm.targets.size, scenario.noise)
@@ -131,8 +131,8 @@ def sampled(course: Course, columns: Array, times: Array) -> Array:
     return freeze(np.column_stack(values))
 
 
-def chain_of(scenario: Scenario, events: Timeline, course: Course, times: Array) -> Chain:
-    """Return the arm at these times (s) as a chain, with all that effects bring."""
+def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> Chain:
+    """Return the arm at times (n,) s, under forces (n, 2) N, with all that effects bring."""
     arm = scenario.arm
     chamber = freeze(np.interp(times, course.time, course.chamber))
     factor = np.interp(times, course.time, course.rigidity_factor)
@@ -145,7 +145,7 @@ def chain_of(scenario: Scenario, events: Timeline, course: Course, times: Array)
         turning=freeze(np.diff(turned, axis=1)),
         rigidity=freeze(rigidity * factor[:, None]),
         split=split,
-        force=events.force_at(times),
+        force=force,
         moment=freeze(np.zeros(times.size)),
     )
     for effect in scenario.effects:
@@ -172,9 +172,9 @@ def measured(
         stamps(random_of(scenario, f'stamps of {name}'), time, start, noise)
         for name, time in zip(('pressure', 'wrench', 'frames'), times, strict=True)
     ]
-    pressure, _ = read(scenario, events, times[0])
+    pressure, _ = read(scenario, events.pressure_at(times[0]), events.force_at(times[0]))
     white = random_of(scenario, 'pressure').standard_normal(pressure.size)
-    _, force = read(scenario, events, times[1])
+    _, force = read(scenario, events.pressure_at(times[1]), events.force_at(times[1]))
     random = random_of(scenario, 'wrench')
     hanging = np.abs(events.force_at(times[1])).max(axis=1) > 0.0
     force = force + noise.force_std * random.standard_normal(force.shape)
@@ -209,9 +209,8 @@ def measured(
     )
 
 
-def read(scenario: Scenario, events: Timeline, times: Array) -> tuple[Array, Array]:
-    """Return what noiseless sensors say of pressure (n,) Pa and force (n, 2) N at times (s)."""
-    pressure, force = events.pressure_at(times), events.force_at(times)
+def read(scenario: Scenario, pressure: Array, force: Array) -> tuple[Array, Array]:
+    """Return what noiseless sensors say of true pressures (n,) Pa and forces (n, 2) N."""
     for effect in scenario.effects:
         pressure, force = effect.read(scenario.arm, pressure, force)
     return pressure, force

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 import time
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from pneunet_ros.errors import PneunetError
@@ -47,6 +47,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
     that all files are read again.
     """
 
+    INFO_TOPIC: ClassVar[str] = 'model_info'
+
     def __init__(
         self,
         name: str,
@@ -62,7 +64,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     def open_services(self) -> None:
         """Open services and outputs that are there whatever the inputs are."""
-        self.info = publisher(self, 'std_msgs/msg/String', 'model_info', latched_qos())
+        self.info = publisher(self, 'std_msgs/msg/String', self.INFO_TOPIC, latched_qos())
         self.diagnostics = publisher(
             self, 'diagnostic_msgs/msg/DiagnosticArray', '/diagnostics', output_qos()
         )

@@ -1,0 +1,39 @@
+"""Make config/lab_arm.yaml, the model that knows the truth about scenarios/lab_arm.yaml.
+
+With it the estimator predicts the virtual arm, as far as no hidden effect is given to that:
+
+    python config/make_lab_arm.py
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.lab_run import true_model
+from pneunet_ros.model_file import save_model
+from pneunet_ros.resources import shipped
+from pneunet_ros.scenario_file import load_lab
+
+SOURCE = 'the truth about scenarios/lab_arm.yaml, an arm invented for the virtual lab; not fitted'
+KEYS = ('arm', 'intrinsic_curvature', 'moment_law', 'sensors')
+
+
+def lab_model() -> Arm:
+    """Return the model of the shipped lab arm."""
+    arm = true_model(load_lab(shipped('scenarios/lab_arm.yaml')))
+    table = arm.intrinsic_curvature
+    rounded = {name: np.round(getattr(table, name), 6) for name in ('arclength', 'curvature')}
+    return replace(
+        arm,
+        intrinsic_curvature=replace(table, **rounded),
+        name='lab-arm',
+        sources=dict.fromkeys(KEYS, SOURCE),
+        provenance={'source': 'made by config/make_lab_arm.py', 'recordings': []},
+    )
+
+
+if __name__ == '__main__':
+    save_model(lab_model(), Path(__file__).with_name('lab_arm.yaml'), overwrite=True)

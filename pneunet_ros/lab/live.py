@@ -1,0 +1,175 @@
+"""The virtual lab one step after the other: what is commanded goes in, what is read comes out.
+
+The same arm, effects and sensors as in `simulated`, whose recordings it repeats when it is led
+through the same pressures and loads. There is no clock here: time is given with every step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+import math
+
+import numpy as np
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.chain import Lying, lying
+from pneunet_ros.lab.lab_effect import Course, Past
+from pneunet_ros.lab.scenario import Scenario
+from pneunet_ros.lab.sensors import placed, stream
+from pneunet_ros.lab.simulated import (
+    chain_of,
+    followed,
+    MOST_STEPS_BETWEEN,
+    painted,
+    random_of,
+    read,
+    STEP,
+)
+from pneunet_ros.lab.valve import Valve
+from pneunet_ros.shape import Array, freeze
+
+MIDDLE = 0.5  # share of the time of a recording at which rich cameras see live
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """What the surroundings apply to the free end, in the base frame: force (N), moment (N m)."""
+
+    force_x: float = 0.0
+    force_y: float = 0.0
+    moment: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no number."""
+        if not all(map(math.isfinite, (self.force_x, self.force_y, self.moment))):
+            raise RequestError('the load must not hold NaN or infinity')
+
+    @property
+    def hangs(self) -> bool:
+        """Whether there is a load at all."""
+        return any((self.force_x, self.force_y, self.moment))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LiveState:
+    """A moment in the life of an arm: time (s), true pressure (Pa) at the sensor, load.
+
+    course: what led there since the moment before; past: what every effect remembers; angles
+    (rad) of the chain when it was last asked for its shape, from which the next one is found.
+    """
+
+    time: float
+    pressure: float
+    load: Load
+    course: Course
+    past: dict[str, Past]
+    angles: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveReading:
+    """What pressure sensor (Pa) and force sensor (N, N m) say; a load of nothing is read as 0."""
+
+    pressure: float
+    load: Load
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LiveLab:
+    """The arm of a scenario, its valve and its sensors, live; its protocol is of no meaning here.
+
+    Of the noise, drift, jitter and occlusions are left out: they belong to whole recordings.
+    """
+
+    scenario: Scenario
+    valve: Valve = field(default_factory=Valve)
+    placement: Array = field(init=False)
+    registration: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Paint the targets and put up the camera, as for a recording of the same scenario."""
+        arm, noise = self.scenario.arm, self.scenario.noise
+        placement = placed(stream('placement', arm.seed), arm.targets.size, noise)
+        beside = random_of(self.scenario, 'registration').standard_normal(2)
+        object.__setattr__(self, 'placement', placement)
+        object.__setattr__(self, 'registration', freeze(noise.registration_std * beside))
+
+    def begin(self, time: float = 0.0) -> LiveState:
+        """Return a virgin arm, at rest at the lowest pressure it is described for."""
+        pressure = max(0.0, self.scenario.arm.pressure_range[0])
+        return self._at(time, pressure, Load(), {})
+
+    def taking_over(self, state: LiveState) -> LiveState:
+        """Return a moment of the same arm with other effects: what is new starts at rest."""
+        names = {effect.name for effect in self.scenario.effects}
+        past = {name: values for name, values in state.past.items() if name in names}
+        return self._at(state.time, state.pressure, state.load, past)
+
+    def _at(self, time: float, pressure: float, load: Load, past: dict[str, Past]) -> LiveState:
+        course, past = followed(self.scenario, np.zeros(1), np.full(1, pressure), past)
+        return LiveState(time=time, pressure=pressure, load=load, course=course, past=past)
+
+    def step(
+        self, state: LiveState, time: float, command: float, load: Load | None = None
+    ) -> LiveState:
+        """Return the arm at a later time (s), its valve told a pressure (Pa), under a load.
+
+        A command beyond what the arm is described for goes as far as that. RequestError for a
+        time before that of the state, and for what is no number.
+        """
+        elapsed = time - state.time
+        if not (elapsed >= 0.0 and math.isfinite(elapsed) and math.isfinite(command)):
+            raise RequestError(
+                f'the arm cannot go from {state.time:.6g} to {time:.6g} s at {command} Pa'
+            )
+        low, high = self.scenario.arm.pressure_range
+        command = min(max(command, low), high)
+        count = min(math.ceil(elapsed / STEP), MOST_STEPS_BETWEEN) + 1
+        seconds = np.linspace(0.0, elapsed, count)
+        pressure = self.valve.pressure(state.pressure, command, seconds)
+        course, past = followed(self.scenario, seconds, pressure, state.past)
+        load = state.load if load is None else load
+        return replace(
+            state, time=time, pressure=float(pressure[-1]), load=load, course=course, past=past
+        )
+
+    def shape(self, state: LiveState) -> tuple[LiveState, Lying]:
+        """Return the arm in equilibrium; RequestError where it finds none.
+
+        The state that comes back knows the shape, so that the next one is near to it.
+        """
+        load = state.load
+        force = freeze(np.array([[load.force_x, load.force_y]]))
+        chain = chain_of(self.scenario, state.course, state.course.time[-1:], force)
+        chain = replace(chain, moment=freeze(np.array([load.moment])))
+        shape = lying(chain, state.angles)
+        return replace(state, angles=shape.angles[0]), shape
+
+    def reading(self, state: LiveState, random: np.random.Generator) -> LiveReading:
+        """Return what the sensors say, with their noise."""
+        noise, load = self.scenario.noise, state.load
+        force = np.array([[load.force_x, load.force_y]])
+        pressure, force = read(self.scenario, np.array([state.pressure]), freeze(force))
+        white = random.standard_normal(4)
+        felt = Load()
+        if load.hangs:
+            felt = Load(
+                force_x=float(force[0, 0] + noise.force_std * white[1]),
+                force_y=float(force[0, 1] + noise.force_std * white[2]),
+                moment=load.moment + noise.moment_std * float(white[3]),
+            )
+        return LiveReading(pressure=float(pressure[0] + noise.pressure_std * white[0]), load=felt)
+
+    def seen(self, shape: Lying) -> Array:
+        """Return where the camera shows the targets (targets, 2) m, before its noise."""
+        arm = self.scenario.arm
+        points = np.stack(painted(shape, arm.targets, self.placement), axis=-1)
+        for effect in self.scenario.effects:
+            points = effect.see(arm, points, np.full(1, MIDDLE))
+        return freeze(points[0] + self.registration)
+
+    def sighted(self, shape: Lying, random: np.random.Generator) -> Array:
+        """Return the targets as a tracker measures them (targets, 2) m, NaN = not seen."""
+        noise, points = self.scenario.noise, self.seen(shape)
+        measured = points + noise.target_std * random.standard_normal(points.shape)
+        measured[random.uniform(size=len(points)) < noise.dropout] = np.nan
+        return freeze(measured)

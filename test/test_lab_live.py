@@ -1,0 +1,165 @@
+"""The live lab: led through a protocol it repeats what `simulated` makes of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+from lab import NOISELESS, recorded
+import numpy as np
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab.live import LiveLab, Load
+from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.valve import Valve
+import pytest
+
+PAST = {
+    'pressure_lag': {'time_constant': 0.2},
+    'hysteresis': {'width': 3e3, 'richness': 1.0},
+    'creep': {'amplitude': 0.1, 'time_constant': 5.0},
+    'softening': {'loss': 0.1, 'richness': 1.0},
+}
+SENSING = {
+    'pressure_offset': {'offset': 500.0},
+    'force_misalignment': {'angle': 0.1},
+    'camera_scale': {'factor': 1.01},
+    'gravity': {'weight_y': -1.0},
+    'clamp_compliance': {'compliance': 2.0},
+}
+
+
+def scenario(name='unloaded_ramp', effects=None, noise=NOISELESS):
+    shipped = recorded(name).scenario.with_effects(effects or {})
+    rates = dataclasses.replace(shipped.rates, pressure=10.0, wrench=10.0, frames=2.0)
+    return dataclasses.replace(shipped, noise=noise, rates=rates)
+
+
+def led(lab, events, times):
+    """Lead a lab through the corners of a protocol; yields a state for every time."""
+    state = lab.begin()
+    for time in times:
+        corners = events.time[(events.time > state.time) & (events.time < time)]
+        for until in [*corners.tolist(), float(time)]:
+            corner = np.searchsorted(events.time, until)
+            (force,) = events.force_at(np.array([until])).tolist()
+            load = Load(force_x=force[0], force_y=force[1])
+            state = lab.step(state, until, float(events.pressure[corner]), load)
+        yield state
+
+
+def expect_the_recording(scenario):
+    recording, events = simulated(scenario), scenario.protocol.timeline()
+    # A valve that is as fast as the steepest leg follows legs of that steepness, and holds.
+    slopes = np.abs(np.diff(events.pressure) / np.diff(events.time))
+    assert len({round(float(slope), 6) for slope in slopes if slope > 0.0}) == 1
+    lab = LiveLab(
+        scenario=scenario, valve=Valve(time_constant=0.0, rate_limit=float(slopes.max()))
+    )
+    random = np.random.default_rng(0)
+    for frame, state in enumerate(led(lab, events, recording.truth.time)):
+        state, shape = lab.shape(state)
+        assert state.pressure == pytest.approx(recording.truth.pressure[frame], abs=1e-6)
+        assert shape.points(recording.truth.arclength)[1][0] == pytest.approx(
+            recording.truth.y[frame], abs=1e-6
+        )
+        points = lab.sighted(shape, random)
+        assert points[:, 0] == pytest.approx(recording.x[frame], abs=1e-6)
+        assert points[:, 1] == pytest.approx(recording.y[frame], abs=1e-6)
+    readings = (recording.reading_stamp_ns - recording.reading_stamp_ns[0]) * 1e-9
+    for index, state in enumerate(led(lab, events, readings)):
+        said = lab.reading(state, random)
+        assert said.pressure == pytest.approx(recording.pressure[index], abs=1e-3)
+        if recording.loaded:
+            force = said.load.force_x, said.load.force_y
+            assert force == pytest.approx(recording.wrench_force[index].tolist(), abs=1e-9)
+
+
+def test_effects_with_a_past_are_as_in_a_recording():
+    expect_the_recording(scenario(effects=PAST))
+
+
+def test_loads_and_sensors_are_as_in_a_recording():
+    loaded = scenario('force_sweeps', SENSING)
+    # One level, as all legs must be of one steepness.
+    protocol = dataclasses.replace(loaded.protocol, pressures=(3e4,), duration=20.0)
+    expect_the_recording(dataclasses.replace(loaded, protocol=protocol))
+
+
+@cache
+def lab(effects=()):
+    return LiveLab(scenario=scenario(effects={name: PAST[name] for name in effects}))
+
+
+def test_the_arm_rests_until_it_is_told_a_pressure():
+    state = lab().begin(3.0)
+    state, shape = lab().shape(lab().step(state, 4.0, 0.0))
+    assert (state.time, state.pressure) == (4.0, 0.0)
+    assert not shape.y.any()
+    assert shape.x[0, -1] == pytest.approx(0.112)
+
+
+def test_a_step_changes_nothing_that_was():
+    before = lab(('creep',)).begin()
+    first = lab(('creep',)).step(before, 1.0, 3e4)
+    assert lab(('creep',)).step(before, 1.0, 3e4).past == first.past
+    assert (before.time, before.pressure) == (0.0, 0.0)
+
+
+def test_a_load_stays_until_it_is_taken_away():
+    load = Load(force_x=0.05, force_y=0.02, moment=1e-4)
+    state = lab().step(lab().begin(), 0.5, 2e4, load)
+    state = lab().step(state, 1.0, 2e4)
+    assert state.load == load
+    assert lab().reading(state, np.random.default_rng(0)).load == load
+    state = lab().step(state, 1.5, 2e4, Load())
+    assert not state.load.hangs
+
+
+def test_a_moment_bends_the_arm():
+    plain = lab().shape(lab().step(lab().begin(), 1.0, 0.0))[1]
+    bent = lab().shape(lab().step(lab().begin(), 1.0, 0.0, Load(moment=1e-3)))[1]
+    assert bent.angles[0, -1] > plain.angles[0, -1] + 0.1
+
+
+def test_commands_go_as_far_as_the_arm_is_described():
+    state = lab().step(lab().begin(), 100.0, 1e9)
+    assert state.pressure == pytest.approx(66e3)
+    assert lab().step(state, 200.0, -1e9).pressure == pytest.approx(0.0, abs=1e-6)
+
+
+def test_effects_can_come_and_go_while_it_lives():
+    held = lab(('creep', 'softening'))
+    state = held.step(held.begin(), 2.0, 5e4)
+    other = lab(('softening', 'hysteresis'))
+    later = other.taking_over(state)
+    assert later.past['softening'] == pytest.approx(state.past['softening'])
+    assert set(later.past) == {'softening', 'hysteresis'}
+    assert (later.time, later.pressure, later.load) == (state.time, state.pressure, state.load)
+    other.shape(later)
+
+
+def test_noise_is_of_its_size_and_of_nothing_where_nothing_hangs():
+    noisy = LiveLab(scenario=recorded('unloaded_ramp').scenario)
+    state, shape = noisy.shape(noisy.step(noisy.begin(), 1.0, 2e4))
+    random = np.random.default_rng(3)
+    readings = [noisy.reading(state, random) for _ in range(500)]
+    pressure = np.array([reading.pressure for reading in readings])
+    assert pressure.std() == pytest.approx(60.0, rel=0.15)
+    assert pressure.mean() == pytest.approx(state.pressure, abs=12.0)
+    assert all(reading.load == Load() for reading in readings)
+    seen = np.array([noisy.sighted(shape, random) for _ in range(500)])
+    assert np.nanstd(seen - noisy.seen(shape)) == pytest.approx(5e-5, rel=0.1)
+    assert 0.0 < np.isnan(seen).mean() < 0.01
+
+
+@pytest.mark.parametrize(
+    ('time', 'command'), [(-0.1, 0.0), (np.nan, 0.0), (np.inf, 0.0), (1.0, np.nan)]
+)
+def test_what_is_no_step_is_refused(time, command):
+    with pytest.raises(RequestError, match='the arm cannot go'):
+        lab().step(lab().begin(), time, command)
+
+
+def test_a_load_that_is_no_number_is_refused():
+    with pytest.raises(RequestError, match='NaN or infinity'):
+        Load(force_y=np.nan)
