@@ -124,8 +124,8 @@ class Posterior:
         drive, run = fitted.drive, fitted.run
         columns = self.unknowns.columns
         answer = self.series[which].answer(arm, drive, columns)
-        frames, causes = answer.values.shape[:2]
-        points = answer.values[:, :, :2].reshape(frames, causes, -1)
+        frames, causes = answer.shape[:2]
+        points = answer[:, :, :2].reshape(frames, causes, -1)
         seen = run.seen & fitted.solved[:, None]
         mask = np.repeat(seen[:, None], 2, axis=1).reshape(frames, -1)
         sensed = self.sensed(points, values, drive, run)

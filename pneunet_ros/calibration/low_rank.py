@@ -38,7 +38,7 @@ def answers(fit: Fit, which: int) -> Array:
     drive, arm = fitted.drive.at(some), fit.arm
     series = Series(arm.target_arclength)
     series.solve(arm, drive)
-    answer = series.answer(arm, drive, fit.unknowns.columns).values
+    answer = series.answer(arm, drive, fit.unknowns.columns)
     points = answer[:, :, :2].reshape(*answer.shape[:2], -1).transpose(0, 2, 1)
     moved = np.matmul(points, fit.unknowns.causes(fit.values, drive))
     flat: Array = moved.reshape(-1, fit.values.size)

@@ -7,8 +7,6 @@ is the same as live; frames start from their own last solution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.arm import Arm, EXTRAPOLATION
@@ -29,20 +27,6 @@ from scipy.interpolate import CubicSpline
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 
 X, Y, THETA, CURVATURE, INTRINSIC_CURVATURE, MOMENT = range(6)  # fields at stations
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Answer:
-    """Linear answer of the shapes at stations to the columns of the record.
-
-    values (frames, causes, 6, stations), x and y as measured; causes: F1, F2, M, knots of the
-    curvature, then the
-    `columns` (k, 2) of sections.
-    """
-
-    values: Array
-    columns: Columns
-    knots: int
 
 
 class Series:
@@ -144,14 +128,16 @@ class Series:
         answer = self.answered(arm, drive, none, knot_turning(arm)[:0])
         return answer[:, :, :2].reshape(len(answer), answer.shape[1], -1).transpose(0, 2, 1)
 
-    def answer(self, arm: Arm, drive: Drive, columns: Columns) -> Answer:
-        """Return the linear answer of the solved frames to these columns of sections."""
-        unit = knot_turning(arm)
-        values = self.answered(arm, drive, columns, unit)
-        return Answer(values=values, columns=columns, knots=unit.shape[0])
+    def answer(self, arm: Arm, drive: Drive, columns: Columns) -> Array:
+        """Return the linear answer of the solved frames, (frames, causes, 6, stations).
+
+        x and y as measured; causes: F1, F2, M, the knots of the curvature's table, then these
+        columns of sections.
+        """
+        return self.answered(arm, drive, columns, knot_turning(arm))
 
     def answered(self, arm: Arm, drive: Drive, columns: Columns, unit: Array) -> Array:
-        """Return the answer to loads, knots of this turning and columns, as in `Answer`."""
+        """Return the answer to loads, knots of this turning and columns, as `answer` does."""
         rods, loads = arm.rods(drive.pressure, drive.histories), drive.loads
         size = np.abs(rods.sections[:, columns[:, 0], columns[:, 1]]).mean(axis=0)
         steps = 1e-4 * np.where(size > 0.0, size, 1.0)
@@ -169,7 +155,6 @@ class Series:
             unit,
             columns,
             steps,
-            np.zeros(0, dtype=np.int64),
             self.arclength,
             out,
         )

@@ -83,7 +83,6 @@ def answers(
     knot_turning: Array,
     columns: Integers,
     steps: Array,
-    clamp_columns: Integers,
     arclength: Array,
     out: Array,
 ) -> None:
@@ -91,11 +90,11 @@ def answers(
 
     The causes: F1, F2, M; a unit of each knot of the curvature's table (knot_turning (knots,
     pieces, 5) is its turning); each column of a section (columns (k, 2): section and column, steps
-    (k,) for their difference); each column of the clamp.
+    (k,) for their difference).
     """
     panel_count = nodes.shape[1] - 1
     knot_count, column_count = knot_turning.shape[0], columns.shape[0]
-    further = knot_count + column_count + clamp_columns.size
+    further = knot_count + column_count
     panels = np.empty((panel_count, PANEL_WIDTH))
     before, after = np.empty(panels.shape), np.empty(panels.shape)
     changes = np.zeros((further, panel_count, PANEL_WIDTH))
@@ -104,8 +103,6 @@ def answers(
     node_changes = np.empty((LOADS + further, panel_count + 1, 6))
     tip_changes = np.empty((LOADS + further, 3))
     ends, section = np.empty(6), np.empty(sections.shape[1:])
-    for k in range(clamp_columns.size):
-        end_changes[knot_count + column_count + k, clamp_columns[k]] = 1.0
     for k in range(knot_count):
         turning_changes[k] = knot_turning[k]
     for rod in range(nodes.shape[0]):
