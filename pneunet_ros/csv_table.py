@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Collection, Iterator, Mapping, Sequence
 import csv
 from dataclasses import dataclass, field
@@ -17,7 +18,9 @@ from pneunet_ros.shape import Array, freeze
 MOST_BYTES = 500_000_000
 MOST_ROWS = 2_000_000
 MOST_COLUMNS = 2_000
+MOST_CELLS = 100_000_000
 LONGEST_CELL = 200
+LONGEST_LINE = 2 * MOST_COLUMNS * LONGEST_CELL  # characters
 _NAMES_SHOWN = 30
 
 
@@ -68,7 +71,7 @@ def read_csv(path: Path, request: TableRequest, exact: Collection[str] = ()) -> 
 
 
 def _read(path: Path, stream: TextIO, request: TableRequest, exact: Collection[str]) -> CsvTable:
-    reader = csv.reader(stream, strict=True)
+    reader = csv.reader(_lines(path, stream), strict=True)
     header = [name.strip() for name in next(reader, [])]
     _check_header(path, header, request)
     renamed = [request.rename.get(name, name) for name in header]
@@ -81,7 +84,7 @@ def _read(path: Path, stream: TextIO, request: TableRequest, exact: Collection[s
         twice = next(name for name in renamed if renamed.count(name) > 1)
         raise RecordingError(f'{path}: after --rename two columns are called {twice}')
     selected = {header.index(name): (name, text) for name, text in request.select.items()}
-    numbers: dict[str, list[float]] = {name: [] for name in places}
+    numbers = {name: array('d') for name in places}  # 8 bytes a number
     exactly: dict[str, list[Decimal | None]] = {name: [] for name in exact if name in places}
     lines: list[int] = []
     others: dict[str, None] = {}
@@ -91,6 +94,8 @@ def _read(path: Path, stream: TextIO, request: TableRequest, exact: Collection[s
             continue
         if len(lines) == MOST_ROWS:
             raise RecordingError(f'{path} has more than {MOST_ROWS} rows: split it')
+        if (len(lines) + 1) * len(places) > MOST_CELLS:
+            raise RecordingError(f'{path} has more than {MOST_CELLS} cells: split it')
         lines.append(reader.line_num)
         for name, place in places.items():
             text = cells[place].strip()
@@ -104,6 +109,16 @@ def _read(path: Path, stream: TextIO, request: TableRequest, exact: Collection[s
         exact={name: tuple(values) for name, values in exactly.items()},
         lines=tuple(lines),
     )
+
+
+def _lines(path: Path, stream: TextIO) -> Iterator[str]:
+    """Yield the lines of a file, of which none may be without end."""
+    number = 0
+    while line := stream.readline(LONGEST_LINE + 1):
+        number += 1
+        if len(line) > LONGEST_LINE:
+            raise RecordingError(f'{path}, line {number}: more than {LONGEST_LINE} characters')
+        yield line
 
 
 def _rows(path: Path, reader: Iterator[list[str]], columns: int) -> Iterator[list[str]]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
+import math
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.csv_table import CsvTable, read_csv, TableRequest
+from pneunet_ros.curvature import LARGEST
 from pneunet_ros.errors import RecordingError, RequestError
 from pneunet_ros.reading_table import LATEST_STAMP, ReadingTable
 from pneunet_ros.run import Stamps
@@ -25,6 +27,7 @@ from pneunet_ros.table_columns import (
 )
 from pneunet_ros.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT
 
+MOST_PLACES = 50_000_000  # rows by targets
 FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no stamp" in a header
 
 
@@ -60,6 +63,8 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     for name in request.offsets:
         if name not in table.numbers or name == STAMP:
             raise RequestError(f'--offset {name}=: there is no such column to be read')
+        if not math.isfinite(request.offsets[name]):
+            raise RequestError(f'--offset {name}={request.offsets[name]} is no number')
     stamp_ns = _stamps(path, table, columns.get((TIME, None)), request)
 
     def si(quantity: str, target: int | None = None) -> Array:
@@ -67,12 +72,23 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         column = columns.get((quantity, target))
         if column is None:
             return np.full(len(stamp_ns), np.nan)
-        return (
-            table.numbers[column.name] + request.offsets.get(column.name, 0.0)
-        ) * column.si_per_unit
+        with np.errstate(over='ignore'):
+            values = table.numbers[column.name] + request.offsets.get(column.name, 0.0)
+            values = values * column.si_per_unit
+        if np.any(np.abs(values) > LARGEST):
+            line = table.lines[int(np.argmax(np.abs(values) > LARGEST))]
+            raise RecordingError(
+                f'{path}, line {line}, column {column.name}: a number beyond {LARGEST:g} in SI'
+            )
+        return values
 
     targets = [item.target for item in columns.values() if item.target is not None]
     count = max(targets, default=-1) + 1
+    if count * len(stamp_ns) > MOST_PLACES:
+        raise RecordingError(
+            f'{path} has ids up to {count - 1} in {len(stamp_ns)} rows: split it, as at most '
+            f'{MOST_PLACES} places of targets are read'
+        )
     x = np.array([si('x', target) for target in range(count)]).T.reshape(len(stamp_ns), count)
     y = np.array([si('y', target) for target in range(count)]).T.reshape(len(stamp_ns), count)
     found = ReadingTable(
