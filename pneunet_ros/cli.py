@@ -12,6 +12,7 @@ import sys
 from pneunet_ros import __version__
 from pneunet_ros.errors import PneunetError
 from pneunet_ros.verbs import (
+    calibrate,
     check,
     demo,
     effects,
@@ -29,6 +30,7 @@ VERBS: tuple[Verb, ...] = (
     predict.VERB,
     replay.VERB,
     track.VERB,
+    calibrate.VERB,
     check.VERB,
     export.VERB,
     import_table.VERB,

@@ -10,12 +10,16 @@ import numpy as np
 from pneunet_ros.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
 from pneunet_ros.rod import RIGIDITY, START
 from pneunet_ros.shape import Array, frozen_array
+from scipy.linalg import block_diag
 
 SPLIT_MEAN, SPLIT_STD = 0.12, 0.05  # l1 / l; the paper knows 0.10 to 0.15
 SPLIT_TREND_STD = 0.05  # over the whole range of pressure
-SPLIT_WAVE_STD = 0.02  # of a row beside the straight line
+SPLIT_WAVE_STD = 0.012  # of a row beside the straight line
 SPLIT_LIMITS = (0.02, 0.9)
-SPLIT_ROWS = 6
+BOW_STD = 0.03  # of alpha, in the middle of the range
+SPLIT_REACH = 0.5  # of the range: how far rows are alike; it may have kinks
+SPLIT_ROWS = 14
+ALPHAS = 6  # unknowns of both rigidities
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,10 +50,12 @@ class LawUnknowns(abc.ABC):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PiecewiseUnknowns(LawUnknowns):
-    """Eq 10: alpha1 and alpha2 at the ends of the pressure range, linear between; l1 / l in rows.
+    """Eq 10: a line in pressure and a small bow for alpha1 and for alpha2; l1 / l in rows.
 
-    The rigidities are regressed linearly in pressure, as in the paper; the split is a line with
-    waves. M_O is zero: beside kappa0 it cannot be identified.
+    The paper regresses the rigidities linearly in pressure; the bow keeps the errors of that line
+    honest. Unknowns per section: alpha at the lower and the upper end of the range, and how much
+    more it is in the middle than the line. The split may have kinks. M_O is zero: beside kappa0 it
+    cannot be identified.
     """
 
     kind: ClassVar[str] = PiecewiseLinearLaw.kind
@@ -61,35 +67,35 @@ class PiecewiseUnknowns(LawUnknowns):
         rows = np.linspace(self.low, self.high, SPLIT_ROWS)
         alpha = self.stiffness / (self.weight * self.length**2)
         trend = (rows - rows.mean()) / (self.high - self.low)
-        wave = np.exp(-0.5 * (np.subtract.outer(trend, trend) / 0.25) ** 2)
+        wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / SPLIT_REACH)
         split = (
             SPLIT_STD**2
             + SPLIT_TREND_STD**2 * np.outer(trend, trend)
-            + SPLIT_WAVE_STD**2 * (wave + 1e-6 * np.eye(SPLIT_ROWS))
+            + SPLIT_WAVE_STD**2 * wave
         )
-        prior = np.zeros((4 + SPLIT_ROWS, 4 + SPLIT_ROWS))
+        prior = np.zeros((ALPHAS + SPLIT_ROWS,) * 2)
         # alpha at either end: one of unknown size, and a change over the range
-        prior[:4, :4] = np.kron(np.eye(2), alpha**2 * (1.0 + 0.25 * np.array([[1, -1], [-1, 1]])))
-        prior[4:, 4:] = split
-        mean = np.concatenate([np.full(4, alpha), np.full(SPLIT_ROWS, SPLIT_MEAN)])
+        ends = 1.0 + 0.25 * np.array([[1, -1], [-1, 1]])
+        section = alpha**2 * block_diag(ends, BOW_STD**2)
+        prior[:ALPHAS, :ALPHAS] = np.kron(np.eye(2), section)
+        prior[ALPHAS:, ALPHAS:] = split
+        mean = np.array([alpha, alpha, 0.0] * 2 + [SPLIT_MEAN] * SPLIT_ROWS)
         object.__setattr__(self, 'rows', frozen_array(rows))
         object.__setattr__(self, 'mean', frozen_array(mean))
         object.__setattr__(self, 'prior', frozen_array(prior))
 
     @property
-    def shares(self) -> Array:
-        """How far each row lies from the lower to the upper end of the range, 0 to 1."""
-        return (self.rows - self.low) / (self.high - self.low)
+    def weights(self) -> Array:
+        """How much each unknown of a section counts in the rows, (rows, 3)."""
+        up = (self.rows - self.low) / (self.high - self.low)
+        return np.column_stack([1.0 - up, up, 4.0 * up * (1.0 - up)])
 
     def law(self, values: Array) -> PiecewiseLinearLaw:
         """Eq 10 with these constants."""
-        up = self.shares[:, None]
-        ends = values[:4].reshape(2, 2)  # section, end of the range
-        rigidity = (1.0 - up) * ends[:, 0] + up * ends[:, 1]
         return PiecewiseLinearLaw(
             pressure=self.rows,
-            split=np.clip(values[4:], *SPLIT_LIMITS),
-            rigidity=rigidity,
+            split=np.clip(values[ALPHAS:], *SPLIT_LIMITS),
+            rigidity=self.weights @ values[:ALPHAS].reshape(2, 3).T,
             moment_offset=np.zeros((SPLIT_ROWS, 2)),
         )
 
@@ -97,11 +103,10 @@ class PiecewiseUnknowns(LawUnknowns):
         """Rigidities and splits of all rows."""
         names = [f'moment_law.rigidity.{row}.{i}' for row in range(SPLIT_ROWS) for i in range(2)]
         names += [f'moment_law.split.{row}' for row in range(SPLIT_ROWS)]
-        change = np.zeros((3 * SPLIT_ROWS, 4 + SPLIT_ROWS))
-        for row, up in enumerate(self.shares.tolist()):
-            for i in range(2):
-                change[2 * row + i, 2 * i : 2 * i + 2] = 1.0 - up, up
-        change[2 * SPLIT_ROWS :, 4:] = np.eye(SPLIT_ROWS)
+        change = np.zeros((3 * SPLIT_ROWS, ALPHAS + SPLIT_ROWS))
+        for i in range(2):
+            change[i : 2 * SPLIT_ROWS : 2, 3 * i : 3 * i + 3] = self.weights
+        change[2 * SPLIT_ROWS :, ALPHAS:] = np.eye(SPLIT_ROWS)
         return tuple(names), change
 
 

@@ -10,8 +10,9 @@ from pneunet_ros.calibration.fitted import Fit
 from pneunet_ros.calibration.unknowns import Smoothness
 from pneunet_ros.shape import Array
 
-REACHES = (0.12, 0.18, 0.25, 0.35, 0.5, 0.7)  # of the length
-DEVIATIONS = (0.01, 0.03, 0.1, 0.3)  # of the amplitude
+REACHES = (0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.7, 0.9)  # of the length
+DEVIATIONS = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the amplitude
+AMPLITUDES = (0.4, 0.8, 1.6)  # of the largest kappa_p0
 
 
 def likeliest_smoothness(first: Fit) -> tuple[Smoothness, float]:
@@ -22,9 +23,10 @@ def likeliest_smoothness(first: Fit) -> tuple[Smoothness, float]:
     """
     unknowns, cells = first.unknowns, first.unknowns.cells
     table = first.values[:cells].reshape(unknowns.pressure.size, -1)
-    amplitude = 1.5 * float(np.max(np.abs(table)))
+    largest = float(np.max(np.abs(table)))
     best: tuple[float, Smoothness] | None = None
-    for reach, share in itertools.product(REACHES, DEVIATIONS):
+    for reach, share, size in itertools.product(REACHES, DEVIATIONS, AMPLITUDES):
+        amplitude = size * largest
         trial = Smoothness(amplitude=amplitude, deviation=share * amplitude, reach=reach)
         prior = replace(unknowns, smoothness=trial).prior[:cells, :cells]
         evidence = log_evidence(prior, first.information[:cells, :cells], first.pull[:cells])

@@ -13,7 +13,7 @@ from pneunet_ros.curvature import IntrinsicCurvature
 from pneunet_ros.rod import RIGIDITY
 from pneunet_ros.shape import Array, frozen_array
 
-NUGGET = 1e-6  # of the variance of the prior, so that it can be inverted
+NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
