@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.figure_data import figure_data, FigureData
+from pneunet_ros.figure_data import Each, figure_data, FigureData
 from pneunet_ros.force_figures import end_force_picture
 from pneunet_ros.moment_figures import law, moments, one_moment
 from pneunet_ros.report_style import Picture
@@ -13,7 +13,6 @@ from pneunet_ros.residual_figures import law_comparison, over_frames, over_runs,
 from pneunet_ros.shape_figures import free_shapes, loaded_shapes, predicted_shapes
 from pneunet_ros.trend_figures import linearity, sensitivity
 
-Each = Callable[[str, int, int], None]  # stage, how far, of how much
 Draw = Callable[[FigureData], Picture]
 
 
@@ -32,17 +31,17 @@ def calibration_figures(calibration: Calibration, each: Each) -> tuple[Picture, 
 def chosen_draws(data: FigureData, each: Each) -> list[Draw]:
     """Return what can be drawn: without load no moment law, with few targets no views."""
     draws: list[Draw] = [free_shapes]
-    if data.main_stances:
+    if data.main:
         draws.append(loaded_shapes)
-    if data.main:
+    if data.main_views:
         draws += [moments, one_moment]
-    if data.stances:
+    if data.main:
         draws.append(law)
-    if data.main:
+    if data.main_views:
         draws.append(predicted_shapes)
-    if data.stances:
-        draws.append(lambda known: end_force_picture(known, each))
     if data.main:
+        draws.append(lambda known: end_force_picture(known, each))
+    if data.main_views:
         draws.append(sensitivity)
     draws += [linearity, over_frames, over_targets, over_runs]
     if data.calibration.laws:

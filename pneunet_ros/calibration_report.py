@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from pneunet_ros.calibration_tables import (
     number_rows,
     Row,
 )
+from pneunet_ros.figure_data import Each
 from pneunet_ros.output import atomic_output
 from pneunet_ros.report_style import Picture
 from pneunet_ros.units import kilopascals, millimeters
@@ -26,8 +27,6 @@ from pneunet_ros.units import kilopascals, millimeters
 PAGE = 'index.html'
 TEMPLATE = 'calibration_report.html.jinja'
 REPLACEABLE = (PAGE, 'figure_*.png')  # all that a folder of an earlier report holds
-
-Each = Callable[[str, int, int], None]  # stage, how far, of how much
 
 
 def write_report(

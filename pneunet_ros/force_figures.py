@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.end_force import end_forces, EndForces
-from pneunet_ros.figure_data import FigureData
+from pneunet_ros.figure_data import Each, FigureData
 from pneunet_ros.report_style import BAND_SIGMAS, FIRST, legend, panels, Picture, picture, SECOND
 from pneunet_ros.shape import Array
 from pneunet_ros.units import kilopascals
@@ -29,7 +28,7 @@ class FoundForces:
     ways: tuple[EndForces, ...]
 
 
-def found_forces(data: FigureData, each: Callable[[str, int, int], None]) -> FoundForces:
+def found_forces(data: FigureData, each: Each) -> FoundForces:
     """Find the end force of some frames of every loaded run, both ways."""
     arm, loaded = data.calibration.arm, data.loaded
     most = max(FRAMES // len(loaded), 2)
@@ -53,7 +52,7 @@ def found_forces(data: FigureData, each: Callable[[str, int, int], None]) -> Fou
     )
 
 
-def end_force_picture(data: FigureData, each: Callable[[str, int, int], None]) -> Picture:
+def end_force_picture(data: FigureData, each: Each) -> Picture:
     """Figure 9 (c)."""
     found = found_forces(data, each)
     figure, axes = panels(2, rows=2, height=7.6)
@@ -82,7 +81,7 @@ def end_force_picture(data: FigureData, each: Callable[[str, int, int], None]) -
         )
         limit = limit_of(found, component)
         axes[2 + component].set_ylim(-limit, limit)
-    legend(axes[0], loc='upper left')
+    legend(axes[1], loc='upper left')
     return picture(
         '09c_end_forces',
         'End force found from targets',

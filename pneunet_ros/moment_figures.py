@@ -30,7 +30,7 @@ SECTION_COLORS = (FIRST, SECOND)
 def moments(data: FigureData) -> Picture:
     """Figure 7: M_est along the arm and against kappa - kappa0, per load."""
     figure, (along, against) = panels(2)
-    for view in data.main:
+    for view in data.main_views:
         color = data.colors(view.stance.pressure)
         along.plot(view.arclength / data.calibration.arm.length, MILLI * view.moment, color=color)
         against.plot(view.change, MILLI * view.moment, color=color, linewidth=1.4)
@@ -64,7 +64,7 @@ def moments(data: FigureData) -> Picture:
 def one_moment(data: FigureData) -> Picture:
     """Figure 8 (a): the two lines of Eq 10 at one pressure."""
     arm = data.calibration.arm
-    view = nearest_view(data.main, PAPER_PRESSURE)
+    view = nearest_view(data.main_views, PAPER_PRESSURE)
     pressure = float(view.stance.drive.pressure[0])
     figure, (lines, along) = panels(2)
     sections = arm.moment_law.sections(
@@ -195,7 +195,7 @@ def law(data: FigureData) -> Picture:
         draw_law(axes[0], fitted, place, color, f'{name}, fitted, 2 sigma')
         found = [
             (view.stance.pressure, item)
-            for view in data.views
+            for view in data.main_views
             for item in [view.lines[place]]
             if item is not None and worth(item)
         ]
@@ -225,9 +225,11 @@ def law(data: FigureData) -> Picture:
         'Moment law over pressure',
         "Bands are the fitted law, its rigidities straight lines in pressure, as the paper's "
         "regressions. Hollow points are the paper's way: slopes of the lines of Figure 8 (a), one "
-        'per load, with two standard errors; dashed, their regression. They should scatter '
-        'about the band. alpha1 rests on the two or three targets of the first section and '
-        'scatters far more than the fit, which sees all targets of all frames.',
+        'per load, with two standard errors; dashed, their regression. alpha2 should follow the '
+        'band. alpha1 rests on the few targets of the first section and on curvature that is '
+        'rounded off at l1, which its bars do not know of: it scatters, and tends to be too '
+        'small. The fit, which needs no curvature, does not. Slopes less certain than '
+        f'{100 * WORTH:.0f} % are left out.',
         figure,
         number='8 (b)',
     )
@@ -267,6 +269,7 @@ def draw_found(
         label=f'{name}, from lines',
     )
     if np.ptp(x) > 0.0 and x.size > 2:
-        slope, level = np.polyfit(x, value, 1, w=1.0 / std)
+        # By relative errors: a standard error is about in proportion to its rigidity.
+        slope, level = np.polyfit(x, value, 1, w=np.abs(value) / std)
         ends = np.array([x.min(), x.max()])
         axes.plot(ends, level + slope * ends, color=color, linestyle='--', linewidth=1.2)

@@ -72,12 +72,12 @@ def loaded_shapes(data: FigureData) -> Picture:
     """Figure 6: shapes and curvature under load."""
     arm = data.calibration.arm
     figure, (shapes, curvatures) = panels(2)
-    fields = predicted(arm, data.main_stances, stations_of(arm.length))
-    for stance, field in zip(data.main_stances, fields, strict=True):
+    fields = predicted(arm, data.main, stations_of(arm.length))
+    for stance, field in zip(data.main, fields, strict=True):
         color = data.colors(stance.pressure)
         draw_shape(shapes, stance, field, color)
         draw_force(shapes, stance, field, color)
-    for view in data.main:
+    for view in data.main_views:
         color = data.colors(view.stance.pressure)
         share = view.arclength / arm.length
         curvatures.plot(share, view.curvature, color=color, linewidth=1.4)
@@ -100,7 +100,7 @@ def predicted_shapes(data: FigureData) -> Picture:
     """Figure 9 (a), (b): shape and curvature from pressure and load."""
     arm = data.calibration.arm
     figure, (shapes, curvatures) = panels(2)
-    some = chosen(data.main)
+    some = chosen(data.main_views)
     stations = stations_of(arm.length)
     share = stations / arm.length
     fields = predicted(arm, [view.stance for view in some], stations)
@@ -156,7 +156,7 @@ def load_label(stance: Stance) -> str:
 
 def run_label(data: FigureData) -> str:
     """Name the recording of Figures 6, 7 and 11."""
-    names = {stance.run for stance in data.main_stances}
+    names = {stance.run for stance in data.main}
     return f'Recording {", ".join(sorted(names))}'
 
 

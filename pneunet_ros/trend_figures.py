@@ -31,7 +31,7 @@ CLEAR = 3.0  # standard errors: a departure that is more than chance
 
 def sensitivity(data: FigureData) -> Picture:
     """Figure 10: one quantity at a time."""
-    stance = nearest_view(data.main, PAPER_PRESSURE).stance
+    stance = nearest_view(data.main_views, PAPER_PRESSURE).stance
     found = variations(data.calibration.arm, stance)
     nominal = found[0].shapes[FACTORS.index(1.0)]
     figure, axes = panels(len(found), rows=2, height=6.4)
@@ -97,7 +97,7 @@ def travel(variation: Variation) -> str:
 def linearity(data: FigureData) -> Picture:
     """Figure 11: kappa0, and kappa - kappa0, over pressure at four places."""
     free = intrinsic_linearity(data.calibration.joint)
-    loaded = change_linearity(data.main, data.calibration.arm.length)
+    loaded = change_linearity(data.main_views, data.calibration.arm.length)
     figure, axes = panels(2 if loaded else 1)
     draw_lines(axes[0], free)
     axes[0].set(
@@ -120,9 +120,8 @@ def linearity(data: FigureData) -> Picture:
     )
     if loaded:
         caption += (
-            f' kappa - kappa0 ({run_label(data)}): {verdict(loaded)} The load changes '
-            'with pressure as it did in the recording, so a straight line is not expected of any '
-            'protocol.'
+            f' kappa - kappa0 ({run_label(data)}): {verdict(loaded)} The load changes with '
+            'pressure as it did in the recording, so this need not be straight.'
         )
     return picture('11_linearity', 'Linear in pressure?', caption, figure, number='11')
 
@@ -160,11 +159,12 @@ def verdict(found: Sequence[Linearity]) -> str:
         return 'too few pressures for a straight line.'
     worst = max(found, key=lambda item: item.sigmas)
     departure = abs(float(worst.departure[worst.largest]))
+    share = 100.0 * departure / max(float(np.max(np.abs(item.value))) for item in found)
     said = (
-        f'the largest departure in standard errors is {departure:.2g} 1/m at s / l = '
-        f'{worst.place:g}, {kilopascals(float(worst.pressure[worst.largest])):.0f} kPa: '
-        f'{worst.sigmas:.1f} of them'
+        f'the clearest departure is {departure:.2g} 1/m ({share:.1f} % of the largest value) at '
+        f's / l = {worst.place:g}, {kilopascals(float(worst.pressure[worst.largest])):.0f} kPa: '
+        f'{worst.sigmas:.1f} standard errors'
     )
     if worst.sigmas > CLEAR:
-        return f'{said}, so it is not linear to within what these recordings can tell.'
-    return f'{said}, so nothing speaks against a linear law.'
+        return f'{said}; it is not exactly linear, and these recordings show it.'
+    return f'{said}; nothing speaks against a straight line.'

@@ -48,7 +48,9 @@ def variations(arm: Arm, stance: Stance) -> tuple[Variation, ...]:
     def shape(arm: Arm, along: float = f1) -> Shape:
         return solve(arm, stance.pressure, (along, f2), stance.moment)
 
-    percent = tuple(f'{100.0 * (factor - 1.0):+.0f} %' for factor in FACTORS)
+    percent = tuple(
+        f'{100.0 * (factor - 1.0):+.0f} %' if factor != 1.0 else 'as fitted' for factor in FACTORS
+    )
     found = [
         Variation(
             name='F1', labels=percent, shapes=tuple(shape(arm, factor * f1) for factor in FACTORS)

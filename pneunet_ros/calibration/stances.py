@@ -7,7 +7,7 @@ and of the painted places of targets is taken off: what is left is where the arm
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,12 +27,12 @@ class Stance:
     """Some successive frames of a run under about the same load, as one.
 
     pressure (Pa), force (2,) N and moment (N m) are means of the readings; drive, of one frame, is
-    what really acted. x, y (targets,) m are means over the frames in which a target was
-    seen, `count` (targets,) how many those are; NaN for a target never seen. at: mean frame.
+    what really acted. x, y (targets,) m are means over the frames in which a target was seen, less
+    the disturbances that the fit has found, `count` (targets,) how many frames those are; NaN for
+    a target never seen.
     """
 
     run: str
-    at: float
     frames: int
     pressure: float
     force: Array
@@ -93,7 +93,6 @@ def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> Stance:
     ]
     return Stance(
         run=run.name,
-        at=0.5 * (start + stop - 1),
         frames=stop - start,
         pressure=float(run.frame_pressure[some].mean()),
         force=run.force[some].mean(axis=0),
@@ -109,31 +108,20 @@ def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> Stance:
     )
 
 
-def by_pressure(stance: Stance) -> float:
-    """Return what spreads stances over pressure."""
-    return stance.pressure
-
-
-def by_time(stance: Stance) -> float:
-    """Return what spreads stances over the recording."""
-    return stance.at
-
-
-def spread(
-    found: Sequence[Stance], count: int, along: Callable[[Stance], float] = by_pressure
-) -> list[Stance]:
-    """Choose at most so many stances, evenly along a coordinate; of neighbors the longest."""
+def spread(found: Sequence[Stance], count: int) -> list[Stance]:
+    """Choose at most so many stances, evenly over pressure; of neighbors the longest."""
     if not found:
         return []
-    places = np.array([along(stance) for stance in found])
-    wanted = np.linspace(places.min(), places.max(), count)
+    places = np.array([stance.pressure for stance in found])
     half = 0.5 * float(np.ptp(places)) / max(count - 1, 1)
     chosen: list[int] = []
-    for want in wanted.tolist():
-        near = [i for i in range(len(found)) if abs(places[i] - want) <= half and i not in chosen]
-        if near:
-            chosen.append(max(near, key=lambda i: (found[i].frames, -abs(places[i] - want))))
-    return sorted((found[i] for i in chosen), key=along)
+    for wanted in np.linspace(places.min(), places.max(), count).tolist():
+        near = np.flatnonzero(np.abs(places - wanted) <= half).tolist()
+        free = [place for place in near if place not in chosen]
+        if free:
+            apart = np.abs(places - wanted)
+            chosen.append(max(free, key=lambda at: (found[at].frames, -apart[at])))
+    return sorted((found[at] for at in chosen), key=lambda stance: stance.pressure)
 
 
 def predicted(arm: Arm, some: Sequence[Stance], arclength: Array) -> Array:

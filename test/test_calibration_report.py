@@ -1,0 +1,194 @@
+"""The report: whole, in the paper's order, and nothing on the page leaves the page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html.parser import HTMLParser
+
+from calibrated import calibration
+import numpy as np
+from pneunet_ros import calibration_report, report_style
+from pneunet_ros.calibration.end_force import EndForces
+from pneunet_ros.calibration_figures import chosen_draws
+from pneunet_ros.calibration_report import write_report
+from pneunet_ros.calibration_tables import flat, law_rows, number_rows
+from pneunet_ros.errors import RecordingError
+from pneunet_ros.figure_data import figure_data
+from pneunet_ros.force_figures import FoundForces, sentences
+import pytest
+
+PROVENANCE = {
+    'seed': 4,
+    'recordings': [{'file': 'bags/<ramp>.mcap', 'sha256': 'a' * 64, 'role': 'unloaded'}],
+    'versions': {'numpy': np.__version__},
+}
+NUMBERS = ['5', '6', '7', '8 (a)', '8 (b)', '9 (a), (b)', '9 (c)', '10', '11']
+MAY_REFER = ('href', 'src', 'srcset', 'action', 'data', 'poster', 'background', 'formaction')
+
+
+def no_news(stage: str, done: int, total: int) -> None:
+    """Take no notice of progress."""
+
+
+class Page(HTMLParser):
+    """Collects what a page refers to, and its headings."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.references: list[str] = []
+        self.tags: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name in MAY_REFER:
+                self.references.append(value or '')
+            if name == 'id' and value:
+                self.anchors.add(value)
+
+
+@pytest.fixture(scope='module')
+def coarse():
+    """Draw coarsely: what is looked at here is not how sharp it is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report_style, 'DOTS_PER_INCH', 30)
+        yield
+
+
+@pytest.fixture(scope='module')
+def report(coarse, tmp_path_factory):
+    """Write a whole report, and collect what is said meanwhile."""
+    told = []
+    path = write_report(
+        calibration(),
+        tmp_path_factory.mktemp('report') / 'out',
+        provenance=PROVENANCE,
+        each=lambda stage, done, total: told.append((stage, done, total)),
+    )
+    return path, path.read_text(encoding='utf-8'), told
+
+
+def test_nothing_leaves_the_page(report):
+    _, text, _ = report
+    page = Page(text)
+    outside = [item for item in page.references if not item.startswith(('data:', '#'))]
+    assert outside == []
+    assert not {'script', 'iframe', 'object', 'embed'} & set(page.tags)
+    assert 'url(' not in text
+    assert '@import' not in text
+    assert "default-src 'none'" in text
+    inner = {item[1:] for item in page.references if item.startswith('#')}
+    assert inner <= page.anchors
+
+
+def test_a_reference_that_leaves_would_be_found():
+    assert Page('<img src="https://x.invalid/a.png">').references == ['https://x.invalid/a.png']
+
+
+def test_pictures_are_in_the_page_and_beside_it(report):
+    path, text, _ = report
+    files = sorted(path.parent.glob('figure_*.png'))
+    assert len(files) == 13
+    assert text.count('data:image/png;base64,') == len(files)
+    assert sorted(item.name for item in path.parent.iterdir()) == sorted(
+        [item.name for item in files] + ['index.html']
+    )
+    assert all(item.read_bytes().startswith(b'\x89PNG') for item in files)
+
+
+def test_figures_come_in_the_paper_s_order(report):
+    _, text, _ = report
+    places = [text.index(f'Figure {number}. ') for number in NUMBERS]
+    assert places == sorted(places)
+    assert text.index('Residuals over frames') > places[-1]
+
+
+def test_notes_provenance_and_names_are_text(report):
+    _, text, _ = report
+    assert 'a note that says &lt;what&gt; could not be told' in text
+    assert 'bags/&lt;ramp&gt;.mcap' in text
+    assert 'a' * 64 in text
+    assert 'source of drift_std' in text
+
+
+def test_numbers_stand_with_their_errors(report):
+    _, text, _ = report
+    rows = number_rows(calibration())
+    unknowns = calibration().joint.unknowns
+    assert len(rows) == unknowns.cells + len(law_rows(rows))
+    assert len(law_rows(rows)) == 3 * calibration().arm.moment_law.pressure.size
+    for row in law_rows(rows):
+        assert row.name in text
+        assert f'{row.value:.4g}' in text
+        assert 0.0 < row.std < row.prior_std
+    assert 'alpha1 at' in text
+
+
+def test_a_number_that_stays_open_is_marked():
+    row = number_rows(calibration())[0]
+    assert row.determined
+    assert not replace(row, std=0.6 * row.prior_std).determined
+
+
+def test_progress_is_told_to_the_end(report):
+    _, _, told = report
+    assert told[-1] == ('pictures', 13, 13)
+    assert {'measured curvature', 'end forces', 'pictures'} == {stage for stage, _, _ in told}
+    assert all(done <= total for _, done, total in told)
+
+
+def test_without_load_only_what_needs_none_is_drawn():
+    quiet = chosen_draws(figure_data(calibration(with_load=False), no_news), no_news)
+    assert [draw.__name__ for draw in quiet] == [
+        'free_shapes', 'linearity', 'over_frames', 'over_targets', 'over_runs',
+    ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_without_load_there_is_no_moment_law(coarse, tmp_path):
+    path = write_report(calibration(with_load=False), tmp_path / 'free', provenance={})
+    text = path.read_text(encoding='utf-8')
+    assert 'Figure 5. ' in text
+    assert 'Figure 7. ' not in text
+    assert 'moment_law' not in text
+
+
+def test_an_earlier_report_is_replaced_only_when_asked(monkeypatch, tmp_path):
+    monkeypatch.setattr(calibration_report, 'calibration_figures', lambda found, each: ())
+    write_report(calibration(), tmp_path / 'out', provenance={'seed': 1})
+    with pytest.raises(RecordingError, match='--overwrite'):
+        write_report(calibration(), tmp_path / 'out', provenance={'seed': 2})
+    path = write_report(calibration(), tmp_path / 'out', provenance={'seed': 3}, overwrite=True)
+    assert '<th>seed</th><td><code>3</code>' in path.read_text(encoding='utf-8')
+    (tmp_path / 'out' / 'notes.txt').write_text('mine')
+    with pytest.raises(RecordingError, match=r'notes\.txt'):
+        write_report(calibration(), tmp_path / 'out', provenance={}, overwrite=True)
+
+
+def test_nothing_is_left_of_a_report_that_fails(monkeypatch, tmp_path):
+    def failing(found, each):
+        raise RecordingError('no picture')
+
+    monkeypatch.setattr(calibration_report, 'calibration_figures', failing)
+    with pytest.raises(RecordingError, match='no picture'):
+        write_report(calibration(), tmp_path / 'out', provenance={})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nested_provenance_is_flattened():
+    assert flat(PROVENANCE)[1] == ('recordings.1.file', 'bags/<ramp>.mcap')
+    assert flat({}) == []
+
+
+def test_intervals_that_miss_the_force_are_counted():
+    read = np.zeros((4, 2))
+    force = np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.0], [np.nan, np.nan]])
+    way = EndForces(force=force, covariance=np.broadcast_to(1e-6 * np.eye(2), (4, 2, 2)))
+    none = EndForces(force=np.full((4, 2), np.nan), covariance=way.covariance)
+    found = FoundForces(pressure=np.zeros(4), read=read, read_std=1e-3, ways=(way, none))
+    first, second = sentences(found)
+    assert 'found in 3 of 4 frames' in first
+    assert '67 % and 100 %' in first
+    assert 'no force was found in any of 4 frames' in second
