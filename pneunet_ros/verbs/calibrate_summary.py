@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.fitted import Fit
+from pneunet_ros.moment_law import PiecewiseLinearLaw
 from pneunet_ros.units import kilopascals, millimeters
 from rich.console import Console
 from rich.table import Table
@@ -78,12 +79,7 @@ def show(calibration: Calibration, summary: dict[str, Any], console: Console) ->
     console.print(curvature_table(calibration))
     law = [row for row in summary['quantities'] if row['name'].startswith('moment_law.')]
     if law:
-        table = Table(title='Moment law (Eq 10 in units of mg l^2 and l)')
-        for column in ('quantity', 'value', 'standard error'):
-            table.add_column(column, justify='left' if column == 'quantity' else 'right')
-        for row in law:
-            table.add_row(row['name'], f'{row["value"]:.4g}', f'{row["std"]:.2g}')
-        console.print(table)
+        console.print(law_table(calibration, law))
     if summary['laws']:
         table = Table(title='Moment laws on loaded recordings that were left out')
         table.add_column('law')
@@ -99,6 +95,26 @@ def show(calibration: Calibration, summary: dict[str, Any], console: Console) ->
         console.print(f'wrote {summary["output"]}')
     if summary['report'] is not None:
         console.print(f'wrote {summary["report"]}/index.html')
+
+
+def law_table(calibration: Calibration, law: list[dict[str, Any]]) -> Table:
+    """Return the constants of the moment law: over pressure where it has rows, else by name."""
+    fitted = calibration.arm.moment_law
+    found = {row['name']: f'{row["value"]:.4g} +- {row["std"]:.1g}' for row in law}
+    table = Table(title=f'Moment law, {fitted.kind}')
+    if not isinstance(fitted, PiecewiseLinearLaw):
+        for column in ('quantity', 'value'):
+            table.add_column(column)
+        for name, text in found.items():
+            table.add_row(name, text)
+        return table
+    for column in ('pressure (kPa)', 'alpha1', 'alpha2', 'l1 / l'):
+        table.add_column(column, justify='right')
+    for row, pressure in enumerate(fitted.pressure.tolist()):
+        names = (f'rigidity.{row}.0', f'rigidity.{row}.1', f'split.{row}')
+        texts = (found[f'moment_law.{name}'] for name in names)
+        table.add_row(f'{kilopascals(pressure):.1f}', *texts)
+    return table
 
 
 def curvature_table(calibration: Calibration) -> Table:
