@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'pneunet_ros'
 SHARE = f'share/{PACKAGE}'
-SHIPPED = ('config', 'launch', 'bags', 'scenarios')
+SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags', 'scenarios')
 
 
 def shipped_files():

@@ -22,6 +22,7 @@ import pytest
 CHECKOUT = Path(__file__).resolve().parent.parent
 PACKAGE = CHECKOUT / 'pneunet_ros'
 ROS = ('rclpy', 'builtin_interfaces', 'std_srvs', 'std_msgs', 'sensor_msgs', 'geometry_msgs')
+SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags', 'scenarios')
 NOT_SOURCE = shutil.ignore_patterns(
     '.git', '.venv*', 'build', 'install', 'log', '*.egg-info', '__pycache__', '.*_cache'
 )
@@ -117,7 +118,7 @@ def test_commands_exist(setup_arguments):
 
 def test_all_shipped_files_are_installed(setup_arguments):
     installed = {file for _, files in setup_arguments['data_files'] for file in files}
-    for folder in ('config', 'launch', 'bags', 'scenarios'):
+    for folder in SHIPPED:
         for file in (CHECKOUT / folder).rglob('*'):
             if file.is_file() and '__pycache__' not in file.parts:
                 assert file.relative_to(CHECKOUT).as_posix() in installed
