@@ -23,7 +23,7 @@ PERIOD = 100_000_000  # ns between frames
 FRAMES = 60
 # So small that it hardly matters, and yet of a size that a fit can weigh by.
 HARDLY_ANY = SensorNoise(
-    pressure_std=0.01, force_std=1e-7, moment_std=1e-9, target_std=1e-7
+    pressure_std=0.01, force_std=1e-7, moment_std=1e-9, target_std=1e-6
 )  # fmt: skip
 USUAL = SensorNoise(
     pressure_std=60.0,

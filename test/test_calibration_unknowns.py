@@ -122,21 +122,23 @@ def test_the_prior_is_positive_definite_and_of_the_size_said(kind):
 
 
 def test_the_prior_of_the_law_leaves_it_free():
-    law = law_unknowns('piecewise_linear')
+    some = law_unknowns('piecewise_linear')
     alpha = 1.5e-4 / (0.17 * 0.112**2)
-    std = np.sqrt(np.diag(law.prior))
-    assert law.mean[:4] == pytest.approx(alpha, rel=0.05)
-    assert np.all(std[:4] > 0.9 * law.mean[:4])
-    assert np.all(std[4:] > 0.04)
+    _, change = some.quantities()
+    rows = some.rows.size
+    mean, std = change @ some.mean, np.sqrt(np.diag(change @ some.prior @ change.T))
+    assert mean[: 2 * rows] == pytest.approx(alpha)
+    assert np.all(std[: 2 * rows] > 0.9 * alpha)
+    assert np.all(mean[2 * rows :] - 3.0 * std[2 * rows :] < 0.0)
     # One size, and less of a change over the range.
-    change = law.prior[0, 0] + law.prior[1, 1] - 2.0 * law.prior[0, 1]
-    assert np.sqrt(change) < 1.1 * alpha
+    apart = change[0] - change[2 * rows - 2]
+    assert np.sqrt(apart @ some.prior @ apart) < 1.1 * alpha
 
 
 def test_a_law_through_zero_is_no_law():
     some = unknowns('piecewise_linear')
     values = some.mean.copy()
-    values[some.cells] = -values[some.cells + 1]
+    values[some.cells] = -values[some.cells]
     with pytest.raises(ModelError, match='pass through zero'):
         some.arm(values)
 

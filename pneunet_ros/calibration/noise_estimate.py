@@ -76,12 +76,16 @@ def estimated_noise(runs: Sequence[Run], arclength: Array, assumed: SensorNoise)
 
 
 def second_differences(series: Sequence[Array]) -> float | None:
-    """Return the standard deviation of white noise on smooth series, each (values,) in time."""
+    """Return the standard deviation of white noise on smooth series, each (values,) in time.
+
+    None for too few values, and where most lie on straight lines to the last digit: a set point,
+    or a sensor coarser than its noise.
+    """
     apart = [np.abs(np.diff(values, 2)) for values in series]
     all_apart = np.concatenate([values[np.isfinite(values)] for values in apart] or [np.zeros(0)])
     if all_apart.size < FEWEST:
         return None
-    return SIGMA_OF_MEDIAN * float(np.median(all_apart)) / math.sqrt(6.0)
+    return SIGMA_OF_MEDIAN * float(np.median(all_apart)) / math.sqrt(6.0) or None
 
 
 def white_of_targets(runs: Sequence[Run]) -> float | None:
@@ -135,7 +139,7 @@ def camera(
     runs: Sequence[Run], arclength: Array, white: float
 ) -> tuple[float | None, float | None]:
     """Return the spread of the camera's place between runs and its drift within a run (m)."""
-    if arclength[0] > AT_CLAMP * arclength[-1]:
+    if arclength.size == 0 or arclength[0] > AT_CLAMP * arclength[-1]:
         return None, None
     places, walked, own = [], [], []
     for run in runs:

@@ -1,0 +1,125 @@
+"""The noise of recordings from the recordings themselves: every sigma within its own error."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+from arms import paper_arm
+from made_runs import made
+import numpy as np
+from pneunet_ros.calibration.noise_estimate import estimated_noise, second_differences
+from pneunet_ros.noise import SensorNoise
+import pytest
+
+PAPER = paper_arm()
+ASSUMED = SensorNoise(pressure_std=1.0, force_std=1.0, moment_std=1.0, target_std=1.0)
+NAMES = tuple(item.name for item in fields(SensorNoise))
+TRUE = SensorNoise(
+    pressure_std=80.0,
+    force_std=2e-3,
+    moment_std=1e-5,
+    target_std=4e-5,
+    placement_std=6e-5,
+    registration_std=2e-4,
+    drift_std=1e-4,
+)
+RUNS = 6
+FRAMES = 200
+
+
+def runs(noise: SensorNoise, seed: int = 0, frames: int = FRAMES):
+    """Return ramps that begin at rest, every other one loaded."""
+    up = np.concatenate([np.zeros(frames // 5), np.linspace(0.0, 55e3, frames - frames // 5)])
+    turn = np.linspace(0.0, 1.0, frames)
+    force = np.stack([0.1 + 0.1 * turn, 0.1 * np.sin(4.0 * turn)], axis=1)
+    return [
+        made(
+            PAPER, up, force if which % 2 else None, noise=noise, seed=100 * seed + which,
+            painted=seed,
+        )
+        for which in range(RUNS)
+    ]  # fmt: skip
+
+
+def test_every_sigma_is_found_within_its_error():
+    found = {name: [] for name in NAMES}
+    for seed in range(8):
+        estimate = estimated_noise(runs(TRUE, seed), PAPER.target_arclength, ASSUMED)
+        for name in NAMES:
+            found[name].append(getattr(estimate.noise, name) / getattr(TRUE, name))
+    # Of how many independent values each comes: readings, targets, runs.
+    for name, spread in (('pressure_std', 0.03), ('force_std', 0.04), ('target_std', 0.02)):
+        assert np.array(found[name]) == pytest.approx(1.0, abs=4.0 * spread), name
+        assert np.mean(found[name]) == pytest.approx(1.0, abs=0.03), name
+    for name, spread in (('placement_std', 0.2), ('registration_std', 0.25), ('drift_std', 0.2)):
+        assert np.mean(found[name]) == pytest.approx(1.0, abs=3.0 * spread / np.sqrt(8)), name
+        assert np.std(found[name]) < 1.6 * spread, name
+
+
+def test_what_is_not_there_is_not_found():
+    noise = replace(TRUE, placement_std=0.0, registration_std=0.0, drift_std=0.0)
+    found = estimated_noise(runs(noise), PAPER.target_arclength, ASSUMED).noise
+    for name in ('placement_std', 'registration_std', 'drift_std'):
+        assert getattr(found, name) < 0.6 * noise.target_std
+    assert found.target_std == pytest.approx(noise.target_std, rel=0.08)
+
+
+def test_what_recordings_cannot_tell_is_assumed_and_said():
+    free = [run for run in runs(TRUE) if not run.loaded]
+    estimate = estimated_noise(free, PAPER.target_arclength, ASSUMED)
+    assert estimate.noise.force_std == ASSUMED.force_std
+    assert estimate.noise.moment_std == ASSUMED.moment_std
+    for name in NAMES:
+        assumed = name in ('force_std', 'moment_std')
+        assert (estimate.sources[name] == 'assumed; these recordings cannot tell') == assumed
+    few = estimated_noise(free[:2], PAPER.target_arclength, ASSUMED)
+    assert few.sources['registration_std'].startswith('assumed')
+
+
+def test_few_targets_tell_nothing_of_their_placement():
+    arm = replace(PAPER, target_arclength=PAPER.target_arclength[::4])
+    up = np.linspace(0.0, 55e3, 60)
+    estimate = estimated_noise(
+        [made(arm, up, noise=TRUE, seed=seed) for seed in range(3)], arm.target_arclength, ASSUMED
+    )
+    assert estimate.sources['placement_std'].startswith('assumed')
+
+
+def test_an_arm_without_a_target_at_the_clamp_tells_nothing_of_the_camera():
+    arm = replace(PAPER, target_arclength=PAPER.target_arclength[4:])
+    up = np.linspace(0.0, 55e3, 60)
+    estimate = estimated_noise(
+        [made(arm, up, noise=TRUE, seed=seed) for seed in range(3)], arm.target_arclength, ASSUMED
+    )
+    for name in ('registration_std', 'drift_std'):
+        assert estimate.sources[name].startswith('assumed')
+
+
+@pytest.mark.parametrize('targets', [0, 1])
+def test_arms_with_hardly_a_target_tell_what_they_can(targets):
+    arm = replace(PAPER, target_arclength=PAPER.target_arclength[:targets])
+    run = made(arm, np.linspace(0.0, 55e3, 60), noise=TRUE)
+    estimate = estimated_noise([run], arm.target_arclength, ASSUMED)
+    assert estimate.noise.pressure_std == pytest.approx(80.0, rel=0.5)
+    assert estimate.sources['placement_std'].startswith('assumed')
+
+
+def test_motion_and_steps_are_no_noise():
+    random = np.random.default_rng(1)
+    time = np.arange(400)
+    steps = 1e4 * (time // 40) + 50.0 * random.standard_normal(400)
+    assert second_differences([steps]) == pytest.approx(50.0, rel=0.15)
+    ramp = 137.0 * time + 50.0 * random.standard_normal(400)
+    assert second_differences([ramp]) == pytest.approx(50.0, rel=0.15)
+
+
+def test_readings_that_are_set_points_tell_nothing():
+    assert second_differences([1e4 * (np.arange(400) // 40)]) is None
+    assert second_differences([np.zeros(3)]) is None
+
+
+def test_numbers_are_kept_to_what_they_mean():
+    found = estimated_noise(runs(TRUE), PAPER.target_arclength, ASSUMED).noise
+    for name in NAMES:
+        value = getattr(found, name)
+        assert value == float(f'{value:.3g}')
