@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.fitted import FittedRun
-from pneunet_ros.calibration.stances import spread, Stance, stances
+from pneunet_ros.calibration.stances import held, spread, Stance, stances
 from pneunet_ros.calibration.views import moment_view, MomentView
 from pneunet_ros.centerline import FEWEST_TARGETS, smoother_for
 from pneunet_ros.report_style import PressureColors
@@ -49,7 +49,7 @@ def figure_data(calibration: Calibration, each: Each) -> FigureData:
     main: tuple[Stance, ...] = ()
     if loaded:
         _, main = max(loaded, key=lambda item: float(np.ptp(item[0].frame_pressure)))
-    groups = [spread(free, UNLOADED_SHOWN), spread(main, LOADED_SHOWN)]
+    groups = [spread(free, UNLOADED_SHOWN), spread(held(main), LOADED_SHOWN)]
     pressures = [stance.pressure for group in groups for stance in group]
     each('measured curvature', 0, 1)
     views = views_of(calibration, groups)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from calibrated import ARM, calibration, FRAMES, NOISE, TOP
 import numpy as np
 from pneunet_ros.calibration.response import X, Y
-from pneunet_ros.calibration.stances import predicted, spread, stances
+from pneunet_ros.calibration.stances import held, predicted, spread, stances
 import pytest
 
 
@@ -71,6 +71,13 @@ def test_a_target_never_seen_stays_unknown(stairs):
 def test_the_longest_of_neighbors_is_chosen(stairs):
     short = [replace(stance, frames=1, pressure=stance.pressure + 500.0) for stance in stairs]
     assert spread([*short, *stairs], len(stairs)) == list(stairs)
+
+
+def test_the_way_between_holds_is_left_out(stairs):
+    short = [replace(stance, frames=1, pressure=stance.pressure + 5e3) for stance in stairs[:-1]]
+    assert held([*stairs, *short]) == list(stairs)
+    assert held([*stairs[:2], *short]) == [*stairs[:2], *short]  # these holds span too little
+    assert held([]) == []
 
 
 def test_no_stance_is_predicted_to_nothing():

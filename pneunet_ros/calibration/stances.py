@@ -19,6 +19,8 @@ from pneunet_ros.readings import TargetSightings, unseen_targets
 from pneunet_ros.shape import Array
 
 SHARE_OF_SPAN = 0.01  # of the run's largest pressure or force, that a stance may span
+HOLD_SHARE = 0.3  # of the longest stance of a run, at least, for a hold
+FEWEST_HOLDS = 4
 NOISE_SPAN = 8.0  # standard deviations that readings of one value may span
 
 
@@ -106,6 +108,16 @@ def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> Stance:
         y=means[1],
         count=count,
     )
+
+
+def held(found: Sequence[Stance]) -> list[Stance]:
+    """Leave out the short stances on the way between holds, where the holds span the pressures."""
+    longest = max((stance.frames for stance in found), default=0)
+    holds = [stance for stance in found if stance.frames >= HOLD_SHARE * longest]
+    span = np.ptp([stance.pressure for stance in found]) if found else 0.0
+    if len(holds) >= FEWEST_HOLDS and np.ptp([one.pressure for one in holds]) >= 0.8 * span:
+        return holds
+    return list(found)
 
 
 def spread(found: Sequence[Stance], count: int) -> list[Stance]:
