@@ -21,14 +21,18 @@ from pneunet_ros.shape import Array
 MOST_STEPS = 30
 SMALL_STEP = 1e-4  # of a standard deviation of the force
 LARGEST_STEP = 0.1  # N
-SMALLEST_NORMAL = 1e-4  # 1/N^2: a force as uncertain as 100 N is not determined
+SMALLEST_NORMAL = 1e-4  # 1/N^2, of a force that is not determined at all
+LARGEST_SIGMA = 10.0  # N: what is less certain is not determined
 PRESSURE_STEP = 20.0  # Pa
 SPREAD_STEPS = (0, 3)  # when what the model leaves open is computed: it changes little
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EndForces:
-    """F1, F2 (N) of frames, (frames, 2), and their covariance (frames, 2, 2); NaN: not found."""
+    """F1, F2 (N) of frames, (frames, 2), and their covariance (frames, 2, 2).
+
+    NaN: not found, or not determined, such as F1 from the tip of a straight arm.
+    """
 
     force: Array
     covariance: Array
@@ -74,11 +78,14 @@ def end_forces(arm: Arm, run: Run, *, tip_only: bool = False) -> EndForces:
         size = np.sqrt(np.einsum('fi,fij,fj->f', step, np.linalg.inv(covariance[some]), step))
         share = np.minimum(1.0, LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))
         loads[some] += np.column_stack([share[:, None] * step, np.zeros(some.size)])
-        found[some] = solved & (size < SMALL_STEP)
+        # Beyond buckling another equilibrium fits as well: no force is told apart there.
+        found[some] = solved & series.stable & (size < SMALL_STEP)
         going_on = np.flatnonzero(solved & (size >= SMALL_STEP))
         some, series = some[going_on], series.some(going_on)
     covariance[~found] = np.nan
-    return EndForces(force=np.where(found[:, None], loads[:, :2], np.nan), covariance=covariance)
+    known = np.diagonal(covariance, axis1=1, axis2=2) < LARGEST_SIGMA**2
+    covariance = np.where(known[:, :, None] & known[:, None, :], covariance, np.nan)
+    return EndForces(force=np.where(known, loads[:, :2], np.nan), covariance=covariance)
 
 
 def point_errors(noise: SensorNoise, targets: int) -> Array:

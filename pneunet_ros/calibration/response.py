@@ -18,7 +18,7 @@ from pneunet_ros.attempt import (
     TURN_PER_PANEL,
 )
 from pneunet_ros.calibration.drive import Drive
-from pneunet_ros.rod import Rods
+from pneunet_ros.rod import RIGIDITY, Rods
 from pneunet_ros.shape import Array
 from pneunet_ros.solver import collocation
 from pneunet_ros.solver.series import answers, follow
@@ -32,7 +32,17 @@ X, Y, THETA, CURVATURE, INTRINSIC_CURVATURE, MOMENT = range(6)  # fields at stat
 class Series:
     """The shapes of an arm in the frames of a run, kept as starts for the next, changed arm."""
 
-    __slots__ = ('arclength', 'counts', 'detail', 'fields', 'known', 'nodes', 'points', 'solved')
+    __slots__ = (
+        'arclength',
+        'counts',
+        'detail',
+        'fields',
+        'known',
+        'nodes',
+        'points',
+        'solved',
+        'stable',
+    )
 
     def __init__(self, arclength: Array) -> None:
         self.arclength = arclength
@@ -70,6 +80,7 @@ class Series:
         self.known = np.zeros(frames, dtype=np.bool_)
         self.fields = np.empty((frames, 6, self.arclength.size))
         self.detail = np.zeros(frames)
+        self.stable = np.zeros(frames, dtype=np.bool_)
 
     def sweep(self, arm: Arm, rods: Rods, loads: Array) -> None:
         """Solve the frames one after the other; one that Newton's method misses is solved cold."""
@@ -157,7 +168,10 @@ class Series:
             steps,
             self.arclength,
             out,
+            self.stable,
         )
+        # Stability is defined for positive rigidity alone.
+        self.stable |= np.any(rods.sections[:, :, RIGIDITY] < 0.0, axis=1)
         out[:, :, X], out[:, :, Y] = arm.see(out[:, :, X], out[:, :, Y])  # it is linear
         return out
 

@@ -85,8 +85,9 @@ def answers(
     steps: Array,
     arclength: Array,
     out: Array,
+    stable: Flags,
 ) -> None:
-    """Linear answer of solved rods at stations, into out (n, causes, 6, stations).
+    """Linear answer of solved rods at stations, into out (n, causes, 6, stations), and stability.
 
     The causes: F1, F2, M; a unit of each knot of the curvature's table (knot_turning (knots,
     pieces, 5) is its turning); each column of a section (columns (k, 2): section and column, steps
@@ -125,7 +126,9 @@ def answers(
                 for i in range(PANEL_WIDTH):
                     difference = after[p, i] - before[p, i]
                     changes[knot_count + k, p, i] = difference * (0.5 / steps[k])
-        sensitivities(panels, ends, nodes[rod], changes, end_changes, node_changes, tip_changes)
+        stable[rod] = sensitivities(
+            panels, ends, nodes[rod], changes, end_changes, node_changes, tip_changes
+        )
         station_changes(
             panels,
             nodes[rod],
