@@ -10,12 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from pneunet_ros.arm import Arm
+from pneunet_ros.calibration.drive import drives_of
 from pneunet_ros.calibration.fitted import Fit
 from pneunet_ros.calibration.knowledge import Knowledge, knowledge_of
 from pneunet_ros.calibration.law_unknowns import LAW_UNKNOWNS
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.noise_estimate import estimated_noise, NoiseEstimate
 from pneunet_ros.calibration.plausible import check_runs
+from pneunet_ros.calibration.same_arm import odd_recordings
 from pneunet_ros.calibration.stages import (
     continued,
     LawScore,
@@ -36,7 +38,8 @@ class Calibration:
 
     knowledge is what another calibration may go on from. free is the fit of experiment 1; joint
     that of all recordings (the same where there is no loaded one). captured is the share of the
-    shape's variance that the few columns of the model file's covariance have. notes are sentences on what the data could not determine.
+    shape's variance that the few columns of the model file's covariance have. notes are sentences
+    on what the data could not determine, and on recordings that do not fit the others.
     """
 
     arm: Arm
@@ -64,8 +67,8 @@ def calibrate(
 
     kind: the moment law to fit. earlier: go on from what another calibration knew, and its tables;
     the unloaded recordings may then be missing. compare: fit the other laws too, each time without
-    one of the loaded recordings. Raises RequestError and RecordingError where the recordings do not fit the
-    experiments.
+    one of the loaded recordings. Raises RequestError and RecordingError where the recordings do
+    not fit the experiments.
     """
     if kind not in LAW_UNKNOWNS:
         raise RequestError(f'the moment law must be one of {", ".join(LAW_UNKNOWNS)}, not {kind}')
@@ -74,7 +77,7 @@ def calibrate(
     runs = [*unloaded, *loaded]
     noise = estimated_noise(runs, frame.target_arclength, frame.sensors)
     frame = replace(frame, sensors=noise.noise, covariance=None)
-    low, high = pressure_span(runs)
+    low, high = pressure_span(drives_of(frame, runs))
     stage = Stages(frame, noise, low, high, each)
     laws: tuple[LawScore, ...] = ()
     if earlier is not None:
@@ -99,5 +102,5 @@ def calibrate(
         joint=joint,
         laws=laws,
         captured=captured,
-        notes=tuple(undetermined(joint)),
+        notes=(*undetermined(joint), *odd_recordings(joint)),
     )

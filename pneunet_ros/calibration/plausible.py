@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from pneunet_ros.arm import Arm
+from pneunet_ros.calibration.same_arm import check_same_arm
 from pneunet_ros.errors import RecordingError, RequestError
 from pneunet_ros.run import Run
-from pneunet_ros.units import kilopascals
+from pneunet_ros.units import kilopascals, millimeters
 
 FEWEST_FRAMES = 20  # of a recording
 FEWEST_TARGETS = 4  # seen somewhere in a recording
@@ -17,6 +18,8 @@ SMALLEST_MOTION = 5e-4  # m of the tip
 SMALLEST_FORCE = 0.005  # N, for a load
 UNLOADED_FORCE = 0.02  # N: more than the offset of a force sensor
 LARGEST_PRESSURE = 1e6  # Pa
+BENDING_MOTION = 0.05  # of the length: pressures that bend an arm so much are no few Pa
+LARGEST_FORCE = 100.0  # times the weight of the arm
 LONGER_THAN_ARM = 1.3  # of the length, from the clamp to a target
 
 
@@ -47,18 +50,37 @@ def check_runs(
                 f'{run.name} was given as loaded, but it has no end force above '
                 f'{SMALLEST_FORCE} N; name it after --unloaded'
             )
+        if float(np.max(np.abs(run.force))) > LARGEST_FORCE * arm.weight:
+            raise RecordingError(
+                f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
+                f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)'
+            )
+        if motion(run) < SMALLEST_MOTION:
+            raise RecordingError(
+                f'{run.name}: the targets hardly move, so it says nothing of the moment law; '
+                'change the pressure or the load within a recording'
+            )
+    check_same_arm(unloaded, arm.length)
     if not first:
         return
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
+    names = ', '.join(run.name for run in unloaded)
+    moved = max(motion(run) for run in unloaded)
+    if np.max(np.abs(pressures)) < SMALLEST_SPAN and moved > BENDING_MOTION * arm.length:
+        raise RecordingError(
+            f'{names}: the pressure never exceeds '
+            f'{np.max(np.abs(pressures)):.3g} Pa, and yet the arm moves by '
+            f'{millimeters(moved):.3g} mm; pressure must be gauge, in Pa, not in kPa, mbar or psi'
+        )
     if np.ptp(pressures) < SMALLEST_SPAN:
         raise RecordingError(
-            f'the unloaded recordings span {kilopascals(float(np.ptp(pressures))):.2g} kPa of '
-            'pressure: kappa_p0 needs at least two pressures; record a ramp or a staircase'
+            f'{names} span {kilopascals(float(np.ptp(pressures))):.2g} kPa of pressure: kappa_p0 '
+            'needs at least two pressures; record a ramp or a staircase'
         )
-    if max(motion(run) for run in unloaded) < SMALLEST_MOTION:
+    if moved < SMALLEST_MOTION:
         raise RecordingError(
-            'the targets hardly move in the unloaded recordings although the pressure changes; '
-            'do the target topic and the pressure belong together?'
+            f'{names}: the targets hardly move although the '
+            'pressure changes; do the target topic and the pressure belong together?'
         )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.arm import Arm, EXTRAPOLATION
+from pneunet_ros.calibration.drive import Drive
 from pneunet_ros.calibration.fit import fit
 from pneunet_ros.calibration.fitted import Fit
 from pneunet_ros.calibration.held_out import Score, score
@@ -192,8 +193,8 @@ def wide_smoothness(length: float) -> Smoothness:
     return Smoothness(amplitude=5.0 / length, deviation=0.5 / length, reach=0.18)
 
 
-def pressure_span(runs: Sequence[Run]) -> tuple[float, float]:
-    """Return the lowest and highest pressure (Pa) at a frame, rounded to what a sensor tells."""
-    pressures = np.concatenate([run.frame_pressure for run in runs])
+def pressure_span(drives: Sequence[Drive]) -> tuple[float, float]:
+    """Return the lowest and highest chamber pressure (Pa), rounded to what a sensor tells."""
+    pressures = np.concatenate([drive.pressure for drive in drives])
     low, high = np.quantile(pressures, [0.002, 0.998])
     return float(np.floor(low / 100.0) * 100.0), float(np.ceil(high / 100.0) * 100.0)

@@ -34,7 +34,7 @@ class Unknowns:
     """The unknowns: curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, then the law.
 
     `frame` is an arm that has everything else; without `law` the arm keeps its own. known: mean
-    and covariance of the first unknowns from an earlier fit, in place of what is believed before any.
+    and covariance of the first unknowns from an earlier fit, in place of what is believed before.
     """
 
     frame: Arm
