@@ -71,6 +71,7 @@ setup(
             'estimator = pneunet_ros.nodes.estimator:main',
             'tracker = pneunet_ros.nodes.tracker:main',
             'virtual_arm = pneunet_ros.nodes.virtual_arm:main',
+            'pneunet_stack = pneunet_ros.nodes.stack:main',
         ],
     },
 )

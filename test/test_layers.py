@@ -70,7 +70,7 @@ FLOORS = {
         nodes.estimator_health nodes.estimator_warm_up nodes.estimator
         nodes.following nodes.tracker_configuration nodes.tracker_health nodes.tracker_warm_up
         nodes.tracker
-        nodes.virtual_arm_configuration nodes.virtual_arm
+        nodes.virtual_arm_configuration nodes.virtual_arm nodes.stack
     """,
 }
 ORDER = [module for floor in FLOORS.values() for module in floor.split()]

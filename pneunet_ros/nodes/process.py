@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import gc
 import re
 import signal
@@ -25,19 +25,26 @@ def run(make_node: Callable[[], Any], usage: str, arguments: list[str] | None = 
     arguments: the command line with the name of the program, by default that of this process. What
     a user got wrong (PneunetError) is one sentence on stderr and exit code 2.
     """
-    arguments = sys.argv if arguments is None else arguments
-    node = None
+    return run_together((make_node,), usage, sys.argv if arguments is None else arguments)
+
+
+def run_together(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str]) -> int:
+    """Make nodes, one after the other, and let them take turns in one thread; as `run`."""
+    nodes: list[Any] = []
     _on_signals(_end)
     try:
         if {'-h', '--help'} & set(arguments[1:]):
             print(usage)
             return DONE
         _start_ros(arguments)
-        node = make_node()
+        executor = SingleThreadedExecutor()
+        for make_node in make_nodes:
+            nodes.append(make_node())
+            executor.add_node(nodes[-1])
         # All made up to here stays; the collector need not look through it while readings wait.
         gc.collect()
         gc.freeze()
-        rclpy.spin(node, SingleThreadedExecutor())
+        executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except PneunetError as error:
@@ -45,7 +52,7 @@ def run(make_node: Callable[[], Any], usage: str, arguments: list[str] | None = 
         return WRONG_REQUEST
     finally:
         _on_signals(_ignore)
-        if node is not None:
+        for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
     return DONE

@@ -1,0 +1,38 @@
+"""Several nodes in one process, taking turns in one thread: less memory, one thing to start.
+
+A node that works holds up the others: where an estimate must not wait for an image, start the
+nodes in processes of their own.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from pneunet_ros.nodes import process
+from pneunet_ros.nodes.estimator import EstimatorNode
+from pneunet_ros.nodes.tracker import TrackerNode
+from pneunet_ros.nodes.virtual_arm import VirtualArmNode
+
+NODES = {'virtual_arm': VirtualArmNode, 'estimator': EstimatorNode, 'tracker': TrackerNode}
+DEFAULT = ('estimator', 'tracker')
+USAGE = """usage: pneunet_stack [virtual_arm] [estimator] [tracker] [--ros-args ...]
+
+Runs nodes in one process, by default estimator and tracker. Parameters are given to one of them:
+
+  pneunet_stack --ros-args -p estimator:model_file:=/path/to/model.yaml
+  pneunet_stack virtual_arm estimator --ros-args --params-file my_stack.yaml
+"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the nodes that are named until a signal comes; the console script `pneunet_stack`."""
+    arguments = sys.argv if arguments is None else arguments
+    end = arguments.index('--ros-args') if '--ros-args' in arguments else len(arguments)
+    named = [name for name in NODES if name in arguments[1:end]] or DEFAULT
+    others = [argument for argument in arguments[1:end] if argument not in NODES]
+    makers = [NODES[name] for name in named]
+    return process.run_together(makers, USAGE, [arguments[0], *others, *arguments[end:]])
+
+
+if __name__ == '__main__':
+    sys.exit(main())
