@@ -1,0 +1,135 @@
+"""The pages of the nodes say what the code has, and nothing else: both ways.
+
+Topics and services of running nodes are held against them in test_nodes and test_tracker_node,
+the text of each parameter in test_node_parts.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from manuals import page, reasons_in, table, topics, values
+from pneunet_ros.message_parts import UNREADABLE
+from pneunet_ros.messages import TOPICS
+from pneunet_ros.registration import RESTING
+from pneunet_ros.settings import EstimatorSettings
+from pneunet_ros.stamp_order import STARTS_ANEW
+from pneunet_ros.tracker_messages import IMAGE_TYPE, TRACKER_INPUTS, TRACKER_OUTPUTS
+from pneunet_ros.tracker_state import TrackerState
+from pneunet_ros.view_messages import markers_output, transform_output
+import pytest
+
+# The wheels of ROS import a parser that is older than Python 3.11.
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
+]
+pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
+
+from estimates import random_estimate  # noqa: E402
+from pneunet_ros.estimator_state import EstimatorState  # noqa: E402
+from pneunet_ros.nodes.estimator_configuration import PARAMETERS as ESTIMATOR  # noqa: E402
+from pneunet_ros.nodes.estimator_health import EstimatorHealth  # noqa: E402
+from pneunet_ros.nodes.health import Level  # noqa: E402
+from pneunet_ros.nodes.topics import input_qos, latched_qos, output_qos  # noqa: E402
+from pneunet_ros.nodes.tracker import WRONG_CAMERA_INFO  # noqa: E402
+from pneunet_ros.nodes.tracker_configuration import PARAMETERS as TRACKER  # noqa: E402
+from pneunet_ros.nodes.tracker_health import TrackerHealth  # noqa: E402
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
+
+NODES = ('estimator', 'tracker')
+OF_EVERY_NODE = {
+    'model_info': 'std_msgs/msg/String',
+    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+}
+TYPES = {
+    'estimator': {
+        topic.name: topic.type
+        for topic in (*TOPICS, markers_output(lambda: None), transform_output('tip'))
+    },
+    'tracker': {topic.name: topic.type for topic in (*TRACKER_INPUTS, *TRACKER_OUTPUTS)}
+    | {'image_annotated': IMAGE_TYPE},
+}
+COUNTS = MappingProxyType({'<reason>': 1})
+
+
+def in_words(profile):
+    """Return a quality of service as the pages put it."""
+    reliable = profile.reliability == ReliabilityPolicy.RELIABLE
+    latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    words = ['reliable' if reliable else 'best effort', *['transient local'] * latched]
+    return ', '.join([*words, f'depth {profile.depth}'])
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_topics_are_those_of_the_code(node):
+    written = {name: kind.replace('/', '/msg/') for name, (kind, _, _) in topics(node).items()}
+    assert written == TYPES[node] | OF_EVERY_NODE
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_quality_of_service_is_that_of_the_code(node):
+    for name, (_, direction, quality) in topics(node).items():
+        if direction.startswith('in'):
+            # The tracker's depends on who publishes: test_following.
+            expected = in_words(input_qos()) if node == 'estimator' else 'as its publisher'
+        else:
+            expected = in_words(latched_qos() if 'latched' in direction else output_qos())
+        assert quality.startswith(expected), name
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameters'), [('estimator', ESTIMATOR), ('tracker', TRACKER)], ids=NODES
+)
+def test_parameters_are_those_of_the_code(node, parameters):
+    written = [name for name, *_ in table(page(node), 'parameter')]
+    assert sorted(written) == sorted(field.name for field in parameters.fields)
+
+
+def test_diagnostics_of_the_estimator_are_those_of_the_code():
+    health = EstimatorHealth('/pressure', 0.0)
+    health.took_pressure(random_estimate(3), 0.1, 0.001)
+    report = health.report(EstimatorState(rejected=COUNTS), EstimatorSettings(), 0.2)
+    assert sorted(values('estimator')) == sorted(['model', *report.values])
+
+
+def test_diagnostics_of_the_tracker_are_those_of_the_code():
+    health = TrackerHealth('/image', 0.0)
+    state = TrackerState(rejected=COUNTS, unexplained=COUNTS)
+    report = health.report(state, 0.1)
+    assert sorted(values('tracker')) == sorted(['model', *report.values])
+
+
+REASONS = {
+    'estimator': [UNREADABLE, *(reasons_in(m) for m in ('estimator', 'estimator_state'))],
+    'tracker': [
+        UNREADABLE,
+        RESTING,
+        WRONG_CAMERA_INFO,
+        *(reasons_in(m) for m in ('tracker', 'registration', 'sighting')),
+    ],
+}
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_reasons_are_those_of_the_code(node):
+    known = reasons_in('stamp_order') - {STARTS_ANEW}
+    for item in REASONS[node]:
+        known |= {item} if isinstance(item, str) else item
+    written = [reason for reason, *_ in table(page(node), 'reason')]
+    assert sorted(written) == sorted(known)
+
+
+def test_reasons_of_the_verb_track_are_those_of_the_tracker():
+    written = {
+        reason
+        for reasons, *_ in table(page('track'), 'reason')
+        for reason in reasons.replace('`', '').split(', ')
+    }
+    node_alone = {WRONG_CAMERA_INFO}
+    assert written == {reason for reason, *_ in table(page('tracker'), 'reason')} - node_alone
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_levels_are_those_of_the_code(node):
+    assert [level for level, *_ in table(page(node), 'level')] == [level.name for level in Level]
