@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.errors import MessageError
-from pneunet_ros.message_parts import POINTS_TYPE
+from pneunet_ros.message_parts import POINTS_TYPE, UNFIT
 
 # Kinds of numbers by the `datatype` of a PointField.
 _KINDS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
@@ -29,7 +29,7 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
             for item in message.fields
             if item.datatype in _KINDS and item.count == 1
         ]
-    except (AttributeError, TypeError, ValueError) as error:
+    except UNFIT as error:
         raise MessageError(f'a message is no usable {POINTS_TYPE}: {error}') from error
     names = [name for name, _, _ in fields]
     if len(set(names)) < len(names):

@@ -24,6 +24,8 @@ MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, log time, publish ti
 # First and last log time, size and checksum of the content, length of the compression's name.
 _CHUNK_HEAD = struct.Struct('<QQQII')
 
+LARGEST_CHUNK = 1_000_000_000  # bytes of its content; writers begin a new one at a few MB
+
 # What the decompressors and the parsing of damaged bytes raise.
 DAMAGE = (ValueError, OverflowError, struct.error, RuntimeError, zstandard.ZstdError)
 
@@ -102,10 +104,13 @@ def chunk_content(record: bytes) -> bytes:
     (stored,) = struct.unpack_from('<Q', record, place + length)
     data = record[place + length + 8 :]
     whole = len(data) >= stored
+    if size > LARGEST_CHUNK:
+        raise ValueError(f'it has {size} bytes, more than {LARGEST_CHUNK}')
+    # No more is unpacked than was announced, whatever the bytes would become.
     if compression == 'zstd':
-        data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
     elif compression == 'lz4':
-        data = lz4.frame.LZ4FrameDecompressor().decompress(data)
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1)
     elif compression:
         raise ValueError(f'its compression {compression!r} is unknown, zstd and lz4 can be read')
     if whole and len(data) != size:

@@ -21,6 +21,8 @@ PATH_TYPE = 'nav_msgs/msg/Path'
 ARRAY_TYPE = 'std_msgs/msg/Float64MultiArray'
 POINTS_TYPE = 'sensor_msgs/msg/PointCloud2'
 UNREADABLE = 'unreadable'  # reason of a refusal: a message is not what its topic promises
+# What fields raise that are not there, of another kind, or infinite where integers are due.
+UNFIT = (AttributeError, TypeError, ValueError, OverflowError)
 
 # The rows of a curvature along the arm, estimated or measured.
 CURVATURE_ROWS = ('arclength', 'curvature', 'intrinsic_curvature', 'moment', 'std_curvature')

@@ -29,6 +29,7 @@ from pneunet_ros.message_parts import (
     Output,
     PATH_TYPE,
     POINTS_TYPE,
+    UNFIT,
 )
 from pneunet_ros.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.shape import ShapeEstimate
@@ -45,7 +46,7 @@ def decode_pressure(message: Any) -> PressureReading:
             pressure=float(message.fluid_pressure),
             variance=float(message.variance),
         )
-    except (AttributeError, TypeError, ValueError) as error:
+    except UNFIT as error:
         raise MessageError(f'a message is no usable {PRESSURE_TYPE}: {error}') from error
 
 
@@ -60,7 +61,7 @@ def decode_wrench(message: Any) -> WrenchReading:
             moment=float(message.wrench.torque.z),
             frame_id=str(message.header.frame_id),
         )
-    except (AttributeError, TypeError, ValueError) as error:
+    except UNFIT as error:
         raise MessageError(f'a message is no usable {WRENCH_TYPE}: {error}') from error
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.cloud_points import cloud_points
 from pneunet_ros.errors import MessageError
-from pneunet_ros.message_parts import header, MessageTypes, nanoseconds, POINTS_TYPE
+from pneunet_ros.message_parts import header, MessageTypes, nanoseconds, POINTS_TYPE, UNFIT
 from pneunet_ros.messages import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.tracker_messages import encode_targets
@@ -79,7 +79,7 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
     """
     try:
         stamp_ns, found = nanoseconds(message.header.stamp), str(message.header.frame_id)
-    except (AttributeError, TypeError, ValueError) as error:
+    except UNFIT as error:
         raise MessageError(f'a message is no usable {POINTS_TYPE}: {error}') from error
     if found != frame_id:
         raise MessageError(f'targets are in frame {found!r}, and must be in {frame_id!r}')

@@ -164,7 +164,7 @@ def _in_order(
         name=name,
         topic=topic,
         stamp_ns=np.array([stamps[index] for index in kept], dtype=np.int64),
-        values=freeze(np.array([rows[index] for index in kept]).reshape(-1, *shape)),
+        values=freeze(np.array([rows[index] for index in kept]).reshape(len(kept), *shape)),
         left_out=MappingProxyType(dict(counts)),
     )
 

@@ -60,8 +60,10 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
     FILE.check_version(top['schema_version'], SCHEMA_VERSION)
     arm = top['arm']
     if isinstance(arm, str):
-        if Path(arm).name != arm or arm == '..':
-            raise RequestError(f'arm must be a block, or the name of a file beside it, not {arm!r}')
+        if not arm or Path(arm).name != arm or arm == '..':
+            raise RequestError(
+                f'arm must be a block, or the name of a file beside it, not {arm!r}'
+            )
         arm = ARM_FILE.load(folder / arm, lambda content: arm_from_mapping(content, ''))
     else:
         arm = arm_from_mapping(arm, 'arm')

@@ -30,6 +30,7 @@ from pneunet_ros.message_parts import (
     point_cloud,
     POINTS_TYPE,
     pose_rows,
+    UNFIT,
 )
 from pneunet_ros.readings import TargetSightings
 from pneunet_ros.shape import Array
@@ -63,7 +64,7 @@ def decode_image(message: Any) -> Image:
             encoding=str(message.encoding),
             data=_bytes(message.data),
         )
-    except (AttributeError, TypeError, ValueError) as error:
+    except UNFIT as error:
         raise MessageError(f'a message is no usable {IMAGE_TYPE}: {error}') from error
 
 
@@ -73,7 +74,7 @@ def decode_compressed_image(message: Any) -> Image:
         stamp_ns = nanoseconds(message.header.stamp)
         frame_id = str(message.header.frame_id)
         data = _bytes(message.data)
-    except (AttributeError, TypeError, ValueError) as error:
+    except UNFIT as error:
         raise MessageError(f'a message is no usable {COMPRESSED_TYPE}: {error}') from error
     grey = decode_compressed(data)
     height, width = grey.shape
@@ -103,7 +104,7 @@ def decode_camera_info(message: Any) -> Lens:
         binning = int(message.binning_x), int(message.binning_y)
         place = int(region.x_offset), int(region.y_offset), int(region.width), int(region.height)
         matrix = arrays['matrix'].reshape(3, 3)
-    except (AttributeError, TypeError, ValueError) as error:
+    except UNFIT as error:
         raise MessageError(f'a message is no usable {CAMERA_INFO_TYPE}: {error}') from error
     lens = Lens(**size, model=model, matrix=matrix, distortion=arrays['distortion'])
     check_whole_image(lens, binning, place)

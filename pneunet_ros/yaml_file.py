@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, MISSING
+from itertools import accumulate
 import math
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,6 +17,7 @@ from ruamel.yaml.error import YAMLError
 
 LARGEST_FILE = 1_000_000  # bytes
 LARGEST_CONTENT = 1_000_000  # values, counted as often as aliases repeat them
+DEEPEST = 100  # brackets within brackets
 LARGEST_INTEGER = 10**1000  # Python refuses to write out much longer ones, even in a sentence
 LONGEST_SENTENCE = 600  # characters
 
@@ -60,13 +62,17 @@ class YamlFile:
         """Build something from the content of a file; the error names the file and the key."""
         path = Path(path)
         try:
-            if path.stat().st_size > LARGEST_FILE:
+            with path.open('rb') as stream:  # a device may have no end
+                data = stream.read(LARGEST_FILE + 1)
+            if len(data) > LARGEST_FILE:
                 raise self.error(
                     f'{path} is larger than {LARGEST_FILE // 1_000_000} MB: no {self.kind}'
                 )
-            text = path.read_text(encoding='utf-8')
+            text = data.decode('utf-8')
         except (OSError, ValueError) as error:
             raise self.error(f'cannot read the {self.kind} {path}: {error}') from None
+        if depth_of(text) > DEEPEST:
+            raise self.error(f'{path} is not valid YAML: more than {DEEPEST} brackets are open')
         try:
             yaml = YAML(typ='safe', pure=True)
             yaml.Constructor = PlainConstructor
@@ -136,6 +142,12 @@ def one_line(error: Exception) -> str:
     """Return the text of an error, in one line of bounded length."""
     words = ' '.join(str(error).split())
     return words if len(words) <= LONGEST_SENTENCE else f'{words[:LONGEST_SENTENCE]} ...'
+
+
+def depth_of(text: str) -> int:
+    """Return how many brackets are open at most; the parser takes forever where they are many."""
+    steps = ((mark in '[{') - (mark in ']}') for mark in text if mark in '[]{}')
+    return max(accumulate(steps), default=0)
 
 
 def size_of(content: Any, known: dict[int, float]) -> float:
