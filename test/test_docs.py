@@ -1,0 +1,99 @@
+"""The pages: links lead somewhere, commands can be given so, symbols stand where it says."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+import re
+import shlex
+
+from manuals import table
+from pneunet_ros.cli import parser, VERBS
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = sorted(
+    [
+        *ROOT.glob('*.md'),
+        *(ROOT / 'docs').glob('*.md'),
+        *(ROOT / 'bags').glob('*/README.md'),
+    ]
+)
+MODEL = (ROOT / 'docs/model.md').read_text(encoding='utf-8')
+COMMAND = re.compile(r'^pneunet (.*)$', re.MULTILINE)
+every_page = pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
+
+
+def links(page):
+    """Files that a page links."""
+    found = re.findall(r'\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)', page.read_text(encoding='utf-8'))
+    return [page.parent / link for link in found]
+
+
+@every_page
+def test_linked_files_exist(page):
+    assert [link for link in links(page) if not link.exists()] == []
+
+
+def test_the_index_leads_to_every_page():
+    index = {link.resolve() for link in links(ROOT / 'docs/README.md')}
+    assert {page for page in (ROOT / 'docs').glob('*.md') if page.stem != 'README'} <= index
+    assert (ROOT / 'docs/README.md') in links(ROOT / 'README.md')
+
+
+def commands(page):
+    """Commands of `pneunet` in the shell examples of a page, without those with placeholders."""
+    for block in re.findall(r'```sh\n(.*?)```', page.read_text(encoding='utf-8'), re.DOTALL):
+        for command in COMMAND.findall(block.replace('\\\n', ' ').replace('&& ', '\n')):
+            words = shlex.split(command, comments=True)
+            if words[0].islower():
+                yield words
+
+
+@every_page
+def test_commands_can_be_given_so(page):
+    """Names and options are those of the verbs; whether files are there is another matter."""
+    for words in commands(page):
+        said = io.StringIO()
+        try:
+            with contextlib.redirect_stderr(said):
+                parser().parse_args(words)
+        except SystemExit:
+            pytest.fail(f'{page.name}: pneunet {" ".join(words)}: {said.getvalue()}')
+
+
+def test_verbs_are_shown_in_use():
+    shown = {words[0] for page in PAGES for words in commands(page)}
+    assert {verb.name for verb in VERBS} - shown <= {'demo', 'export', 'import'}
+
+
+def test_the_picture_of_the_readme_is_small_and_on_its_first_screen():
+    readme = (ROOT / 'README.md').read_text(encoding='utf-8').splitlines()
+    (line,) = (place for place, text in enumerate(readme) if 'docs/images/demo.png' in text)
+    assert line < 25
+    assert (ROOT / 'docs/images/demo.png').stat().st_size < 300_000
+
+
+SYMBOLS = table(MODEL, 'symbol')
+
+
+@pytest.mark.parametrize('row', SYMBOLS, ids=lambda row: row[0])
+def test_a_symbol_stands_where_the_page_says(row):
+    _, _, names, _, files = row
+    files = [ROOT / 'pneunet_ros' / file.strip(' `') for file in files.split(',')]
+    text = '\n'.join(file.read_text(encoding='utf-8') for file in files)
+    for name in names.split(','):
+        assert re.search(rf'\b{name.strip(" `")}\b', text), (name, files)
+
+
+def test_the_equations_use_no_symbol_that_is_not_in_the_table():
+    known = {symbol.strip() for row in SYMBOLS for symbol in row[0].split(',')}
+    known |= {'r', 't', 'M_est', 'cos', 'sin', 'x', 'y', 'n1', 'n2', 'EA', 'theta', 'kappa'}
+    (section,) = re.findall(r'## Equations\n(.*?)### Effects', MODEL, re.DOTALL)
+    lines = [line for line in section.splitlines() if line.startswith('    ')]
+    assert len(lines) >= 9
+    for line in lines:
+        equation = re.split(r'  +Eq|   +', line.strip())[0]
+        for word in re.findall(r'[A-Za-z_][A-Za-z_0-9]*', equation):
+            assert word in known, line
