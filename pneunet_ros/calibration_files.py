@@ -7,15 +7,17 @@ from dataclasses import fields, replace
 import hashlib
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from pneunet_ros.arm import Arm
+from pneunet_ros.array_file import DAMAGED_ARCHIVE, read_arrays
 from pneunet_ros.bag_folder import mcap_files
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.knowledge import Knowledge
+from pneunet_ros.calibration.law_unknowns import LAW_UNKNOWNS
 from pneunet_ros.errors import ModelError, PneunetError
 from pneunet_ros.output import atomic_output
+from pneunet_ros.yaml_file import one_line
 
 KNOWLEDGE_SUFFIX = '.knowledge.npz'
 PIECE = 1 << 20  # bytes read at a time
@@ -78,15 +80,20 @@ def load_knowledge(model: Path) -> Knowledge:
     """Read the knowledge beside a model file; ModelError where there is none or it is damaged."""
     path = knowledge_file(model)
     try:
-        with np.load(path, allow_pickle=False) as content:
-            values = {item.name: content[item.name] for item in fields(Knowledge)}
+        values = read_arrays(path, [item.name for item in fields(Knowledge)])
+        kind = values.pop('kind')
+        for name, array in values.items():
+            if array.dtype.kind not in 'iuf' or not np.isfinite(array).all():
+                raise ValueError(f'{name} holds what is no number')
         for name in ('stiffness', 'low', 'high'):
             values[name] = float(values[name])
-        return Knowledge(**values | {'kind': str(values['kind'])})
+        if kind.shape or str(kind) not in ('', *LAW_UNKNOWNS):
+            raise ValueError(f'the kind of its moment law is none of {", ".join(LAW_UNKNOWNS)}')
+        return Knowledge(**values, kind=str(kind))
     except FileNotFoundError:
         raise ModelError(
             f'{path} is missing: `pneunet calibrate` writes it beside a model, and it is needed '
             'to continue; calibrate anew with all recordings'
         ) from None
-    except (OSError, ValueError, KeyError, BadZipFile, EOFError, PneunetError) as error:
-        raise ModelError(f'{path} is damaged: {error}; calibrate anew') from None
+    except (*DAMAGED_ARCHIVE, PneunetError) as error:
+        raise ModelError(f'{path} is damaged: {one_line(error)}; calibrate anew') from None

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 import json
+import math
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
+from pneunet_ros.array_file import DAMAGED_ARCHIVE, read_arrays
 from pneunet_ros.errors import RequestError
 from pneunet_ros.frames import BASE_FRAME
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
@@ -21,6 +22,7 @@ from pneunet_ros.output import atomic_output
 from pneunet_ros.reading_messages import pressure_message, targets_message, wrench_message
 from pneunet_ros.readings import PressureReading, WrenchReading
 from pneunet_ros.recording_writer import write_recording
+from pneunet_ros.yaml_file import one_line
 
 NAMESPACE = '/pneunet'
 PRESSURE_FRAME = 'pressure_sensor'
@@ -146,12 +148,22 @@ def memory_after(path: Path) -> LabMemory:
     """
     truth = truth_file(path)
     try:
-        with np.load(truth, allow_pickle=False) as content:
-            memory = json.loads(str(content['memory']))
-        past = {name: tuple(values) for name, values in memory['past'].items()}
-        return LabMemory(time=memory['time'], pressure=memory['pressure'], past=past)
-    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
+        memory = json.loads(str(read_arrays(truth, ['memory'])['memory']))
+        past = {
+            name: tuple(_number(value) for value in values)
+            for name, values in memory['past'].items()
+        }
+        time, pressure = _number(memory['time']), _number(memory['pressure'])
+        return LabMemory(time=time, pressure=pressure, past=past)
+    except (*DAMAGED_ARCHIVE, AttributeError) as error:
         raise RequestError(
-            f'--after {path}: {truth} is no truth of a recording of the lab ({error}); name a '
-            'recording that `pneunet simulate` has written'
+            f'--after {path}: {truth} is no truth of a recording of the lab '
+            f'({one_line(error)}); name a recording that `pneunet simulate` has written'
         ) from None
+
+
+def _number(value: Any) -> float:
+    """Return a number of the truth; ValueError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise ValueError(f'{str(value)[:40]!r} is no number')
+    return float(value)

@@ -46,7 +46,7 @@ FLOORS = {
         calibration.stances calibration.views calibration.linearity calibration.sensitivity
     """,
     '3 outside': """
-        output yaml_file model_file camera_file plots
+        output array_file yaml_file model_file camera_file plots
         message_parts estimate_messages messages view_messages cdr_template
         cloud_points compressed_image tracker_messages reading_messages camera_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
