@@ -125,7 +125,7 @@ def exact() -> tuple[list[Run], list[Run]]:
 @cache
 def noisy() -> tuple[list[Run], list[Run]]:
     """Return the experiments of the paper's arm with noise of the usual size."""
-    return experiments(paper_arm(), USUAL, frames=40)
+    return experiments(paper_arm(), USUAL, frames=30)
 
 
 @cache
