@@ -19,7 +19,7 @@ FLOORS = {
     """,
     '1 physics': """
         solver solver.compiled solver.panel solver.collocation solver.stations solver.lanes
-        solver.sensitivity solver.chain solver.collocation_numpy
+        solver.sensitivity solver.series solver.chain solver.collocation_numpy
         curvature moment_law noise rod
         effects.effect
         effects.pressure_offset effects.pressure_gain effects.force_misalignment
@@ -43,6 +43,12 @@ FLOORS = {
         settings meaning stamp_order estimator_state estimator zero holds
         tracker_state tracker
         run lab_run
+        calibration calibration.drive calibration.response calibration.law_unknowns
+        calibration.unknowns calibration.disturbances calibration.whitening calibration.fitted
+        calibration.fit calibration.noise_estimate calibration.held_out calibration.end_force
+        calibration.low_rank calibration.prior_smoothness calibration.undetermined
+        calibration.same_arm calibration.plausible calibration.knowledge calibration.stages
+        calibration.calibration
         calibration.stances calibration.views calibration.linearity calibration.sensitivity
     """,
     '3 outside': """
@@ -50,7 +56,7 @@ FLOORS = {
         message_parts estimate_messages messages view_messages cdr_template
         cloud_points compressed_image tracker_messages reading_messages camera_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
-        recorded_series run_reader
+        recorded_series run_reader calibration_files
         scenario_file lab_files
         image_stream image_files image_sources
         reading_table table_columns csv_table table_reader table_writer
@@ -63,6 +69,7 @@ FLOORS = {
         replay track recording_check
         verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.track_summary
         verbs.track verbs.effects verbs.simulate verbs.export verbs.import_table verbs.check
+        verbs.calibrate_summary verbs.calibrate
         cli
         nodes nodes.parameters nodes.process nodes.ros_types nodes.topics nodes.health nodes.log
         nodes.model_info nodes.configured_node
