@@ -6,26 +6,12 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from pneunet_ros.area_kernels import (
-    ANGLE,
-    AREA,
-    Bytes,
-    COLUMNS,
-    CONTRAST,
-    Layout,
-    Limits,
-    MAJOR,
-    measure_all,
-    measure_nearest,
-    MINOR,
-    MOST_AREAS,
-    STD,
-    U,
-    V,
-)
+from pneunet_ros.area_kernels import Look, measure_all, measure_nearest, MOST_AREAS
+from pneunet_ros.background import Picture
 from pneunet_ros.camera_settings import AdaptiveBand, AreaLimits, GreyBand
 from pneunet_ros.image import ENCODINGS, Image
 from pneunet_ros.shape import Array, freeze
+from pneunet_ros.weighing import ANGLE, AREA, COLUMNS, CONTRAST, MAJOR, MINOR, STD, U, V
 
 # Red, green and blue in 1/32768, as cv2.cvtColor has them.
 WEIGHTS = {'r': 9798, 'g': 19235, 'b': 3735}
@@ -99,11 +85,8 @@ def find_areas(image: Image, band: GreyBand, limits: AreaLimits) -> Areas:
 
     Areas that the image cuts off are left out.
     """
-    data, layout = grey_bytes(image)
-    low, kernel_limits = levels(band, limits)
-    half = max(24, math.ceil(2.0 * math.sqrt(limits.largest / math.pi)))
     out = np.empty((MOST_AREAS, COLUMNS))
-    count = measure_all(data, layout, kernel_limits, low, half, longest(limits), out)
+    count = measure_all(grey_picture(image), look_of(band, limits), out)
     return Areas(freeze(out[: max(count, 0)].T.copy()), crowded=count < 0)
 
 
@@ -121,55 +104,40 @@ def measure_areas(
     expected, px. NaN where no area within the limits is that near, and where it is cut off by the
     image or hangs together with so much other white that it is not within the limits.
     """
-    low, kernel_limits = levels(band, limits)
     out = np.empty((len(around), COLUMNS))
     out[:, :2] = around
-    measure_nearest(
-        image.data,
-        layout_of(image),
-        kernel_limits,
-        low,
-        float(reach),
-        math.ceil(reach + size),
-        longest(limits),
-        out,
-    )
+    look = look_of(band, limits)
+    measure_nearest(picture_of(image), look, float(reach), float(size), out)
     return Areas(freeze(np.ascontiguousarray(out.T)))
 
 
-def levels(band: GreyBand, limits: AreaLimits) -> tuple[int, Limits]:
-    """Return the level of white (-1: depends on the background), and all limits."""
+def look_of(band: GreyBand, limits: AreaLimits) -> Look:
+    """Return how targets look, as kernels take it."""
     if isinstance(band, AdaptiveBand):
         low, high, contrast = -1, 255, band.contrast
     else:
         low, high, contrast = math.ceil(band.low), math.floor(band.high), LEAST_CONTRAST
-    return low, (
-        limits.smallest,
-        limits.largest,
-        limits.elongation,
-        limits.hole,
-        high,
-        contrast,
+    longest = math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation)) + 8
+    return (
+        low,
+        (limits.smallest, limits.largest, limits.elongation, limits.hole, high, contrast),
+        longest,
     )
 
 
-def layout_of(image: Image) -> Layout:
-    """Return where the pixels of an image lie in its bytes, and what its channels weigh."""
+def picture_of(image: Image) -> Picture:
+    """Return the bytes of an image, where its pixels lie in them and what its channels weigh."""
     first = second = third = 0
     if image.channels > 1:
         first, second, third = (WEIGHTS[channel] for channel in ENCODINGS[image.encoding][:3])
-    return image.width, image.height, image.step, image.channels, first, second, third
+    layout = (image.width, image.height, image.step, image.channels, first, second, third)
+    return image.data, layout
 
 
-def grey_bytes(image: Image) -> tuple[Bytes, Layout]:
+def grey_picture(image: Image) -> Picture:
     """Return an image in which each pixel is a byte: itself where it is grey."""
     if image.channels == 1:
-        return image.data, layout_of(image)
+        return picture_of(image)
     grey = image.grey().reshape(-1)
     grey.flags.writeable = False
     return grey, (image.width, image.height, image.width, 1, 0, 0, 0)
-
-
-def longest(limits: AreaLimits) -> int:
-    """Return how long the longest area is that can be a target, px, and some more."""
-    return math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation)) + 8

@@ -54,9 +54,12 @@ class TargetSightings:
 
     def __post_init__(self) -> None:
         """Check that there is one entry per target."""
+        shape = (len(self.x),)
         for name in ('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle'):
-            values = frozen_array(getattr(self, name), (len(self.x),))
-            object.__setattr__(self, name, values)
+            given = getattr(self, name)
+            values = frozen_array(given, shape)
+            if values is not given:
+                object.__setattr__(self, name, values)
 
     @property
     def seen(self) -> int:

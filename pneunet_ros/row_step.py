@@ -1,6 +1,6 @@
 """What a frame makes of a row: which targets are believed, where they are, what comes next.
 
-Compiled as a whole, as it is done for every frame. Rows are those of `area_kernels`, one per
+Compiled as a whole, as it is done for every frame. Rows are those of `weighing`, one per
 target. `optics` are the lens and the working plane: coefficients and limit of the lens, homography
 into the base frame and back.
 """
@@ -10,19 +10,39 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.area_kernels import AREA, MAJOR, MINOR, STD, U, V
+from pneunet_ros.area_kernels import Look, nearest_areas
+from pneunet_ros.background import Picture
 from pneunet_ros.camera import magnification, project
 from pneunet_ros.lens_kernels import distort_points, magnify_points, undistort_points
+from pneunet_ros.row_search import LEAST_TARGETS
 from pneunet_ros.shape import Array
-from pneunet_ros.solver.compiled import kernel
+from pneunet_ros.solver.compiled import kernel, part
 from pneunet_ros.tracking import believable, expected, look_alike, Mask, moved_together
+from pneunet_ros.weighing import AREA, COLUMNS, MAJOR, MINOR, STD, U, V
 
 Optics = tuple[Array, float, Array, Array]
 
+# Pixels, velocity, usual area, who is seen, spacing: see `sighting.FollowedRow`.
+Followed = tuple[Array, Array, Array, Mask, float]
+
 FOLLOWING = 0.1  # share of a new area in the area that is expected next
+REACH_AGAIN = 0.3  # of the spacing: how near to where its neighbors say a lost target is sought
+MOST_PASSES = 3  # over a frame, while lost targets are found again
+NEAR_CLAMP = 4  # targets that can hardly move, but with the camera
+OFF_ALONG, OFF_ASIDE = 0.1, 0.5  # spacings from their place, more with each: stretch and bend
+LONGEST_PREDICTION = 0.1  # s; velocities tell nothing of what comes later
 
 
 @kernel
+def found_row(
+    rows: Array, usual: Array, arclength: Array, farthest: float, optics: Optics
+) -> tuple[int, Array, Array]:
+    """Check a row that was found from nothing: `check_row` where nothing was predicted."""
+    nowhere, nobody = np.zeros((len(rows), 2)), np.zeros(len(rows), np.bool_)
+    return check_row(rows, nowhere, nobody, usual, 1.0, arclength, farthest, optics)
+
+
+@part
 def check_row(
     rows: Array,
     predicted: Array,
@@ -86,21 +106,86 @@ def pixels_of(x: Array, y: Array, optics: Optics) -> Array:
 
 
 @kernel
+def follow_row(
+    picture: Picture,
+    look: Look,
+    before: Followed,
+    seconds: float,
+    gate: float,
+    arclength: Array,
+    clamp_angle: float,
+    optics: Optics,
+) -> tuple[int, Array, Array, Array, Followed]:
+    """Find a row near where it must be, `seconds` after the last frame.
+
+    gate: largest jump of a target, spacings. Return how many targets are seen (0: the row is
+    lost), rows, points and standard errors as `check_row`, and what the next frame starts from.
+    """
+    last_pixels, velocity, usual, known, spacing = before
+    predicted = last_pixels + min(seconds, LONGEST_PREDICTION) * velocity
+    count = len(predicted)
+    size = math.sqrt(4.0 / math.pi * usual.max())
+    rows = np.empty((count, COLUMNS))
+    rows[:, :2] = predicted
+    nearest_areas(picture, look, gate * spacing, size, rows)
+    seen, points, std = check_row(
+        rows, predicted, known, usual, spacing, arclength, np.inf, optics
+    )
+    for _ in range(MOST_PASSES):
+        if seen == count or seen < 2:
+            break
+        lost = np.flatnonzero(np.isnan(std))
+        x, y = expected(points[:, 0].copy(), points[:, 1].copy(), arclength)
+        sought = np.empty((lost.size, COLUMNS))
+        sought[:, :2] = pixels_of(x[lost], y[lost], optics)
+        nearest_areas(
+            picture, look, REACH_AGAIN * spacing, math.sqrt(4.0 / math.pi * usual[lost].max()),
+            sought,
+        )  # fmt: skip
+        again = rows.copy()
+        for place in range(lost.size):
+            again[lost[place]] = sought[place]
+        more, more_points, more_std = check_row(
+            again, predicted, known, usual, spacing, arclength, np.inf, optics
+        )
+        if more <= seen:
+            break
+        seen, rows, points, std = more, again, more_points, more_std
+    if seen < LEAST_TARGETS or not at_clamp(points, arclength, clamp_angle):
+        return 0, rows, points, std, before
+    return seen, rows, points, std, next_row(rows, points, arclength, optics, before, seconds)
+
+
+@kernel
+def at_clamp(points: Array, arclength: Array, clamp_angle: float) -> bool:
+    """Whether the first target that is seen, if it is near the clamp, is where it must be."""
+    cosine, sine = math.cos(clamp_angle), math.sin(clamp_angle)
+    for first in range(min(NEAR_CLAMP, arclength.size)):
+        point_x, point_y = points[first, 0], points[first, 1]
+        if math.isnan(point_x):
+            continue
+        aside = point_y * cosine - point_x * sine
+        allowed = (1.0 + first) * (arclength[1] - arclength[0])
+        off_along = abs(math.hypot(point_x, point_y) - arclength[first])
+        return bool(off_along <= OFF_ALONG * allowed and abs(aside) <= OFF_ASIDE * allowed)
+    return True
+
+
+@kernel
 def next_row(
     rows: Array,
     points: Array,
     arclength: Array,
     optics: Optics,
-    last_pixels: Array,
-    last_seen: Mask,
-    last_area: Array,
+    before: Followed,
     seconds: float,
-) -> tuple[Array, Array, Array, Mask, float]:
-    """Return what the next frame starts from: pixels, velocity, usual area, who is seen, spacing.
+) -> Followed:
+    """Return what the next frame starts from.
 
-    last_*: the same of the last frame, `seconds` ago; without one nobody was seen in it. Targets
+    before: the same of the last frame, `seconds` ago; without one nobody was seen in it. Targets
     that are not seen are where the others say, and move as those next to them.
     """
+    last_pixels, _, last_area, last_seen, _ = before
     count = len(rows)
     x, y = expected(points[:, 0].copy(), points[:, 1].copy(), arclength)
     guessed = pixels_of(x, y, optics)

@@ -6,26 +6,19 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from pneunet_ros.area_kernels import ANGLE, AREA, MAJOR, MINOR, U, V
 from pneunet_ros.camera import Plane
 from pneunet_ros.camera_settings import CameraSettings
-from pneunet_ros.detection import Areas, find_areas, measure_areas
-from pneunet_ros.frames import rotate
+from pneunet_ros.detection import Areas, find_areas, look_of, picture_of
 from pneunet_ros.image import Image
 from pneunet_ros.lens import Lens
 from pneunet_ros.readings import TargetSightings
 from pneunet_ros.registration import Failure, row_at_rest, row_points
-from pneunet_ros.row_search import least_seen, LEAST_TARGETS, MOST_AREAS, row_from_clamp
-from pneunet_ros.row_step import check_row, next_row, Optics, pixels_of
+from pneunet_ros.row_search import least_seen, MOST_AREAS, row_from_clamp
+from pneunet_ros.row_step import at_clamp, follow_row, Followed, found_row, next_row, Optics
 from pneunet_ros.shape import Array, freeze
-from pneunet_ros.tracking import expected, FARTHEST, first_size, Mask
+from pneunet_ros.tracking import FARTHEST, first_size, Mask
 from pneunet_ros.units import seconds_between
-
-REACH_AGAIN = 0.3  # of the spacing: how near to where its neighbors say a lost target is sought
-MOST_PASSES = 3  # over a frame, while lost targets are found again
-NEAR_CLAMP = 4  # targets that can hardly move, but with the camera
-OFF_ALONG, OFF_ASIDE = 0.1, 0.5  # spacings from their place, more with each: stretch and bend
-LONGEST_PREDICTION = 0.1  # s; velocities tell nothing of what comes later
+from pneunet_ros.weighing import ANGLE, AREA, COLUMNS, MAJOR, MINOR, U, V
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,7 +42,7 @@ class FollowedRow:
 class SeenRow:
     """The targets in a frame, NaN where one is not seen.
 
-    rows (targets, columns): what was measured in the image, in the columns of `area_kernels`;
+    rows (targets, columns): what was measured in the image, in the columns of `weighing`;
     points (targets, 2) m in base; std (targets,) m; seen: how many are.
     """
 
@@ -71,11 +64,6 @@ class View:
     settings: CameraSettings
 
     @property
-    def spacing(self) -> float:
-        """Distance of the first two targets along the arm, m."""
-        return float(self.arclength[1] - self.arclength[0])
-
-    @property
     def optics(self) -> Optics:
         """Lens and working plane, as kernels take them."""
         plane, lens = self.plane, self.lens
@@ -86,51 +74,24 @@ class View:
             plane.normalized_from_base,
         )
 
-    def measured(self, around: Array, reach: float, area: Array) -> Array:
-        """Return what is nearest to these pixels (n, 2), NaN where nothing is; a row for each.
 
-        reach: px, from there to the center at most; area (n,) px^2: how large it should be.
-        """
-        size = math.sqrt(4.0 / math.pi * area.max())
-        settings = self.settings
-        found = measure_areas(self.image, around, reach, size, settings.grey_band, settings.area)
-        return found.table.T.copy()
-
-
-def follow(view: View, row: FollowedRow) -> SeenRow | None:
-    """Find the row near where it must be by now; None where it is lost."""
-    seconds = seconds_between(row.stamp_ns, view.image.stamp_ns)
-    predicted = row.pixels + min(seconds, LONGEST_PREDICTION) * row.velocity
-
-    def checked(rows: Array) -> SeenRow:
-        count, points, std = check_row(
-            rows,
-            predicted,
-            row.seen,
-            row.area,
-            row.spacing,
-            view.arclength,
-            math.inf,
-            view.optics,
-        )
-        return SeenRow(rows=rows, points=points, std=std, seen=count)
-
-    seen = checked(view.measured(predicted, view.settings.gate * row.spacing, row.area))
-    for _ in range(MOST_PASSES):
-        if seen.seen == len(predicted) or seen.seen < 2:
-            break
-        lost = np.isnan(seen.std)
-        x, y = expected(*columns(seen.points), view.arclength)
-        again = pixels_of(x[lost], y[lost], view.optics)
-        rows = seen.rows.copy()
-        rows[lost] = view.measured(again, REACH_AGAIN * row.spacing, row.area[lost])
-        more = checked(rows)
-        if more.seen <= seen.seen:
-            break
-        seen = more
-    if seen.seen < LEAST_TARGETS or not at_clamp(view, seen):
+def follow(view: View, row: FollowedRow) -> tuple[SeenRow, FollowedRow] | None:
+    """Find the row near where it must be by now, and what comes next; None where it is lost."""
+    image, settings = view.image, view.settings
+    before = (row.pixels, row.velocity, row.area, row.seen, row.spacing)
+    count, rows, points, std, after = follow_row(
+        picture_of(image),
+        look_of(settings.grey_band, settings.area),
+        before,
+        seconds_between(row.stamp_ns, image.stamp_ns),
+        settings.gate,
+        view.arclength,
+        view.clamp_angle,
+        view.optics,
+    )
+    if count == 0:
         return None
-    return seen
+    return SeenRow(rows=rows, points=points, std=std, seen=count), followed(image, after)
 
 
 def search(view: View) -> SeenRow | Failure:
@@ -143,9 +104,11 @@ def search(view: View) -> SeenRow | Failure:
     row = row_from_clamp(points[usable], areas.area[usable], view.arclength, view.clamp_angle)
     rows = areas.table.T[usable[row.chosen]] if usable.size else np.zeros((0, 0))
     rows[row.chosen < 0] = np.nan
-    seen = found_row(view, rows)
+    usual = first_size(rows[:, AREA])
+    count, found, std = found_row(rows, usual, view.arclength, FARTHEST, view.optics)
+    seen = SeenRow(rows=rows, points=found, std=std, seen=count)
     targets, least = view.arclength.size, least_seen(view.arclength.size)
-    if seen.seen < least or not at_clamp(view, seen):
+    if seen.seen < least or not at_clamp(seen.points, view.arclength, view.clamp_angle):
         return Failure(
             reason='no_row',
             sentence=f'only {seen.seen} of {targets} targets stand in a row from the clamp, among '
@@ -196,62 +159,36 @@ def bright_areas(image: Image, settings: CameraSettings) -> Areas | Failure:
     return areas
 
 
-def found_row(view: View, rows: Array) -> SeenRow:
-    """Return those targets of a row found from nothing (targets, columns) that are believed."""
-    nowhere, nobody = np.zeros((len(rows), 2)), np.zeros(len(rows), np.bool_)
-    usual = first_size(rows[:, AREA])
-    count, points, std = check_row(
-        rows, nowhere, nobody, usual, 1.0, view.arclength, FARTHEST, view.optics
-    )
-    return SeenRow(rows=rows, points=points, std=std, seen=count)
+def begun(view: View, seen: SeenRow) -> FollowedRow:
+    """Return a row that was found from nothing as the next frame needs it."""
+    pixels, nobody = seen.rows[:, :2].copy(), np.zeros(len(seen.rows), np.bool_)
+    nowhere = (pixels, np.zeros_like(pixels), first_size(seen.rows[:, AREA]), nobody, math.nan)
+    after = next_row(seen.rows, seen.points, view.arclength, view.optics, nowhere, 1.0)
+    return followed(view.image, after)
 
 
-def columns(points: Array) -> tuple[Array, Array]:
-    """Return x and y of points (n, 2), as kernels take them."""
-    x, y = np.ascontiguousarray(points.T)
-    return x, y
-
-
-def at_clamp(view: View, seen: SeenRow) -> bool:
-    """Whether the first target that is seen, if it is near the clamp, is where it must be."""
-    near = zip(
-        view.arclength[:NEAR_CLAMP].tolist(), seen.points[:NEAR_CLAMP].tolist(), strict=True
-    )
-    for first, (arclength, point) in enumerate(near):
-        x, y = rotate(-view.clamp_angle, *point)
-        if math.isnan(x):
-            continue
-        allowed = (1.0 + first) * view.spacing
-        off_along = abs(math.hypot(x, y) - arclength)
-        return off_along <= OFF_ALONG * allowed and abs(y) <= OFF_ASIDE * allowed
-    return True
-
-
-def followed(view: View, seen: SeenRow, before: FollowedRow | None) -> FollowedRow:
-    """Return the row as the next frame needs it; before: the row of the frame before, if any."""
-    stamp_ns = view.image.stamp_ns
-    if before is None:
-        pixels, nobody = seen.rows[:, :2].copy(), np.zeros(len(seen.rows), np.bool_)
-        last = (pixels, nobody, first_size(seen.rows[:, AREA]), 1.0)
-    else:
-        seconds = seconds_between(before.stamp_ns, stamp_ns)
-        last = (before.pixels, before.seen, before.area, seconds)
-    pixels, velocity, area, who, spacing = next_row(
-        seen.rows, seen.points, view.arclength, view.optics, *last
-    )
+def followed(image: Image, row: Followed) -> FollowedRow:
+    """Return a row of kernels as a frame leaves it."""
+    pixels, velocity, area, seen, spacing = row
     return FollowedRow(
-        stamp_ns=stamp_ns, pixels=pixels, velocity=velocity, area=area, seen=who, spacing=spacing
+        stamp_ns=image.stamp_ns,
+        pixels=pixels,
+        velocity=velocity,
+        area=area,
+        seen=seen,
+        spacing=spacing,
     )
 
 
 def sightings(view: View, seen: SeenRow) -> TargetSightings:
     """Return what is published of the targets that are seen."""
-    x, y = columns(seen.points)
-    table = freeze(np.ascontiguousarray(seen.rows.T))
+    table = np.empty((COLUMNS + 2, len(seen.rows)))
+    table[:COLUMNS], table[COLUMNS:] = seen.rows.T, seen.points.T
+    freeze(table)
     return TargetSightings(
         stamp_ns=view.image.stamp_ns,
-        x=freeze(x),
-        y=freeze(y),
+        x=table[COLUMNS],
+        y=table[COLUMNS + 1],
         std=freeze(seen.std),
         u=table[U],
         v=table[V],

@@ -16,7 +16,7 @@ from pneunet_ros.readings import unseen_targets
 from pneunet_ros.registration import Failure, RESTING
 from pneunet_ros.row_search import LEAST_TARGETS
 from pneunet_ros.shape import Refusal, same_values
-from pneunet_ros.sighting import follow, followed, search, search_at_rest, sightings, View
+from pneunet_ros.sighting import begun, follow, search, search_at_rest, sightings, View
 from pneunet_ros.stamp_order import counted, stamp_fault, STARTS_ANEW
 from pneunet_ros.tracker_state import TrackerState, Tracking
 
@@ -63,23 +63,15 @@ class Tracker:
             clamp_angle=self.arm.clamp_angle,
             settings=self.settings,
         )
-        before = state.row
-        seen = None if before is None else follow(view, before)
-        if seen is None:
-            before = None
+        followed = None if state.row is None else follow(view, state.row)
+        if followed is None:
             found = search(view)
             if isinstance(found, Failure):
                 return self._unexplained(state, reading, found)
-            seen = found
+            followed = found, begun(view, found)
+        seen, row = followed
         targets = sightings(view, seen)
-        state = replace(
-            state,
-            row=followed(view, seen, before),
-            stamp_ns=reading.stamp_ns,
-            frames=state.frames + 1,
-            explained=state.explained + 1,
-        )
-        return state, Tracking(sightings=targets, curve=self.smoother.smooth(targets))
+        return state.seeing(row), Tracking(sightings=targets, curve=self.smoother.smooth(targets))
 
     def _at_rest(self, state: TrackerState, image: Image) -> tuple[TrackerState, Failure | None]:
         """Get the working plane from the arm at rest, unless it is known."""

@@ -30,8 +30,8 @@ FLOORS = {
         effects
         arm attempt equilibrium tip many
         image camera_settings lens_kernels lens camera
-        area_kernels detection
-        row_search tracking registration row_step sighting
+        background flooding weighing area_kernels detection
+        row_growing row_search tracking registration row_step sighting
         centerline_prior centerline_kernel centerline
         lab lab.lens lab.scene lab.discs lab.shading lab.targets lab.renderer lab.motion
         lab.chain_kernels lab.chain lab.lab_arm lab.lab_effect
