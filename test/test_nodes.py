@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from importlib.util import find_spec
 import json
 import math
 import os
@@ -12,6 +13,7 @@ import time
 
 import bags
 from estimates import plain
+from manuals import same_as_running
 import numpy as np
 from pneunet_ros import __version__
 from pneunet_ros.effects import EFFECTS
@@ -37,6 +39,7 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from dds_peer import EstimatorPeer, running_node, START_TIMEOUT  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from sensor_msgs.msg import FluidPressure  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 # The node that most tests share, and those with a node of their own, must not hear each other.
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
@@ -44,7 +47,7 @@ OTHER_DOMAIN = (DOMAIN + 50) % 101 + 1
 
 # What gives every estimate on every topic, and takes every reading sent.
 EVERYTHING = (
-    *('-p', 'centerline_rate:=0.0', '-p', 'input_timeout:=30.0'),
+    *('-p', 'centerline_rate:=0.0', '-p', 'input_timeout:=30.0', '-p', 'publish_markers:=true'),
     *('-p', 'qos_overrides./pneunet/pressure.subscription.reliability:=reliable'),
     *('-p', 'qos_overrides./pneunet/end_wrench.subscription.reliability:=reliable'),
 )
@@ -372,6 +375,29 @@ def test_diagnostics_hold_all_numbers(peer):
     assert values['model'] == model_name(shipped('config/paper_arm.yaml'))
 
 
+def test_topics_and_services_are_those_of_the_page(peer):
+    same_as_running(peer.node, 'estimator', left_out={'/tf'})
+
+
+def test_markers_are_drawn_where_the_centerline_is(peer):
+    drawn = []
+    subscription = peer.node.create_subscription(MarkerArray, 'markers', drawn.append, 10)
+    for index in range(200):
+        expect_estimate(peer, 300.0 + 0.01 * index)
+        if drawn:
+            break
+    assert drawn
+    peer.start_anew()
+    drawn.clear()
+    peer.send(400.0)
+    assert peer.spin_until(lambda: drawn and peer.received['centerline'])
+    (path,), (markers,) = peer.received['centerline'], drawn
+    line = markers.markers[0]
+    assert line.header == path.header
+    assert line.points == [pose.pose.position for pose in path.poses]
+    peer.node.destroy_subscription(subscription)
+
+
 # Services and parameters
 
 
@@ -551,6 +577,8 @@ WRONG = {
         'a qos_overrides parameter cannot be used',
     ),
 }
+if find_spec('tf2_msgs') is None:
+    WRONG['no tf2'] = (['-p', 'publish_tf:=true'], 'apt install ros-jazzy-tf2-msgs')
 
 
 @pytest.mark.parametrize('what', WRONG)

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 from estimates import plain
 import filmed
+from manuals import same_as_running
 import numpy as np
 from pneunet_ros import __version__
 from pneunet_ros.camera_file import load_camera
@@ -324,6 +325,10 @@ def test_diagnostics_hold_all_numbers(peer):
     assert values['model'].startswith(filmed.ARM.name)
 
 
+def test_topics_and_services_are_those_of_the_page(peer):
+    same_as_running(peer.node, 'tracker', left_out={'image_raw'})
+
+
 def test_the_annotated_image_shows_what_was_seen(peer):
     pictures = []
     late = peer.node.create_subscription(Image, 'image_annotated', pictures.append, 10)
@@ -489,6 +494,7 @@ NOTHING_IS_COMPILED_LATE = """
 import gc
 import cv2
 import filmed
+from manuals import same_as_running
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from pneunet_ros.cdr_template import ClaimSerializer
