@@ -7,6 +7,7 @@ VENV ?= .venv
 OLDEST := $(VENV)-oldest
 COLCON := $(VENV)-colcon
 ARGS ?=
+LIVE_SECONDS ?=
 
 # Two at a time on the common small machine; more than four only fight for the DDS.
 PYTEST_FLAGS := -n auto --maxprocesses 4 --dist worksteal
@@ -34,6 +35,10 @@ setup: $(VENV)/all ## make .venv with all that running, testing and ROS need
 .PHONY: demo
 demo: $(VENV)/run ## the first minute: the arm of the paper, replayed
 	$(VENV)/bin/pneunet demo --overwrite $(ARGS)
+
+.PHONY: live
+live: $(VENV)/all ## the whole stack without hardware, until Ctrl-C or for LIVE_SECONDS=20
+	LIVE_SECONDS=$(LIVE_SECONDS) $(VENV)/bin/python examples/live.py $(ARGS)
 
 .PHONY: test
 test: $(VENV)/all ## the tests, without the slow ones
@@ -69,11 +74,13 @@ colcon: $(COLCON)/all ## build as on a robot, with colcon from PyPI: install/loc
 	bash -c 'source install/local_setup.bash && install/pneunet_ros/lib/pneunet_ros/pneunet --version'
 	test -x install/pneunet_ros/lib/pneunet_ros/estimator
 	test -x install/pneunet_ros/lib/pneunet_ros/tracker
+	test -x install/pneunet_ros/lib/pneunet_ros/virtual_arm
+	test -x install/pneunet_ros/lib/pneunet_ros/pneunet_stack
 
 .PHONY: clean
 clean: ## remove all that was made here
 	rm -rf $(VENV) $(OLDEST) $(COLCON) build install log dist demo *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	find pneunet_ros test bench launch -name __pycache__ -prune -exec rm -rf {} +
+	find pneunet_ros test bench examples launch -name __pycache__ -prune -exec rm -rf {} +
 
 # One environment for one version of Python.
 %/python-$(VERSION):

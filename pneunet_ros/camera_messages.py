@@ -27,6 +27,9 @@ def grey_image_message(grey: Bytes, stamp_ns: int, frame_id: str, types: Message
 
 def camera_info_message(camera: Camera, stamp_ns: int, frame_id: str, types: MessageTypes) -> Any:
     """Build the CameraInfo of a camera whose images are not rectified."""
+    whole = types('sensor_msgs/msg/RegionOfInterest')(
+        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+    )
     return types(CAMERA_INFO_TYPE)(
         header=header(stamp_ns, frame_id, types),
         height=camera.height,
@@ -36,4 +39,7 @@ def camera_info_message(camera: Camera, stamp_ns: int, frame_id: str, types: Mes
         k=camera.matrix.reshape(-1),
         r=np.eye(3).reshape(-1),
         p=np.hstack([camera.matrix, np.zeros((3, 1))]).reshape(-1),
+        binning_x=0,
+        binning_y=0,
+        roi=whole,
     )

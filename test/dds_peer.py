@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import os
 from pathlib import Path
@@ -37,10 +37,12 @@ NANOSECONDS = 1_000_000_000
 class NodeProcess:
     """A node started as by a user; what it writes goes to a file."""
 
-    def __init__(self, output: Path, domain: int, *arguments: str, node: str) -> None:
+    def __init__(
+        self, output: Path, domain: int, *arguments: str, node: str, positional: Sequence[str] = ()
+    ) -> None:
         self.output = output
         environment = os.environ | {'ROS_DOMAIN_ID': str(domain)}
-        command = [sys.executable, '-m', f'pneunet_ros.nodes.{node}', '--ros-args']
+        command = [sys.executable, '-m', f'pneunet_ros.nodes.{node}', *positional, '--ros-args']
         with output.open('w') as stream:
             self.process = subprocess.Popen(
                 [*command, '-r', f'__ns:={NAMESPACE}', *arguments],
@@ -70,10 +72,14 @@ class NodeProcess:
 
 @contextmanager
 def running_node(
-    output: Path, domain: int, *arguments: str, node: str = 'estimator'
+    output: Path,
+    domain: int,
+    *arguments: str,
+    node: str = 'estimator',
+    positional: Sequence[str] = (),
 ) -> Iterator[NodeProcess]:
     """Run a node that is gone afterwards in any case."""
-    started = NodeProcess(output, domain, *arguments, node=node)
+    started = NodeProcess(output, domain, *arguments, node=node, positional=positional)
     try:
         yield started
     finally:

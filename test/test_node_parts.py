@@ -30,11 +30,12 @@ from pneunet_ros.nodes.log import Log  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
 from pneunet_ros.nodes.tracker_configuration import PARAMETERS as TRACKER  # noqa: E402
 from pneunet_ros.nodes.tracker_health import TrackerHealth  # noqa: E402
+from pneunet_ros.nodes.virtual_arm_configuration import PARAMETERS as VIRTUAL_ARM  # noqa: E402
 
 # Parameters
 
 
-TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER}
+TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'virtual_arm': VIRTUAL_ARM}
 FIELDS = [(node, field) for node, table in TABLES.items() for field in table.fields]
 
 

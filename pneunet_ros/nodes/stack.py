@@ -17,9 +17,10 @@ NODES = {'virtual_arm': VirtualArmNode, 'estimator': EstimatorNode, 'tracker': T
 DEFAULT = ('estimator', 'tracker')
 USAGE = """usage: pneunet_stack [virtual_arm] [estimator] [tracker] [--ros-args ...]
 
-Runs nodes in one process, by default estimator and tracker. Parameters are given to one of them:
+Runs nodes in one process, by default estimator and tracker. A parameter on the command line is given
+to all of them, and one that does not know it says so; a file of parameters names the nodes:
 
-  pneunet_stack --ros-args -p estimator:model_file:=/path/to/model.yaml
+  pneunet_stack --ros-args -p model_file:=/path/to/model.yaml
   pneunet_stack virtual_arm estimator --ros-args --params-file my_stack.yaml
 """
 

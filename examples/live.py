@@ -1,0 +1,203 @@
+"""The whole stack without hardware: virtual arm, estimator and tracker, and what they say.
+
+    make live                     (Ctrl-C ends it)
+    python examples/live.py --seconds 30 --effects "hysteresis.width=4000"
+
+Every node is a process of its own, started as a user would. This one commands a pressure that
+swells and falls, and prints once a second: the pressure; the tip as estimated; how far that is
+from the true one; the targets that the tracker sees in the images, and how far they are from the
+estimated shape (rms); how often estimates and targets come. A hidden effect is one that the
+model of the estimator does not know: the distances grow.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import deque
+from contextlib import ExitStack
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+import numpy as np
+from pneunet_ros.cloud_points import cloud_points
+from pneunet_ros.model_file import load_model
+from pneunet_ros.resources import shipped
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import FluidPressure, PointCloud2
+
+MODEL, CAMERA = shipped('config/lab_arm.yaml'), shipped('config/lab_camera.yaml')
+LOWEST, HIGHEST, PERIOD = 4e3, 46e3, 16.0  # Pa, Pa, s
+START_TIMEOUT = 240.0  # s; the very first time kernels are compiled
+
+
+class Process:
+    """A node in a process of its own, gone when this is left."""
+
+    def __init__(self, node: str, *parameters: str) -> None:
+        given = [text for parameter in parameters for text in ('-p', parameter)]
+        command = [sys.executable, '-m', f'pneunet_ros.nodes.{node}', '--ros-args', *given]
+        # In a session of its own, so that Ctrl-C here does not hit it while it is starting.
+        self.node, self.process = node, subprocess.Popen(command, start_new_session=True)
+
+    def __enter__(self) -> Process:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.process.terminate()
+        try:
+            self.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+
+
+class Watcher(Node):
+    """Commands a pressure and listens to everybody."""
+
+    def __init__(self) -> None:
+        super().__init__('live', namespace='/pneunet')
+        self.arclength = load_model(MODEL).target_arclength
+        self.begun: float | None = None
+        self.tip: Any = None
+        self.pressure = math.nan
+        self.true_tips: deque[Any] = deque(maxlen=50)
+        self.shapes: deque[Any] = deque(maxlen=200)
+        self.misses: list[float] = []  # mm
+        self.seen, self.beside = 0, math.nan
+        self.estimates = self.frames = 0
+        self.commands = self.create_publisher(FluidPressure, 'pressure_command', 10)
+        self.create_timer(0.05, self.command)
+        for kind, topic, take in (
+            (FluidPressure, 'pressure', self.take_pressure),
+            (PoseStamped, 'true_tip', lambda message: self.true_tips.append(message)),
+            (PoseWithCovarianceStamped, 'tip', self.take_tip),
+            (PointCloud2, 'shape', lambda message: self.shapes.append(message)),
+            (PointCloud2, 'targets', self.take_targets),
+        ):
+            self.create_subscription(kind, topic, take, 10)
+
+    def command(self) -> None:
+        """Swell and fall, once there are estimates and targets."""
+        if self.begun is None and self.estimates and self.seen:
+            self.begun = time.monotonic()
+        since = 0.0 if self.begun is None else time.monotonic() - self.begun
+        swing = 0.5 * (1.0 - math.cos(2.0 * math.pi * since / PERIOD))
+        level = 0.0 if self.begun is None else LOWEST + (HIGHEST - LOWEST) * swing
+        self.commands.publish(FluidPressure(fluid_pressure=level))
+
+    def take_pressure(self, message: FluidPressure) -> None:
+        self.pressure = message.fluid_pressure
+
+    def take_tip(self, message: PoseWithCovarianceStamped) -> None:
+        self.tip, self.estimates = message, self.estimates + 1
+        for true in self.true_tips:
+            if true.header.stamp == message.header.stamp:
+                self.misses.append(1000.0 * apart(message.pose.pose, true.pose))
+
+    def take_targets(self, message: PointCloud2) -> None:
+        self.frames += 1
+        points = cloud_points(message)
+        places = np.column_stack([points['x'], points['y']])[np.argsort(points['id'])]
+        self.seen = int(np.isfinite(places).all(axis=1).sum())
+        if not self.shapes:
+            return
+        stamp = seconds(message)
+        shape = cloud_points(min(self.shapes, key=lambda shape: abs(seconds(shape) - stamp)))
+        there = [np.interp(self.arclength, shape['s'], shape[name]) for name in ('x', 'y')]
+        if self.seen:
+            squares = (places - np.column_stack(there)) ** 2
+            self.beside = 1000.0 * math.sqrt(np.nanmean(squares.sum(axis=1)))
+
+    def line(self, elapsed: float) -> str:
+        """Say what came in so many seconds, and begin anew."""
+        if self.tip is None:
+            return 'waiting for estimates'
+        place = self.tip.pose.pose.position
+        miss = f'{np.mean(self.misses):5.2f}' if self.misses else '    -'
+        text = (
+            f'{self.pressure / 1000.0:6.1f} kPa   tip {1000.0 * place.x:6.1f} '
+            f'{1000.0 * place.y:6.1f} mm   from the true one {miss} mm   '
+            f'{self.seen:2d}/{self.arclength.size} targets, {self.beside:5.2f} mm from the shape'
+            f'   {self.estimates / elapsed:5.1f} estimates/s {self.frames / elapsed:4.1f} frames/s'
+        )
+        self.estimates = self.frames = 0
+        self.misses.clear()
+        return text
+
+
+def apart(one: Any, other: Any) -> float:
+    """Distance of two poses (m)."""
+    return math.hypot(one.position.x - other.position.x, one.position.y - other.position.y)
+
+
+def seconds(message: Any) -> float:
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def watch(processes: list[Process], limit: float) -> int:
+    """Print a line a second until the time is over; 1 where a node ended or nothing was seen."""
+    watcher, executor = Watcher(), SingleThreadedExecutor()
+    executor.add_node(watcher)
+    start = told = time.monotonic()
+    while True:
+        executor.spin_once(timeout_sec=0.1)
+        now = time.monotonic()
+        for process in processes:
+            if process.process.poll() is not None:
+                print(f'{process.node} has ended by itself', file=sys.stderr)
+                return 1
+        if now - told >= 1.0:
+            if watcher.begun is not None:
+                print(watcher.line(now - told), flush=True)
+            told = now
+        if watcher.begun is None and now - start > START_TIMEOUT:
+            print('no estimates and targets have come', file=sys.stderr)
+            return 1
+        if limit and watcher.begun is not None and now - watcher.begun > limit:
+            return 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description='The whole stack without hardware.')
+    parser.add_argument(
+        '--seconds',
+        type=float,
+        default=float(os.environ.get('LIVE_SECONDS') or 0.0),
+        help='end after so many (default: LIVE_SECONDS; 0: at Ctrl-C)',
+    )
+    parser.add_argument('--effects', default='', help='hidden ones: NAME.PARAMETER=VALUE ...')
+    arguments = parser.parse_args()
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    print('starting virtual_arm, estimator and tracker; the very first time takes a minute or two')
+    try:
+        with ExitStack() as stack:
+            arm = [
+                'camera:=images',
+                *([f'effects:={arguments.effects}'] * bool(arguments.effects)),
+            ]
+            started = [
+                stack.enter_context(Process('virtual_arm', *arm)),
+                stack.enter_context(Process('estimator', f'model_file:={MODEL}')),
+                stack.enter_context(
+                    Process('tracker', f'model_file:={MODEL}', f'camera_file:={CAMERA}')
+                ),
+            ]
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            return watch(started, arguments.seconds)
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

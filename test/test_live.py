@@ -1,0 +1,83 @@
+"""`make live`: all nodes as processes of their own, seen together, and all gone at the end."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+# The wheels of ROS import a parser that is older than Python 3.11.
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
+]
+pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
+
+from dds_peer import START_TIMEOUT  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+LIVE = [sys.executable, str(ROOT / 'examples' / 'live.py')]
+LINE = re.compile(
+    r' *([\d.]+) kPa +tip +(-?[\d.]+) +(-?[\d.]+) mm +from the true one +([\d.]+) mm +'
+    r'(\d+)/23 targets, +([\d.]+) mm from the shape +([\d.]+) estimates/s +([\d.]+) frames/s'
+)
+
+
+def numbers(text):
+    """Return the numbers of every line printed, from the third on."""
+    found = [match for line in text.splitlines() if (match := LINE.fullmatch(line))]
+    return [[float(number) for number in match.groups()] for match in found[2:]]
+
+
+def started(output, **environment):
+    with output.open('w') as stream:
+        return subprocess.Popen(
+            LIVE, env=os.environ | environment, stdout=stream, stderr=subprocess.STDOUT
+        )
+
+
+def children(process):
+    """Return the processes that a process has started."""
+    listed = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text()
+    return [int(number) for number in listed.split()]
+
+
+def test_estimate_camera_and_truth_agree(tmp_path):
+    output = tmp_path / 'output'
+    process = started(output, LIVE_SECONDS='8')
+    assert process.wait(3 * START_TIMEOUT) == 0, output.read_text()
+    seen = numbers(output.read_text())
+    assert len(seen) >= 4, output.read_text()
+    for _, _, _, miss, targets, beside, estimates, frames in seen:
+        assert miss < 1.0
+        assert targets == 23
+        # The arm moves between a frame and the estimate nearest to it.
+        assert beside < 1.5
+        assert estimates > 10
+        assert frames > 1
+    assert 'Traceback' not in output.read_text()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_all_of_it(tmp_path, number):
+    output = tmp_path / 'output'
+    process = started(output)
+    end = time.monotonic() + START_TIMEOUT
+    while output.read_text().count('preparing') < 3:
+        assert time.monotonic() < end, output.read_text()
+        time.sleep(0.1)
+    nodes = children(process)
+    assert len(nodes) == 3
+    process.send_signal(number)
+    assert process.wait(60.0) == 0, output.read_text()
+    assert 'Traceback' not in output.read_text()
+    for node in nodes:
+        with pytest.raises(ProcessLookupError):
+            os.kill(node, 0)
