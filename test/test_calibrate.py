@@ -250,9 +250,9 @@ def test_damaged_knowledge_is_said(model, tmp_path, damage):
         with np.load(knowledge_file(model[0])) as stored:
             arrays = dict(stored)
         if damage == 'key':
-            del arrays['mean']
+            del arrays['values']
         else:
-            arrays['mean'] = arrays['mean'][:-1]
+            arrays['values'] = arrays['values'][:-1]
         np.savez(file, **arrays)
     else:
         file.write_bytes(

@@ -10,7 +10,7 @@ import numpy as np
 from pneunet_ros.calibration.drive import drives_of
 from pneunet_ros.calibration.law_unknowns import LAW_UNKNOWNS
 from pneunet_ros.calibration.response import Series
-from pneunet_ros.calibration.unknowns import Smoothness, Unknowns
+from pneunet_ros.calibration.unknowns import Known, Smoothness, Unknowns
 from pneunet_ros.effects.camera_rotation import CameraRotation
 from pneunet_ros.effects.creep import Creep
 from pneunet_ros.effects.hysteresis import Hysteresis
@@ -148,7 +148,10 @@ def test_what_is_known_takes_the_place_of_the_prior():
     random = np.random.default_rng(2)
     root = random.standard_normal((free.cells, free.cells))
     mean, covariance = random.standard_normal(free.cells), root @ root.T
-    known = replace(unknowns('piecewise_linear'), known=(mean, covariance))
+    known = replace(
+        unknowns('piecewise_linear'),
+        known=Known(values=mean, placement=np.zeros(0), covariance=covariance),
+    )
     assert np.array_equal(known.mean[: free.cells], mean)
     assert np.array_equal(known.prior[: free.cells, : free.cells], covariance)
     assert not known.prior[: free.cells, free.cells :].any()

@@ -27,7 +27,8 @@ KNOWLEDGE = {
     'stiffness': np.array(2e-4),
     'low': np.array(0.0),
     'high': np.array(6e4),
-    'mean': np.arange(4.0),
+    'values': np.arange(2.0),
+    'placement': np.arange(2.0),
     'covariance': np.eye(4),
 }
 MEMORY = {'time': 3.0, 'pressure': 2e4, 'past': {'creep': [1.0, 2.0], 'hysteresis': [3.0]}}
@@ -90,7 +91,7 @@ def test_any_arrays_are_read_or_refused(tmp_path, kind, examples):
         found = answer(load)
         assert isinstance(found, outcomes)
         if isinstance(found, Knowledge):
-            assert np.isfinite(found.mean).all()
+            assert np.isfinite(found.values).all()
             assert np.isfinite(found.covariance).all()
             assert np.isfinite([found.stiffness, found.low, found.high]).all()
         if isinstance(found, LabMemory):
@@ -129,7 +130,7 @@ def test_no_archive_executes_or_blows_up(tmp_path, monkeypatch, kind, what):
     monkeypatch.chdir(tmp_path)
     of_kind, whole = KINDS[kind]
     path, load, outcomes = of_kind(tmp_path)
-    first = 'mean' if kind == 'knowledge' else 'memory'
+    first = 'values' if kind == 'knowledge' else 'memory'
     with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
         for name, value in whole.items():
             stream = io.BytesIO()

@@ -24,7 +24,7 @@ from pneunet_ros.errors import ModelError
 from pneunet_ros.noise import SensorNoise
 from pneunet_ros.run import Run
 from pneunet_ros.shape import Array, frozen_array
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 
 MOST_STEPS = 25
 SMALL_STEP = 0.05  # standard deviations of all that is fitted, together
@@ -45,15 +45,20 @@ class Posterior:
         self.whitenings: list[Whitening | None] = [None] * len(self.runs)
         model, rest = unknowns.prior, self.disturbances.prior
         self.size = model.shape[0]
-        scale = np.zeros((self.size + rest.shape[0],) * 2)
-        scale[: self.size, : self.size] = np.linalg.cholesky(model)
-        scale[self.size :, self.size :] = np.linalg.cholesky(rest)
-        self.scale = scale
+        prior = block_diag(model, rest)
+        self.mean = np.concatenate([unknowns.mean, np.zeros(rest.shape[0])])
+        if unknowns.known is not None:
+            known = unknowns.known
+            placement = self.size + np.arange(known.placement.size)
+            both = np.concatenate([np.arange(known.values.size), placement])
+            prior[np.ix_(both, both)] = known.covariance
+            self.mean[placement] = known.placement
+        self.scale = np.linalg.cholesky(prior)
 
     def unscaled(self, scaled: Array) -> tuple[Array, Array]:
         """Return unknowns of the model and disturbances (m) of scaled ones."""
-        values = self.scale @ scaled
-        return self.unknowns.mean + values[: self.size], values[self.size :]
+        values = self.mean + self.scale @ scaled
+        return values[: self.size], values[self.size :]
 
     def cost(self, scaled: Array) -> float:
         """Half the squared norm of all that is whitened, by the whitening of `linearized`."""
@@ -212,12 +217,14 @@ def finished(
     status: str,
 ) -> Fit:
     """Put the result together: covariance and information of the model's unknowns."""
-    cost, fitted, normal, gradient = last
+    _, fitted, normal, gradient = last
     size = posterior.size
     hessian = normal + np.eye(scaled.size)
     whole = np.linalg.inv(hessian)
     scale = posterior.scale[:size, :size]
     values, disturbance = posterior.unscaled(scaled)
+    shared = size + 2 * posterior.disturbances.targets  # unknowns and placement
+    rows = posterior.scale[:shared]
     # Disturbances integrated out, with their prior: what the data say of the model alone.
     rest = np.linalg.inv(hessian[size:, size:])
     cross = normal[:size, size:]
@@ -225,18 +232,17 @@ def finished(
     target = gradient + normal @ scaled
     pull = target[:size] - cross @ rest @ target[size:]
     unscale = np.linalg.inv(scale)
-    _, log_size = np.linalg.slogdet(hessian)
     return Fit(
         unknowns=posterior.unknowns,
         values=frozen_array(values),
         covariance=frozen_array(scale @ whole[:size, :size] @ scale.T),
+        shared_covariance=frozen_array(rows @ whole @ rows.T),
         information=frozen_array(unscale.T @ information @ unscale),
         pull=frozen_array(unscale.T @ pull),
         placement=frozen_array(disturbance[: 2 * posterior.disturbances.targets].reshape(2, -1)),
         runs=fitted,
         chi_squared=float(sum(run.whitened.sum() for run in fitted)),
         freedom=int(sum(run.freedom.sum() for run in fitted)),
-        log_evidence=-cost - 0.5 * float(log_size),
         steps=steps,
         converged=converged,
         status=status,

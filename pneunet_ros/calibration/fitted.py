@@ -43,21 +43,22 @@ class FittedRun:
 class Fit:
     """A fitted model: values (n,) of the unknowns, their covariance, and every run beside it.
 
-    information (n, n) is that of the data alone on the unknowns of the model (disturbances
-    integrated out) and pull (n,) the same data's linear term; log_evidence compares models on the
-    same data. `converged` and `status` say how the search ended.
+    placement (2, targets) m, along tangent and normal, and shared_covariance that of unknowns and
+    placement together. information (n, n) is that of the data alone on the unknowns of the model
+    (disturbances integrated out) and pull (n,) the same data's linear term. `converged` and
+    `status` say how the search ended.
     """
 
     unknowns: Unknowns
     values: Array
     covariance: Array
+    shared_covariance: Array
     information: Array
     pull: Array
     placement: Array
     runs: tuple[FittedRun, ...]
     chi_squared: float
     freedom: int
-    log_evidence: float
     steps: int
     converged: bool
     status: str

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.calibration.fitted import Fit
+from pneunet_ros.calibration.unknowns import Known
 from pneunet_ros.shape import Array, frozen_array
 
 
@@ -14,8 +15,8 @@ class Knowledge:
     """Mean and covariance of all unknowns of a fit: the prior of the next one.
 
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
-    (N m^2) of the moment law's unknowns over low to high (Pa), kind '' where none was fitted. mean
-    (n,) and covariance (n, n) are in the order of `Unknowns`.
+    (N m^2) of the moment law's unknowns over low to high (Pa), kind '' where none was fitted.
+    values, placement and covariance are those of `Known`.
     """
 
     pressure: Array
@@ -24,16 +25,21 @@ class Knowledge:
     stiffness: float
     low: float
     high: float
-    mean: Array
+    values: Array
+    placement: Array
     covariance: Array
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together."""
-        for name in ('pressure', 'arclength', 'mean'):
+        for name in ('pressure', 'arclength', 'values', 'placement'):
             values = getattr(self, name)
             object.__setattr__(self, name, frozen_array(values, (np.size(values),)))
-        size = self.mean.size
+        size = self.values.size + self.placement.size
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
+
+    def known(self) -> Known:
+        """Return it as the beginning of a fit."""
+        return Known(values=self.values, placement=self.placement, covariance=self.covariance)
 
 
 def knowledge_of(fit: Fit, low: float, high: float) -> Knowledge:
@@ -46,6 +52,7 @@ def knowledge_of(fit: Fit, low: float, high: float) -> Knowledge:
         stiffness=0.0 if law is None else law.stiffness,
         low=low,
         high=high,
-        mean=fit.values,
-        covariance=fit.covariance,
+        values=fit.values,
+        placement=fit.placement.ravel(),
+        covariance=fit.shared_covariance,
     )

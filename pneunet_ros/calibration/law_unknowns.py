@@ -69,9 +69,7 @@ class PiecewiseUnknowns(LawUnknowns):
         trend = (rows - rows.mean()) / (self.high - self.low)
         wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / SPLIT_REACH)
         split = (
-            SPLIT_STD**2
-            + SPLIT_TREND_STD**2 * np.outer(trend, trend)
-            + SPLIT_WAVE_STD**2 * wave
+            SPLIT_STD**2 + SPLIT_TREND_STD**2 * np.outer(trend, trend) + SPLIT_WAVE_STD**2 * wave
         )
         prior = np.zeros((ALPHAS + SPLIT_ROWS,) * 2)
         # alpha at either end: one of unknown size, and a change over the range

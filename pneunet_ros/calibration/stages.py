@@ -183,7 +183,7 @@ def continued(
         arclength=earlier.arclength,
         smoothness=wide_smoothness(stage.frame.length),
         law=law,
-        known=(earlier.mean, earlier.covariance),
+        known=earlier.known(),
     )
     return stage.fitted('all that is new', unknowns, runs, unknowns.mean)
 

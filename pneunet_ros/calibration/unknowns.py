@@ -30,6 +30,20 @@ class Smoothness:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Known:
+    """What an earlier fit knew: the first unknowns, the targets' placement, and their covariance.
+
+    values (k,) and placement (2 targets,) m, tangents then normals; covariance (k + 2 targets, k +
+    2 targets) of both, in this order. Placement is part of it because the dots stay where they are
+    painted: what was wrongly taken for curvature would else be wrong again, and count twice.
+    """
+
+    values: Array
+    placement: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Unknowns:
     """The unknowns: curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, then the law.
 
@@ -42,7 +56,7 @@ class Unknowns:
     arclength: Array
     smoothness: Smoothness
     law: LawUnknowns | None
-    known: tuple[Array, Array] | None = None
+    known: Known | None = None
     mean: Array = field(init=False)
     prior: Array = field(init=False)
 
@@ -64,10 +78,10 @@ class Unknowns:
             prior = np.zeros((mean.size, mean.size))
             prior[:size, :size], prior[size:, size:] = field_prior, self.law.prior
         if self.known is not None:
-            size = self.known[0].size
-            mean[:size] = self.known[0]
+            size = self.known.values.size
+            mean[:size] = self.known.values
             prior[:size, :] = prior[:, :size] = 0.0
-            prior[:size, :size] = self.known[1]
+            prior[:size, :size] = self.known.covariance[:size, :size]
         object.__setattr__(self, 'mean', frozen_array(mean))
         object.__setattr__(self, 'prior', frozen_array(prior))
 
