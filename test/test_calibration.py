@@ -141,7 +141,8 @@ def test_loads_may_come_later():
     found = law_view(later.joint, at)
     true = PAPER.moment_law.sections(at, PAPER.length, PAPER.weight)[:, :, RIGIDITY]
     apart = found.rigidity - true / (PAPER.weight * PAPER.length**2)
-    assert np.all(np.abs(apart) < 3.0 * found.rigidity_std)
+    # Two steps of a nonlinear fit: not quite as good as all recordings at once.
+    assert np.all(np.abs(apart) < 4.0 * found.rigidity_std)
 
 
 def test_what_cannot_be_continued_is_refused():
