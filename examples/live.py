@@ -36,7 +36,8 @@ from sensor_msgs.msg import FluidPressure, PointCloud2
 
 MODEL, CAMERA = shipped('config/lab_arm.yaml'), shipped('config/lab_camera.yaml')
 LOWEST, HIGHEST, PERIOD = 4e3, 46e3, 16.0  # Pa, Pa, s
-START_TIMEOUT = 240.0  # s; the very first time kernels are compiled
+START_TIMEOUT = 900.0  # s; the very first time kernels are compiled, by all nodes at once
+STILL_STARTING = 30.0  # s, after which this is said, and again
 
 
 class Process:
@@ -147,6 +148,7 @@ def watch(processes: list[Process], limit: float) -> int:
     watcher, executor = Watcher(), SingleThreadedExecutor()
     executor.add_node(watcher)
     start = told = time.monotonic()
+    reminded = 0
     while True:
         executor.spin_once(timeout_sec=0.1)
         now = time.monotonic()
@@ -158,6 +160,9 @@ def watch(processes: list[Process], limit: float) -> int:
             if watcher.begun is not None:
                 print(watcher.line(now - told), flush=True)
             told = now
+        if watcher.begun is None and now - start > STILL_STARTING * (reminded + 1):
+            reminded += 1
+            print(f'still preparing after {now - start:.0f} s', flush=True)
         if watcher.begun is None and now - start > START_TIMEOUT:
             print('no estimates and targets have come', file=sys.stderr)
             return 1
@@ -177,7 +182,7 @@ def main() -> int:
     arguments = parser.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    print('starting virtual_arm, estimator and tracker; the very first time takes a minute or two')
+    print('starting virtual_arm, estimator and tracker; the first time they compile for minutes')
     try:
         with ExitStack() as stack:
             arm = [

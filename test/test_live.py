@@ -39,7 +39,10 @@ def numbers(text):
 def started(output, **environment):
     with output.open('w') as stream:
         return subprocess.Popen(
-            LIVE, env=os.environ | environment, stdout=stream, stderr=subprocess.STDOUT
+            LIVE,
+            env=os.environ | {'PYTHONPATH': str(ROOT)} | environment,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
         )
 
 
