@@ -56,6 +56,10 @@ test-oldest: $(OLDEST)/all ## the tests on the libraries of Ubuntu 24.04
 bench: $(VENV)/all ## how fast and how exact it is here: solver, replay, tracker, nodes
 	@set -e; for bench in $(BENCHES); do echo "== $$bench"; $(VENV)/bin/python $$bench; done
 
+.PHONY: soak
+soak: $(VENV)/all ## both nodes under faults of all kinds; ARGS='--minutes 5' for a short one
+	$(VENV)/bin/python bench/soak.py $(ARGS)
+
 .PHONY: check
 check: $(VENV)/all ## format, lint, types, layers
 	$(VENV)/bin/ruff format --check .

@@ -36,7 +36,7 @@ sys.path[:0] = [str(CHECKOUT), str(CHECKOUT / 'test')]
 
 RATE, IMAGE_RATE = 200.0, 10.0  # Hz
 PERIOD_NS, IMAGE_PERIOD_NS = round(1e9 / RATE), round(1e9 / IMAGE_RATE)
-CLEAN = 300  # good readings between two faults
+CLEAN = 1200  # good readings between the faults of a round, and as many after them
 GROWTH_MB = 12.0  # of a node after its first rounds, at most
 WARM_ROUNDS = 2  # that are not looked at for memory: caches fill, other models are read
 ROOM = 300_000  # bytes that the recorder may write
@@ -177,6 +177,13 @@ class Subject:
             }
         )
 
+    def all_counted(self) -> Counter[str]:
+        """Wait until all that was sent to be rejected is counted; returns what is."""
+        end = time.monotonic() + PATIENCE
+        while (found := self.counted()) != self.expected and time.monotonic() < end:
+            pass
+        return found
+
     def drain(self) -> None:
         """Wait until all that was sent has been taken: a last good input is answered."""
         self.good()
@@ -192,11 +199,7 @@ class Subject:
         twice = [stamp for stamp, count in self.heard.items() if count > 1]
         if twice:
             self.say(f'{len(twice)} answered more than once')
-        end = time.monotonic() + PATIENCE
-        while True:
-            found = self.counted()
-            if found == self.expected or time.monotonic() > end:
-                break
+        found = self.all_counted()
         if found != self.expected:
             self.say(f'rejected {dict(found)}, but sent to be were {dict(self.expected)}')
             self.expected = found
@@ -410,6 +413,7 @@ def stale_wrench(one: Estimator) -> None:
     for _ in range(5):
         one.stamp_ns += PERIOD_NS
         one.pressure(one.stamp_ns, reason='stale_wrench')
+    one.all_counted()  # before there is a wrench with which they could be used
     one.settled()
 
 
@@ -541,7 +545,7 @@ def bad_pictures(one: Tracker) -> None:
     one.picture(0, 'no_stamp')
     one.picture(one.stamp_ns, 'duplicate')
     one.picture(one.stamp_ns - 300_000_000, 'older')
-    one.peer.barrier()
+    one.drain()
     one.stamp_ns += IMAGE_PERIOD_NS
     one.picture(one.stamp_ns, data=array('B', bytes(one.image.data.size)))
     if not one.peer.trigger('reload_model').success:
@@ -649,6 +653,8 @@ def soak(folder: Path, seconds: float, readings: float) -> dict[str, Any]:
                 subject.check_alive()
                 subject.reconcile()
             rounds += 1
+            wrong = len(one.faults) + len(camera.faults)
+            print(f'round {rounds}: {one.sent} sent, {wrong} wrong', file=sys.stderr, flush=True)
             if enough(0.7) and rounds > WARM_ROUNDS:
                 number = next(ending, None)
                 if number is None:
@@ -662,6 +668,8 @@ def soak(folder: Path, seconds: float, readings: float) -> dict[str, Any]:
                     injected[f'{subject.name} {signal.Signals(number).name}'] += 1
         for subject in (one, camera):
             subject.end(signal.SIGINT)
+    except KeyboardInterrupt:
+        one.faults.append('interrupted: what was in the air is not counted')
     finally:
         for subject in (one, camera):
             if subject.process.process.poll() is None:
