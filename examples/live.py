@@ -89,6 +89,8 @@ class Watcher(Node):
         """Swell and fall, once there are estimates and targets."""
         if self.begun is None and self.estimates and self.seen:
             self.begun = time.monotonic()
+            self.estimates = self.frames = 0
+            self.misses.clear()
         since = 0.0 if self.begun is None else time.monotonic() - self.begun
         swing = 0.5 * (1.0 - math.cos(2.0 * math.pi * since / PERIOD))
         level = 0.0 if self.begun is None else LOWEST + (HIGHEST - LOWEST) * swing
