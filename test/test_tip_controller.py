@@ -143,7 +143,7 @@ def test_the_path_lies_where_the_tip_goes(example):
 
 def test_the_page_shows_the_example(checkout):
     page = (checkout / 'docs/controller.md').read_text()
-    (sample,) = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
+    (sample,) = re.findall(r'```text\n(.*?)```', page, re.DOTALL)
     assert len(sample.splitlines()) > 10
     example = EXAMPLE.read_text()
     parts = re.split(r'\n *# \.\.\.\n', sample.strip('\n'))

@@ -17,7 +17,7 @@ NODES = {'virtual_arm': VirtualArmNode, 'estimator': EstimatorNode, 'tracker': T
 DEFAULT = ('estimator', 'tracker')
 USAGE = """usage: pneunet_stack [virtual_arm] [estimator] [tracker] [--ros-args ...]
 
-Runs nodes in one process, by default estimator and tracker. A parameter on the command line is given
+Runs nodes in one process, by default estimator and tracker. A parameter on the command line goes
 to all of them, and one that does not know it says so; a file of parameters names the nodes:
 
   pneunet_stack --ros-args -p model_file:=/path/to/model.yaml
