@@ -77,7 +77,7 @@ class YamlFile:
             yaml = YAML(typ='safe', pure=True)
             yaml.Constructor = PlainConstructor
             content = yaml.load(text)
-        except (YAMLError, ValueError, LookupError, RecursionError) as error:
+        except (YAMLError, ValueError, LookupError, TypeError, RecursionError) as error:
             raise self.error(f'{path} is not valid YAML: {one_line(error)}') from None
         try:
             if size_of(content, {}) > LARGEST_CONTENT:

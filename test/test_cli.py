@@ -103,7 +103,7 @@ def test_its_version(run):
 def test_help_names_all_verbs_and_exit_codes(run):
     code, out, _ = run('--help')
     assert code == 0
-    assert all(re.search(rf'^ +{verb.name} ', out, re.MULTILINE) for verb in VERBS)
+    assert all(re.search(rf'^ +{verb.name}\b', out, re.MULTILINE) for verb in VERBS)
     assert 'Exit codes: 0' in out
 
 
