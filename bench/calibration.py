@@ -32,6 +32,7 @@ from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.end_force import end_forces
 from pneunet_ros.calibration.held_out import score
 from pneunet_ros.curvature import IntrinsicCurvature
+from pneunet_ros.json_text import plain
 from pneunet_ros.lab.lab_arm import LabArm, varied
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.simulated import simulated
@@ -39,7 +40,6 @@ from pneunet_ros.lab_run import run_of
 from pneunet_ros.moment_law import PiecewiseLinearLaw
 from pneunet_ros.resources import shipped
 from pneunet_ros.scenario_file import load_scenario
-from pneunet_ros.verbs.verb import plain
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table

@@ -34,13 +34,13 @@ import numpy as np  # noqa: E402
 from pneunet_ros import load_model  # noqa: E402
 from pneunet_ros.camera_settings import CameraSettings  # noqa: E402
 from pneunet_ros.detection import find_areas  # noqa: E402
+from pneunet_ros.json_text import plain  # noqa: E402
 from pneunet_ros.lab.lens import looking_down  # noqa: E402
 from pneunet_ros.lab.renderer import as_image, Renderer  # noqa: E402
 from pneunet_ros.lab.scene import Dots, Moment, Scene  # noqa: E402
 from pneunet_ros.resources import shipped  # noqa: E402
 from pneunet_ros.tracker import Tracker  # noqa: E402
 from pneunet_ros.tracker_state import TrackerState  # noqa: E402
-from pneunet_ros.verbs.verb import plain  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import track  # noqa: E402
 from scipy.optimize import linear_sum_assignment  # noqa: E402

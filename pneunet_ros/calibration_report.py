@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration_figures import calibration_figures
@@ -21,6 +20,7 @@ from pneunet_ros.calibration_tables import (
 )
 from pneunet_ros.figure_data import Each
 from pneunet_ros.output import atomic_output
+from pneunet_ros.report_page import rendered
 from pneunet_ros.report_style import Picture
 from pneunet_ros.units import kilopascals, millimeters
 
@@ -57,15 +57,9 @@ def report_page(
     calibration: Calibration, pictures: Sequence[Picture], provenance: Mapping[str, Any]
 ) -> str:
     """Return the page, pictures inside."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('pneunet_ros'),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     rows = number_rows(calibration)
-    return environment.get_template(TEMPLATE).render(
+    return rendered(
+        TEMPLATE,
         arm=calibration.arm,
         summary=summary(calibration, rows),
         notes=calibration.notes,

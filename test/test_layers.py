@@ -34,9 +34,9 @@ FLOORS = {
         row_growing row_search tracking registration row_step sighting
         centerline_prior centerline_kernel centerline
         lab lab.lens lab.scene lab.discs lab.shading lab.targets lab.renderer lab.motion
-        lab.chain_kernels lab.chain lab.lab_arm lab.lab_effect
+        lab.chain_kernels lab.chain lab.contact lab.lab_arm lab.lab_effect
         lab.reading_effects lab.history_kernels lab.memory_effects lab.chain_effects
-        lab.lab_effects lab.timeline lab.protocols lab.sensors lab.scenario lab.lab_recording
+        lab.lab_effects lab.outside_effects lab.timeline lab.protocols lab.sensors lab.scenario lab.lab_recording
         lab.simulated lab.valve lab.live lab.film
     """,
     '2 inference': """
@@ -52,7 +52,7 @@ FLOORS = {
         calibration.stances calibration.views calibration.linearity calibration.sensitivity
     """,
     '3 outside': """
-        output array_file yaml_file model_file camera_file plots
+        executor output json_text array_file yaml_file model_file camera_file plots
         message_parts estimate_messages messages view_messages cdr_template
         cloud_points compressed_image tracker_messages reading_messages camera_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
@@ -61,7 +61,8 @@ FLOORS = {
         image_stream image_files image_sources
         reading_table table_columns csv_table table_reader table_writer
         length_unit target_table preview_video heat_map preview
-        report_style figure_data shape_figures moment_figures force_figures trend_figures
+        report_page report_style
+        figure_data shape_figures moment_figures force_figures trend_figures
         residual_figures calibration_figures calibration_tables calibration_report
         __init__
     """,

@@ -6,15 +6,13 @@ from argparse import ArgumentParser, BooleanOptionalAction, Namespace
 from collections.abc import Callable, Collection, Iterable
 import dataclasses
 from dataclasses import dataclass
-import json
-import math
 from pathlib import Path
 import sys
 from typing import Any
 
-import numpy as np
 from pneunet_ros.arm import Arm
 from pneunet_ros.errors import RequestError
+from pneunet_ros.json_text import json_text
 from pneunet_ros.model_file import load_model
 from pneunet_ros.resources import shipped
 from pneunet_ros.settings import EstimatorSettings
@@ -67,22 +65,7 @@ def progress_bar(shown: bool) -> Progress:
 
 def print_json(content: dict[str, Any]) -> None:
     """Print one JSON object, numbers to the last digit; what is no number is null."""
-    sys.stdout.write(json.dumps(plain(content), allow_nan=False) + '\n')
-
-
-def plain(value: Any) -> Any:
-    """Arrays as lists, paths as text, NaN and infinity as None: what JSON can carry."""
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, np.integer):
-        return int(value)
-    return str(value) if isinstance(value, Path) else value
+    sys.stdout.write(json_text(content))
 
 
 def add_json(parser: ArgumentParser) -> None:

@@ -1,0 +1,31 @@
+"""What JSON can carry: arrays as lists, paths as text, and null for what is no number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def plain(value: Any) -> Any:
+    """Return arrays as lists, paths as text, NaN and infinity as None."""
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.integer):
+        return int(value)
+    return str(value) if isinstance(value, Path) else value
+
+
+def json_text(content: Mapping[str, Any], indent: int | None = None) -> str:
+    """Return one JSON object, numbers to the last digit, with a newline at its end."""
+    return json.dumps(plain(content), allow_nan=False, indent=indent) + '\n'
