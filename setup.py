@@ -19,7 +19,8 @@ def shipped_files():
             yield f'{SHARE}/{file.parent.as_posix()}', [str(file)]
 
 
-TEST = ['hypothesis>=6.98', 'pytest>=7.4']
+CLUSTER = ['distributed>=2024.2']
+TEST = [*CLUSTER, 'hypothesis>=6.98', 'pytest>=7.4']
 # The wheels of ROS 2 Jazzy exist for Linux on x86-64; elsewhere ROS comes from its own packages.
 WHEELS = 'sys_platform == "linux" and platform_machine == "x86_64" and python_version < "3.14"'
 
@@ -54,6 +55,7 @@ setup(
             f'ros-rclpy[fastrtps]==7.1.6; {WHEELS}',
             f'ros-jazzy-common-interfaces; {WHEELS}',
         ],
+        'cluster': CLUSTER,
         'test': TEST,
         'dev': [
             *TEST,

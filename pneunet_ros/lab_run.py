@@ -39,13 +39,16 @@ def true_model(scenario: Scenario) -> Arm:
     """Return the model that knows the truth of a scenario, to score calibrated ones against.
 
     It has the arm's curvature and law, its effects as far as they are plain, and the noise of the
-    sensors; where targets were painted by mistake it does not know.
+    sensors; of effects outside the model's library, and of where targets were painted by mistake,
+    it does not know.
     """
     arm, noise = scenario.arm, scenario.noise
     arclength = np.linspace(0.0, 1.0, KNOTS)
     effects = []
     for effect in scenario.effects:
-        kind = EFFECTS[effect.name]
+        kind = EFFECTS.get(effect.name)
+        if kind is None:
+            continue
         values = {item.name: getattr(effect, item.name) for item in quantities(kind)}
         effects.append(kind(**values))
     return Arm(

@@ -10,7 +10,7 @@ from pneunet_ros.curvature import table_array
 from pneunet_ros.errors import RequestError
 from pneunet_ros.lab.lab_arm import LabArm, varied
 from pneunet_ros.lab.lab_effect import LabEffect
-from pneunet_ros.lab.lab_effects import LAB_EFFECTS
+from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Protocol, PROTOCOLS, SlowRamp
 from pneunet_ros.lab.scenario import Detail, Scenario
 from pneunet_ros.lab.sensors import LabNoise, Rates
@@ -108,10 +108,10 @@ def arm_from_mapping(content: Any, where: str) -> LabArm:
 
 def effects_from_mapping(content: Any, richness: float) -> tuple[LabEffect, ...]:
     """Build the effects of a scenario; those that do not say how rich they are get `richness`."""
-    effects = FILE.block(content, 'effects', tuple(LAB_EFFECTS), set(LAB_EFFECTS))
+    effects = FILE.block(content, 'effects', tuple(ALL_EFFECTS), set(ALL_EFFECTS))
     built = []
     for name, parameters in effects.items():
-        kind = LAB_EFFECTS[name]
+        kind = ALL_EFFECTS[name]
         numbers = FILE.numbers_of(kind, given(parameters, {}), f'effects.{name}')
         built.append(kind(**({'richness': richness} | numbers)))
     return tuple(built)

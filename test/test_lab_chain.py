@@ -76,11 +76,11 @@ def test_derivatives_of_the_energy_are_those_by_differences():
     turning, rest = random.normal(0.0, 0.1, count + 1), random.normal(0.0, 0.05, count)
     line, load = random.normal(0.0, 0.05, (count, 2)), np.array([2e-4, 1e-4, 0.03, 0.2, 0.1, 1e-3])
     numbers = np.array([0.0125, 0.1, 9.0, 70.0, 0.03, 0.8, 3e-4, 1e-7, 0.006, 0.002])
-    angles = random.normal(0.0, 0.3, count + 2)
+    angles, factor = random.normal(0.0, 0.3, count + 2), random.uniform(0.5, 1.5, count + 1)
 
     def energy(at):
         parts = np.empty((3, count + 2))
-        value = energy_of(at, turning, rest, line, load, numbers, 1.0, *parts)
+        value = energy_of(at, turning, factor, rest, line, load, numbers, 1.0, *parts)
         return value, parts
 
     _, (gradient, diagonal, beside) = energy(angles)
@@ -114,7 +114,8 @@ def test_any_load_after_any_other_ends_at_rest():
         parts = np.empty((3, 98))
         load = np.array([*many.rigidity[frame], many.split[frame], *force[frame], 0.0])
         angles, turning = found.angles[frame], many.turning[frame]
-        energy_of(angles, turning, many.rest[frame], many.line, load, numbers, 1.0, *parts)
+        of_frame = many.stiffer[frame], many.rest[frame], many.line[frame]
+        energy_of(angles, turning, *of_frame, load, numbers, 1.0, *parts)
         assert np.abs(parts[0]).max() < 1e-10  # N m
 
 

@@ -8,7 +8,7 @@ import shutil
 from lab import recorded
 from pneunet_ros.errors import RequestError
 from pneunet_ros.lab.lab_arm import varied
-from pneunet_ros.lab.lab_effects import LAB_EFFECTS
+from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import described
 from pneunet_ros.resources import shipped
@@ -100,7 +100,7 @@ def test_a_change_of_another_form_is_refused(text):
         (HEAD + PROTOCOL + 'noise: {std: 1}\n', 'unknown key noise.std; known here: pressure_std'),
         (HEAD + PROTOCOL + 'detail: {elements: 99.5}\n', 'detail.elements = 99.5 is no whole'),
         (HEAD + PROTOCOL + 'rates: {frames: 0}\n', 'rates.frames = 0.0 is not within'),
-        (HEAD + PROTOCOL + 'effects: {drag: {}}\n', f'known here: {", ".join(LAB_EFFECTS)}'),
+        (HEAD + PROTOCOL + 'effects: {drag: {}}\n', f'known here: {", ".join(ALL_EFFECTS)}'),
         (HEAD + PROTOCOL + 'effects: {creep: {a: 1}}\n', 'unknown key effects.creep.a; known'),
         (HEAD + 'protocol: {kind: jump}\n', 'protocol.kind must be one of slow_ramp, staircase'),
         (HEAD + 'protocol: {kind: slow_ramp, hight: 1}\n', 'unknown key protocol.hight; known'),

@@ -14,6 +14,18 @@ from pneunet_ros.lab.chain_kernels import equilibria
 from pneunet_ros.shape import Array, freeze, frozen_array
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Peg:
+    """A stiff stop at height y (m): what stands at `place` (m) of the arm meets it from below.
+
+    Without friction it pushes back by stiffness (N/m) times how far it is pushed in.
+    """
+
+    place: float
+    height: float
+    stiffness: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Chain:
     """The lab arm as a chain of n elements, in so many frames.
@@ -21,10 +33,11 @@ class Chain:
     turning (frames, n + 1) rad: of the unloaded arm at every joint, joints standing at the clamp,
     between elements, and at the free end. rigidity (frames, 2) N m^2, before and after split
     (frames,) m. force (frames, 2) N and moment (frames,) N m at the free end. The rest is what
-    effects bring: rest (frames, n) strain; line (n, 2) N, the force of the line load beyond the
-    middle of every element; axial_compliance 1/N and how it grows with the strain; cubic m^2 and
+    effects bring: stiffer (frames, n + 1), the factor of every joint's rigidity; rest (frames, n)
+    strain; line (n, 2) or (frames, n, 2) N, the force of loads along the arm beyond the middle
+    of every element; axial_compliance 1/N and how it grows with the strain; cubic m^2 and
     quintic m^4 of the moment; clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; beside and
-    beyond, m, where the end force acts, across and along the free end.
+    beyond, m, where the end force acts, across and along the free end; the peg it leans against.
     """
 
     length: float
@@ -34,6 +47,7 @@ class Chain:
     split: Array
     force: Array
     moment: Array
+    stiffer: Array = field(default_factory=lambda: np.zeros(0))
     rest: Array = field(default_factory=lambda: np.zeros(0))
     line: Array = field(default_factory=lambda: np.zeros(0))
     axial_compliance: float = 0.0
@@ -44,35 +58,38 @@ class Chain:
     clamp_hardening: float = 0.0
     beside: float = 0.0
     beyond: float = 0.0
+    peg: Peg | None = None
 
     def __post_init__(self) -> None:
         """Check the sizes; refuse rigidities for which there is no least energy."""
         frames, joints = np.shape(self.turning)
         sizes = {
             'turning': (frames, joints),
+            'stiffer': (frames, joints),
             'rigidity': (frames, 2),
             'split': (frames,),
             'force': (frames, 2),
             'moment': (frames,),
             'rest': (frames, joints - 1),
-            'line': (joints - 1, 2),
+            'line': (frames, joints - 1, 2),
         }
         for name, size in sizes.items():
             value = np.asarray(getattr(self, name), np.float64)
-            value = value if value.size else np.zeros(size)
+            value = value if value.size else np.full(size, 1.0 if name == 'stiffer' else 0.0)
+            value = np.broadcast_to(value, size) if name == 'line' else value
             object.__setattr__(self, name, frozen_array(value, size))
-        if not np.all(self.rigidity > 0.0):
+        if not (np.all(self.rigidity > 0.0) and np.all(self.stiffer > 0.0)):
             raise RequestError('the lab arm needs positive rigidity at all pressures')
 
     @property
     def element(self) -> float:
         """Length of an element (m)."""
-        return self.length / len(self.line)
+        return self.length / len(self.rest[0])
 
     @property
     def middles(self) -> Array:
         """Arclength (m) in the middle of every element, (n,)."""
-        return freeze((np.arange(len(self.line), dtype=np.float64) + 0.5) * self.element)
+        return freeze((np.arange(len(self.rest[0]), dtype=np.float64) + 0.5) * self.element)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -143,7 +160,7 @@ def lying(chain: Chain, start: Array | None = None) -> Lying:
     angles = np.zeros((frames, joints + 1))
     if start is not None:
         angles[0] = start
-    tables = chain.turning, chain.rest, chain.line, freeze(loads), freeze(numbers)
+    tables = chain.turning, chain.stiffer, chain.rest, chain.line, freeze(loads), freeze(numbers)
     solved = int(equilibria(*tables, angles, start is not None))
     if solved < frames:
         force = chain.force[solved]
@@ -152,7 +169,7 @@ def lying(chain: Chain, start: Array | None = None) -> Lying:
             f'({force[0]:.3g}, {force[1]:.3g}) N: use smaller loads or effects'
         )
     cosine, sine = np.cos(angles[:, 1:-1]), np.sin(angles[:, 1:-1])
-    n1, n2 = (chain.force[:, None, i] + chain.line[None, :, i] for i in (0, 1))
+    n1, n2 = (chain.force[:, None, i] + chain.line[:, :, i] for i in (0, 1))
     strain = chain.axial_compliance * (n1 * cosine + n2 * sine)
     stretched = chain.element * (1.0 + chain.rest + strain * (1.0 + chain.axial_growth * strain))
     nothing = np.zeros((frames, 1))

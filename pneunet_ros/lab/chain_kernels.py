@@ -69,6 +69,7 @@ def joint(
 def energy_of(
     angles: Array,
     turning: Array,
+    factor: Array,
     rest: Array,
     line: Array,
     load: Array,
@@ -80,8 +81,9 @@ def energy_of(
 ) -> float:
     """Energy (J) of the chain; fills its gradient and tridiagonal matrix of second derivatives.
 
-    angles (n + 2,), turning (n + 1,) rad of the unloaded joints, rest (n,) strain and line (n, 2)
-    N of the elements; load = rigidities (2), l1, force (2), moment; share: of all loads.
+    angles (n + 2,), turning (n + 1,) rad of the unloaded joints and factor (n + 1,) of their
+    rigidity, rest (n,) strain and line (n, 2) N of the elements; load = rigidities (2), l1, force
+    (2), moment; share: of all loads.
     """
     count = rest.shape[0]
     h, axial, growth = numbers[0], numbers[4], numbers[5]
@@ -102,6 +104,7 @@ def energy_of(
             numbers[6],
             numbers[7],
         )
+        part, moment, stiffness = factor[j] * part, factor[j] * moment, factor[j] * stiffness
         energy += part
         gradient[j] -= moment
         gradient[j + 1] += moment
@@ -138,6 +141,7 @@ def energy_of(
 def settle(
     angles: Array,
     turning: Array,
+    factor: Array,
     rest: Array,
     line: Array,
     load: Array,
@@ -153,7 +157,7 @@ def settle(
     size = angles.shape[0]
     gradient, diagonal, beside, step, trial = work[0], work[1], work[2], work[3], work[4]
     energy = energy_of(
-        angles, turning, rest, line, load, numbers, share, gradient, diagonal, beside
+        angles, turning, factor, rest, line, load, numbers, share, gradient, diagonal, beside
     )
     floor = 1e-3 * min(load[0], load[1]) / (numbers[0] * rest.shape[0])
     largest = math.inf
@@ -180,7 +184,17 @@ def settle(
             for i in range(size):
                 trial[i] = angles[i] + reach * step[i]
             lowered = energy_of(
-                trial, turning, rest, line, load, numbers, share, gradient, diagonal, beside
+                trial,
+                turning,
+                factor,
+                rest,
+                line,
+                load,
+                numbers,
+                share,
+                gradient,
+                diagonal,
+                beside,
             )
             # What a very small step does to the energy cannot be told from rounding.
             if largest < NEAR or lowered <= energy + 1e-14 * abs(energy):
@@ -195,6 +209,7 @@ def settle(
 @kernel
 def equilibria(
     turning: Array,
+    factor: Array,
     rest: Array,
     line: Array,
     loads: Array,
@@ -204,9 +219,9 @@ def equilibria(
 ) -> int:
     """Solve every frame, each from the one before; returns how many were solved, in their order.
 
-    turning (frames, n + 1), rest (frames, n), loads (frames, 6); fills angles (frames, n + 2), of
-    which the first row says where to begin, if `begun`. A frame that cannot be reached so is
-    reached from the unloaded arm by adding the load in steps.
+    turning and factor (frames, n + 1), rest (frames, n), line (frames, n, 2), loads (frames, 6);
+    fills angles (frames, n + 2), of which the first row says where to begin, if `begun`. A frame
+    that cannot be reached so is reached from the unloaded arm by adding the load in steps.
     """
     frames: int = angles.shape[0]
     size = angles.shape[1]
@@ -219,13 +234,15 @@ def equilibria(
                     now[i] = angles[f - 1, i]
             if numbers[2] <= 0.0:
                 now[0] = numbers[1]
-            left = settle(now, turning[f], rest[f], line, loads[f], numbers, 1.0, work)
+            left = settle(
+                now, turning[f], factor[f], rest[f], line[f], loads[f], numbers, 1.0, work
+            )
             if left < SETTLED:
                 continue
         now[0] = numbers[1]
         for i in range(size - 1):
             now[i + 1] = now[i] + turning[f, i]
-        left = settle(now, turning[f], rest[f], line, loads[f], numbers, 1.0, work)
+        left = settle(now, turning[f], factor[f], rest[f], line[f], loads[f], numbers, 1.0, work)
         if left < SETTLED:
             continue
         now[0] = numbers[1]
@@ -233,7 +250,9 @@ def equilibria(
             now[i + 1] = now[i] + turning[f, i]
         for k in range(LOAD_STEPS):
             share = (k + 1.0) / LOAD_STEPS
-            left = settle(now, turning[f], rest[f], line, loads[f], numbers, share, work)
+            left = settle(
+                now, turning[f], factor[f], rest[f], line[f], loads[f], numbers, share, work
+            )
         if not left < SETTLED:
             return f
     return frames

@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 from pneunet_ros.errors import RequestError
-from pneunet_ros.lab.chain import Lying, lying
+from pneunet_ros.lab.chain import Lying
+from pneunet_ros.lab.contact import leaning
 from pneunet_ros.lab.lab_effect import Course, Past
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.sensors import placed, stream
@@ -141,7 +142,7 @@ class LiveLab:
         force = freeze(np.array([[load.force_x, load.force_y]]))
         chain = chain_of(self.scenario, state.course, state.course.time[-1:], force)
         chain = replace(chain, moment=freeze(np.array([load.moment])))
-        shape = lying(chain, state.angles)
+        shape = leaning(chain, state.angles)
         return replace(state, angles=shape.angles[0]), shape
 
     def reading(self, state: LiveState, random: np.random.Generator) -> LiveReading:

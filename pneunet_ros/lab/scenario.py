@@ -12,7 +12,7 @@ import numpy as np
 from pneunet_ros.errors import RequestError
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import LabEffect
-from pneunet_ros.lab.lab_effects import LAB_EFFECTS
+from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Protocol
 from pneunet_ros.lab.sensors import LabNoise, Rates
 from pneunet_ros.units import check_quantities, quantity
@@ -60,7 +60,7 @@ class Scenario:
         names = [effect.name for effect in self.effects]
         if len(set(names)) < len(names):
             raise RequestError(f'an effect is given twice: {", ".join(names)}')
-        order = list(LAB_EFFECTS)
+        order = list(ALL_EFFECTS)
         effects = sorted(self.effects, key=lambda effect: order.index(effect.name))
         object.__setattr__(self, 'effects', tuple(effects))
 
@@ -76,9 +76,9 @@ class Scenario:
 
 def lab_effect(name: str, parameters: Mapping[str, float]) -> LabEffect:
     """Return an effect by its name; RequestError lists the names and parameters there are."""
-    if name not in LAB_EFFECTS:
-        raise RequestError(f'unknown effect {name}; known here: {", ".join(LAB_EFFECTS)}')
-    kind = LAB_EFFECTS[name]
+    if name not in ALL_EFFECTS:
+        raise RequestError(f'unknown effect {name}; known here: {", ".join(ALL_EFFECTS)}')
+    kind = ALL_EFFECTS[name]
     known = [item.name for item in dataclasses.fields(kind)]
     for parameter in parameters:
         if parameter not in known:

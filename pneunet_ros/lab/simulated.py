@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 from pneunet_ros.errors import RequestError
-from pneunet_ros.lab.chain import Chain, Lying, lying, middle_joints
+from pneunet_ros.lab.chain import Chain, Lying, middle_joints
+from pneunet_ros.lab.contact import leaning
 from pneunet_ros.lab.lab_effect import Course, Past
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth, Stamps
 from pneunet_ros.lab.scenario import Scenario
@@ -38,7 +39,7 @@ def simulated(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordi
         raise RequestError('protocol.duration must hold two frames or more')
     arm, weights = scenario.arm, sampled(course, course.weights, times)
     chamber = sampled(course, course.chamber[:, None], times)[:, 0]
-    shape = lying(chain_of(scenario, course, times, events.force_at(times)))
+    shape = leaning(chain_of(scenario, course, times, events.force_at(times)))
     arclength = np.linspace(0.0, arm.length, int(scenario.detail.stations))
     x, y, theta = shape.points(arclength)
     placement = placed(stream('placement', arm.seed), arm.targets.size, scenario.noise)

@@ -1,0 +1,154 @@
+"""What may happen to an arm of the virtual lab for which the model has no effect, and its table.
+
+A diagnosis must not put a name of its own to these. They know no richness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+from typing import ClassVar
+
+import numpy as np
+from pneunet_ros.lab.chain import Chain, Peg
+from pneunet_ros.lab.lab_arm import LabArm
+from pneunet_ros.lab.lab_effect import Course, LabEffect, Past
+from pneunet_ros.lab.lab_effects import LAB_EFFECTS
+from pneunet_ros.shape import Array, freeze
+from pneunet_ros.units import quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabHarmlessMismatch(LabEffect):
+    """The intrinsic curvature is a little off, as no arm is quite what a model says.
+
+    By up to `size` times cos(2 pi s / l + phase) sin(2 pi p / top) / 2 for every arm, and as much
+    again times sin(pi s / l) and the end load in units of mg, for loads up to that.
+    """
+
+    name: ClassVar[str] = 'harmless_mismatch'
+    size: float = quantity(0.0, unit='-', meaning='largest share', bounds=(0.0, 0.1))
+    phase: float = quantity(0.0, unit='rad', meaning='of its course', bounds=(-7.0, 7.0))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Turn the joints of the unloaded arm a little more or less."""
+        along = places(chain) / arm.length
+        top = arm.pressure_range[1]
+        pull = np.minimum(np.hypot(chain.force[:, 0], chain.force[:, 1]) / arm.weight, 1.0)
+        free = np.sin(2.0 * math.pi * chamber / top)[:, None] * np.cos(
+            2.0 * math.pi * along + self.phase
+        )
+        loaded = pull[:, None] * np.sin(math.pi * along)
+        off = 0.5 * self.size * (free + loaded)
+        return replace(chain, turning=freeze(chain.turning * (1.0 + off)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabWeakChamber(LabEffect):
+    """One chamber is weak: softer, and bent less, over a short stretch, with the cube of p.
+
+    rigidity_loss (share) and curvature_dip (1/m) are those in its middle at the largest pressure;
+    they fall off like a Gaussian.
+    """
+
+    name: ClassVar[str] = 'weak_chamber'
+    rigidity_loss: float = quantity(0.0, unit='-', bounds=(0.0, 0.9))
+    curvature_dip: float = quantity(0.0, unit='1/m', bounds=(-500.0, 500.0))
+    place: float = quantity(0.5, unit='-', meaning='s / l', bounds=(0.0, 1.0))
+    width: float = quantity(0.04, unit='-', meaning='standard, s / l', bounds=(0.005, 1.0))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Soften the joints of the chamber and turn them less."""
+        here = np.exp(-0.5 * ((places(chain) / arm.length - self.place) / self.width) ** 2)
+        grown = (np.maximum(chamber, 0.0) / arm.pressure_range[1])[:, None] ** 3 * here
+        span = np.full(chain.turning.shape[1], chain.element)
+        span[[0, -1]] *= 0.5
+        return replace(
+            chain,
+            stiffer=freeze(chain.stiffer * (1.0 - self.rigidity_loss * grown)),
+            turning=freeze(chain.turning - self.curvature_dip * grown * span),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabPeriodicDisturbance(LabEffect):
+    """The intrinsic curvature swings in time, unmeasured: x (1 + amplitude sin(2 pi t / period)).
+
+    Time counts from the beginning of every recording.
+    """
+
+    name: ClassVar[str] = 'periodic_disturbance'
+    amplitude: float = quantity(0.0, unit='-', bounds=(0.0, 1.0))
+    period: float = quantity(5.0, unit='s', bounds=(0.05, 1e4))
+
+    def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
+        """Let the intrinsic curvature swing."""
+        swing = 1.0 + self.amplitude * np.sin(2.0 * math.pi * course.time / self.period)
+        return replace(course, weights=freeze(course.weights * swing[:, None])), past
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabTouchingPeg(LabEffect):
+    """A stiff stop in the way: a place of the arm does not get beyond a height y, see `Peg`."""
+
+    name: ClassVar[str] = 'touching_peg'
+    stiffness: float = quantity(0.0, unit='N/m', bounds=(0.0, 1e5))
+    place: float = quantity(0.6, unit='-', meaning='of what touches, s / l', bounds=(0.05, 1.0))
+    height: float = quantity(0.02, unit='m', meaning='of the stop, y', bounds=(-10.0, 10.0))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Put up the stop."""
+        place = self.place * arm.length
+        return replace(chain, peg=Peg(place=place, height=self.height, stiffness=self.stiffness))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabSlippingBase(LabEffect):
+    """The whole arm jumps, when a share `moment` of the recording is over, and stays there."""
+
+    name: ClassVar[str] = 'slipping_base'
+    slip_x: float = quantity(0.0, unit='m', bounds=(-1.0, 1.0))
+    slip_y: float = quantity(0.0, unit='m', bounds=(-1.0, 1.0))
+    moment: float = quantity(0.5, unit='-', meaning='of the recording', bounds=(0.0, 1.0))
+
+    def see(self, arm: LabArm, points: Array, share: Array) -> Array:
+        """Shift what is seen later; under a given end load that is all that a shift does."""
+        slipped = (share >= self.moment)[:, None, None]
+        return freeze(points + slipped * np.array([self.slip_x, self.slip_y]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabLensDistortion(LabEffect):
+    """The camera's lens bends: radial, about a middle of the picture amid the straight arm.
+
+    Measured = middle + (true - middle) (1 + radial r^2), r in units of half the arm's length.
+    """
+
+    name: ClassVar[str] = 'lens_distortion'
+    radial: float = quantity(0.0, unit='-', meaning='< 0: barrel', bounds=(-0.3, 0.3))
+
+    def see(self, arm: LabArm, points: Array, share: Array) -> Array:
+        """Distort."""
+        half = 0.5 * arm.length
+        away = points - np.array([half, 0.0])
+        squared = np.sum(away**2, axis=-1, keepdims=True) / half**2
+        return freeze(points + self.radial * squared * away)
+
+
+OUTSIDE_EFFECTS: dict[str, type[LabEffect]] = {
+    effect.name: effect
+    for effect in (
+        LabHarmlessMismatch,
+        LabWeakChamber,
+        LabPeriodicDisturbance,
+        LabTouchingPeg,
+        LabSlippingBase,
+        LabLensDistortion,
+    )
+}
+ALL_EFFECTS = LAB_EFFECTS | OUTSIDE_EFFECTS  # what a scenario may name, in order of application
+
+
+def places(chain: Chain) -> Array:
+    """Return where along the arm (m) the joints are, (n + 1,)."""
+    return freeze(chain.element * np.arange(chain.turning.shape[1], dtype=np.float64))
