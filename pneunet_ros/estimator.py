@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 from pneunet_ros.arm import Arm, EXTRAPOLATION
-from pneunet_ros.effects.effect import Load
+from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.equilibrium import (
     Change,
     jacobian_of,
@@ -27,6 +27,7 @@ from pneunet_ros.errors import ModelError
 from pneunet_ros.estimator_state import admitted, EstimatorState
 from pneunet_ros.meaning import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.readings import PressureReading, Reading, WrenchReading
+from pneunet_ros.rod import Rods
 from pneunet_ros.settings import EstimatorSettings
 from pneunet_ros.shape import Array, freeze, Refusal, ShapeEstimate
 from pneunet_ros.solver.sensitivity import LOADS, spread
@@ -118,12 +119,8 @@ class Estimator:
             notes.append('pressure beyond the calibrated range: extrapolated')
         if shape.stable is False:
             notes.append('the equilibrium is unstable under dead load')
-        changes = [change]
-        for before, after, distance in self.model_columns:
-            # With the arm's own history: what other parameters would have made of it is left out.
-            less, more = (side.rods(rods.pressure, history) for side in (before, after))
-            changes.append(Change(before=less, after=more, distance=distance))
-        response = respond(shape.solution, rods, tuple(changes), self.arclength)
+        changes = self.changes(rods, change, history)
+        response = respond(shape.solution, rods, changes, self.arclength)
         mixing = self.noise_columns(reading, gauge, wrench)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
         if not spread(mixing, response.tip, response.stations, covariance, std):
@@ -146,6 +143,17 @@ class Estimator:
             warnings=tuple(notes),
         )
         return state.with_estimate(reading.stamp_ns, history, shape.solution), estimate
+
+    def changes(
+        self, rods: Rods, change: Change, history: tuple[History, ...]
+    ) -> tuple[Change, ...]:
+        """Return the change of a record with pressure, then with each column of the covariance."""
+        changes = [change]
+        for before, after, distance in self.model_columns:
+            # With the arm's own history: what other parameters would have made of it is left out.
+            less, more = (side.rods(rods.pressure, history) for side in (before, after))
+            changes.append(Change(before=less, after=more, distance=distance))
+        return tuple(changes)
 
     def wrench_at(
         self, state: EstimatorState, stamp_ns: int

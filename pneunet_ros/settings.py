@@ -77,6 +77,15 @@ class EstimatorSettings:
         bounds=(-7.0, 7.0),
     )
     wrench_frame: str = setting('', 'frame id, beside frame_id, that wrench messages may carry')
+    watch_targets: bool = setting(
+        True, 'compare measured targets, where there are any, with the estimate'
+    )
+    watch_time: float = quantity(
+        2.0,
+        unit='s',
+        meaning='time over which the disagreement of targets and estimate is averaged',
+        bounds=(0.1, 3600.0),
+    )
 
     def __post_init__(self) -> None:
         """Refuse values outside their declaration."""

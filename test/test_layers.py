@@ -41,6 +41,7 @@ FLOORS = {
     """,
     '2 inference': """
         settings meaning stamp_order estimator_state estimator zero holds
+        expected_targets watch
         tracker_state tracker
         run lab_run
         calibration calibration.drive calibration.response calibration.law_unknowns
@@ -54,7 +55,8 @@ FLOORS = {
     '3 outside': """
         executor output json_text array_file yaml_file model_file camera_file plots
         message_parts estimate_messages messages view_messages cdr_template
-        cloud_points compressed_image tracker_messages reading_messages camera_messages overlay
+        cloud_points compressed_image tracker_messages reading_messages watch_messages
+        camera_messages overlay
         message_store mcap_blocks mcap_file bag_folder recording recording_writer
         recorded_series run_reader calibration_files
         scenario_file lab_files

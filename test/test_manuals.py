@@ -9,14 +9,16 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from manuals import page, reasons_in, table, topics, values
-from pneunet_ros.message_parts import UNREADABLE
+from pneunet_ros.message_parts import POINTS_TYPE, UNREADABLE
 from pneunet_ros.messages import TOPICS
+from pneunet_ros.reading_messages import TARGETS_NAME
 from pneunet_ros.registration import RESTING
 from pneunet_ros.settings import EstimatorSettings
 from pneunet_ros.stamp_order import STARTS_ANEW
 from pneunet_ros.tracker_messages import IMAGE_TYPE, TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.tracker_state import TrackerState
 from pneunet_ros.view_messages import markers_output, transform_output
+from pneunet_ros.watch import WatchState
 import pytest
 
 # The wheels of ROS import a parser that is older than Python 3.11.
@@ -46,7 +48,8 @@ TYPES = {
     'estimator': {
         topic.name: topic.type
         for topic in (*TOPICS, markers_output(lambda: None), transform_output('tip'))
-    },
+    }
+    | {TARGETS_NAME: POINTS_TYPE},
     'tracker': {topic.name: topic.type for topic in (*TRACKER_INPUTS, *TRACKER_OUTPUTS)}
     | {'image_annotated': IMAGE_TYPE},
 }
@@ -89,7 +92,8 @@ def test_parameters_are_those_of_the_code(node, parameters):
 def test_diagnostics_of_the_estimator_are_those_of_the_code():
     health = EstimatorHealth('/pressure', 0.0)
     health.took_pressure(random_estimate(3), 0.1, 0.001)
-    report = health.report(EstimatorState(rejected=COUNTS), EstimatorSettings(), 0.2)
+    state, watch = EstimatorState(rejected=COUNTS), WatchState(unmatched=COUNTS)
+    report = health.report(state, EstimatorSettings(), 0.2, watch)
     assert sorted(values('estimator')) == sorted(['model', *report.values])
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.errors import MessageError
 from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.message_parts import UNREADABLE
+from pneunet_ros.message_parts import POINTS_TYPE, UNREADABLE
 from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
@@ -23,14 +23,18 @@ from pneunet_ros.nodes.estimator_configuration import (
     configured_estimator,
     EstimatorConfiguration,
     PARAMETERS,
+    same_meaning,
 )
 from pneunet_ros.nodes.estimator_health import EstimatorHealth
 from pneunet_ros.nodes.estimator_warm_up import warm_up
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import input_qos, subscription
+from pneunet_ros.reading_messages import TARGETS_NAME
 from pneunet_ros.readings import PressureReading
 from pneunet_ros.shape import Refusal, ShapeEstimate
 from pneunet_ros.units import seconds_between
+from pneunet_ros.watch import remembered, WatchState
+from pneunet_ros.watch_messages import watched_message
 from pneunet_ros.zero import pressure_zero
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
@@ -54,6 +58,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('estimator', PARAMETERS, configured_estimator)
         self.state = EstimatorState()
+        self.watch = WatchState()
         self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)
 
         settings = self.configuration.estimator.settings
@@ -76,6 +81,9 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         if settings.wrench_required:
             subscription(self, WRENCH_TYPE, 'end_wrench', self.take_wrench, input_qos())
         subscription(self, PRESSURE_TYPE, 'pressure', self.take_pressure, input_qos())
+        # Behind them both: what is compared may wait, what is estimated not.
+        if settings.watch_targets:
+            subscription(self, POINTS_TYPE, TARGETS_NAME, self.take_targets, input_qos())
         self.tell_ready()
 
     def take_wrench(self, message: Any) -> None:
@@ -109,12 +117,29 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.outputs.publish(outcome, end)
             self.health.published(1e-9 * (time.time_ns() - info['received_timestamp']))
         self.health.took_pressure(outcome, end, end - begin)
+        estimator = self.configuration.estimator
+        if estimator.settings.watch_targets:
+            self.note_watch(remembered(self.watch, estimator, reading, self.state, outcome))
         self.note_reset(resets)
         if isinstance(outcome, Refusal):
             self.log_refusal(outcome)
             if not outcome.error:
                 return
         self.recent.append(reading)
+
+    def take_targets(self, message: Any) -> None:
+        """Take a frame of measured targets and compare it with the estimates."""
+        watch, refusal = watched_message(self.watch, self.configuration.estimator, message)
+        self.note_watch(watch)
+        if refusal is not None:
+            self.health.refused(refusal)
+            self.log_refusal(refusal)
+
+    def note_watch(self, watch: WatchState) -> None:
+        """Keep what is known of targets, and when a frame was last compared."""
+        if watch.running is not self.watch.running:
+            self.health.compared_targets(time.monotonic())
+        self.watch = watch
 
     def refuse_message(self, error: MessageError) -> None:
         """Count a message that could not be decoded."""
@@ -134,14 +159,17 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         """Publish how the estimator is doing."""
         now = time.monotonic()
         settings = self.configuration.estimator.settings
-        report = self.health.report(self.state, settings, now)
+        report = self.health.report(self.state, settings, now, self.watch)
         self.publish_report('shape', report)
+        found = self.health.disagreement(settings, self.watch, now)
+        if found is not None and found.beyond:
+            self.log.warn('disagreement', found.sentence, now)
         if self.health.silence(now) > settings.input_timeout:
             self.log.warn('silence', report.message, now)
 
     def forget(self) -> str:
         """Forget all readings."""
-        self.state = self.state.fresh()
+        self.state, self.watch = self.state.fresh(), self.watch.fresh()
         self.recent.clear()
         return 'the estimator starts anew'
 
@@ -166,6 +194,8 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     def take_over(self, configuration: EstimatorConfiguration) -> None:
         """Keep what remains valid of the state, and use the new rate."""
         self.state = configuration.take_over(self.state, self.configuration)
+        if not same_meaning(configuration, self.configuration):
+            self.watch = self.watch.fresh()
         self.outputs.centerline_rate = configuration.node.centerline_rate
 
 

@@ -62,6 +62,7 @@ PARAMETERS = ParameterTable(
             'publish_tf',
             'stations',
             'tip_frame',
+            'watch_targets',
             'wrench_required',
         }
     ),
@@ -92,6 +93,13 @@ class EstimatorConfiguration:
         if wrench_meaning(new.settings) != wrench_meaning(old.settings):
             return replace(state, wrench=None)
         return state
+
+
+def same_meaning(new: EstimatorConfiguration, old: EstimatorConfiguration) -> bool:
+    """Whether estimates of two configurations can be watched as one."""
+    return new.estimator.arm is old.estimator.arm and (
+        new.estimator.settings == old.estimator.settings
+    )
 
 
 def configured_estimator(

@@ -8,6 +8,9 @@ from pneunet_ros.estimator_state import EstimatorState
 from pneunet_ros.nodes.health import age, counted, Latencies, Level, Report, texts
 from pneunet_ros.settings import EstimatorSettings
 from pneunet_ros.shape import Refusal, ShapeEstimate
+from pneunet_ros.watch import Disagreement, WatchState
+
+NOTHING_WATCHED = WatchState()
 
 
 class EstimatorHealth:
@@ -22,6 +25,7 @@ class EstimatorHealth:
         self._started = self._reported = now
         self._pressure_at: float | None = None
         self._wrench_at: float | None = None
+        self._targets_at: float | None = None
         self._estimate: ShapeEstimate | None = None
         self._solve_time = 0.0
         self._latencies = Latencies()
@@ -54,6 +58,18 @@ class EstimatorHealth:
         else:
             self.refused(refusal)
 
+    def compared_targets(self, now: float) -> None:
+        """Note that a frame of targets was compared with an estimate."""
+        self._targets_at = now
+
+    def disagreement(
+        self, settings: EstimatorSettings, watch: WatchState, now: float
+    ) -> Disagreement | None:
+        """Return how far targets are from estimates; None where nothing was compared lately."""
+        if self._targets_at is None or now - self._targets_at > settings.watch_time:
+            return None
+        return watch.disagreement()
+
     def refused(self, refusal: Refusal) -> None:
         """Note a reading that was refused."""
         self._problems[refusal.reason] = refusal
@@ -66,17 +82,26 @@ class EstimatorHealth:
         """Return for how long (s) there has been no usable pressure reading."""
         return now - (self._started if self._pressure_at is None else self._pressure_at)
 
-    def report(self, state: EstimatorState, settings: EstimatorSettings, now: float) -> Report:
+    def report(
+        self,
+        state: EstimatorState,
+        settings: EstimatorSettings,
+        now: float,
+        watch: WatchState = NOTHING_WATCHED,
+    ) -> Report:
         """Sum up the time since the last report, and begin the next one."""
         rate = self._estimates / max(now - self._reported, 1e-9)
-        level, message = self._verdict(settings.input_timeout, rate, now)
+        found = self.disagreement(settings, watch, now)
+        level, message = self._verdict(settings.input_timeout, rate, now, found)
         offset = {'pressure_offset_pa': f'{settings.pressure_offset:.6g}'}
-        values = offset | self._values(state, rate, now)
+        values = offset | self._values(state, rate, now) | self._watch_values(watch, found, now)
         self._reported, self._estimates = now, 0
         self._problems, self._warnings = {}, {}
         return Report(level=level, message=message, values=values)
 
-    def _verdict(self, input_timeout: float, rate: float, now: float) -> tuple[Level, str]:
+    def _verdict(
+        self, input_timeout: float, rate: float, now: float, found: Disagreement | None
+    ) -> tuple[Level, str]:
         problems = self._problems
         if self._stopped is not None:
             problems = {self._stopped.reason: self._stopped, **problems}
@@ -89,8 +114,11 @@ class EstimatorHealth:
             return Level.ERROR, '; '.join([sentence, *dropped])
         if errors:
             return Level.ERROR, '; '.join(errors)
-        if dropped or self._warnings:
-            return Level.WARN, '; '.join([*dropped, *self._warnings])
+        warnings = [*dropped, *self._warnings]
+        if found is not None and found.beyond:
+            warnings.append(found.sentence)
+        if warnings:
+            return Level.WARN, '; '.join(warnings)
         if self._estimate is None:
             return Level.OK, f'waiting for pressure on {self._pressure_topic}'
         return Level.OK, f'estimating at {rate:.3g} Hz'
@@ -114,3 +142,16 @@ class EstimatorHealth:
             'warnings': '; '.join(estimate.warnings) if estimate else None,
         }
         return texts(values) | counted('rejected', state.rejected)
+
+    def _watch_values(
+        self, watch: WatchState, found: Disagreement | None, now: float
+    ) -> dict[str, str]:
+        values: dict[str, Any] = {
+            'disagreement': found.rms if found else None,
+            'disagreement_limit': found.limit if found else None,
+            'worst_target': found.target if found else None,
+            'worst_station_m': found.arclength if found else None,
+            'targets_age_s': age(self._targets_at, now),
+            'targets_matched': watch.matched,
+        }
+        return texts(values) | counted('targets_unmatched', watch.unmatched)

@@ -7,6 +7,7 @@ from pneunet_ros.attempt import Attempt
 from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.estimator_state import EstimatorState
+from pneunet_ros.expected_targets import expected_targets, Moment
 from pneunet_ros.messages import OUTPUTS
 from pneunet_ros.readings import PressureReading, WrenchReading
 from pneunet_ros.shape import ShapeEstimate
@@ -23,6 +24,7 @@ def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
     low, high = arm.pressure_range
     middle = 0.5 * (low + high)
     Attempt(arm.rods(np.array([middle])), (0.0, 0.0), 0.0, TOLERANCE).continued()
+    last = PressureReading(stamp_ns=2, pressure=sensed(estimator, middle + 0.01 * (high - low)))
     readings = (
         WrenchReading(
             stamp_ns=1,
@@ -32,7 +34,7 @@ def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
             frame_id=estimator.settings.frame_id,
         ),
         PressureReading(stamp_ns=1, pressure=sensed(estimator, middle)),
-        PressureReading(stamp_ns=2, pressure=sensed(estimator, middle + 0.01 * (high - low))),
+        last,
     )
     state, outcome = EstimatorState(), None
     for reading in readings:
@@ -41,6 +43,8 @@ def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
         return '' if outcome is None else outcome.sentence
     for topic in OUTPUTS:
         serializer.bytes_of(topic, outcome)
+    if estimator.settings.watch_targets:
+        expected_targets(estimator, Moment(reading=last, state=state, estimate=outcome))
     return ''
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
+import dataclasses
 from pathlib import Path
 import time
 
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.messages import INPUTS
 from pneunet_ros.model_file import model_hash
+from pneunet_ros.reading_messages import TARGETS_NAME
 from pneunet_ros.recording import open_recording
 from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.replay import input_topics, record_steps, Step, steps, Tally
+from pneunet_ros.replay import input_topics, record_steps, Step, steps, Tally, targets_topic
 from pneunet_ros.units import kilopascals, millimeters
 from pneunet_ros.verbs.verb import (
     add_json,
@@ -61,15 +63,19 @@ def run(arguments: Namespace) -> int:
     """Replay and summarize."""
     arm = model_of(arguments)
     estimator = Estimator(arm=arm, settings=settings_of(arguments))
-    overrides = topics_of(arguments.topic, [item.name for item in INPUTS])
+    names = [*(item.name for item in INPUTS), TARGETS_NAME]
+    overrides = topics_of(arguments.topic, names)
     recording = open_recording(arguments.recording)
     topics = input_topics(recording, estimator, overrides)
+    targets = targets_topic(recording, estimator, overrides)
     pressure_topic = next(name for name, item in topics.items() if item.name == 'pressure')
     tally = Tally()
     begun = time.perf_counter()
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar(shown=not arguments.json))
-        task = bar.add_task('replaying', total=recording.count(topics))
+        task = bar.add_task(
+            'replaying', total=recording.count([*topics, *([targets] if targets else [])])
+        )
 
         def each(step: Step) -> None:
             tally.count(step, pressure_topic)
@@ -77,7 +83,7 @@ def run(arguments: Namespace) -> int:
                 bar.update(task, completed=tally.messages)
 
         if arguments.output is None:
-            for step in steps(recording, estimator, topics):
+            for step in steps(recording, estimator, topics, targets):
                 each(step)
         else:
             writer = stack.enter_context(
@@ -87,7 +93,7 @@ def run(arguments: Namespace) -> int:
             )
             views = (markers_output(lambda: arm), transform_output(TIP_FRAME))
             shown = views if arguments.views else ()
-            record_steps(writer, recording, estimator, topics, each, shown)
+            record_steps(writer, recording, estimator, topics, each, shown, targets)
     seconds = time.perf_counter() - begun
     state = tally.state
     summary = {
@@ -95,12 +101,14 @@ def run(arguments: Namespace) -> int:
         'output': arguments.output,
         'model': arm.name,
         'model_hash': model_hash(arm),
-        'topics': {item.name: name for name, item in topics.items()},
+        'topics': {item.name: name for name, item in topics.items()}
+        | ({} if targets is None else {TARGETS_NAME: targets}),
         'pressure_readings': tally.pressures,
         'estimates': 0 if state is None else state.estimates,
         'rejected': {} if state is None else dict(state.rejected),
         'resets': 0 if state is None else state.resets,
         'worst_residual': tally.worst_residual,
+        'watch': None if targets is None else watch_summary(tally),
         'seconds': seconds,
         'sentences': list(recording.sentences),
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
@@ -110,6 +118,16 @@ def run(arguments: Namespace) -> int:
     else:
         show(summary, tally)
     return DONE if summary['estimates'] else NEGATIVE
+
+
+def watch_summary(tally: Tally) -> dict[str, object]:
+    """Return how the targets agreed with the estimates, where they did so worst."""
+    worst = tally.disagreement
+    return {
+        'targets_matched': tally.watch.matched,
+        'targets_unmatched': dict(tally.watch.unmatched),
+        'worst': None if worst is None else dataclasses.asdict(worst),
+    }
 
 
 def show(summary: dict[str, object], tally: Tally) -> None:
@@ -127,6 +145,13 @@ def show(summary: dict[str, object], tally: Tally) -> None:
         ', '.join(f'{count} {reason}' for reason, count in rejected.items()) or 'none',
     )
     table.add_row('worst residual', f'{summary["worst_residual"]:.1e} rad')
+    worst = tally.disagreement
+    if worst is not None:
+        table.add_row(
+            'measured targets',
+            f'at most {worst.rms:.3g} x their noise from the estimate '
+            f'(noise alone: less than {worst.limit:.3g})',
+        )
     if tally.last is not None:
         x, y, _ = tally.last.shape.tip
         pressure = kilopascals(tally.last.shape.pressure)
@@ -140,6 +165,8 @@ def show(summary: dict[str, object], tally: Tally) -> None:
     console.print(table)
     sentences = summary['sentences']
     assert isinstance(sentences, list)
+    if worst is not None and worst.beyond:
+        sentences = [*sentences, f'at stamp {worst.stamp_ns} ns {worst.sentence}']
     if summary['last_refusal']:
         sentences = [*sentences, f'last rejected reading: {summary["last_refusal"]}']
     for sentence in sentences:
