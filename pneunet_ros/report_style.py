@@ -21,6 +21,7 @@ DOTS_PER_INCH = 120
 FIRST, SECOND, THIRD, GREY = '#1f5a96', '#d1603d', '#4c9a6a', '#6f6f6f'
 MEASURED = '#222222'
 BAND_SIGMAS = 2.0
+SHORTEST_NAME = 22  # letters of a recording's name under an axis
 Color = tuple[float, float, float, float]
 
 
@@ -99,3 +100,10 @@ def as_shapes(axes: Axes, title: str) -> None:
 def legend(axes: Axes, **where: Any) -> None:
     """Draw a legend that hides as little as it can."""
     axes.legend(frameon=True, framealpha=0.85, edgecolor='none', fontsize=9, **where)
+
+
+def short(name: str) -> str:
+    """Shorten the name of a recording: the file, without its folder and suffix."""
+    last = name.rstrip('/').rsplit('/', 1)[-1]
+    stem = last.removesuffix('.mcap')
+    return stem if len(stem) <= SHORTEST_NAME else f'{stem[: SHORTEST_NAME - 1]}…'

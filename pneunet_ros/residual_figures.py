@@ -17,6 +17,7 @@ from pneunet_ros.report_style import (
     Picture,
     picture,
     SECOND,
+    short,
 )
 from pneunet_ros.shape import Array
 from pneunet_ros.units import millimeters
@@ -24,7 +25,6 @@ from pneunet_ros.units import millimeters
 MICRO = 1e6  # um per m
 SMOOTHED = 15  # frames of the running mean
 LAW_COLORS = (FIRST, '#d1a13d', SECOND)
-SHORTEST_NAME = 22  # letters of a recording's name under an axis
 
 
 def over_frames(data: FigureData) -> Picture:
@@ -222,10 +222,3 @@ def labeled_bars(
     axes.set_xticks(np.arange(len(names)), names, rotation=20, ha='right')
     axes.grid(visible=False, axis='x')
     axes.margins(y=0.15)
-
-
-def short(name: str) -> str:
-    """Shorten the name of a recording: the file, without its folder and suffix."""
-    last = name.rstrip('/').rsplit('/', 1)[-1]
-    stem = last.removesuffix('.mcap')
-    return stem if len(stem) <= SHORTEST_NAME else f'{stem[: SHORTEST_NAME - 1]}…'

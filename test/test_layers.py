@@ -66,13 +66,15 @@ FLOORS = {
         report_page report_style
         figure_data shape_figures moment_figures force_figures trend_figures
         residual_figures calibration_figures calibration_tables calibration_report
+        gap_figures where_figures loop_figures evidence_figures diagnosis_tables diagnosis_report
+        diagnosis_files
         __init__
     """,
     '4 edges': """
         replay track recording_check
         verbs verbs.verb verbs.demo verbs.predict verbs.replay verbs.track_summary
         verbs.track verbs.effects verbs.simulate verbs.export verbs.import_table verbs.check
-        verbs.calibrate_summary verbs.calibrate
+        verbs.calibrate_summary verbs.calibrate verbs.diagnose_summary verbs.diagnose
         cli
         nodes nodes.parameters nodes.process nodes.ros_types nodes.topics nodes.health nodes.log
         nodes.model_info nodes.configured_node
