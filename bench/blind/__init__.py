@@ -1,0 +1,1 @@
+"""Blind trials: recordings with a hidden effect, made, diagnosed and scored apart."""

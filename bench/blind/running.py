@@ -1,0 +1,111 @@
+"""One blind trial: made, diagnosed without its label, and written down beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import dataclasses
+import time
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.calibration.drive import drives_of
+from pneunet_ros.calibration.response import Series
+from pneunet_ros.diagnosis.answer import Diagnosis
+from pneunet_ros.errors import PneunetError
+from pneunet_ros.run import Run
+
+from blind.scoring import Row
+from blind.trials import made, Sealed, Trial
+
+Diagnose = Callable[..., Diagnosis]
+
+
+def one_trial(block: str, seed: int, baselines: bool) -> tuple[Row, Row]:
+    """Return (answer, truth) of a trial; runs in a process of its own."""
+    from pneunet_ros.diagnosis.diagnosis import diagnose
+
+    sealed, trial = made(block, seed)
+    answer, diagnosis = answered(trial, diagnose)
+    if baselines and diagnosis is not None:
+        from blind.baselines import baselines_of
+
+        answer['baselines'] = baselines_of(trial, diagnosis)
+    return answer, truth_of(sealed, trial)
+
+
+def answered(trial: Trial, diagnose: Diagnose) -> tuple[Row, Diagnosis | None]:
+    """Return what a diagnosis says of a trial; of the truth it is given nothing."""
+    started = time.perf_counter()
+    row: Row = {
+        'key': trial.key,
+        'answer': 'failed',
+        'effects': [],
+        'alternatives': [],
+        'evidence': [],
+        'detectable': {},
+        'held_out_before': None,
+        'held_out_after': None,
+        'failed': '',
+    }
+    try:
+        found = diagnose(trial.frame, trial.training, trial.held_out)
+    except PneunetError as error:
+        return row | {'failed': str(error), 'seconds': time.perf_counter() - started}, None
+    row |= {
+        'seconds': time.perf_counter() - started,
+        'answer': found.answer,
+        'sentence': found.sentence,
+        'effects': [
+            {
+                'name': effect.name,
+                'parameters': {
+                    name: dataclasses.asdict(value) for name, value in effect.parameters.items()
+                },
+                'probability': effect.probability,
+            }
+            for effect in found.effects
+        ],
+        'alternatives': list(found.alternatives),
+        'evidence': [dataclasses.asdict(item) for item in found.evidence],
+        'detectable': {name: dataclasses.asdict(item) for name, item in found.detectable.items()},
+        'adequacy_before': dataclasses.asdict(found.adequacy_before),
+        'adequacy_after': dataclasses.asdict(found.adequacy_after),
+        'held_out_before': rms_of(found.before.held_out),
+        'held_out_after': rms_of(found.after.held_out),
+        'noise_floor': found.noise_floor,
+        'closed': found.closed,
+    }
+    return row, found
+
+
+def rms_of(misfit: object) -> float | None:
+    """Return the rms (m) of a misfit, None where nothing was held out."""
+    return getattr(misfit, 'rms', None)
+
+
+def truth_of(sealed: Sealed, trial: Trial) -> Row:
+    """Return the truth, and how well the model that knows it says the held-out recordings."""
+    row: Row = dataclasses.asdict(sealed.label)
+    return row | {
+        'key': trial.key,
+        'rms': held_out_rms(sealed.arm, trial.training, trial.held_out),
+    }
+
+
+def held_out_rms(arm: Arm, training: Sequence[Run], held_out: Sequence[Run]) -> float | None:
+    """Return the rms (m) per coordinate, registration removed, what came before remembered."""
+    drives = drives_of(arm, (*training, *held_out))[len(training) :]
+    squares, count = 0.0, 0
+    for run, drive in zip(held_out, drives, strict=True):
+        series = Series(arm.target_arclength)
+        solved = series.solve(arm, drive)
+        error = residual_of(run, series.points)[solved]
+        squares += float(np.nansum(error**2))
+        count += int(np.isfinite(error).sum())
+    return float(np.sqrt(squares / count)) if count else None
+
+
+def residual_of(run: Run, points: np.ndarray) -> np.ndarray:
+    """Return measured minus predicted (frames, 2, targets) m, less what registration could be."""
+    error = np.stack([run.x, run.y], axis=1) - points
+    return error - np.nanmean(error, axis=(0, 2), keepdims=True)

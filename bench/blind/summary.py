@@ -1,0 +1,188 @@
+"""What a bench of blind trials came to, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from blind.scoring import (
+    claims,
+    confusion,
+    detectable,
+    exactly,
+    first_name,
+    gap,
+    hides,
+    middle,
+    Pair,
+    rate,
+    Row,
+    size_of,
+    within,
+    wrong,
+)
+
+TARGETS = (
+    ('nothing', 'any_name', 'any name, nothing hidden', '<= 3 of 300'),
+    ('single', 'first_right', 'one effect, detectable: right name first', '>= 0.95'),
+    ('single', 'first_or_alike', '    first, or not to be told from it', ''),
+    ('single', 'wrong', '    wrong name', '<= 0.01'),
+    ('single', 'within', '    in the set', '>= 0.99'),
+    ('single', 'size_covered', '    95 % interval covers its size', '0.92 to 0.98'),
+    ('single', 'size_error', '    median error of its size', '<= 0.05'),
+    ('pairs', 'both_right', 'two effects: both right', '>= 0.85'),
+    ('confusable', 'right', 'of those easily confused: right', ''),
+    ('confusable', 'wrong', '    wrong name', ''),
+    ('outside', 'unknown', 'outside the library: unknown', '>= 0.90'),
+    ('outside', 'false_name', '    false name', '<= 0.05'),
+    ('unobservable', 'says_so', 'not observable: says so', '>= 0.98'),
+)
+
+
+def summary_of(pairs: Sequence[Pair]) -> dict[str, Any]:
+    """Return the rates of every block that was tried."""
+    blocks: dict[str, list[Pair]] = {}
+    for pair in pairs:
+        blocks.setdefault(pair[0]['block'], []).append(pair)
+    failed = [pair for pair in pairs if pair[1]['failed']]
+    library = [pair for name in ('single', 'pairs', 'confusable') for pair in blocks.get(name, [])]
+    result: dict[str, Any] = {
+        'trials': len(pairs),
+        'failed': sorted({f'{truth["key"]}: {answer["failed"]}' for truth, answer in failed}),
+        'seconds': middle([answer['seconds'] for _, answer in pairs]),
+        'gap': gap(library),
+        'confusion': confusion(pairs),
+    }
+    return result | {name: SCORERS[name](blocks[name]) for name in SCORERS if name in blocks}
+
+
+def nothing(pairs: Sequence[Pair]) -> Row:
+    """Score trials in which nothing is hidden."""
+    return {
+        'any_name': rate(bool(claims(answer)) for _, answer in pairs),
+        'unknown': rate(answer['answer'] == 'unknown' for _, answer in pairs),
+    }
+
+
+def single(pairs: Sequence[Pair]) -> Row:
+    """Score trials with one hidden effect, those that show it apart from the faint ones."""
+    shown = [pair for pair in pairs if all(detectable(*pair, name) for name in pair[0]['effects'])]
+    faint = [pair for pair in pairs if not any(pair is other for other in shown)]
+    by_effect: dict[str, list[Pair]] = {}
+    for pair in shown:
+        by_effect.setdefault(next(iter(pair[0]['effects'])), []).append(pair)
+    return right_names(shown) | {
+        'faint_wrong': rate(wrong(*pair) for pair in faint),
+        'faint_none': rate(answer['answer'] == 'none' for _, answer in faint),
+        'by_effect': {name: right_names(some) for name, some in sorted(by_effect.items())},
+    }
+
+
+def right_names(pairs: Sequence[Pair]) -> Row:
+    """Return how often the name and the size of one hidden effect were right."""
+    sizes = [size_of(*pair, name) for pair in pairs for name in pair[0]['effects']]
+    told = [size for size in sizes if size is not None]
+    return {
+        'first_right': rate(first_name(answer) in truth['effects'] for truth, answer in pairs),
+        'first_or_alike': rate(
+            bool(claims(answer)) and within(truth, answer) and not wrong(truth, answer)
+            for truth, answer in pairs
+        ),
+        'wrong': rate(wrong(*pair) for pair in pairs),
+        'within': rate(within(*pair) for pair in pairs),
+        'size_covered': rate(covered for covered, _ in told),
+        'size_error': middle([error for _, error in told]),
+    }
+
+
+def several(pairs: Sequence[Pair]) -> Row:
+    """Score trials with two hidden effects that both show."""
+    shown = [pair for pair in pairs if all(detectable(*pair, name) for name in pair[0]['effects'])]
+    return {
+        'both_right': rate(exactly(*pair) for pair in shown),
+        'both_within': rate(within(*pair) and not wrong(*pair) for pair in shown),
+        'wrong': rate(wrong(*pair) for pair in pairs),
+    }
+
+
+def confusable(pairs: Sequence[Pair]) -> Row:
+    """Score trials with effects that look alike, alone or together."""
+    return {
+        'right': rate(exactly(*pair) for pair in pairs),
+        'within': rate(within(*pair) and not wrong(*pair) for pair in pairs),
+        'wrong': rate(wrong(*pair) for pair in pairs),
+    }
+
+
+def outside(pairs: Sequence[Pair]) -> Row:
+    """Score trials with something that the library does not have."""
+    return {
+        'unknown': rate(answer['answer'] == 'unknown' for _, answer in pairs),
+        'false_name': rate(bool(claims(answer)) for _, answer in pairs),
+        'none': rate(answer['answer'] == 'none' for _, answer in pairs),
+    }
+
+
+def unobservable(pairs: Sequence[Pair]) -> Row:
+    """Score trials whose recordings cannot show what is hidden."""
+    return {
+        'says_so': rate(
+            answer['answer'] in ('none', 'unobservable')
+            and all(hides(truth, answer, name) for name in truth['effects'])
+            for truth, answer in pairs
+        ),
+        'false_name': rate(bool(claims(answer)) for _, answer in pairs),
+    }
+
+
+def baseline_rates(pairs: Sequence[Pair]) -> Row:
+    """Return how the other methods did on the same trials, and the diagnosis beside them."""
+    tried = [pair for pair in pairs if 'baselines' in pair[1]]
+    methods = list(dict.fromkeys(name for _, answer in tried for name in answer['baselines']))
+    result = {}
+    for method in ['diagnosis', *methods] if methods else []:
+        told = []
+        for truth, answer in tried:
+            other = answer if method == 'diagnosis' else as_answer(answer, method)
+            if other is not None:
+                told.append((truth, other))
+        one = [
+            pair
+            for pair in told
+            if pair[0]['block'] == 'single'
+            and all(detectable(*pair, name) for name in pair[0]['effects'])
+        ]
+        result[method] = {
+            'first_right': rate(first_name(answer) in truth['effects'] for truth, answer in one),
+            'both_right': rate(exactly(*pair) for pair in told if pair[0]['block'] == 'pairs'),
+            'false_names': rate(wrong(*pair) for pair in told),
+            'held_out_over_true': middle(
+                [answer['held_out_after'] / truth['rms'] for truth, answer in one if truth['rms']]
+            ),
+        }
+    return result
+
+
+def as_answer(answer: Row, method: str) -> Row | None:
+    """Return what another method says in the form of an answer; None where it is not installed."""
+    found = answer['baselines'][method]
+    if found['names'] is None:
+        return None
+    return {
+        'answer': 'named' if found['names'] else 'none',
+        'effects': [{'name': name, 'parameters': {}} for name in found['names']],
+        'alternatives': [],
+        'evidence': answer['evidence'],
+        'detectable': answer['detectable'],
+        'held_out_after': found['held_out'],
+    }
+
+
+SCORERS = {
+    'nothing': nothing,
+    'single': single,
+    'pairs': several,
+    'confusable': confusable,
+    'outside': outside,
+    'unobservable': unobservable,
+}

@@ -1,0 +1,380 @@
+"""The bench of blind trials: seals hold, rates are right, and a bench that was stopped goes on."""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import Future
+from contextlib import contextmanager
+import dataclasses
+import json
+from pathlib import Path
+import pickle
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.errors import RecordingError, RequestError
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'bench'))
+
+from blind.baselines import pysindy, regressed, staged, stepwise
+from blind.designs import DESIGNS
+from blind.hidden import HIDEABLE, SIZES
+from blind.record import Record
+from blind.responses import Candidate, small_effects, Table
+from blind.running import answered, truth_of
+from blind.scoring import confusion, detectable, rate, size_of, wilson
+from blind.summary import baseline_rates, summary_of
+from blind.trials import (
+    BLOCKS,
+    DEVELOPMENT,
+    labelled,
+    made,
+    SCORING,
+)
+import blind_trials
+
+
+def truth(block, effects=None, outside=None, seed=1, rms=1e-4):
+    return {
+        'key': f'{block}/{seed}',
+        'block': block,
+        'effects': effects or {},
+        'outside': (outside or {}) | {'harmless_mismatch': {'size': 0.003}},
+        'rms': rms,
+    }
+
+
+def answer(said, names=(), alternatives=(), chi_squared=100.0, of=None, **more):
+    sizes = more.pop('sizes', {})
+    return {
+        'answer': said,
+        'effects': [{'name': name, 'parameters': sizes.get(name, {})} for name in names],
+        'alternatives': list(alternatives),
+        'evidence': [{'effects': [of], 'chi_squared': chi_squared}] if of else [],
+        'detectable': {},
+        'held_out_before': 3e-4,
+        'held_out_after': 1.02e-4,
+        'seconds': 1.0,
+        'failed': '',
+    } | more
+
+
+ROTATED = {'camera_rotation': {'angle': 0.02}}
+
+
+@pytest.mark.parametrize(
+    ('count', 'of', 'low', 'high'),
+    # Wilson's formula, worked out by hand for z = 1.96; R: binom.wilson.
+    [(0, 10, 0.0, 0.27754), (1, 10, 0.01788, 0.40415), (95, 100, 0.88825, 0.97846), (0, 0, 0, 1)],
+)
+def test_wilson(count, of, low, high):
+    assert wilson(count, of) == pytest.approx((low, high), abs=2e-5)
+    assert wilson(of - count, of) == pytest.approx((1.0 - high, 1.0 - low), abs=2e-5)
+
+
+def test_a_rate_counts():
+    found = rate(value > 1 for value in (1, 2, 3, 4))
+    assert (found['count'], found['of'], found['share']) == (3, 4, 0.75)
+    assert rate([])['share'] is None
+
+
+def test_who_was_taken_for_whom():
+    pairs = [
+        (truth('single', ROTATED), answer('named', ['camera_rotation'])),
+        (truth('single', ROTATED), answer('named', ['gravity'])),
+        (truth('single', ROTATED), answer('inseparable', ['gravity'], ['camera_rotation'])),
+        (truth('single', ROTATED), answer('inseparable', ['gravity'], ['creep'])),
+        (truth('nothing'), answer('none')),
+        (truth('outside', {}, {'touching_peg': {}}), answer('unknown')),
+    ]
+    assert confusion(pairs) == {
+        'camera_rotation': {
+            'camera_rotation': 1,
+            'gravity': 1,
+            'inseparable, with it': 1,
+            'inseparable, without it': 1,
+        },
+        'nothing': {'none': 1},
+        'touching_peg': {'unknown': 1},
+    }
+
+
+def test_one_effect_is_scored_by_its_first_name_by_the_set_and_by_its_size():
+    right = {'camera_rotation': {'angle': {'value': 0.021, 'std': 0.001, 'unit': 'rad'}}}
+    known = {'of': 'camera_rotation'}
+    pairs = [
+        (truth('single', ROTATED), answer('named', ['camera_rotation'], sizes=right, **known)),
+        (
+            truth('single', ROTATED),
+            answer('inseparable', ['gravity'], ['camera_rotation'], **known),
+        ),
+        (truth('single', ROTATED), answer('named', ['camera_rotation', 'creep'], **known)),
+        (truth('single', ROTATED), answer('none', **known)),
+        (truth('single', ROTATED), answer('none', of='camera_rotation', chi_squared=24.9)),
+    ]
+    found = summary_of(pairs)['single']
+    counts = {
+        key: (found[key]['count'], found[key]['of'])
+        for key in ('first_right', 'first_or_alike', 'wrong', 'within', 'size_covered')
+    }
+    assert counts == {
+        'first_right': (2, 4),
+        'first_or_alike': (2, 4),
+        'wrong': (1, 4),
+        'within': (3, 4),
+        'size_covered': (1, 1),
+    }
+    assert found['size_error'] == pytest.approx(0.05)
+    assert found['faint_none']['count'] == 1
+    assert found['by_effect']['camera_rotation']['first_right']['of'] == 4
+
+
+def test_the_other_blocks():
+    both = {'gravity': {'weight_y': 1.0}, 'hysteresis': {'width': 900.0}}
+    names = ['gravity', 'hysteresis']
+    seen = [{'effects': [name], 'chi_squared': 99.0} for name in names]
+    little = {'parameter': 'axial_stiffness', 'observable': False, 'smallest': 9.0, 'unit': 'N'}
+    small = {'extensibility': {'axial_stiffness': 40.0}}
+    found = summary_of(
+        [
+            (truth('nothing'), answer('none')),
+            (truth('nothing'), answer('named', ['creep'])),
+            (truth('pairs', both), answer('named', names[::-1], evidence=seen)),
+            (truth('pairs', both), answer('named', ['gravity'], evidence=seen)),
+            (truth('confusable', both), answer('named', names)),
+            (truth('outside', {}, {'touching_peg': {}}), answer('unknown')),
+            (truth('outside', {}, {'touching_peg': {}}), answer('named', ['gravity'])),
+            (
+                truth('unobservable', small),
+                answer('none', detectable={'extensibility': little | {'observable': True}}),
+            ),
+            (truth('unobservable', small), answer('unobservable')),
+            (
+                truth('unobservable', small),
+                answer(
+                    'none',
+                    detectable={'extensibility': little | {'smallest': 400.0, 'observable': True}},
+                ),
+            ),
+        ]
+    )
+    assert found['nothing']['any_name']['share'] == 0.5
+    assert found['pairs']['both_right']['share'] == 0.5
+    assert found['confusable']['right']['share'] == 1.0
+    assert found['outside']['unknown']['share'] == found['outside']['false_name']['share'] == 0.5
+    assert found['unobservable']['says_so']['count'] == 2  # the third says 400 N would show
+    assert found['gap']['trials'] == 2
+    assert found['gap']['ratio'] == pytest.approx(1.02)
+    assert found['gap']['closed'] == pytest.approx((9.0 - 1.0404) / 8.0)
+
+
+def test_an_effect_without_evidence_is_detectable_where_it_is_large_enough():
+    hidden = truth('single', {'camera_scale': {'factor': 0.99}})
+    said = {'observable': True, 'smallest': 0.02}
+    assert not detectable(
+        hidden, answer('none', detectable={'camera_scale': said}), 'camera_scale'
+    )
+    said['smallest'] = 0.005
+    assert detectable(hidden, answer('none', detectable={'camera_scale': said}), 'camera_scale')
+
+
+def test_the_error_of_a_size_counts_from_what_is_neutral():
+    sizes = {'camera_scale': {'factor': {'value': 1.011, 'std': 0.0002}}}
+    found = size_of(
+        truth('single', {'camera_scale': {'factor': 1.01}}),
+        answer('named', ['camera_scale'], sizes=sizes),
+        'camera_scale',
+    )
+    assert found == (False, pytest.approx(0.1))
+
+
+def test_labels_go_through_all_effects_and_sizes():
+    random = np.random.default_rng(0)
+    labels = [labelled('single', SCORING + k, random) for k in range(SIZES * len(HIDEABLE))]
+    names = [next(iter(label.effects)) for label in labels]
+    assert sorted(set(names)) == sorted(set(EFFECTS) - {'pressure_gain', 'pressure_offset'})
+    kind = HIDEABLE[names[0]]
+    sizes = [kind.strength(label.effects[names[0]][kind.parameter]) for label in labels[:SIZES]]
+    assert sizes == pytest.approx(np.geomspace(kind.weakest, kind.strongest, SIZES))
+    assert all('harmless_mismatch' in label.outside for label in labels)
+    with pytest.raises(RequestError, match='no block is called some'):
+        labelled('some', 1, random)
+
+
+@pytest.fixture(scope='module')
+def hidden_trial():
+    return made('single', DEVELOPMENT + SIZES * 8 + 5)
+
+
+def test_a_trial_tells_nothing_of_its_label(hidden_trial):
+    sealed, trial = hidden_trial
+    (name,) = sealed.label.effects
+    assert name == 'gravity'
+    assert {item.name for item in dataclasses.fields(trial)} == {
+        'key', 'frame', 'training', 'held_out',
+    }  # fmt: skip
+    shown = pickle.dumps((trial.key, trial.training, trial.held_out)) + repr(trial.frame).encode()
+    assert name.encode() in pickle.dumps(sealed.label)
+    assert name.encode() not in shown
+    assert str(sealed.label.arm_seed).encode() not in shown
+    assert trial.frame.effects == ()
+    runs = (*trial.training, *trial.held_out)
+    assert [run.name for run in runs] == [f'recording_{place}' for place in range(1, 9)]
+    assert [run.loaded for run in runs] == [True, False, False, True, True, True, True, True]
+    ends = [int(run.reading_stamp_ns[-1]) for run in runs]
+    assert all(run.reading_stamp_ns[0] > end for run, end in zip(runs[1:], ends, strict=False))
+
+
+def test_the_diagnosis_is_given_recordings_alone(hidden_trial):
+    sealed, trial = hidden_trial
+    given = []
+
+    def diagnose(*arguments, **options):
+        given.append((arguments, options))
+        raise RecordingError('cannot say')
+
+    row, found = answered(trial, diagnose)
+    assert found is None
+    assert given == [((trial.frame, trial.training, trial.held_out), {})]
+    assert (row['answer'], row['failed']) == ('failed', 'cannot say')
+    assert 'gravity' not in json.dumps(row)
+    told = truth_of(sealed, trial)
+    assert list(told['effects']) == ['gravity']
+    # Sensors' noise, placement and drift; richness and mismatch are on top of that.
+    assert 1e-4 < told['rms'] < 1e-3
+
+
+def test_the_same_seed_is_the_same_trial_and_blocks_differ(hidden_trial):
+    label = hidden_trial[0].label
+    again, _ = made('single', label.seed)
+    assert again.label == label
+    assert np.array_equal(again.recordings[7].x, hidden_trial[0].recordings[7].x, equal_nan=True)
+    assert made('nothing', label.seed)[0].label.arm_seed != label.arm_seed
+
+
+def test_free_recordings_have_no_load():
+    protocols = (*DESIGNS['free'].training, *DESIGNS['free'].held_out)
+    assert not any(protocol.timeline().loaded for protocol in protocols)
+
+
+def test_a_record_goes_on_where_it_was(tmp_path):
+    record = Record(tmp_path / 'trials.jsonl')
+    record.add({'key': 'nothing/1', 'answer': 'none'}, {'key': 'nothing/1', 'effects': {}})
+    assert 'effects' not in record.answers.read_text()
+    with record.sealed.open('a') as file:
+        file.write('{"key": "nothing/2", "effects": {}}\n')
+    with record.answers.open('a') as file:
+        file.write('{"key": "nothing/2", "ans')
+    again = Record(record.answers)
+    assert again.done() == {'nothing/1'}
+    again.add({'key': 'nothing/2', 'answer': 'unknown'}, {'key': 'nothing/2', 'effects': {}})
+    assert [row['answer'] for _, row in again.opened()] == ['none', 'unknown']
+    record.answers.write_text('nonsense\n')
+    with pytest.raises(RecordingError, match=r'trials\.jsonl is no file of this bench'):
+        again.done()
+
+
+def asked(**changes):
+    given = {
+        'block': ['nothing', 'pairs'],
+        'trials': 2,
+        'first': 0,
+        'development': True,
+        'workers': 1,
+        'scheduler': None,
+        'baselines': False,
+        'json': True,
+    }
+    return argparse.Namespace(**(given | changes))
+
+
+def test_only_what_is_not_done_is_done(tmp_path, monkeypatch):
+    done = []
+
+    def one_trial(block, seed, baselines):
+        done.append((block, seed))
+        return {'key': f'{block}/{seed}'}, {'key': f'{block}/{seed}'}
+
+    @contextmanager
+    def here(workers, scheduler):
+        def submit(function, *arguments):
+            future = Future()
+            future.set_result(function(*arguments))
+            return future
+
+        yield SimpleNamespace(submit=submit)
+
+    monkeypatch.setattr(blind_trials, 'one_trial', one_trial)
+    monkeypatch.setattr(blind_trials, 'executor_of', here)
+    blind_trials.run(asked(trials=1), Record(tmp_path / 'a.jsonl'))
+    blind_trials.run(asked(), Record(tmp_path / 'a.jsonl'))
+    assert done == [('nothing', 1), ('pairs', 1), ('nothing', 2), ('pairs', 2)]
+
+
+def test_seeds_of_development_and_of_scoring_never_meet():
+    scored = blind_trials.wanted(asked(block=['all'], trials=None, development=False))
+    assert len(scored) == sum(BLOCKS.values())
+    assert min(seed for _, seed in scored) == SCORING
+    developed = blind_trials.wanted(asked(block=['all'], trials=None))
+    assert not set(developed) & set(scored)
+    with pytest.raises(SystemExit, match='seeds of development end'):
+        blind_trials.wanted(asked(first=SCORING))
+
+
+def made_table(field, noise=1e-5):
+    random = np.random.default_rng(4)
+    mask = np.ones((40, 2, 5), dtype=bool)
+    frame = np.nonzero(mask)[0]
+    causes = np.column_stack([frame / 40.0, *random.normal(size=(3, 400)), np.zeros(400)])
+    return Table(
+        residual=field + noise * random.normal(size=400),
+        causes=causes,
+        run=np.zeros(400, dtype=int),
+        coordinate=np.nonzero(mask)[1],
+        mask=(mask,),
+    )
+
+
+def test_the_other_methods_find_what_is_alone():
+    rng = np.random.default_rng(5)
+    frame, axis, target = np.nonzero(np.ones((40, 2, 5)))
+    shapes = [rng.normal(size=10), rng.normal(size=10)]
+    fields = [1e-4 * (frame / 40.0) * shape[axis * 5 + target] for shape in shapes]
+    candidates = [
+        Candidate(name=name, training=field[:, None], held_out=field[:, None])
+        for name, field in zip(('one', 'other'), fields, strict=True)
+    ]
+    table = made_table(fields[1])
+    for method in (staged, stepwise):
+        names, correction = method(table, table, candidates)
+        assert names == ['other']
+        assert table.rms(correction) < 0.5 * table.rms(np.zeros(400))
+    pytest.importorskip('pysindy')
+    assert pysindy(table, table, candidates)[0] == ['other']
+    clean = made_table(np.zeros(400))
+    assert staged(clean, clean, candidates)[0] == []
+    assert regressed(clean, [])[0] < regressed(table, [])[0]
+
+
+def test_the_other_methods_know_every_effect():
+    assert {name for name, _ in small_effects()} == set(EFFECTS)
+    for name, columns in small_effects():
+        for values in columns:
+            EFFECTS[name](**values)
+
+
+def test_methods_are_scored_on_the_same_trials():
+    others = {
+        'staged': {'names': ['gravity'], 'held_out': 2e-4},
+        'pysindy': {'names': None, 'absent': 'not here'},
+    }
+    named = answer('named', ['camera_rotation'], of='camera_rotation', baselines=others)
+    found = baseline_rates([(truth('single', ROTATED), named)])
+    assert found['diagnosis']['first_right']['share'] == 1.0
+    assert found['staged']['first_right']['share'] == 0.0
+    assert found['staged']['false_names']['share'] == 1.0
+    assert found['staged']['held_out_over_true'] == pytest.approx(2.0)
+    assert found['pysindy']['first_right']['of'] == 0
