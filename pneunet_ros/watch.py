@@ -8,9 +8,12 @@ pressure reading that is nearest by the stamps, within half a period of the read
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 import math
+from statistics import median
 from types import MappingProxyType
 
 import numpy as np
@@ -23,6 +26,7 @@ from pneunet_ros.stamp_order import counted, stamp_fault, STARTS_ANEW
 from pneunet_ros.units import seconds_between
 
 KEPT = 256  # estimates; frames come later than readings, as images are looked at first
+PERIODS = 32  # of the last readings, whose median is their period
 MOST_WAITING = 32  # frames whose reading has not come
 FEWEST = 10  # frames, before anything is claimed
 # A single bad frame is no disagreement: this share of the recent ones must be beyond the limit.
@@ -165,14 +169,14 @@ def compared(state: WatchState, estimator: Estimator) -> WatchState:
     """Compare the waiting frames whose nearest estimate is known by now."""
     if not state.moments:
         return state
-    stamps = np.array([moment.reading.stamp_ns for moment in state.moments])
-    reach = 0.5 * float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
+    stamps = [moment.reading.stamp_ns for moment in state.moments]
+    recent = stamps[-PERIODS - 1 :]
+    periods = [after - before for before, after in pairwise(recent)]
+    reach = 0.5 * median(periods) if periods else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     for sightings in waiting:
-        away = np.abs(stamps - sightings.stamp_ns)
-        nearest = int(np.argmin(away))
-        if away[nearest] <= reach:
-            moment = state.moments[nearest]
+        moment = nearest(state.moments, sightings.stamp_ns)
+        if abs(moment.reading.stamp_ns - sightings.stamp_ns) <= reach:
             found = gap(expected_targets(estimator, moment), sightings, estimator.arm.sensors)
             assert found is not None
             running = followed(state.running, found, sightings.stamp_ns, estimator)
@@ -182,6 +186,13 @@ def compared(state: WatchState, estimator: Estimator) -> WatchState:
         else:
             state = state.missing('no_estimate')
     return state
+
+
+def nearest(moments: tuple[Moment, ...], stamp_ns: int) -> Moment:
+    """Return the one whose reading is nearest; of two as near the earlier one."""
+    after = bisect_left(moments, stamp_ns, key=lambda moment: moment.reading.stamp_ns)
+    beside = moments[max(after - 1, 0) : after + 1]
+    return min(beside, key=lambda moment: abs(moment.reading.stamp_ns - stamp_ns))
 
 
 def followed(

@@ -5,21 +5,25 @@ from __future__ import annotations
 from bags import PRESSURE, pressure, STEP_NS, WRENCH, wrench
 from estimates import plain
 import numpy as np
+from pneunet_ros.equilibrium import solve
 from pneunet_ros.errors import RecordingError
 from pneunet_ros.estimator import Estimator
 from pneunet_ros.estimator_state import EstimatorState
+from pneunet_ros.message_parts import POINTS_TYPE
 from pneunet_ros.message_store import ROSBAGS_TYPES
 from pneunet_ros.messages import INPUTS, OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.model_file import load_model
+from pneunet_ros.reading_messages import targets_message
 from pneunet_ros.recording import open_recording
 from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.replay import estimate_topic, input_topics, record_steps, Tally
+from pneunet_ros.replay import estimate_topic, input_topics, record_steps, Tally, targets_topic
 from pneunet_ros.resources import shipped
 from pneunet_ros.settings import EstimatorSettings
 from pneunet_ros.shape import Refusal, same_values, ShapeEstimate
 import pytest
 
 ESTIMATOR = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
+TYPES = {'end_wrench': WRENCH_TYPE, 'pressure': PRESSURE_TYPE, 'targets': POINTS_TYPE}
 LATE_NS = 3_000_000  # from a stamp to its log time
 PRESSURES = [20e3, 21e3, 150e3, 22e3, float('nan'), 23e3, 24e3]  # two of them are refused
 REFUSED = {2: 'out_of_range', 4: 'not_finite'}
@@ -35,8 +39,7 @@ def record(path, readings) -> None:
         connections = {}
         for topic, log_time, message in readings:
             if topic not in connections:
-                kind = WRENCH_TYPE if topic.endswith('end_wrench') else PRESSURE_TYPE
-                connections[topic] = writer.add(topic, kind)
+                connections[topic] = writer.add(topic, TYPES[topic.rsplit('/', 1)[-1]])
             writer.write(connections[topic], log_time, message)
 
 
@@ -204,6 +207,70 @@ def test_a_tally_counts_what_the_steps_say(replay):
     assert tally.last is replay[2][-1].outcome
     assert tally.refusal.reason == 'not_finite'
     assert 0.0 < tally.worst_residual < 1e-10
+
+
+# Measured targets
+
+
+TARGETS = '/pneunet/targets'
+
+
+def with_targets(moved=0.0, count=23):
+    """Forty readings of a steady load, and targets where the model has them, but for a lift."""
+    arm = ESTIMATOR.arm
+    shape = solve(arm, pressure=30e3, force=(0.1, 0.0), stations=2241)  # 0.05 mm apart
+    x, y = (np.interp(arm.target_arclength, shape.arclength, row) for row in (shape.x, shape.y))
+    for index in range(40):
+        stamp = stamp_of(index)
+        yield '/pneunet/end_wrench', stamp, wrench(stamp, 0.1)
+        yield PRESSURE, stamp, pressure(stamp, 30e3)
+        shown = targets_message(stamp, x[:count], y[:count] + moved, 'pneunet_base', ROSBAGS_TYPES)
+        yield TARGETS, stamp + LATE_NS, shown
+
+
+def watched_replay(folder, said, settings=None):
+    """Replay with what is watched; returns the tally and the recording written."""
+    record(folder / 'in.mcap', said)
+    recording = open_recording(folder / 'in.mcap')
+    estimator = Estimator(arm=ESTIMATOR.arm, settings=settings or EstimatorSettings())
+    topics, tally = input_topics(recording, estimator, {}), Tally()
+    targets = targets_topic(recording, estimator, {})
+    with write_recording(folder / 'out.mcap') as writer:
+        record_steps(
+            writer, recording, estimator, topics, lambda step: tally.count(step, PRESSURE),
+            targets=targets,
+        )  # fmt: skip
+    return tally, open_recording(folder / 'out.mcap')
+
+
+def test_targets_where_they_must_be_are_no_news(tmp_path):
+    tally, written = watched_replay(tmp_path, with_targets())
+    assert tally.watch.matched == 40
+    assert tally.disagreement.rms < 0.2
+    assert not tally.disagreement.beyond
+    source = open_recording(tmp_path / 'in.mcap')
+    assert list(written.raw_messages([TARGETS])) == list(source.raw_messages([TARGETS]))
+    assert tally.pressures == tally.state.estimates == 40
+
+
+def test_targets_elsewhere_are_told_of(tmp_path):
+    tally, _ = watched_replay(tmp_path, with_targets(moved=5e-3))
+    assert tally.disagreement.beyond
+
+
+def test_targets_of_another_arm_are_refused_and_the_replay_goes_on(tmp_path):
+    tally, _ = watched_replay(tmp_path, with_targets(count=3))
+    assert tally.refusal.reason == 'unreadable'
+    assert '3 points' in tally.refusal.sentence
+    assert dict(tally.watch.unmatched) == {'unreadable': 40}
+    assert tally.state.estimates == 40
+
+
+def test_targets_can_be_left_alone(tmp_path):
+    settings = EstimatorSettings(watch_targets=False)
+    tally, written = watched_replay(tmp_path, with_targets(), settings)
+    assert tally.disagreement is None
+    assert TARGETS not in {topic.name for topic in written.topics}
 
 
 # What a reader of the topics finds
