@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pneunet_ros.arm import Arm
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.linearity import intrinsic_linearity
 from pneunet_ros.calibration.undetermined import WELL_KNOWN
@@ -51,7 +52,7 @@ def number_rows(calibration: Calibration) -> tuple[Row, ...]:
     priors = np.sqrt(np.diag(change @ fit.unknowns.prior @ change.T))
     return tuple(
         Row(
-            meaning=meaning_of(name, calibration),
+            meaning=meaning_of(name, calibration.arm),
             name=name,
             value=value,
             std=std,
@@ -68,12 +69,16 @@ def law_rows(rows: tuple[Row, ...]) -> tuple[Row, ...]:
     return tuple(row for row in rows if row.name.startswith('moment_law.'))
 
 
-def meaning_of(name: str, calibration: Calibration) -> str:
+def meaning_of(name: str, arm: Arm) -> str:
     """Say what a dotted name is, in the paper's words."""
     first, second, *place = name.split('.')
+    if f'{first}.{second}' == CURVATURE:
+        table = arm.intrinsic_curvature
+        pressure = kilopascals(float(table.pressure[int(place[0])]))
+        return f'kappa_p0 at {pressure:.1f} kPa, s / l = {table.arclength[int(place[1])]:.2f}'
     if first != 'moment_law' or not place:
         return {'bending_stiffness': 'EI (N m^2)', 'modulus': 'E (Pa)'}.get(second, name)
-    pressures = calibration.arm.moment_law.table_pressures
+    pressures = arm.moment_law.table_pressures
     at = f'at {kilopascals(float(pressures[int(place[0])])):.1f} kPa'
     if second == 'split':
         return f'l1 / l {at}'

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from pneunet_ros.diagnosis.answer import Diagnosis, Misfit, Shift
+from pneunet_ros.calibration_tables import meaning_of
+from pneunet_ros.diagnosis.answer import Diagnosis, Estimated, Misfit, Shift
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.units import millimeters, quantities
 
@@ -71,7 +72,7 @@ def effect_table(diagnosis: Diagnosis) -> Table:
             effect.name,
             EFFECTS[effect.name].meaning,
             name,
-            f'{found.value:.4g} ± {found.std:.2g} {found.unit}',
+            with_error(found),
             f'{100.0 * effect.probability:.1f} %',
         )
         for effect in diagnosis.effects
@@ -82,6 +83,28 @@ def effect_table(diagnosis: Diagnosis) -> Table:
         rows=tuple(rows),
         numbers=(3, 4),
     )
+
+
+def with_error(found: Estimated) -> str:
+    """Write a number with its standard error, both to the last digit that means something."""
+    unit = '' if found.unit == '-' else f' {found.unit}'
+    if not (math.isfinite(found.std) and math.isfinite(found.value)) or found.std <= 0.0:
+        return f'{found.value:.4g}{unit}'
+    last = math.floor(math.log10(found.std)) - 1  # two digits of the error
+    if last >= -4 and abs(found.value) < 1e6:
+        places = max(-last, 0)
+        return (
+            f'{round(found.value, -last):.{places}f} ± {round(found.std, -last):.{places}f}{unit}'
+        )
+    scale = math.floor(math.log10(max(abs(found.value), found.std)))
+    places = max(scale - last, 0)
+    value, std = found.value / 10.0**scale, found.std / 10.0**scale
+    return f'({value:.{places}f} ± {std:.{places}f})e{scale}{unit}'
+
+
+def rounded(value: float) -> str:
+    """Write a number without more digits than matter."""
+    return f'{value:.0f}' if abs(value) >= 10.0 else f'{value:.1f}'
 
 
 def evidence_table(diagnosis: Diagnosis) -> Table:
@@ -98,8 +121,8 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
         rows=tuple(
             (
                 ' + '.join(item.effects),
-                f'{item.chi_squared:.1f}',
-                f'{item.evidence:.1f}',
+                rounded(item.chi_squared),
+                rounded(item.evidence),
                 'yes' if item.adequate else 'no',
                 ', '.join(item.alike),
             )
@@ -147,15 +170,24 @@ def shift_table(diagnosis: Diagnosis, most: int = MOST_SHIFTS) -> Table:
     """Return the base quantities that moved most, in standard errors."""
     ranked = sorted(diagnosis.shift.items(), key=lambda item: -sigmas(item[1]))[:most]
     return Table(
-        columns=('quantity', 'before', 'after', 'standard error', 'unit', 'moved by (sigma)'),
+        columns=(
+            'quantity',
+            'before',
+            'after',
+            'standard error',
+            'unit',
+            'moved by (sigma)',
+            'name',
+        ),
         rows=tuple(
             (
-                name,
+                meaning_of(name, diagnosis.after.arm),
                 f'{item.before:.4g}',
                 f'{item.after:.4g}',
                 f'{item.std:.2g}',
                 item.unit,
                 f'{sigmas(item):.1f}',
+                name,
             )
             for name, item in ranked
         ),

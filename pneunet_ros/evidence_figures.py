@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.views import law_view
 from pneunet_ros.diagnosis.answer import Diagnosis, Evidence, Side
+from pneunet_ros.diagnosis_tables import rounded
 from pneunet_ros.gap_figures import AFTER, BEFORE
 from pneunet_ros.report_style import (
     BAND_SIGMAS,
@@ -63,11 +64,6 @@ def draw_evidence(axes: Axes, some: list[Evidence], names: list[str], values: li
     axes.margins(x=0.22)
 
 
-def rounded(value: float) -> str:
-    """Write a number without more digits than matter."""
-    return f'{value:.0f}' if abs(value) >= 10.0 else f'{value:.1f}'
-
-
 def hidden(diagnosis: Diagnosis) -> Picture:
     """Intrinsic curvature and moment law, before and after."""
     before, after = diagnosis.before, diagnosis.after
@@ -97,7 +93,7 @@ def hidden(diagnosis: Diagnosis) -> Picture:
     legend(rigidities, loc='best')
     return picture(
         '07_hidden',
-        'What calibration had been hiding',
+        'Intrinsic curvature and rigidity, before and after',
         'Numbers of the model fitted without what was missing, and with it. Calibration bends '
         'what it has until the model fits: curves that lie apart by more than their bands had '
         'been wrong to make up for the missing effect. Curves that agree were not touched by it.',

@@ -131,8 +131,8 @@ def change_text(first: Misfit, last: Misfit) -> str:
     """Say how an error changed."""
     before, after = millimeters(first.rms), millimeters(last.rms)
     if first.rms == last.rms:
-        return f'it is {before:.3f} mm, unchanged, for nothing was added'
-    return f'it goes from {before:.3f} mm to {after:.3f} mm'
+        return f'the error stays at {before:.3f} mm rms, for nothing was added'
+    return f'the error goes from {before:.3f} mm to {after:.3f} mm rms'
 
 
 def draw_pairs(axes: Axes, names: list[str], before: list[float], after: list[float]) -> None:

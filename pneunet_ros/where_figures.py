@@ -43,11 +43,11 @@ def maps(diagnosis: Diagnosis) -> Picture:
     figure.colorbar(mesh, ax=axes, label='residual / noise', fraction=0.03, pad=0.01)
     return picture(
         '03_where',
-        'Where the disagreement is',
+        'Residuals along the arm, over what acted on it',
         'Root mean square residual of training recordings in units of the noise, along the arm '
         '(across) and over what acted on it (up). White is what noise alone leaves, red what the '
         'model cannot explain, light blue less than noise; grey was never measured. '
-        f'{diagnosis.where_sentence} On the right nothing red should be left.',
+        'On the right nothing red should be left.',
         figure,
     )
 
@@ -93,7 +93,7 @@ def shares(diagnosis: Diagnosis) -> Picture:
     return picture(
         '04_shares',
         'Which share of the misfit lies where',
-        'What the model before leaves over, split along five axes. Blue bars hold more than '
+        'What the model before leaves over, split along each axis. Blue bars hold more than '
         f'noise alone puts there in {100 * (1.0 - CLEAR):.0f} of 100 cases, grey ones do not '
         'stand out. A cause shows itself by the axis on which the bars are uneven: along force '
         'what carries the load, along direction or time what remembers, along pressure alone '

@@ -39,6 +39,10 @@ from pneunet_ros.units import quantities
 FRAMES = 32
 TOP = 60e3  # Pa
 EFFECT = Extensibility(axial_stiffness=15.0)
+PROVENANCE = {
+    'inputs': [{'file': 'lab/<ramp>.mcap', 'sha256': 'a' * 64, 'role': 'training'}],
+    'versions': {'pneunet_ros': '0.1.0', 'numpy': np.__version__},
+}
 
 
 def recorded(truth: Arm) -> tuple[list[Run], list[Run]]:

@@ -66,7 +66,7 @@ FLOORS = {
         report_page report_style
         figure_data shape_figures moment_figures force_figures trend_figures
         residual_figures calibration_figures calibration_tables calibration_report
-        gap_figures where_figures loop_figures evidence_figures diagnosis_tables diagnosis_report
+        diagnosis_tables gap_figures where_figures loop_figures evidence_figures diagnosis_report
         diagnosis_files
         __init__
     """,

@@ -1,0 +1,203 @@
+"""The report and the files of a diagnosis: whole, by the contract, and closed in itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import json
+import math
+
+from arms import paper_arm
+from diagnosed import diagnosis, EFFECT, PROVENANCE
+import numpy as np
+from pages import check_closed, Page
+from pneunet_ros import load_model, report_style, solve
+from pneunet_ros.diagnosis.answer import Estimated
+from pneunet_ros.diagnosis_files import diagnosis_content, MODEL, NUMBERS, PAGE, write_diagnosis
+from pneunet_ros.diagnosis_report import diagnosis_figures, report_page
+from pneunet_ros.diagnosis_tables import detectable_table, shift_table, sigmas, with_error
+from pneunet_ros.gap_figures import beside, gap_sentence, telling
+from pneunet_ros.loop_figures import directions_of
+import pytest
+
+CONTRACT = {
+    'answer', 'effects', 'alternatives', 'where', 'gap', 'adequacy', 'detectable',
+    'parameter_shift', 'inputs', 'seed', 'versions',
+}  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def coarse():
+    """Draw coarsely: what is looked at here is not how sharp it is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report_style, 'DOTS_PER_INCH', 30)
+        yield
+
+
+@pytest.fixture(scope='module')
+def written(coarse, tmp_path_factory):
+    """Write all files of a diagnosis, and collect what is said meanwhile."""
+    told = []
+    folder = tmp_path_factory.mktemp('diagnosis') / 'out'
+    found, held_out = diagnosis()
+    write_diagnosis(
+        found,
+        folder,
+        frame=paper_arm(),
+        held_out=held_out,
+        provenance=PROVENANCE,
+        each=lambda stage, done, total: told.append((stage, done, total)),
+    )
+    return folder, told
+
+
+@pytest.fixture(scope='module')
+def page(written):
+    return (written[0] / PAGE).read_text(encoding='utf-8')
+
+
+def test_nothing_leaves_the_page(page):
+    check_closed(page)
+
+
+def test_all_files_are_there(written, page):
+    folder, told = written
+    pictures = sorted(item.name for item in folder.glob('figure_*.png'))
+    assert len(pictures) == 7
+    assert sorted(item.name for item in folder.iterdir()) == sorted(
+        [*pictures, MODEL, NUMBERS, PAGE]
+    )
+    assert page.count('data:image/png;base64,') == len(pictures)
+    assert told[-1] == ('pictures', 7, 7)
+
+
+def test_the_answer_comes_first(page):
+    sentence = page.index('The model lacks extensibility: &lt;it&gt;')
+    assert sentence < page.index('<h2') < page.index('<img')
+    parts = ['id="gap"', 'id="where"', 'id="evidence"', 'id="hidden"', 'id="unseen"', 'id="notes"']
+    places = [page.index(part) for part in parts]
+    assert places == sorted(places)
+
+
+def test_what_is_known_stands_on_the_page(page):
+    for text in (
+        '97 % of the gap', 'Record force sweeps at two pressures.', 'a note that says &lt;what&gt;',
+        'axial_stiffness', '15.00 ± 0.30 N', 'below 410 N', 'pressure_elongation', 'a' * 64,
+        'not with &lt;pressure&gt;', 'Could not have been seen at any usual size: creep.',
+        'alpha2 at', 'kappa_p0 at',
+    ):  # fmt: skip
+        assert text in page, text
+
+
+def test_the_numbers_are_those_of_the_contract(written):
+    content = json.loads((written[0] / NUMBERS).read_text(encoding='utf-8'))
+    found, _ = diagnosis()
+    assert set(content) >= CONTRACT
+    assert content['answer'] == 'named'
+    (effect,) = content['effects']
+    assert set(effect) == {'name', 'parameters', 'probability'}
+    assert effect['parameters']['axial_stiffness'] == {'value': 15.0, 'std': 0.3, 'unit': 'N'}
+    assert set(content['where'][0]) >= {'axis', 'from', 'to', 'share', 'sentence'}
+    gap = content['gap']
+    assert set(gap) == {'training', 'heldout', 'noise_floor_m', 'closed'}
+    for group in ('training', 'heldout'):
+        assert set(gap[group]) == {'before', 'after'}
+        assert set(gap[group]['before']) == {'rms_m', 'p95_m', 'chi2_per_dof'}
+    assert gap['heldout']['before']['rms_m'] == found.before.held_out.rms
+    assert set(content['adequacy']['after']) == {'statistic', 'threshold', 'p_value'}
+    assert set(content['detectable']['gravity']) >= {'observable', 'smallest', 'unit'}
+    assert content['detectable']['creep']['smallest'] is None  # JSON has no infinity
+    assert set(content['parameter_shift']['moment_law.rigidity.0.1']) >= {'before', 'after', 'std'}
+    assert content['inputs'] == PROVENANCE['inputs']
+    assert (content['seed'], content['versions']) == (7, PROVENANCE['versions'])
+
+
+def test_the_model_has_what_was_missing(written):
+    found, _ = diagnosis()
+    arm = load_model(written[0] / MODEL)
+    assert arm.name == 'paper-arm+extensibility'
+    (effect,) = arm.effects
+    assert effect == EFFECT
+    assert arm.sources['effects.extensibility.axial_stiffness'] == 'diagnosed'
+    assert 'jointly with extensibility' in arm.sources['intrinsic_curvature']
+    assert arm.covariance is not None
+    assert [dict(item) for item in arm.provenance['inputs']] == PROVENANCE['inputs']
+    low, high = arm.provenance['valid']['pressure']
+    assert -500.0 < low < 1e3
+    assert 59e3 < high < 60.5e3
+    for name in ('rigidity', 'split'):
+        fitted = getattr(found.after.arm.moment_law, name)
+        assert np.array_equal(getattr(arm.moment_law, name), fitted)
+    assert solve(arm, 30e3, (0.1, 0.05)).status == 'converged, stable'
+
+
+def test_without_held_out_recordings_it_is_said(coarse):
+    found, held_out = diagnosis(with_held_out=False)
+    assert diagnosis_content(found, PROVENANCE)['gap']['heldout'] is None
+    told = diagnosis_figures(found, held_out, lambda *_: None)
+    text = report_page(found, told, PROVENANCE)
+    assert 'No recording was held out' in text
+    assert 'On training recordings' in gap_sentence(found)
+
+
+def test_when_nothing_is_missing_there_is_less_to_show(coarse):
+    found, held_out = diagnosis()
+    nothing = replace(
+        found, answer='none', effects=(), alternatives=(), after=found.before, evidence=(),
+        cosines={}, shift={}, closed=None, proposal='', notes=(),
+    )  # fmt: skip
+    pictures = diagnosis_figures(nothing, held_out, lambda *_: None)
+    assert [item.name for item in pictures.all] == [
+        '01_gap', '02_shapes', '03_where', '04_shares', '05_loops',
+    ]  # fmt: skip
+    text = report_page(nothing, pictures, PROVENANCE)
+    assert 'No effect was added' in text
+    assert 'stays at' in gap_sentence(nothing)
+    assert Page(text).tags.count('img') == 5
+
+
+def test_telling_frames_are_where_the_model_is_furthest_off():
+    found, held_out = diagnosis()
+    items = beside(found, held_out)
+    frames = telling(items)
+    assert len(frames) == 4
+    worst = max(items, key=lambda item: item.size.max())
+    assert frames[0] == (worst, int(np.argmax(worst.size)))
+    assert {item.run.name for item, _ in frames} == {run.name for run in held_out}
+    assert len({(item.run.name, frame) for item, frame in frames}) == 4
+
+
+def test_what_moved_most_stands_first():
+    found, _ = diagnosis()
+    moved = [float(row[5]) for row in shift_table(found, 10).rows]
+    assert len(moved) == 10
+    assert moved == sorted(moved, reverse=True)
+    assert moved[0] == pytest.approx(max(map(sigmas, found.shift.values())), abs=0.1)
+
+
+def test_a_stiffness_is_seen_below_and_a_load_from_a_size_on():
+    rows = {row[0]: row for row in detectable_table(diagnosis()[0]).rows}
+    assert rows['extensibility'][3] == 'below 410 N'
+    assert rows['gravity'][3] == 'from 0.05 N/m'
+    assert rows['creep'][3] == 'not seen'
+
+
+@pytest.mark.parametrize(
+    ('value', 'std', 'unit', 'text'),
+    [
+        (15.0, 0.3, 'N', '15.00 ± 0.30 N'),
+        (6123.4, 120.0, 'Pa', '6120 ± 120 Pa'),
+        (0.0512, 0.0013, '-', '0.0512 ± 0.0013'),
+        (4.123e-6, 2.1e-8, '1/Pa', '(4.123 ± 0.021)e-6 1/Pa'),
+        (3.0, math.nan, 'N', '3 N'),
+        (math.inf, 1.0, 'N', 'inf N'),
+    ],
+)
+def test_numbers_stand_with_their_errors(value, std, unit, text):
+    assert with_error(Estimated(value=value, std=std, unit=unit)) == text
+
+
+def test_a_direction_is_kept_through_holds_and_noise():
+    pressure = np.array([0.0, 5.0, 10.0, 9.5, 10.5, 10.2, 6.0, 6.1, 2.0, 2.2])
+    expected = [0, 1, 1, 1, 1, 1, -1, -1, -1, -1]
+    assert directions_of(pressure, 1.0).tolist() == expected
+    assert directions_of(np.array([3.0, 3.1, 2.9]), 1.0).tolist() == [0, 0, 0]

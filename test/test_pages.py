@@ -1,0 +1,45 @@
+"""The reports in a real browser: nothing on the console, and no request leaves the page."""
+
+from __future__ import annotations
+
+from arms import paper_arm
+from calibrated import calibration
+from diagnosed import diagnosis, PROVENANCE
+from pages import browser, opened
+from pneunet_ros import report_style
+from pneunet_ros.calibration_report import write_report
+from pneunet_ros.diagnosis_files import PAGE, write_diagnosis
+import pytest
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(browser() is None, reason='no Chromium here: apt-get install chromium'),
+]
+LEAVING = """<!DOCTYPE html><html><body><img src="http://127.0.0.1:9/a.png">
+<script>console.error('wrong')</script></body></html>"""
+
+
+@pytest.fixture
+def coarse(monkeypatch):
+    """Draw coarsely: what is looked at here is not how sharp it is."""
+    monkeypatch.setattr(report_style, 'DOTS_PER_INCH', 30)
+
+
+def test_a_page_that_leaves_is_found(tmp_path):
+    (tmp_path / 'page.html').write_text(LEAVING)
+    console, asked = opened(tmp_path / 'page.html', tmp_path)
+    assert asked == ['http://127.0.0.1:9/a.png']
+    assert any('wrong' in line for line in console)
+
+
+def test_the_report_of_a_calibration(coarse, tmp_path):
+    page = write_report(calibration(), tmp_path / 'out', provenance={'seed': 1})
+    assert opened(page, tmp_path) == ([], [])
+
+
+def test_the_report_of_a_diagnosis(coarse, tmp_path):
+    found, held_out = diagnosis()
+    write_diagnosis(
+        found, tmp_path / 'out', frame=paper_arm(), held_out=held_out, provenance=PROVENANCE
+    )
+    assert opened(tmp_path / 'out' / PAGE, tmp_path) == ([], [])
