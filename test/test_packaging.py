@@ -43,6 +43,9 @@ LIBRARIES = {
     'zstandard': ('zstandard', None),
 }
 
+# Imported where they are asked for only, and absent from most robots: extras of setup.py.
+OPTIONAL = {'distributed': 'cluster'}
+
 
 @pytest.fixture(scope='module')
 def manifest():
@@ -91,8 +94,12 @@ def test_what_is_imported_is_declared(manifest, setup_arguments):
         re.match(r'[\w.-]+', line).group() for line in setup_arguments['install_requires']
     }
     depends = {element.text for element in manifest.iter('exec_depend')}
+    extras = setup_arguments['extras_require']
     for name in imported_outside_the_house():
-        if name in LIBRARIES:
+        if name in OPTIONAL:
+            lines = extras[OPTIONAL[name]]
+            assert any(line.startswith(name) for line in lines), f'{name} is in no extra'
+        elif name in LIBRARIES:
             on_pypi, of_rosdep = LIBRARIES[name]
             assert on_pypi in requirements, f'{name} is imported; setup.py does not require it'
             assert of_rosdep is None or of_rosdep in depends, f'{of_rosdep} is not in package.xml'
