@@ -93,9 +93,8 @@ def with_error(found: Estimated) -> str:
     last = math.floor(math.log10(found.std)) - 1  # two digits of the error
     if last >= -4 and abs(found.value) < 1e6:
         places = max(-last, 0)
-        return (
-            f'{round(found.value, -last):.{places}f} ± {round(found.std, -last):.{places}f}{unit}'
-        )
+        value, std = round(found.value, -last), round(found.std, -last)
+        return f'{value:.{places}f} ± {std:.{places}f}{unit}'
     scale = math.floor(math.log10(max(abs(found.value), found.std)))
     places = max(scale - last, 0)
     value, std = found.value / 10.0**scale, found.std / 10.0**scale

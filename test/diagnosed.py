@@ -108,7 +108,7 @@ def side(found: Fit, training: Sequence[Run], held_out: Sequence[Run]) -> Side:
         arm=arm,
         fit=found,
         training=misfit(here),
-        held_out=misfit(there) if there else None,
+        held_out=misfit(there),
         training_scores=tuple(here),
         held_out_scores=tuple(there),
     )
@@ -162,13 +162,10 @@ SHARES = tuple(
 
 
 @functools.cache
-def diagnosis(
-    effect: Effect = EFFECT, with_held_out: bool = True
-) -> tuple[Diagnosis, tuple[Run, ...]]:
+def diagnosis(effect: Effect = EFFECT) -> tuple[Diagnosis, tuple[Run, ...]]:
     """Return the diagnosis of a hidden effect, and the held-out runs; made once."""
     base = replace(paper_arm(), sensors=USUAL)
     training, held_out = recorded(replace(base, effects=(effect,)))
-    held_out = held_out if with_held_out else []
     before = side(fitted(base, training), training, held_out)
     after = side(fitted(replace(base, effects=(effect,)), training), training, held_out)
     parameter = quantities(effect)[0]
@@ -202,7 +199,7 @@ def diagnosis(
         before=before,
         after=after,
         noise_floor=1.1e-4,
-        closed=0.97 if with_held_out else None,
+        closed=0.97,
         adequacy_before=Adequacy(statistic=900.0, threshold=60.0, p_value=1.0 / 301.0),
         adequacy_after=Adequacy(statistic=41.0, threshold=60.0, p_value=0.43),
         detectable={

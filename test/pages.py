@@ -15,7 +15,8 @@ OWN = 'not an origin'  # initiator of what the browser asks for itself
 QUIET = (
     '--headless', '--no-sandbox', '--disable-gpu', '--no-first-run', '--disable-sync',
     '--disable-background-networking', '--disable-component-update', '--disable-extensions',
-    '--host-resolver-rules=MAP * ~NOTFOUND', '--enable-logging=stderr', '--virtual-time-budget=2000',
+    '--host-resolver-rules=MAP * ~NOTFOUND', '--enable-logging=stderr',
+    '--virtual-time-budget=2000',
 )  # fmt: skip
 
 

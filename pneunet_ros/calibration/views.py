@@ -163,10 +163,12 @@ def curvature_std(fit: Fit, pressure: Array, share: Array) -> Array:
 
 def curvature_weights(fit: Fit, pressure: Array, share: Array) -> Array:
     """How kappa_p0 answers to the unknowns, (n, m, unknowns): pressures (n,) Pa, s / l (m,)."""
-    knots = fit.unknowns.arclength
-    causes = fit.unknowns.causes(fit.values, idle(pressure))[:, 3 : 3 + knots.size]
+    knots, cells = fit.unknowns.arclength, fit.unknowns.cells
+    rows = idle(pressure).row_weights(fit.arm)
     basis = CubicSpline(knots, np.eye(knots.size))(share)
-    return np.asarray(np.matmul(basis, causes))
+    out = np.zeros((pressure.size, share.size, fit.values.size))
+    out[:, :, :cells] = np.einsum('pr,sk->psrk', rows, basis).reshape(*out.shape[:2], cells)
+    return out
 
 
 def curvature_covariance(fit: Fit, pressure: Array, share: Array) -> Array:
