@@ -23,6 +23,7 @@ from blind.baselines import pysindy, regressed, staged, stepwise
 from blind.designs import DESIGNS
 from blind.hidden import HIDEABLE, SIZES
 from blind.record import Record
+from blind.reference import driven
 from blind.responses import Candidate, small_effects, Table
 from blind.running import answered, truth_of
 from blind.scoring import confusion, detectable, rate, size_of, wilson
@@ -243,8 +244,18 @@ def test_the_diagnosis_is_given_recordings_alone(hidden_trial):
     assert 'gravity' not in json.dumps(row)
     told = truth_of(sealed, trial)
     assert list(told['effects']) == ['gravity']
-    # Sensors' noise, placement and drift; richness and mismatch are on top of that.
-    assert 1e-4 < told['rms'] < 1e-3
+    # Sensors' noise, placement and drift; what the plain law does not say comes on top.
+    assert 8e-5 < told['rms'] < 3e-4
+    assert 1.2 * told['rms'] < told['plain_rms'] < 1e-3
+
+
+def test_the_truth_driven_by_readings_is_the_truth_but_for_their_noise(hidden_trial):
+    recording, before = hidden_trial[0].recordings[6], hidden_trial[0].recordings[5].memory
+    points, placement = driven(recording, before), recording.truth.placement
+    truth = np.stack([recording.truth.target_x, recording.truth.target_y], axis=1)
+    off = np.sqrt(np.mean((points - truth) ** 2))
+    assert off < 2e-4  # placement, and noise of 60 Pa and 1 mN
+    assert off > 0.5 * np.sqrt(np.mean(placement**2))
 
 
 def test_the_same_seed_is_the_same_trial_and_blocks_differ(hidden_trial):

@@ -19,7 +19,7 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.run import Run
 
 from blind.hidden import HIDEABLE
-from blind.running import residual_of
+from blind.reference import residual_of
 from blind.trials import Trial
 
 TAKEN = 3.0  # times the weakest size that is hidden: still small, well above the solver's error

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import dataclasses
 import time
 
-import numpy as np
-from pneunet_ros.arm import Arm
-from pneunet_ros.calibration.drive import drives_of
-from pneunet_ros.calibration.response import Series
 from pneunet_ros.diagnosis.answer import Diagnosis
 from pneunet_ros.errors import PneunetError
-from pneunet_ros.run import Run
 
+from blind.reference import lab_rms, plain_rms
 from blind.scoring import Row
 from blind.trials import made, Sealed, Trial
 
@@ -84,28 +80,14 @@ def rms_of(misfit: object) -> float | None:
 
 
 def truth_of(sealed: Sealed, trial: Trial) -> Row:
-    """Return the truth, and how well the model that knows it says the held-out recordings."""
+    """Return the truth, and the rms (m) that it leaves on the held-out recordings.
+
+    rms: of the lab's own arm, rich effects and all; plain_rms: of the model that has the true base
+    and the true effects as far as they are plain.
+    """
     row: Row = dataclasses.asdict(sealed.label)
     return row | {
         'key': trial.key,
-        'rms': held_out_rms(sealed.arm, trial.training, trial.held_out),
+        'rms': lab_rms(sealed, trial.held_out),
+        'plain_rms': plain_rms(sealed.arm, trial.training, trial.held_out),
     }
-
-
-def held_out_rms(arm: Arm, training: Sequence[Run], held_out: Sequence[Run]) -> float | None:
-    """Return the rms (m) per coordinate, registration removed, what came before remembered."""
-    drives = drives_of(arm, (*training, *held_out))[len(training) :]
-    squares, count = 0.0, 0
-    for run, drive in zip(held_out, drives, strict=True):
-        series = Series(arm.target_arclength)
-        solved = series.solve(arm, drive)
-        error = residual_of(run, series.points)[solved]
-        squares += float(np.nansum(error**2))
-        count += int(np.isfinite(error).sum())
-    return float(np.sqrt(squares / count)) if count else None
-
-
-def residual_of(run: Run, points: np.ndarray) -> np.ndarray:
-    """Return measured minus predicted (frames, 2, targets) m, less what registration could be."""
-    error = np.stack([run.x, run.y], axis=1) - points
-    return error - np.nanmean(error, axis=(0, 2), keepdims=True)
