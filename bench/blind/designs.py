@@ -22,7 +22,8 @@ from pneunet_ros.lab.sensors import LabNoise, Rates
 
 DURATION = 32.0  # s, of a recording
 PAUSE = 20.0  # s, between two
-# The camera is triggered with every eighth pressure reading: 128 frames a recording.
+# The camera is triggered with every eighth pressure reading: 128 frames a recording. With other
+# rates the nearest reading is some milliseconds older than the frame, which is a lag of its own.
 RATES = Rates(pressure=32.0, wrench=32.0, frames=4.0)
 NOISE = LabNoise()
 
@@ -71,6 +72,7 @@ FULL = Design(
             pressures=(30e3, 55e3, 15e3, 40e3),
             weights=(0.24, 0.14),
             angle=1.0,
+            rest=1.7,  # so that no frame shows the arm under a load of which most is noise
             ramp=1.2,
             duration=DURATION,
         ),

@@ -110,14 +110,14 @@ def outside_effect(name: str, random: np.random.Generator) -> Parameters:
         }
     if name == 'weak_chamber':
         return {
-            'rigidity_loss': random.uniform(0.4, 0.8),
-            'curvature_dip': between(4.0, 12.0, random),
+            'rigidity_loss': random.uniform(0.6, 0.88),
+            'curvature_dip': between(6.0, 15.0, random),
             'place': random.uniform(0.25, 0.75),
             'width': random.uniform(0.03, 0.05),
         }
     if name == 'periodic_disturbance':
         return {
-            'amplitude': between(0.01, 0.06, random),
+            'amplitude': between(0.03, 0.12, random),
             'period': between(1.3, 9.0, random),
         }
     assert name == 'slipping_base', name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.arm import Arm
@@ -77,6 +78,7 @@ def driven(recording: LabRecording, before: LabMemory) -> np.ndarray:
     )
     course, _ = unfolded(scenario, noisy, before)
     chain = chain_of(scenario, course, truth.time, noisy.force_at(truth.time))
+    chain = replace(chain, moment=recording.moment)  # there is none: all of it is noise
     x, y, _ = leaning(chain).points(scenario.arm.targets)
     points, share = np.stack([x, y], axis=-1), truth.time / events.duration
     for effect in scenario.effects:
