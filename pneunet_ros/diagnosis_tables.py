@@ -87,7 +87,7 @@ def effect_table(diagnosis: Diagnosis) -> Table:
 
 def with_error(found: Estimated) -> str:
     """Write a number with its standard error, both to the last digit that means something."""
-    unit = '' if found.unit == '-' else f' {found.unit}'
+    unit = unit_text(found.unit)
     if not (math.isfinite(found.std) and math.isfinite(found.value)) or found.std <= 0.0:
         return f'{found.value:.4g}{unit}'
     last = math.floor(math.log10(found.std)) - 1  # two digits of the error
@@ -99,6 +99,11 @@ def with_error(found: Estimated) -> str:
     places = max(scale - last, 0)
     value, std = found.value / 10.0**scale, found.std / 10.0**scale
     return f'({value:.{places}f} ± {std:.{places}f})e{scale}{unit}'
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as it stands behind a number."""
+    return '' if unit == '-' else f' {unit}'
 
 
 def rounded(value: float) -> str:
@@ -206,6 +211,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     for name, item in diagnosis.detectable.items():
         parameter = declared(name, item.parameter)
         low, high = parameter.metadata['prior']
+        unit = unit_text(item.unit)
         # Of a stiffness that is infinite when nothing is missing, less is more.
         within = 'below' if parameter.default == math.inf else 'from'
         rows.append(
@@ -213,8 +219,8 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
                 name,
                 EFFECTS[name].meaning,
                 item.parameter,
-                f'{within} {item.smallest:.3g} {item.unit}' if item.observable else 'not seen',
-                f'{low:g} to {high:g} {item.unit}',
+                f'{within} {item.smallest:.3g}{unit}' if item.observable else 'not seen',
+                f'{low:g} to {high:g}{unit}',
                 'yes' if item.observable else 'no',
             )
         )

@@ -51,6 +51,7 @@ FLOORS = {
         calibration.same_arm calibration.plausible calibration.knowledge calibration.stages
         calibration.calibration
         calibration.stances calibration.views calibration.linearity calibration.sensitivity
+        diagnosis diagnosis.answer
     """,
     '3 outside': """
         executor output json_text array_file yaml_file model_file camera_file plots
