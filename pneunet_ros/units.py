@@ -58,11 +58,13 @@ def quantity(
     bounds: tuple[float, float] = (-math.inf, math.inf),
     prior: tuple[float, float] | None = None,
     source: str = '',
+    shape: bool = False,
 ) -> Any:
     """Declare a dataclass field that is a physical quantity.
 
     unit: SI unit, '-' for none. bounds: closed interval of allowed values. prior: interval in
     which the value is expected before any data. source: where the default or the bounds come from.
+    shape: it says how something goes on, not how much of it there is.
     """
     metadata = {
         'unit': unit,
@@ -70,6 +72,7 @@ def quantity(
         'bounds': bounds,
         'prior': prior or bounds,
         'source': source,
+        'shape': shape,
     }
     return dataclasses.field(default=default, metadata=metadata)
 

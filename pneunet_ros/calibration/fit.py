@@ -240,6 +240,7 @@ def finished(
         information=frozen_array(unscale.T @ information @ unscale),
         pull=frozen_array(unscale.T @ pull),
         placement=frozen_array(disturbance[: 2 * posterior.disturbances.targets].reshape(2, -1)),
+        disturbance=frozen_array(disturbance),
         runs=fitted,
         chi_squared=float(sum(run.whitened.sum() for run in fitted)),
         freedom=int(sum(run.freedom.sum() for run in fitted)),

@@ -45,8 +45,8 @@ class Fit:
 
     placement (2, targets) m, along tangent and normal, and shared_covariance that of unknowns and
     placement together. information (n, n) is that of the data alone on the unknowns of the model
-    (disturbances integrated out) and pull (n,) the same data's linear term. `converged` and
-    `status` say how the search ended.
+    (disturbances integrated out) and pull (n,) the same data's linear term. disturbance: all
+    unknowns of `Disturbances`, m. `converged` and `status` say how the search ended.
     """
 
     unknowns: Unknowns
@@ -56,6 +56,7 @@ class Fit:
     information: Array
     pull: Array
     placement: Array
+    disturbance: Array
     runs: tuple[FittedRun, ...]
     chi_squared: float
     freedom: int

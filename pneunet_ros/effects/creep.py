@@ -40,6 +40,7 @@ class Creep(Effect):
         bounds=(0.0, 1e6),
         prior=(2.0, 300.0),
         source='prior: seconds to minutes, soft silicone',
+        shape=True,
     )
 
     def initial(self, pressure: float, scale: PressureScale) -> History:

@@ -1,0 +1,79 @@
+"""How well each effect would explain what is left, before it is fitted: projected scores."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.diagnosis.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.refit import Refit, Refitting
+from pneunet_ros.shape import Array
+
+SMALLEST_STEP, LARGEST_STEP = 0.3, 3.0  # from where an effect with a history was tried
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """An effect on top of a refit: by how much chi squared would fall, and where to begin.
+
+    start (numbers,); tried: its sizes where the answer was taken; information: of one such size on
+    these recordings, after refitting all else (chi squared per size squared); direction: the
+    whitened answer (rows,) per run.
+    """
+
+    hypothesis: Hypothesis
+    which: int
+    tried: Array
+    gain: float
+    start: Array
+    information: float
+    direction: tuple[Array, ...]
+
+
+def candidates(refit: Refit, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
+    """Try every hypothesis beside the effects of a refit, the most promising first."""
+    own = [item for item in hypotheses if item.name not in refit.names]
+    found = [candidate(refit, item) for item in own]
+    return sorted((item for item in found if item is not None), key=lambda item: -item.gain)
+
+
+def candidate(refit: Refit, hypothesis: Hypothesis) -> Candidate | None:
+    """Try one; None where the arm has no shape with it."""
+    trial = Refitting(refit.design, (*refit.hypotheses, hypothesis))
+    base = refit.base
+    best = None
+    for which, numbers in hypothesis.starts():
+        without = numbers.copy()
+        without[which] = 0.0
+        here = trial.residuals(base, np.concatenate([refit.numbers, without]))
+        there = trial.residuals(base, np.concatenate([refit.numbers, numbers]))
+        if here is None or there is None:
+            continue
+        direction = tuple(a - b for a, b in zip(here, there, strict=True))
+        columns = [item[:, None] for item in direction]
+        score = float(refit.linear.score(columns)[0])
+        information = float(refit.linear.inner(columns, columns)[0, 0])
+        if information <= 0.0:
+            continue
+        share = score / information
+        coordinate = hypothesis.coordinates[which]
+        if share * numbers[which] < coordinate.low:
+            share, score = 0.0, 0.0
+        gain = score**2 / information
+        if best is not None and best.gain >= gain:
+            continue
+        start = numbers.copy()
+        if hypothesis.remembers:
+            share = float(np.clip(share, SMALLEST_STEP, LARGEST_STEP))
+        start[which] *= share
+        best = Candidate(
+            hypothesis=hypothesis,
+            which=which,
+            tried=numbers,
+            gain=gain,
+            start=hypothesis.clipped(start),
+            information=information,
+            direction=direction,
+        )
+    return best

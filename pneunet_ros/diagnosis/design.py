@@ -1,0 +1,245 @@
+"""Recordings linearized around a fit: how whitened points answer to all that could move them.
+
+The camera's path and the errors of readings are integrated out run by run. What is left unknown,
+each scaled so that its prior is normal with unit variance: the base model, the placement of the
+targets, and a field of harmless departures that no model is free of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.calibration.drive import Drive, drives_of
+from pneunet_ros.calibration.fit import Posterior
+from pneunet_ros.calibration.response import Series, THETA
+from pneunet_ros.calibration.unknowns import Unknowns
+from pneunet_ros.calibration.whitening import Whitening
+from pneunet_ros.diagnosis.generic_field import fields_of, Fields, Surroundings
+from pneunet_ros.effects.effect import Effect
+from pneunet_ros.errors import ModelError
+from pneunet_ros.noise import SensorNoise
+from pneunet_ros.run import Run
+from pneunet_ros.shape import Array
+from scipy.ndimage import uniform_filter1d
+
+TOLERANCE = 0.001  # of the length: rms of departures that matter to nobody; invented
+
+CALM = 5  # readings
+READINGS = 400  # of a run, beside those of its frames
+MOST_LOST = 0.02  # of the frames
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Block:
+    """One run: whitened columns, and what whitens more of them.
+
+    base (rows, n): model and placement, scaled; path (rows, k): what was integrated out; fields:
+    generic ones, not whitened; measured (frames, 2, targets) m.
+    """
+
+    run: Run
+    drive: Drive
+    series: Series
+    whitening: Whitening
+    directions: Array
+    shrink: Array
+    base: Array
+    path: Array
+    theta: Array
+    fields: Fields
+
+    def white(self, columns: Array) -> Array:
+        """Whiten columns (frames, 2 targets, n) m, (rows, n)."""
+        flat = self.whitening(columns).reshape(-1, columns.shape[2])
+        return self.filtered(flat)
+
+    def filtered(self, flat: Array) -> Array:
+        """Integrate out the path in whitened columns (rows, n)."""
+        along = self.directions.T @ flat
+        along *= self.shrink[:, None]
+        filtered: Array = flat - self.directions @ along
+        return filtered
+
+    def without(self, departures: Array) -> Block:
+        """Return the block with more, whitened columns (rows, n) of unit prior integrated out."""
+        directions, shrink = filter_of(np.concatenate([self.path, departures], axis=1))
+        return replace(self, directions=directions, shrink=shrink)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Point:
+    """Where recordings are linearized: values of the base model's unknowns, placement, effects.
+
+    placement (2, targets) m; effects come beside those of the model.
+    """
+
+    unknowns: Unknowns
+    values: Array
+    placement: Array
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def arm(self) -> Arm:
+        """The arm there."""
+        return self.with_effects().arm(self.values)
+
+    def with_effects(self) -> Unknowns:
+        """Return the unknowns of an arm that has the effects, too."""
+        frame = self.unknowns.frame
+        return replace(self.unknowns, frame=replace(frame, effects=(*frame.effects, *self.effects)))
+
+
+class Design:
+    """All runs around one point. `training` says how many of the runs, the first, are to fit."""
+
+    def __init__(self, point: Point, runs: Sequence[Run], training: int, noise: SensorNoise) -> None:
+        self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
+        self.calm = [calm(run) for run in self.runs]
+        pairs = zip(self.runs, self.calm, strict=True)
+        self.unrest = [run.frame_pressure - quiet.frame_pressure for run, quiet in pairs]
+        unknowns = point.with_effects()
+        arm = unknowns.arm(point.values)
+        self.length = arm.length
+        posterior = Posterior(unknowns, self.runs, noise, arm.target_arclength)
+        self.size, targets = posterior.size, arm.target_arclength.size
+        shared = self.size + 2 * targets
+        values = posterior.mean.copy()
+        values[:shared] = np.concatenate([point.values, point.placement.ravel()])
+        self.scale = posterior.scale[:shared, :shared]
+        self.mean = posterior.mean[:shared]
+        self.position = np.linalg.solve(self.scale, values[:shared] - self.mean)
+        drives = self.drives(arm, range(len(self.runs)))
+        around = Surroundings.of(arm, self.runs, drives)
+        self.blocks = [
+            self.block(posterior, which, arm, drive, values, around)
+            for which, drive in enumerate(drives)
+        ]
+        self.tolerance = self.tolerances()
+
+    def at(self, point: Point) -> Design:
+        """Return the same runs around another point."""
+        return Design(point, self.runs, self.training, self.noise)
+
+    def block(
+        self,
+        posterior: Posterior,
+        which: int,
+        arm: Arm,
+        drive: Drive,
+        values: Array,
+        around: Surroundings,
+    ) -> Block:
+        """Linearize one run."""
+        size = self.size
+        fitted, beside = posterior.one(which, arm, drive, values[size:])
+        jacobian = posterior.jacobian(which, fitted, arm, values[:size], beside)
+        whitening = posterior.whitenings[which]
+        assert whitening is not None
+        targets = arm.target_arclength.size
+        own = size + posterior.disturbances.of_run(which)
+        scale = posterior.scale
+        white = whitening(jacobian).reshape(-1, jacobian.shape[2])
+        first = white[:, :size] @ scale[:size, :size]
+        placed = white[:, size : size + 2 * targets] @ scale[np.ix_(own, own)][: 2 * targets, : 2 * targets]
+        path = white[:, size + 2 * targets :] @ scale[np.ix_(own, own)][2 * targets :, 2 * targets :]
+        directions, shrink = filter_of(path)
+        unknowns = self.point.unknowns
+        knots = jacobian[:, :, : unknowns.cells]
+        knots = knots.reshape(*knots.shape[:2], unknowns.pressure.size, -1).sum(axis=2)
+        block = Block(
+            run=self.runs[which],
+            drive=drive,
+            series=posterior.series[which],
+            whitening=whitening,
+            directions=directions,
+            shrink=shrink,
+            base=np.zeros((0, 0)),
+            path=path,
+            theta=fitted.fields[:, THETA],
+            fields=fields_of(around, which, knots, fitted.fields[:, THETA]),
+        )
+        return replace(block, base=block.filtered(np.concatenate([first, placed], axis=1)))
+
+    def tolerances(self) -> Array:
+        """Return the size of every generic field that is harmless, (fields,).
+
+        Together they move the points by TOLERANCE of the length, root mean square.
+        """
+        squares = sum(np.sum(block.fields.generic**2, axis=(0, 1)) for block in self.blocks)
+        rows = sum(block.fields.generic.shape[0] * block.fields.generic.shape[1] for block in self.blocks)
+        rms = np.sqrt(np.asarray(squares) / rows)
+        each = TOLERANCE * self.length / np.sqrt(rms.size)
+        return np.where(rms > 0.0, each / np.maximum(rms, 1e-300), 0.0)
+
+    def residual(self, values: Array, effects: Sequence[Effect], which: range) -> list[Array] | None:
+        """Return whitened residuals (rows,) of runs for a model; None where it has no shape.
+
+        Placement and departures are not taken off; effects come beside those of the model.
+        """
+        try:
+            arm = replace(self.point, values=values, effects=tuple(effects)).arm
+            points = self.points(arm, which)
+        except ModelError:  # a rigidity through zero
+            return None
+        if points is None:
+            return None
+        out = []
+        for place, predicted in zip(which, points, strict=True):
+            block = self.blocks[place]
+            apart = np.stack([block.run.x, block.run.y], axis=1) - predicted
+            out.append(block.white(apart.reshape(len(apart), -1, 1))[:, 0])
+        return out
+
+    def drives(self, arm: Arm, which: range) -> list[Drive]:
+        """Return what acted on an arm in runs; the noise of a reading has no past."""
+        drives = drives_of(arm, [self.calm[place] for place in which])
+        return [
+            replace(drive, pressure=drive.pressure + self.unrest[place])
+            for place, drive in zip(which, drives, strict=True)
+        ]
+
+    def points(self, arm: Arm, which: range) -> list[Array] | None:
+        """Return the measured points (frames, 2, targets) m of an arm; None where it has none."""
+        out = []
+        for place, drive in zip(which, self.drives(arm, which), strict=True):
+            block = self.blocks[place]
+            solved = block.series.solve(arm, drive)
+            lost = block.whitening.mask.any(axis=1) & ~solved
+            if lost.mean() > MOST_LOST:
+                return None
+            # A frame without equilibrium says nothing: as if the model were right there.
+            here = np.stack([block.run.x, block.run.y], axis=1)
+            out.append(np.where(lost[:, None, None], here, block.series.points))
+        return out
+
+
+def calm(run: Run) -> Run:
+    """Return a run with fewer pressure readings, each a mean of neighbors, without most noise.
+
+    A line or a play would else do good by smoothing the noise of the sensor alone. The noise of
+    the reading at each frame is put back behind them.
+    """
+    count = len(run.pressure)
+    if count < CALM:
+        return run
+    smooth = uniform_filter1d(run.pressure, CALM, mode='nearest')
+    spread = np.linspace(0, count - 1, min(count, READINGS)).astype(np.int64)
+    kept = np.union1d(spread, run.reading)
+    return replace(
+        run,
+        reading_stamp_ns=run.reading_stamp_ns[kept],
+        pressure=smooth[kept],
+        reading=np.searchsorted(kept, run.reading),
+    )
+
+
+def filter_of(columns: Array) -> tuple[Array, Array]:
+    """Return directions (rows, k) and shares (k,) that integrate columns of unit prior out."""
+    gram = columns.T @ columns
+    sizes, turned = np.linalg.eigh(gram)
+    kept = sizes > 1e-9 * max(float(sizes[-1]), 1e-300)
+    directions = columns @ (turned[:, kept] / np.sqrt(sizes[kept]))
+    return directions, 1.0 - 1.0 / np.sqrt(1.0 + sizes[kept])
