@@ -156,9 +156,11 @@ def draw_pairs(axes: Axes, names: list[str], before: list[float], after: list[fl
     axes.margins(y=0.2)
 
 
-def shapes(diagnosis: Diagnosis, held_out: Sequence[Run]) -> Picture:
-    """Measured, before and after, in a few frames in which the model is far off."""
+def shapes(diagnosis: Diagnosis, held_out: Sequence[Run]) -> Picture | None:
+    """Measured, before and after, in a few frames in which the model is far off; None without."""
     some = telling(beside(diagnosis, held_out))
+    if not some:
+        return None
     figure, axes = panels(len(some), rows=2, height=6.6)
     share = diagnosis.before.arm.target_arclength / diagnosis.before.arm.length
     floor = millimeters(diagnosis.noise_floor)
@@ -216,7 +218,10 @@ def draw_shapes(axes: Axes, item: Beside, frame: int) -> None:
     for errors, color, label in ((item.before, BEFORE, 'before'), (item.after, AFTER, 'after')):
         line = measured - millimeters(1.0) * errors[frame]
         known = np.isfinite(line[0])
-        axes.plot(line[0, known], line[1, known], color=color, linewidth=1.4, label=label)
+        marker = 'x' if np.count_nonzero(known) == 1 else ''
+        axes.plot(
+            line[0, known], line[1, known], color=color, linewidth=1.4, marker=marker, label=label
+        )
     axes.plot(
         measured[0],
         measured[1],

@@ -13,6 +13,7 @@ from pneunet_ros.shape import Array
 from pneunet_ros.units import kilopascals
 
 CLEAR = 0.01  # how often noise alone may do as much, for a share to stand out
+ALONE = 0.1  # s / l, width of the cell of a single target
 HIGHEST = 8.0  # times the noise: more is drawn alike
 WORDS: dict[Axis, tuple[str, float]] = {  # label and units shown per SI unit
     'arclength': ('arclength s / l', 1.0),
@@ -75,6 +76,8 @@ def direction_names(count: int) -> list[str]:
 
 def borders(places: Array) -> Array:
     """Return the borders of cells around places that increase, one more than those."""
+    if places.size == 1:
+        return np.array([places[0] - 0.5 * ALONE, places[0] + 0.5 * ALONE])
     middle = 0.5 * (places[1:] + places[:-1])
     first, last = 2.0 * places[0] - middle[0], 2.0 * places[-1] - middle[-1]
     return np.concatenate([[first], middle, [last]])

@@ -16,7 +16,8 @@ from pneunet_ros.diagnosis_files import diagnosis_content, MODEL, NUMBERS, PAGE,
 from pneunet_ros.diagnosis_report import diagnosis_figures, Pictures, report_page
 from pneunet_ros.diagnosis_tables import detectable_table, shift_table, sigmas, with_error
 from pneunet_ros.gap_figures import beside, gap, gap_sentence, shapes, telling
-from pneunet_ros.loop_figures import directions_of
+from pneunet_ros.loop_figures import directions_of, loops
+from pneunet_ros.where_figures import maps
 import pytest
 
 CONTRACT = {
@@ -137,7 +138,9 @@ def test_without_held_out_recordings_it_is_said(coarse):
     )
     found = replace(found, before=before, after=after, closed=None)
     assert diagnosis_content(found, PROVENANCE)['gap']['heldout'] is None
-    pictures = Pictures(gap=(gap(found), shapes(found, ())), where=(), evidence=(), hidden=())
+    drawn = shapes(found, ())
+    assert drawn is not None
+    pictures = Pictures(gap=(gap(found), drawn), where=(), evidence=(), hidden=())
     text = report_page(found, pictures, PROVENANCE)
     assert 'No recording was held out' in text
     assert 'Frames of training recordings' in text
@@ -168,6 +171,34 @@ def test_telling_frames_are_where_the_model_is_furthest_off():
     assert frames[0] == (worst, int(np.argmax(worst.size)))
     assert {item.run.name for item, _ in frames} == {run.name for run in held_out}
     assert len({(item.run.name, frame) for item, frame in frames}) == 4
+
+
+def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
+    """Tip only: maps of one column, a point for a shape; a model that solves nothing."""
+    found, held_out = diagnosis()
+
+    def tip(side):
+        scores = tuple(replace(item, error=item.error[:, :, -1:]) for item in side.held_out_scores)
+        arm = replace(side.arm, target_arclength=side.arm.target_arclength[-1:])
+        return replace(side, arm=arm, held_out_scores=scores)
+
+    runs = [replace(run, x=run.x[:, -1:], y=run.y[:, -1:]) for run in held_out]
+    some = tuple(
+        replace(item, arclength=item.arclength[-1:], before=item.before[:, -1:],
+                after=item.after[:, -1:])
+        for item in found.heat_maps
+    )  # fmt: skip
+    alone = replace(found, before=tip(found.before), after=tip(found.after), heat_maps=some)
+    assert shapes(alone, runs) is not None
+    assert maps(alone).png
+    assert loops(alone) is None
+    empty = tuple(
+        replace(item, error=np.full_like(item.error, np.nan), rms=math.nan)
+        for item in found.before.held_out_scores
+    )
+    lost = replace(found, before=replace(found.before, held_out_scores=empty))
+    assert shapes(lost, held_out) is None
+    assert gap(lost).png
 
 
 def test_what_moved_most_stands_first():
