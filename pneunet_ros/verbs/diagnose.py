@@ -15,6 +15,7 @@ from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis_files import REPLACEABLE, write_diagnosis
 from pneunet_ros.errors import RequestError
 from pneunet_ros.executor import executor_of
+from pneunet_ros.figure_data import Each
 from pneunet_ros.model_file import load_model, model_hash
 from pneunet_ros.output import atomic_output
 from pneunet_ros.verbs.calibrate import read_all
@@ -33,7 +34,7 @@ from pneunet_ros.verbs.verb import (
     SENSOR_SETTINGS,
     Verb,
 )
-from rich.progress import Progress, TaskID
+from rich.progress import Progress
 import scipy
 
 CLEAR: tuple[Answer, ...] = ('none', 'named')  # answers that are no 'I cannot tell'
@@ -113,7 +114,7 @@ def run(arguments: Namespace) -> int:
     ):
         training, sentences = read_all(arguments.train, frame, arguments, bar)
         held_out, more = read_all(arguments.heldout, frame, arguments, bar)
-        each = Told(bar)
+        each = told(bar)
         with executor_of(scheduler=arguments.scheduler) as executor:
             found = diagnose(
                 frame, training, held_out, seed=arguments.seed, executor=executor, each=each
@@ -151,20 +152,12 @@ def check_distinct(inputs: list[dict[str, str]]) -> None:
             )
 
 
-class Told:
-    """Shows how far the stages of a diagnosis are."""
-
-    __slots__ = ('bar', 'tasks')
-
-    def __init__(self, bar: Progress) -> None:
-        self.bar = bar
-        self.tasks: dict[str, TaskID] = {}
-
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show that so much of a stage is done."""
-        if stage not in self.tasks:
-            self.tasks[stage] = self.bar.add_task(stage)
-        self.bar.update(self.tasks[stage], completed=done, total=total)
+def told(bar: Progress) -> Each:
+    """Return what shows how far a diagnosis is; a total of 0 is not known."""
+    task = bar.add_task('diagnosing', total=None)
+    return lambda stage, done, total: bar.update(
+        task, description=stage, completed=done, total=total or None
+    )
 
 
 def versions() -> dict[str, str]:
