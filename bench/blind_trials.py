@@ -49,9 +49,9 @@ def wanted(arguments: argparse.Namespace) -> list[tuple[str, int]]:
     ]
 
 
-def run(arguments: argparse.Namespace, record: Record) -> None:
-    """Do the trials that are not done yet."""
-    done = record.done()
+def run(arguments: argparse.Namespace, record: Record) -> list[str]:
+    """Do the trials that are not done yet; return a sentence for each that broke off."""
+    done, broken = record.done(), []
     left = [(block, seed) for block, seed in wanted(arguments) if f'{block}/{seed}' not in done]
     columns = TextColumn('trials'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with (
@@ -59,17 +59,24 @@ def run(arguments: argparse.Namespace, record: Record) -> None:
         Progress(*columns, console=Console(stderr=True), disable=arguments.json) as progress,
     ):
         bar = progress.add_task('trials', total=len(left))
-        futures = [
-            executor.submit(one_trial, block, seed, arguments.baselines) for block, seed in left
-        ]
+        futures = {
+            executor.submit(one_trial, block, seed, arguments.baselines): f'{block}/{seed}'
+            for block, seed in left
+        }
         try:
             for future in as_completed(futures):
-                record.add(*future.result())
+                # One that broke off is not written down, so that it is tried again next time.
+                error = future.exception()
+                if error is None:
+                    record.add(*future.result())
+                else:
+                    broken.append(f'{futures[future]} broke off: {error!r}')
                 progress.advance(bar)
         except BaseException:
             for future in futures:
                 future.cancel()
             raise
+    return broken
 
 
 def show(summary: Row) -> None:
@@ -100,8 +107,26 @@ def show(summary: Row) -> None:
         console.print(f'{hidden}: ' + ', '.join(f'{k} {v}' for k, v in answers.items()))
     for sentence in summary['failed']:
         console.print(f'failed: {sentence}')
-    for method, values in summary.get('baselines', {}).items():
-        console.print(f'{method}: {values}')
+    others = Table(title='Methods on the same trials')
+    columns = {
+        'first_right': 'right name first',
+        'both_right': 'both of two right',
+        'false_names': 'a false name',
+        'held_out_over_true': 'held-out rms / true',
+    }
+    for column in ('method', *columns.values()):
+        others.add_column(column)
+    for method, values in summary['baselines'].items():
+        others.add_row(method, *(in_short(values[key]) for key in columns))
+    if others.rows:
+        console.print(others)
+
+
+def in_short(value: Row | float | None) -> str:
+    """Return a rate or a number for a table."""
+    if isinstance(value, dict):
+        return f'{value["count"]} / {value["of"]}'
+    return '' if value is None else f'{value:.3f}'
 
 
 def main() -> None:
@@ -124,7 +149,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         record = Record(arguments.output or Path(folder) / 'trials.jsonl')
         try:
-            run(arguments, record)
+            broken = run(arguments, record)
         except PneunetError as error:
             sys.exit(f'{error}')
         asked = {f'{block}/{seed}' for block, seed in wanted(arguments)}
@@ -134,6 +159,9 @@ def main() -> None:
         sys.stdout.write(json_text({'bench': 'blind_trials', **summary}))
     else:
         show(summary)
+    for sentence in broken:
+        print(sentence, file=sys.stderr)
+    sys.exit(1 if broken else 0)
 
 
 if __name__ == '__main__':

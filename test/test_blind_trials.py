@@ -307,13 +307,18 @@ def test_only_what_is_not_done_is_done(tmp_path, monkeypatch):
 
     def one_trial(block, seed, baselines):
         done.append((block, seed))
+        if seed == 2 and len(done) < 5:
+            raise ValueError('lost')
         return {'key': f'{block}/{seed}'}, {'key': f'{block}/{seed}'}
 
     @contextmanager
     def here(workers, scheduler):
         def submit(function, *arguments):
             future = Future()
-            future.set_result(function(*arguments))
+            try:
+                future.set_result(function(*arguments))
+            except ValueError as error:
+                future.set_exception(error)
             return future
 
         yield SimpleNamespace(submit=submit)
@@ -321,8 +326,13 @@ def test_only_what_is_not_done_is_done(tmp_path, monkeypatch):
     monkeypatch.setattr(blind_trials, 'one_trial', one_trial)
     monkeypatch.setattr(blind_trials, 'executor_of', here)
     blind_trials.run(asked(trials=1), Record(tmp_path / 'a.jsonl'))
-    blind_trials.run(asked(), Record(tmp_path / 'a.jsonl'))
+    broken = blind_trials.run(asked(), Record(tmp_path / 'a.jsonl'))
     assert done == [('nothing', 1), ('pairs', 1), ('nothing', 2), ('pairs', 2)]
+    assert sorted(broken) == [f"{name}/2 broke off: ValueError('lost')" for name in asked().block]
+    assert blind_trials.run(asked(), Record(tmp_path / 'a.jsonl')) == []
+    assert done[4:] == [('nothing', 2), ('pairs', 2)]
+    assert blind_trials.run(asked(), Record(tmp_path / 'a.jsonl')) == []
+    assert len(done) == 6
 
 
 def test_seeds_of_development_and_of_scoring_never_meet():
