@@ -82,7 +82,10 @@ def run(arguments: argparse.Namespace, record: Record) -> list[str]:
 def show(summary: Row) -> None:
     """Print for people."""
     console = Console()
-    table = Table(title=f'{summary["trials"]} blind trials, {summary["seconds"]:.1f} s each')
+    if not summary['trials']:
+        return
+    console.print(f'{summary["trials"]} blind trials, {summary["seconds"]:.1f} s each')
+    table = Table()
     for column in ('what', 'reached', '95 % interval', 'of', 'wanted'):
         table.add_column(column)
     for block, key, what, target in TARGETS:
