@@ -154,6 +154,9 @@ class Posterior:
         if run.loaded:
             moment_std = self.noise.moment_std if np.any(run.moment != 0.0) else 0.0
             stds = self.noise.force_std, self.noise.force_std, moment_std
+            # A reading of exactly zero is no reading: nothing is attached in that frame.
+            attached = np.any(run.force != 0.0, axis=1) | (run.moment != 0.0)
+            points = points * attached[:, None, None]
             columns += [std * points[:, load] for load, std in enumerate(stds) if std > 0.0]
         between = np.zeros((2, *columns[0].shape))
         half = columns[0].shape[1] // 2

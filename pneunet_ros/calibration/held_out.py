@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.arm import Arm
-from pneunet_ros.calibration.drive import drives_of
+from pneunet_ros.calibration.drive import Drive, drives_of
 from pneunet_ros.calibration.response import Series
 from pneunet_ros.run import Run
 from pneunet_ros.shape import Array
@@ -27,9 +27,10 @@ class Score:
     error: Array
 
 
-def score(arm: Arm, run: Run) -> Score:
-    """Predict a run from its readings and compare."""
-    series, (drive,) = Series(arm.target_arclength), drives_of(arm, [run])
+def score(arm: Arm, run: Run, drive: Drive | None = None) -> Score:
+    """Predict a run from its readings and compare; drive: what acted, where it has a past."""
+    series = Series(arm.target_arclength)
+    drive = drives_of(arm, [run])[0] if drive is None else drive
     solved = series.solve(arm, drive)
     error = np.stack([run.x, run.y], axis=1) - series.points
     error = np.where(solved[:, None, None], error, np.nan)

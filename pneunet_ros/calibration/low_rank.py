@@ -12,17 +12,17 @@ FRAMES = 24  # of every run, spread over it
 DIGITS = 6
 
 
-def low_rank(fit: Fit) -> tuple[ModelCovariance, float]:
+def low_rank(fit: Fit, most: int = MOST_COLUMNS) -> tuple[ModelCovariance, float]:
     """Return the covariance of the model's numbers, and its share of the shape's variance.
 
     Of the factor Q of the full covariance those directions are kept in which the targets of the
-    fitted frames move most, enlarged so that the variance in total is that of all.
+    fitted frames move most, `most` of them, enlarged so that the variance in total is that of all.
     """
     factor = np.linalg.cholesky(fit.covariance + 1e-12 * np.diag(np.diag(fit.covariance)))
     moved = np.concatenate([answers(fit, which) for which in range(len(fit.runs))]) @ factor
     _, sizes, turned = np.linalg.svd(moved, full_matrices=False)
-    share = float(np.sum(sizes[:MOST_COLUMNS] ** 2) / np.sum(sizes**2))
-    columns = factor @ turned[:MOST_COLUMNS].T / np.sqrt(share)
+    share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))
+    columns = factor @ turned[:most].T / np.sqrt(share)
     names, change = fit.unknowns.quantities()
     rounded = np.array(
         [[float(f'{value:.{DIGITS}g}') for value in row] for row in change @ columns]

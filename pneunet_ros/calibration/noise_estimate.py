@@ -24,6 +24,7 @@ BLOCKS = 8  # of a run, whose means show the drift of the camera
 SMOOTH_DEGREE = 6  # polynomial in arclength that a straight arm follows
 FEWEST_TARGETS = 12  # for a placement
 STRAIGHTEST = 0.1  # share of the unloaded frames
+MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
 SMALLEST = 1e-9  # of a standard deviation that was found
 
 
@@ -155,7 +156,9 @@ def camera(
     if not walked:
         return None, None
     # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block.
-    excess = float(np.mean(walked)) - float(np.mean(own))
+    # The median of both coordinates' squares, so that a base that slips once is no drift.
+    steps = np.concatenate([item.sum(axis=1) for item in walked])
+    excess = 0.5 * float(np.median(steps)) / MEDIAN_OF_TWO - float(np.mean(own))
     drift = float(np.sqrt(max(excess, 0.0) * 1.5 * BLOCKS))
     if len(places) < 3:
         return None, drift

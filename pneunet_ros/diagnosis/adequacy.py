@@ -66,9 +66,13 @@ def groups_of(design: Design, linear: Linear, seed: int) -> tuple[Group, ...]:
         if not runs:
             continue
         generic = [design.blocks[which].fields.generic * design.tolerance for which in runs]
-        found.append(group(f'{label}: smooth fields', design, linear, runs, generic, disturbed, random))
+        found.append(
+            group(f'{label}: smooth fields', design, linear, runs, generic, disturbed, random)
+        )
         single = [design.blocks[which].fields.single * SINGLE_FIELD for which in runs]
-        found.append(group(f'{label}: single targets', design, linear, runs, single, disturbed, random))
+        found.append(
+            group(f'{label}: single targets', design, linear, runs, single, disturbed, random)
+        )
         apart = []
         for which in runs:
             fields = design.blocks[which].fields.windows.copy()

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.refit import Refit, Refitting
+from pneunet_ros.diagnosis.refit import Refit
+from pneunet_ros.effects.effect import Effect
 from pneunet_ros.shape import Array
 
 SMALLEST_STEP, LARGEST_STEP = 0.3, 3.0  # from where an effect with a history was tried
@@ -34,21 +35,25 @@ class Candidate:
 def candidates(refit: Refit, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
     """Try every hypothesis beside the effects of a refit, the most promising first."""
     own = [item for item in hypotheses if item.name not in refit.names]
-    found = [candidate(refit, item) for item in own]
+    here = residuals(refit, refit.effects)
+    if here is None:
+        return []
+    found = [candidate(refit, item, here) for item in own]
     return sorted((item for item in found if item is not None), key=lambda item: -item.gain)
 
 
-def candidate(refit: Refit, hypothesis: Hypothesis) -> Candidate | None:
-    """Try one; None where the arm has no shape with it."""
-    trial = Refitting(refit.design, (*refit.hypotheses, hypothesis))
-    base = refit.base
+def residuals(refit: Refit, effects: Sequence[Effect]) -> list[Array] | None:
+    """Return residuals (rows,) per training run with these effects, all else as refitted."""
+    design = refit.design
+    return design.residual(refit.point.values, effects, range(design.training))
+
+
+def candidate(refit: Refit, hypothesis: Hypothesis, here: list[Array]) -> Candidate | None:
+    """Try one; None where the arm has no shape with it. here: residuals without it."""
     best = None
     for which, numbers in hypothesis.starts():
-        without = numbers.copy()
-        without[which] = 0.0
-        here = trial.residuals(base, np.concatenate([refit.numbers, without]))
-        there = trial.residuals(base, np.concatenate([refit.numbers, numbers]))
-        if here is None or there is None:
+        there = residuals(refit, (*refit.effects, hypothesis.effect(numbers)))
+        if there is None:
             continue
         direction = tuple(a - b for a, b in zip(here, there, strict=True))
         columns = [item[:, None] for item in direction]

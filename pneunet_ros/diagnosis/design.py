@@ -17,7 +17,7 @@ from pneunet_ros.calibration.fit import Posterior
 from pneunet_ros.calibration.response import Series, THETA
 from pneunet_ros.calibration.unknowns import Unknowns
 from pneunet_ros.calibration.whitening import Whitening
-from pneunet_ros.diagnosis.generic_field import fields_of, Fields, Surroundings
+from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Surroundings
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.errors import ModelError
 from pneunet_ros.noise import SensorNoise
@@ -89,14 +89,25 @@ class Point:
     def with_effects(self) -> Unknowns:
         """Return the unknowns of an arm that has the effects, too."""
         frame = self.unknowns.frame
-        return replace(self.unknowns, frame=replace(frame, effects=(*frame.effects, *self.effects)))
+        return replace(
+            self.unknowns, frame=replace(frame, effects=(*frame.effects, *self.effects))
+        )
 
 
 class Design:
     """All runs around one point. `training` says how many of the runs, the first, are to fit."""
 
-    def __init__(self, point: Point, runs: Sequence[Run], training: int, noise: SensorNoise) -> None:
+    def __init__(
+        self,
+        point: Point,
+        runs: Sequence[Run],
+        training: int,
+        noise: SensorNoise,
+        acted: dict[tuple[Effect, ...], list[Drive]] | None = None,
+    ) -> None:
         self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
+        # What acted does not depend on the base model: one table for all points.
+        self.acted = {} if acted is None else acted
         self.calm = [calm(run) for run in self.runs]
         pairs = zip(self.runs, self.calm, strict=True)
         self.unrest = [run.frame_pressure - quiet.frame_pressure for run, quiet in pairs]
@@ -111,17 +122,24 @@ class Design:
         self.scale = posterior.scale[:shared, :shared]
         self.mean = posterior.mean[:shared]
         self.position = np.linalg.solve(self.scale, values[:shared] - self.mean)
-        drives = self.drives(arm, range(len(self.runs)))
+        drives = self.drives(arm)
         around = Surroundings.of(arm, self.runs, drives)
         self.blocks = [
             self.block(posterior, which, arm, drive, values, around)
             for which, drive in enumerate(drives)
         ]
         self.tolerance = self.tolerances()
+        self.fixed = [
+            np.concatenate(
+                [block.base, block.white(block.fields.generic * self.tolerance)], axis=1
+            )
+            for block in self.blocks
+        ]
+        self.grams = [item.T @ item for item in self.fixed]
 
     def at(self, point: Point) -> Design:
         """Return the same runs around another point."""
-        return Design(point, self.runs, self.training, self.noise)
+        return Design(point, self.runs, self.training, self.noise, self.acted)
 
     def block(
         self,
@@ -143,8 +161,13 @@ class Design:
         scale = posterior.scale
         white = whitening(jacobian).reshape(-1, jacobian.shape[2])
         first = white[:, :size] @ scale[:size, :size]
-        placed = white[:, size : size + 2 * targets] @ scale[np.ix_(own, own)][: 2 * targets, : 2 * targets]
-        path = white[:, size + 2 * targets :] @ scale[np.ix_(own, own)][2 * targets :, 2 * targets :]
+        placed = (
+            white[:, size : size + 2 * targets]
+            @ scale[np.ix_(own, own)][: 2 * targets, : 2 * targets]
+        )
+        path = (
+            white[:, size + 2 * targets :] @ scale[np.ix_(own, own)][2 * targets :, 2 * targets :]
+        )
         directions, shrink = filter_of(path)
         unknowns = self.point.unknowns
         knots = jacobian[:, :, : unknowns.cells]
@@ -169,12 +192,16 @@ class Design:
         Together they move the points by TOLERANCE of the length, root mean square.
         """
         squares = sum(np.sum(block.fields.generic**2, axis=(0, 1)) for block in self.blocks)
-        rows = sum(block.fields.generic.shape[0] * block.fields.generic.shape[1] for block in self.blocks)
+        rows = sum(
+            block.fields.generic.shape[0] * block.fields.generic.shape[1] for block in self.blocks
+        )
         rms = np.sqrt(np.asarray(squares) / rows)
         each = TOLERANCE * self.length / np.sqrt(rms.size)
         return np.where(rms > 0.0, each / np.maximum(rms, 1e-300), 0.0)
 
-    def residual(self, values: Array, effects: Sequence[Effect], which: range) -> list[Array] | None:
+    def residual(
+        self, values: Array, effects: Sequence[Effect], which: range
+    ) -> list[Array] | None:
         """Return whitened residuals (rows,) of runs for a model; None where it has no shape.
 
         Placement and departures are not taken off; effects come beside those of the model.
@@ -193,18 +220,23 @@ class Design:
             out.append(block.white(apart.reshape(len(apart), -1, 1))[:, 0])
         return out
 
-    def drives(self, arm: Arm, which: range) -> list[Drive]:
-        """Return what acted on an arm in runs; the noise of a reading has no past."""
-        drives = drives_of(arm, [self.calm[place] for place in which])
-        return [
-            replace(drive, pressure=drive.pressure + self.unrest[place])
-            for place, drive in zip(which, drives, strict=True)
-        ]
+    def drives(self, arm: Arm) -> list[Drive]:
+        """Return what acted on an arm in all runs; the noise of a reading has no past."""
+        key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting))
+        if key not in self.acted:
+            drives = drives_of(arm, self.calm)
+            self.acted[key] = [
+                replace(drive, pressure=drive.pressure + more)
+                for drive, more in zip(drives, self.unrest, strict=True)
+            ]
+        return self.acted[key]
 
     def points(self, arm: Arm, which: range) -> list[Array] | None:
         """Return the measured points (frames, 2, targets) m of an arm; None where it has none."""
         out = []
-        for place, drive in zip(which, self.drives(arm, which), strict=True):
+        drives = self.drives(arm)
+        for place in which:
+            drive = drives[place]
             block = self.blocks[place]
             solved = block.series.solve(arm, drive)
             lost = block.whitening.mask.any(axis=1) & ~solved

@@ -84,7 +84,9 @@ class Hypothesis:
         """Whether it is another pressure scale alone: kappa_p0(p), fitted anew, takes that up."""
         if self.kind.sense is Effect.sense:
             return False
-        sensed = self.effect(self.starts()[0][1]).sense(Load(pressure=1e4, force_x=1.0, force_y=1.0))
+        sensed = self.effect(self.starts()[0][1]).sense(
+            Load(pressure=1e4, force_x=1.0, force_y=1.0)
+        )
         return sensed.pressure != 1e4
 
     def effect(self, numbers: Array) -> Effect:

@@ -84,8 +84,10 @@ class Linear:
         """Return left^T V^-1 right for columns per run."""
         plain = sum(a.T @ b for a, b in zip(left, right, strict=True))
         over = sum(x.T @ a for x, a in zip(self.columns, left, strict=True))
-        other = over if right is left else sum(
-            x.T @ b for x, b in zip(self.columns, right, strict=True)
+        other = (
+            over
+            if right is left
+            else sum(x.T @ b for x, b in zip(self.columns, right, strict=True))
         )
         value: Array = plain - np.asarray(over).T @ cho_solve(self.factor, np.asarray(other))
         return value
@@ -100,7 +102,9 @@ class Linear:
         """Log of the probability of the runs, or of all but one, up to a constant of them all."""
         kept = [which for which in range(len(self.grams)) if which != without]
         size = self.position.size
-        precision = np.eye(size) + sum((self.grams[which] for which in kept), np.zeros((size,) * 2))
+        precision = np.eye(size) + sum(
+            (self.grams[which] for which in kept), np.zeros((size,) * 2)
+        )
         pull = sum((self.pulls[which] for which in kept), np.zeros(size)) - self.position
         lower, _ = factor = cho_factor(precision, lower=True)
         whole = sum(self.squares[which] for which in kept) + float(self.position @ self.position)

@@ -83,11 +83,8 @@ class Refitting:
     ) -> None:
         self.design, self.hypotheses = design, tuple(hypotheses)
         self.which = range(design.training if runs is None else runs)
-        self.fixed = [
-            np.concatenate([block.base, block.white(block.fields.generic * design.tolerance)], axis=1)
-            for block in design.blocks[: self.which.stop]
-        ]
-        self.grams = [item.T @ item for item in self.fixed]
+        self.fixed = design.fixed[: self.which.stop]
+        self.grams = design.grams[: self.which.stop]
         self.mean = np.concatenate([item.mean for item in hypotheses] or [np.zeros(0)])
         std = np.concatenate([item.std for item in hypotheses] or [np.zeros(0)])
         self.width = PRIOR_WIDTHS * std
@@ -112,7 +109,10 @@ class Refitting:
                 return None
             for run, values in enumerate(beside):
                 columns[run].append((at[run] - values) / (moved[place] - numbers[place]))
-        return [np.column_stack(item) if item else np.zeros((rest.size, 0)) for item, rest in zip(columns, at, strict=True)]
+        return [
+            np.column_stack(item) if item else np.zeros((rest.size, 0))
+            for item, rest in zip(columns, at, strict=True)
+        ]
 
     def linear(self, scaled: Array, numbers: Array, at: list[Array]) -> Linear | None:
         """Return the linear problem here."""
@@ -216,7 +216,9 @@ class Refitting:
         return None
 
 
-def refit(design: Design, hypotheses: Sequence[Hypothesis], numbers: Array, rounds: int) -> Refit | None:
+def refit(
+    design: Design, hypotheses: Sequence[Hypothesis], numbers: Array, rounds: int
+) -> Refit | None:
     """Fit jointly, with the answer of the base model taken anew so many times at most."""
     found = Refitting(design, hypotheses).search(numbers)
     for _ in range(rounds):

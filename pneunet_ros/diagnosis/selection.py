@@ -1,4 +1,4 @@
-"""Which effects are missing: shortlist by score, joint refits, evidence, forward, then backward."""
+"""Which effects are missing: scores, joint refits, evidence; forward, then backward."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from pneunet_ros.diagnosis.adequacy import Group, groups_of
 from pneunet_ros.diagnosis.candidates import Candidate, candidates
 from pneunet_ros.diagnosis.design import Design
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.refit import Refit, refit, Refitting
+from pneunet_ros.diagnosis.linear import Linear
+from pneunet_ros.diagnosis.refit import Refit, refit, Refitting, split
+from pneunet_ros.errors import ModelError
 
 MOST_EFFECTS = 3
 SHORTLIST = 5  # hypotheses that are refitted, in order of their score
@@ -18,6 +20,8 @@ FINALISTS = 3  # of these, refitted to the end
 NEAR = 0.3  # of the best improvement, what a finalist must reach after its first round
 ROUNDS = 5
 LEAST_EVIDENCE = 3.0  # log probability of recordings predicted from the others
+PLAUSIBLE = 4.0  # standard deviations of the prior: twice its range
+LAW_EVIDENCE = 0.02  # of the evidence: less does not tell two laws apart; invented
 LEAST_GAIN = 16.0  # of chi squared: four standard deviations
 LEVEL = 0.002  # of a false alarm of the omnibus tests together
 LAW_ERROR = 0.05  # of what an effect explains: no law is better than this; invented
@@ -29,10 +33,12 @@ Each = Callable[[str, int, int], None]
 class Trial:
     """Effects that were fitted jointly: evidence over the base, and what is left beside them.
 
-    evidence in log probability; gain in chi squared; groups: the omnibus tests.
+    evidence in log probability; gain in chi squared; whole: the linear problem of all recordings,
+    held-out ones too; groups: the omnibus tests on it.
     """
 
     refit: Refit
+    whole: Linear
     evidence: float
     gain: float
     groups: tuple[Group, ...]
@@ -42,6 +48,15 @@ class Trial:
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
         return self.refit.names
+
+    @property
+    def plausible(self) -> bool:
+        """Whether no size is far beyond its prior range."""
+        parts = split(self.refit.hypotheses, self.refit.numbers) if self.names else []
+        return all(
+            bool(np.all(np.abs(numbers - item.mean) <= PLAUSIBLE * item.std))
+            for item, numbers in zip(self.refit.hypotheses, parts, strict=True)
+        )
 
 
 @dataclass(slots=True, kw_only=True)
@@ -62,9 +77,15 @@ class Selection:
         if found is None:
             raise AssertionError('the base model has shapes where it was fitted')
         self.design = found.design
-        groups = tested(found, self.seed)
+        whole = wholly(found)
+        groups = groups_of(found.design, whole, self.seed)
         trial = Trial(
-            refit=found, evidence=0.0, gain=0.0, groups=groups, adequate=clean(groups, ())
+            refit=found,
+            whole=whole,
+            evidence=0.0,
+            gain=0.0,
+            groups=groups,
+            adequate=clean(groups, ()),
         )
         self.tried[frozenset()] = trial
         return trial
@@ -116,8 +137,12 @@ class Selection:
             if item.evidence > trial.evidence + LEAST_EVIDENCE
             and item.gain > trial.gain + LEAST_GAIN
         ]
-        adequate = [item for item in better if item.adequate]
-        return max(adequate or better, key=lambda item: item.evidence, default=None)
+        likely = [item for item in better if item.plausible]
+        adequate = [item for item in likely if item.adequate]
+        chosen = adequate or [item for item in better if item.adequate] or likely or better
+        most = max((item.evidence for item in chosen), default=0.0)
+        alike = [item for item in chosen if item.evidence >= most - margin(most)]
+        return min(alike, key=lambda item: (item.refit.numbers.size, -item.evidence), default=None)
 
     def finalists(self, trial: Trial, following: Sequence[Candidate]) -> list[Trial]:
         """Refit once with each candidate, and those that come near the best to the end."""
@@ -154,9 +179,11 @@ class Selection:
         found = refit(first.design.at(first.point), first.hypotheses, first.numbers, ROUNDS)
         found = first if found is None or found.cost > first.cost else found
         base = self.tried[frozenset()]
-        groups = tested(found, self.seed)
+        whole = wholly(found)
+        groups = groups_of(found.design, whole, self.seed)
         trial = Trial(
             refit=found,
+            whole=whole,
             evidence=found.linear.evidence() - base.refit.linear.evidence(),
             gain=2.0 * (base.refit.cost - found.cost),
             groups=groups,
@@ -193,19 +220,27 @@ class Selection:
         return self.tried[key]
 
 
-def tested(found: Refit, seed: int) -> tuple[Group, ...]:
-    """Test all recordings, held-out ones too, for what is left beside a refit."""
+def margin(evidence: float) -> float:
+    """Return by how much evidence must differ to count; no law of an effect is exact."""
+    return max(LEAST_EVIDENCE, LAW_EVIDENCE * evidence)
+
+
+def wholly(found: Refit) -> Linear:
+    """Return the linear problem of all recordings at a refit, its fit to the training ones kept.
+
+    Of a held-out recording nothing is fitted but what every recording has of its own.
+    """
     design = found.design
-    whole = Refitting(design, found.hypotheses, len(design.blocks))
-    at = whole.residuals(found.base, found.numbers)
-    linear = None if at is None else whole.linear(found.base, found.numbers, at)
-    return () if linear is None else groups_of(design, linear, seed)
+    search = Refitting(design, found.hypotheses, len(design.blocks))
+    at = search.residuals(found.base, found.numbers)
+    linear = None if at is None else search.linear(found.base, found.numbers, at)
+    if linear is None:
+        raise ModelError('a held-out recording has no shape with the model of the training ones')
+    return linear
 
 
 def clean(groups: Sequence[Group], before: Sequence[Group]) -> bool:
     """Whether nothing is left but what clean data have, or what a law of an effect may miss."""
     allowed = LAW_ERROR * max((item.excess for item in before), default=0.0)
     level = LEVEL / max(len(groups), 1)
-    return bool(groups) and all(
-        item.p_value > level or item.excess < allowed for item in groups
-    )
+    return bool(groups) and all(item.p_value > level or item.excess < allowed for item in groups)

@@ -11,7 +11,8 @@ from pneunet_ros.lab.lab_effect import Course, LabEffect, Past
 from pneunet_ros.shape import freeze
 from pneunet_ros.units import quantity
 
-RECOVERY_TIME = 120.0  # s, in which a rich Mullins effect is forgotten
+RECOVERY_TIME = 120.0  # s, in which a part of a rich Mullins effect is forgotten
+RECOVERING = 0.2  # that part; invented, in real rubber it is small at room temperature
 # Share of the arm's largest pressure over which a softened arm comes back to its virgin curve:
 # hardly any by the plain law, and more by a rich one.
 REJOINING, RICH_REJOINING = 0.002, 0.02
@@ -74,7 +75,7 @@ class LabCreep(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabSoftening(LabEffect):
-    """Mullins: softer below the largest pressure ever; rich: it recovers, within minutes."""
+    """Mullins: softer below the largest pressure ever; rich: a part recovers within minutes."""
 
     name: ClassVar[str] = 'softening'
     loss: float = quantity(0.0, unit='-', bounds=(0.0, 0.9))
@@ -82,11 +83,14 @@ class LabSoftening(LabEffect):
     def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
         """Scale the rigidity."""
         top = course.arm.pressure_range[1]
-        start = past[0] if past else float(course.chamber[0])
-        forgetting = self.richness / RECOVERY_TIME
-        largest = largest_so_far(course.time, course.chamber, start, forgetting)
+        rest = float(course.chamber[0])
+        start, later = past if past else (rest, rest)
+        ever = largest_so_far(course.time, course.chamber, start, 0.0)
+        lately = largest_so_far(course.time, course.chamber, later, 1.0 / RECOVERY_TIME)
+        recovering = RECOVERING * self.richness
+        largest = freeze((1.0 - recovering) * ever + recovering * lately)
         rejoining = REJOINING + RICH_REJOINING * self.richness
         below = (largest - course.chamber) / (rejoining * top)
         lost = self.loss * largest / top * (1.0 - np.exp(-below))
         factor = freeze(course.rigidity_factor * (1.0 - lost))
-        return replace(course, rigidity_factor=factor), (float(largest[-1]),)
+        return replace(course, rigidity_factor=factor), (float(ever[-1]), float(lately[-1]))

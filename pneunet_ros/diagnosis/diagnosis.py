@@ -1,0 +1,240 @@
+"""Find what a model lacks: detect, localize, name, test, and show the gap before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.arm import Arm
+from pneunet_ros.calibration.fitted import Fit
+from pneunet_ros.diagnosis.adequacy import Group
+from pneunet_ros.diagnosis.answer import Adequacy, Answer, Diagnosis, Evidence, Side
+from pneunet_ros.diagnosis.augmented import augmented, fitted, named, shifts
+from pneunet_ros.diagnosis.base import Each, FRAMES, refitted
+from pneunet_ros.diagnosis.candidates import Candidate
+from pneunet_ros.diagnosis.design import Design, Point
+from pneunet_ros.diagnosis.gap import closed, misfit, noise_floor, scores
+from pneunet_ros.diagnosis.hypothesis import hypotheses
+from pneunet_ros.diagnosis.localization import frames_of, heat_maps, sentence_of, shares
+from pneunet_ros.diagnosis.proposal import proposal
+from pneunet_ros.diagnosis.selection import LEVEL, margin, Selection, Trial
+from pneunet_ros.diagnosis.separability import cosines, detectable
+from pneunet_ros.run import Run
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """The answer, with what cannot be told from it and how probable each effect is."""
+
+    answer: Answer
+    trial: Trial
+    alternatives: tuple[str, ...]
+    probability: Mapping[str, float]
+
+
+def diagnose(
+    frame: Arm,
+    training: Sequence[Run],
+    held_out: Sequence[Run],
+    *,
+    seed: int = 0,
+    each: Each = lambda what, done, total: None,
+) -> Diagnosis:
+    """Diagnose a model by recordings; `frame` has the effects that are known already.
+
+    The base model is refitted to the training recordings together with every hypothesis; held-out
+    ones are used for scores and tests only. Raises RequestError and RecordingError where the
+    recordings are not fit for it.
+    """
+    base = refitted(frame, training, each)
+    runs = [item.run for item in base.fit.runs]
+    point = Point(unknowns=base.fit.unknowns, values=base.fit.values, placement=base.fit.placement)
+    whole = (*runs, *(run.thinned(FRAMES) for run in held_out))
+    design = Design(point, whole, len(runs), base.noise.noise)
+    known = tuple(effect.name for effect in base.frame.effects)
+    asked = hypotheses(without=known)
+    selection = Selection(
+        design=design,
+        hypotheses=tuple(item for item in asked if not item.relabels),
+        seed=seed,
+        each=each,
+    )
+    first = selection.base()
+    best = selection.forward()
+    found = selection.following(first)
+    visible = detectable(asked, found)
+    alike = cosines(first.refit.linear, found)
+    some = any(item.observable for item in visible.values())
+    verdict = judged(selection, first, best, some)
+    each('the gap', 0, 0)
+    after = verdict.trial
+    before_fit = fitted(first.refit)
+    after_fit = before_fit if after is first else fitted(after.refit)
+    sides = [
+        side(trial, fit, training, held_out)
+        for trial, fit in ((first, before_fit), (after, after_fit))
+    ]
+    frames = [frames_of(item.refit.design, item.refit.linear) for item in (first, after)]
+    design = first.refit.design
+    shown = range(design.training, len(design.blocks)) if held_out else range(design.training)
+    floor = noise_floor(design, shown)
+    gaps = [item.held_out or item.training for item in sides]
+    wished = [item for item in found if not visible[item.hypothesis.name].observable]
+    if verdict.alternatives:
+        names = (*after.names, *verdict.alternatives)
+        wished = [item for item in found if item.hypothesis.name in names]
+    advice = proposal(first.refit, wished, wished if verdict.alternatives else ())
+    effects = named(after.refit, verdict.probability)
+    return Diagnosis(
+        answer=verdict.answer,
+        sentence=sentence(verdict, gaps[0].rms, gaps[1].rms),
+        effects=effects,
+        alternatives=verdict.alternatives,
+        where=shares(frames[0]),
+        where_sentence=sentence_of(frames[0]),
+        heat_maps=heat_maps(*frames),
+        before=sides[0],
+        after=sides[1],
+        noise_floor=floor,
+        closed=None if first.adequate else closed(gaps[0].rms, gaps[1].rms, floor),
+        adequacy_before=adequacy(first.groups),
+        adequacy_after=adequacy(after.groups),
+        detectable=visible,
+        shift={} if after is first else shifts(before_fit, after_fit),
+        evidence=evidence(selection, found),
+        cosines=alike,
+        proposal=advice,
+        notes=notes(first, best, verdict),
+        seed=seed,
+    )
+
+
+def judged(selection: Selection, first: Trial, best: Trial, some: bool) -> Verdict:
+    """Decide on the answer; some: an effect could have been seen at all."""
+    nothing = Verdict(answer='none', trial=first, alternatives=(), probability={})
+    if not best.names:
+        if not first.adequate:
+            return Verdict(answer='unknown', trial=first, alternatives=(), probability={})
+        if some:
+            return nothing
+        return Verdict(answer='unobservable', trial=first, alternatives=(), probability={})
+    if not best.adequate:
+        return Verdict(answer='unknown', trial=first, alternatives=(), probability={})
+    rivals = [
+        trial
+        for trial in selection.tried.values()
+        if trial.adequate
+        and trial.plausible
+        and trial is not best
+        and trial.refit.numbers.size <= best.refit.numbers.size
+        and trial.evidence > best.evidence - margin(best.evidence)
+    ]
+    others = sorted({name for trial in rivals for name in trial.names} - set(best.names))
+    return Verdict(
+        answer='inseparable' if others else 'named',
+        trial=best,
+        alternatives=tuple(others),
+        probability=probabilities(selection),
+    )
+
+
+def probabilities(selection: Selection) -> dict[str, float]:
+    """Return how probable it is that each effect is missing, over all sets that were tried."""
+    trials = list(selection.tried.values())
+    logs = np.array([item.evidence for item in trials])
+    weight = np.exp(logs - logs.max())
+    weight /= weight.sum()
+    names = sorted({name for item in trials for name in item.names})
+    return {
+        name: float(sum(w for w, item in zip(weight, trials, strict=True) if name in item.names))
+        for name in names
+    }
+
+
+def side(trial: Trial, fit: Fit, training: Sequence[Run], held_out: Sequence[Run]) -> Side:
+    """Return a model beside all recordings."""
+    arm = augmented(trial.refit, fit)
+    every = scores(arm, [*training, *held_out])
+    first, rest = every[: len(training)], every[len(training) :]
+    design, linear = trial.refit.design, trial.whole
+    runs = range(design.training), range(design.training, len(design.blocks))
+    return Side(
+        arm=arm,
+        fit=fit,
+        training=misfit(first, linear, runs[0], design),
+        held_out=misfit(rest, linear, runs[1], design) if rest else None,
+        training_scores=first,
+        held_out_scores=rest,
+    )
+
+
+def adequacy(groups: Sequence[Group]) -> Adequacy:
+    """Return the test of the worst of the groups, at the level of all of them together."""
+    worst = min(groups, key=lambda item: item.p_value)
+    return Adequacy(
+        statistic=worst.statistic,
+        threshold=worst.threshold(LEVEL / len(groups)),
+        p_value=min(1.0, worst.p_value * len(groups)),
+    )
+
+
+def evidence(selection: Selection, found: Sequence[Candidate]) -> tuple[Evidence, ...]:
+    """Return what was tried, the best first; effects that were not refitted by their score."""
+    trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
+    out = [
+        Evidence(
+            effects=item.names,
+            chi_squared=item.gain,
+            evidence=item.evidence,
+            adequate=item.adequate,
+        )
+        for item in trials
+        if item.names
+    ]
+    fitted_alone = {item.names[0] for item in trials if len(item.names) == 1}
+    out += [
+        Evidence(
+            effects=(item.hypothesis.name,),
+            chi_squared=item.gain,
+            evidence=float('nan'),
+            adequate=False,
+        )
+        for item in found
+        if item.hypothesis.name not in fitted_alone
+    ]
+    return tuple(out)
+
+
+def notes(first: Trial, best: Trial, verdict: Verdict) -> tuple[str, ...]:
+    """Return what else one should know."""
+    out = []
+    if verdict.answer == 'unknown' and best.names:
+        left = min(best.groups, key=lambda item: item.p_value)
+        out.append(
+            f'{" + ".join(best.names)} explains most (chi squared falls by {best.gain:.0f}), but '
+            f'something is left beside it ({left.name}): it is not what is missing, or not alone'
+        )
+    if not first.refit.converged:
+        out.append('the fit of the base model has not settled')
+    return tuple(out)
+
+
+def sentence(verdict: Verdict, before: float, after: float) -> str:
+    """Return the answer in one sentence."""
+    names = ' and '.join(verdict.trial.names)
+    gap = f'from {before * 1e3:.2f} to {after * 1e3:.2f} mm rms'
+    match verdict.answer:
+        case 'none':
+            return 'Nothing is missing that these recordings could show.'
+        case 'unobservable':
+            return 'These recordings could not have shown any effect of the library.'
+        case 'unknown':
+            return 'Something is missing, and it is no effect of the library.'
+        case 'named':
+            return f'What is missing is {names}: with it the gap falls {gap}.'
+    others = ' or '.join(verdict.alternatives)
+    return (
+        f'What is missing is {names} or {others}, which these recordings cannot tell apart: with '
+        f'it the gap falls {gap}.'
+    )

@@ -1,0 +1,171 @@
+"""Which recording to make next: the one that would tell most, tried out with the model itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.diagnosis.candidates import Candidate
+from pneunet_ros.diagnosis.design import Design
+from pneunet_ros.diagnosis.linear import Linear
+from pneunet_ros.diagnosis.refit import Refit, Refitting
+from pneunet_ros.errors import ModelError
+from pneunet_ros.run import Run
+from pneunet_ros.shape import Array
+from pneunet_ros.units import NANOSECONDS_PER_SECOND
+
+FRAMES, RATE = 60, 20.0  # of a recording that is tried out; readings per second
+USUAL_FORCE = 0.2  # N, where none was recorded so far; invented
+Corners = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Idea:
+    """A recording that could be made: corners of (s, share of pressure, F1, F2 in largest)."""
+
+    words: str
+    corners: Corners
+
+
+IDEAS = (
+    Idea(
+        words='without a load, steps of pressure up and down with holds of 8 s',
+        corners=(
+            (0, 0, 0, 0), (8, 0, 0, 0), (9, 0.4, 0, 0), (17, 0.4, 0, 0), (18, 0.9, 0, 0),
+            (26, 0.9, 0, 0), (27, 0.4, 0, 0), (35, 0.4, 0, 0), (36, 0, 0, 0), (44, 0, 0, 0),
+        ),
+    ),
+    Idea(
+        words='without a load, the same ramp in 1 s and in 15 s, up and down, with holds of 10 s',
+        corners=(
+            (0, 0.1, 0, 0), (5, 0.1, 0, 0), (6, 0.9, 0, 0), (16, 0.9, 0, 0), (17, 0.1, 0, 0),
+            (27, 0.1, 0, 0), (42, 0.9, 0, 0), (52, 0.9, 0, 0), (67, 0.1, 0, 0),
+        ),
+    ),
+    Idea(
+        words='a force along the arm at rest (E1), swept up and down at a low and a high pressure',
+        corners=(
+            (0, 0.2, 0, 0), (10, 0.2, 1, 0), (20, 0.2, 0, 0), (22, 0.8, 0, 0), (32, 0.8, 1, 0),
+            (42, 0.8, 0, 0),
+        ),
+    ),
+    Idea(
+        words='a force across the arm at rest (E2), swept both ways at a low and a high pressure',
+        corners=(
+            (0, 0.2, 0, 0), (8, 0.2, 0, 1), (24, 0.2, 0, -1), (32, 0.2, 0, 0), (34, 0.8, 0, 0),
+            (42, 0.8, 0, 1), (58, 0.8, 0, -1), (66, 0.8, 0, 0),
+        ),
+    ),
+    Idea(
+        words='a fresh arm under a constant load, ramps to half and to full pressure, each twice',
+        corners=(
+            (0, 0, 0.5, 0.5), (10, 0.5, 0.5, 0.5), (20, 0, 0.5, 0.5), (30, 0.5, 0.5, 0.5),
+            (40, 0, 0.5, 0.5), (55, 1, 0.5, 0.5), (70, 0, 0.5, 0.5), (85, 1, 0.5, 0.5),
+        ),
+    ),
+)  # fmt: skip
+
+
+def proposal(refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candidate]) -> str:
+    """Say which recording would show most of the wanted effects, beside their rivals.
+
+    Of each wanted effect counts how large, in units of what is visible, it would be at the far
+    end of its prior range. Empty where there is nothing to wish for.
+    """
+    if not wanted:
+        return ''
+    ideas, design = made(refit)
+    if design is None:
+        return ''
+    first = design.training
+    trial = Refitting(design, refit.hypotheses, len(design.blocks))
+    at = trial.residuals(refit.base, refit.numbers)
+    linear = None if at is None else trial.linear(refit.base, refit.numbers, at)
+    if linear is None or at is None:
+        return ''
+    best, words, name = 0.0, '', ''
+    for place, idea in enumerate(ideas):
+        kept = [*range(first), first + place]
+        part = Linear.of(
+            [linear.columns[which] for which in kept],
+            [linear.residuals[which] for which in kept],
+            linear.position,
+            [linear.grams[which] for which in kept],
+        )
+        for item in wanted:
+            others = [other for other in rivals if other.hypothesis.name != item.hypothesis.name]
+            shown = information(refit, design, part, kept, at, item, others)
+            if shown > best:
+                best, words, name = shown, idea.words, item.hypothesis.name
+    if not words:
+        return ''
+    return (
+        f'Record next: {words}. It would show {name} best: chi squared of {best:.0f} at the end '
+        'of its prior range.'
+    )
+
+
+def made(refit: Refit) -> tuple[tuple[Idea, ...], Design | None]:
+    """Return the ideas, and a design with a run for each behind the training runs."""
+    design = refit.design
+    training = design.runs[: design.training]
+    low, high = refit.point.arm.pressure_range
+    force = max((float(np.abs(run.force).max()) for run in training), default=0.0) or USUAL_FORCE
+    stamp = max(int(run.reading_stamp_ns[-1]) for run in training) + NANOSECONDS_PER_SECOND
+    runs = [run_of(idea, low, high, force, stamp, training[0].x.shape[1]) for idea in IDEAS]
+    try:
+        return IDEAS, Design(refit.point, (*training, *runs), len(training), design.noise)
+    except ModelError:
+        return IDEAS, None
+
+
+def run_of(idea: Idea, low: float, high: float, force: float, stamp: int, targets: int) -> Run:
+    """Return an idea as a run, its targets at zero."""
+    corners = np.array(idea.corners, dtype=np.float64)
+    time = np.arange(0.0, corners[-1, 0], 1.0 / RATE)
+    pressure = low + (high - low) * np.interp(time, corners[:, 0], corners[:, 1])
+    reading = np.linspace(0, time.size - 1, FRAMES).astype(np.int64)
+    loads = np.column_stack([np.interp(time, corners[:, 0], corners[:, i]) for i in (2, 3)])
+    stamps = stamp + np.rint(time * NANOSECONDS_PER_SECOND).astype(np.int64)
+    none = np.zeros((FRAMES, targets))
+    return Run(
+        name=idea.words,
+        reading_stamp_ns=stamps,
+        pressure=pressure,
+        stamp_ns=stamps[reading],
+        reading=reading,
+        loaded=bool(np.any(loads)),
+        force=force * loads[reading],
+        moment=np.zeros(FRAMES),
+        x=none,
+        y=none,
+    )
+
+
+def information(
+    refit: Refit,
+    design: Design,
+    linear: Linear,
+    kept: Sequence[int],
+    at: Sequence[Array],
+    item: Candidate,
+    others: Sequence[Candidate],
+) -> float:
+    """Return chi squared of an effect at the end of its prior range, beside its rivals."""
+    directions = []
+    for one in (item, *others):
+        numbers = one.tried.copy()
+        effects = (*refit.effects, one.hypothesis.effect(numbers))
+        there = design.residual(refit.point.values, effects, range(len(design.blocks)))
+        if there is None:
+            return 0.0
+        directions.append([at[which] - there[which] for which in kept])
+    columns = [np.column_stack([one[run] for one in directions]) for run in range(len(kept))]
+    inner = linear.inner(columns, columns)
+    mine = float(inner[0, 0])
+    if others:
+        mine -= float(inner[0, 1:] @ np.linalg.pinv(inner[1:, 1:]) @ inner[1:, 0])
+    coordinate = item.hypothesis.coordinates[item.which]
+    scale = 2.0 * coordinate.std / max(abs(float(item.tried[item.which])), 1e-300)
+    return max(mine, 0.0) * scale**2
