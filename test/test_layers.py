@@ -51,7 +51,10 @@ FLOORS = {
         calibration.same_arm calibration.plausible calibration.knowledge calibration.stages
         calibration.calibration
         calibration.stances calibration.views calibration.linearity calibration.sensitivity
-        diagnosis diagnosis.answer
+        diagnosis diagnosis.answer diagnosis.hypothesis diagnosis.base diagnosis.generic_field
+        diagnosis.design diagnosis.linear diagnosis.refit diagnosis.adequacy diagnosis.candidates
+        diagnosis.selection diagnosis.localization diagnosis.separability diagnosis.gap
+        diagnosis.proposal diagnosis.augmented diagnosis.diagnosis
     """,
     '3 outside': """
         executor output json_text array_file yaml_file model_file camera_file plots

@@ -7,8 +7,9 @@ themselves known from few values only.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+import zlib
 
 import numpy as np
 from pneunet_ros.diagnosis.design import Design
@@ -55,96 +56,109 @@ class Group:
         return max(self.statistic - self.mean, 0.0)
 
 
-def groups_of(design: Design, linear: Linear, seed: int) -> tuple[Group, ...]:
-    """Test all groups; linear: of all runs of the design."""
-    random = np.random.default_rng([seed, 11])
-    disturbed = [block.base[:, design.size :] for block in design.blocks]
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tested:
+    """A test before it is known what clean data reach.
+
+    disturbed: how its normal scores (freedom, n) answer to each disturbance of which the standard
+    deviation is known from few values only, and from how many.
+    """
+
+    name: str
+    statistic: float
+    freedom: int
+    disturbed: tuple[tuple[int, Array], ...]
+    seed: int
+
+
+Mapped = Callable[
+    [Callable[[Tested], tuple[float, float]], Sequence[Tested]], Iterable[tuple[float, float]]
+]
+
+
+def groups_of(
+    design: Design, linear: Linear, seed: int, mapped: Mapped = map
+) -> tuple[Group, ...]:
+    """Test all groups; linear: of all runs of the design. mapped: runs the simulations."""
     training = range(design.training)
     held_out = range(design.training, len(design.blocks))
-    found = []
+    tests = []
     for label, runs in (('training', training), ('held out', held_out)):
         if not runs:
             continue
-        generic = [design.blocks[which].fields.generic * design.tolerance for which in runs]
-        found.append(
-            group(f'{label}: smooth fields', design, linear, runs, generic, disturbed, random)
-        )
-        single = [design.blocks[which].fields.single * SINGLE_FIELD for which in runs]
-        found.append(
-            group(f'{label}: single targets', design, linear, runs, single, disturbed, random)
-        )
-        apart = []
+        blocks = [design.blocks[which] for which in runs]
+        smooth = [block.fields.generic * design.tolerance for block in blocks]
+        tests.append(test_of(f'{label}: smooth fields', design, linear, runs, smooth, seed))
+        single = [block.fields.single * SINGLE_FIELD for block in blocks]
+        tests.append(test_of(f'{label}: single targets', design, linear, runs, single, seed))
         for which in runs:
-            fields = design.blocks[which].fields.windows.copy()
+            fields = design.blocks[which].fields.windows
             rms = np.sqrt(np.mean(fields**2, axis=(0, 1)))
-            fields *= SINGLE_FIELD / np.maximum(rms, 1e-12)
+            fields = fields * (SINGLE_FIELD / np.maximum(rms, 1e-12))
             only = range(which, which + 1)
-            apart.append(group('', design, linear, only, [fields], disturbed, random))
-        found.append(
-            Group(
-                name=f'{label}: windows of time',
-                statistic=sum(item.statistic for item in apart),
-                freedom=sum(item.freedom for item in apart),
-                mean=sum(item.mean for item in apart),
-                std=float(np.sqrt(sum(item.std**2 for item in apart))) or 1.0,
+            tests.append(
+                test_of(f'{label}: windows of time', design, linear, only, [fields], seed)
             )
+    moments = mapped(clean_moments, tests)
+    groups: dict[str, Group] = {}
+    for item, (mean, variance) in zip(tests, moments, strict=True):
+        known = groups.get(item.name)
+        groups[item.name] = Group(
+            name=item.name,
+            statistic=item.statistic + (known.statistic if known else 0.0),
+            freedom=item.freedom + (known.freedom if known else 0),
+            mean=mean + (known.mean if known else 0.0),
+            std=float(np.hypot(np.sqrt(variance), known.std if known else 0.0)),
         )
-    return tuple(found)
+    return tuple(groups.values())
 
 
-def group(
-    name: str,
-    design: Design,
-    linear: Linear,
-    runs: range,
-    fields: Sequence[Array],
-    disturbed: Sequence[Array],
-    random: np.random.Generator,
-) -> Group:
-    """Test one group of fields (frames, 2 targets, n) m, given for some of the runs."""
+def test_of(
+    name: str, design: Design, linear: Linear, runs: range, fields: Sequence[Array], seed: int
+) -> Tested:
+    """Set up the test of fields (frames, 2 targets, n) m, given for some of the runs."""
     white = [design.blocks[which].white(item) for which, item in zip(runs, fields, strict=True)]
-    own = [linear.columns[which] for which in runs]
     residual = linear.best_residuals()
     score = sum(item.T @ residual[which] for which, item in zip(runs, white, strict=True))
-    across = sum(x.T @ item for x, item in zip(own, white, strict=True))
+    across = sum(linear.columns[which].T @ item for which, item in zip(runs, white, strict=True))
     solved = linear.solved(np.asarray(across))
     covariance = sum(item.T @ item for item in white) - np.asarray(across).T @ solved
     sizes, turned = np.linalg.eigh(covariance)
     seen = sizes > SEEN
     basis = turned[:, seen] / np.sqrt(sizes[seen])
-    along = basis.T @ np.asarray(score)
-    count = int(seen.sum())
-    if count == 0:
-        return Group(name=name, statistic=0.0, freedom=0, mean=0.0, std=1.0)
     # What more placement and camera would do than is expected: their part of the score.
+    size = design.size
     placed = sum(
-        item.T @ disturbed[which] for which, item in zip(runs, white, strict=True)
-    ) - solved.T @ sum(x.T @ d for x, d in zip(linear.columns, disturbed, strict=True))
-    draws = random.standard_normal((DRAWS, count))
-    draws *= 1.0 + WHITE_ERROR * random.standard_normal((DRAWS, 1))
-    draws += inflation(random, PLACEMENT_FREEDOM) * (
-        random.standard_normal((DRAWS, np.asarray(placed).shape[1])) @ (basis.T @ placed).T
+        item.T @ design.blocks[which].base[:, size:]
+        for which, item in zip(runs, white, strict=True)
+    ) - solved.T @ sum(
+        x.T @ block.base[:, size:] for x, block in zip(linear.columns, design.blocks, strict=True)
     )
+    disturbed = [(PLACEMENT_FREEDOM, basis.T @ placed)]
     for which, item in zip(runs, white, strict=True):
         block = design.blocks[which]
-        path = item.T @ block.filtered(block.path) - solved.T @ (
-            linear.columns[which].T @ block.filtered(block.path)
-        )
-        draws += inflation(random, CAMERA_FREEDOM) * (
-            random.standard_normal((DRAWS, path.shape[1])) @ (basis.T @ path).T
-        )
-    clean = np.sum(draws**2, axis=1)
-    return Group(
+        path = block.filtered(block.path)
+        path = item.T @ path - solved.T @ (linear.columns[which].T @ path)
+        disturbed.append((CAMERA_FREEDOM, basis.T @ path))
+    return Tested(
         name=name,
-        statistic=float(np.sum(along**2)),
-        freedom=count,
-        mean=float(clean.mean()),
-        std=float(clean.std()),
+        statistic=float(np.sum((basis.T @ np.asarray(score)) ** 2)),
+        freedom=int(seen.sum()),
+        disturbed=tuple(disturbed),
+        seed=seed,
     )
 
 
-def inflation(random: np.random.Generator, freedom: int) -> Array:
-    """Return by how much more (DRAWS, 1) a deviation may be than it was found to be."""
-    factor = freedom / random.chisquare(freedom, (DRAWS, 1))
-    more: Array = np.sqrt(np.maximum(factor - 1.0, 0.0))
-    return more
+def clean_moments(test: Tested) -> tuple[float, float]:
+    """Return mean and variance of a statistic over simulated clean data."""
+    if test.freedom == 0:
+        return 0.0, 0.0
+    random = np.random.default_rng([test.seed, zlib.crc32(test.name.encode())])
+    draws = random.standard_normal((DRAWS, test.freedom))
+    draws *= 1.0 + WHITE_ERROR * random.standard_normal((DRAWS, 1))
+    for freedom, answer in test.disturbed:
+        factor = freedom / random.chisquare(freedom, (DRAWS, 1))
+        more = np.sqrt(np.maximum(factor - 1.0, 0.0))
+        draws += more * (random.standard_normal((DRAWS, answer.shape[1])) @ answer.T)
+    clean = np.sum(draws**2, axis=1)
+    return float(clean.mean()), float(clean.var())

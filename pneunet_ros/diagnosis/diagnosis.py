@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,13 +40,15 @@ def diagnose(
     held_out: Sequence[Run],
     *,
     seed: int = 0,
+    executor: Executor | None = None,
     each: Each = lambda what, done, total: None,
 ) -> Diagnosis:
     """Diagnose a model by recordings; `frame` has the effects that are known already.
 
     The base model is refitted to the training recordings together with every hypothesis; held-out
-    ones are used for scores and tests only. Raises RequestError and RecordingError where the
-    recordings are not fit for it.
+    ones are used for scores and tests only. seed: of the simulated clean data behind the
+    thresholds; executor: where they are simulated, here if None. Raises RequestError and
+    RecordingError where the recordings are not fit for it.
     """
     base = refitted(frame, training, each)
     runs = [item.run for item in base.fit.runs]
@@ -59,6 +62,7 @@ def diagnose(
         hypotheses=tuple(item for item in asked if not item.relabels),
         seed=seed,
         each=each,
+        mapped=map if executor is None else executor.map,
     )
     first = selection.base()
     best = selection.forward()

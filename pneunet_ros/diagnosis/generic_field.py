@@ -96,7 +96,8 @@ def behind(run: Run, memory: float) -> Array:
     pressure = np.interp(grid, seconds, run.pressure)
     decay = np.exp(-step / memory)
     followed, _ = lfilter([1.0 - decay], [1.0, -decay], pressure, zi=[decay * pressure[0]])
-    return np.interp(seconds, grid, pressure - followed)[run.reading]
+    felt: Array = np.interp(seconds, grid, pressure - followed)[run.reading]
+    return felt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

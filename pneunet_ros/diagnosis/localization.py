@@ -138,7 +138,12 @@ def sentence_of(frames: Frames) -> str:
     if chi2.sf(whole.sum(), 2 * whole.size) > SIGNIFICANT:
         return 'no more than noise anywhere'
     words = []
-    for axis, name in (('force', 'the force'), ('pressure', 'the pressure'), ('time', 'time')):
+    named: tuple[tuple[Axis, str], ...] = (
+        ('force', 'the force'),
+        ('pressure', 'the pressure'),
+        ('time', 'time'),
+    )
+    for axis, name in named:
         ratio = trend(frames, axis)
         if ratio > MUCH:
             words.append(f'grows with {name}')

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from pneunet_ros.diagnosis.adequacy import Group, groups_of
+from pneunet_ros.diagnosis.adequacy import Group, groups_of, Mapped
 from pneunet_ros.diagnosis.candidates import Candidate, candidates
 from pneunet_ros.diagnosis.design import Design
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
@@ -67,6 +67,7 @@ class Selection:
     hypotheses: tuple[Hypothesis, ...]
     seed: int
     each: Each
+    mapped: Mapped = map
     tried: dict[frozenset[str], Trial] = field(default_factory=dict)
     scores: dict[frozenset[str], list[Candidate]] = field(default_factory=dict)
 
@@ -78,7 +79,7 @@ class Selection:
             raise AssertionError('the base model has shapes where it was fitted')
         self.design = found.design
         whole = wholly(found)
-        groups = groups_of(found.design, whole, self.seed)
+        groups = groups_of(found.design, whole, self.seed, self.mapped)
         trial = Trial(
             refit=found,
             whole=whole,
@@ -121,13 +122,19 @@ class Selection:
     def extended(self, trial: Trial) -> Trial | None:
         """Return the best set with one effect more; None where none is good enough."""
         following = self.following(trial)
-        first = self.finalists(trial, following[:SHORTLIST])
-        found = self.best_of(trial, first)
-        if found is None or not found.adequate:
-            # Where nothing is right yet, scores of small steps may mislead: fit all of them.
-            rest = self.finalists(trial, following[SHORTLIST:])
-            found = self.best_of(trial, [*first, *rest])
-        return found
+        most = following[0].gain if following else 0.0
+        # Where nothing is right yet, scores of small steps may mislead: then fit more of them.
+        clear = sum(item.gain >= NEAR * most for item in following)
+        found: list[Trial] = []
+        chosen = None
+        done = 0
+        for stop in (clear, max(clear, SHORTLIST), len(following)):
+            found += self.finalists(trial, following[done:stop])
+            done = stop
+            chosen = self.best_of(trial, found)
+            if chosen is not None and chosen.adequate:
+                return chosen
+        return chosen
 
     def best_of(self, trial: Trial, found: Sequence[Trial]) -> Trial | None:
         """Return the most probable of the sets that are better than the one they extend."""
@@ -180,7 +187,7 @@ class Selection:
         found = first if found is None or found.cost > first.cost else found
         base = self.tried[frozenset()]
         whole = wholly(found)
-        groups = groups_of(found.design, whole, self.seed)
+        groups = groups_of(found.design, whole, self.seed, self.mapped)
         trial = Trial(
             refit=found,
             whole=whole,
