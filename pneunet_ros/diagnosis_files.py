@@ -27,18 +27,19 @@ def write_diagnosis(
     folder: Path,
     *,
     frame: Arm,
+    training: Sequence[Run],
     held_out: Sequence[Run],
     provenance: Mapping[str, Any],
     each: Each = lambda stage, done, total: None,
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
-    frame: the model that was given; held_out: the runs that no fit has seen, as given to the
-    diagnosis; provenance: `inputs` (file, sha256 and role of each) and `versions`. The folder
-    must not exist; `output.atomic_output` makes it appear as a whole.
+    frame: the model that was given; training, held_out: the runs as given to the diagnosis;
+    provenance: `inputs` (file, sha256 and role of each) and `versions`. The folder must not
+    exist; `output.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
-    pictures = diagnosis_figures(diagnosis, held_out, each)
+    pictures = diagnosis_figures(diagnosis, training, held_out, each)
     for item in pictures.all:
         (folder / item.file).write_bytes(item.png)
     whole = {**provenance, 'seed': diagnosis.seed}

@@ -20,6 +20,7 @@ from pneunet_ros.diagnosis_tables import (
     shift_table,
     unseen_sentence,
     where_table,
+    where_text,
 )
 from pneunet_ros.evidence_figures import evidence, hidden
 from pneunet_ros.figure_data import Each
@@ -48,15 +49,17 @@ class Pictures:
         return (*self.gap, *self.where, *self.evidence, *self.hidden)
 
 
-def diagnosis_figures(diagnosis: Diagnosis, held_out: Sequence[Run], each: Each) -> Pictures:
+def diagnosis_figures(
+    diagnosis: Diagnosis, training: Sequence[Run], held_out: Sequence[Run], each: Each
+) -> Pictures:
     """Draw all pictures that there is something for; `each` is told how far it is."""
     draws: list[tuple[str, Callable[[], Picture | None]]] = [
         ('gap', lambda: gap(diagnosis)),
-        ('gap', lambda: shapes(diagnosis, held_out)),
+        ('gap', lambda: shapes(diagnosis, training, held_out)),
         ('where', lambda: maps(diagnosis) if diagnosis.heat_maps else None),
         ('where', lambda: shares(diagnosis) if diagnosis.where else None),
         ('where', lambda: loops(diagnosis)),
-        ('evidence', lambda: evidence(diagnosis) if diagnosis.evidence else None),
+        ('evidence', lambda: evidence(diagnosis)),
         ('hidden', lambda: hidden(diagnosis) if added_effects(diagnosis) else None),
     ]
     found: dict[str, list[Picture]] = {part: [] for part, _ in draws}
@@ -78,6 +81,7 @@ def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[st
         added=added_effects(diagnosis),
         meaning=ANSWERS[diagnosis.answer],
         gap_sentence=gap_sentence(diagnosis),
+        where_text=where_text(diagnosis),
         unseen=unseen_sentence(diagnosis),
         pictures=pictures,
         gap=gap_table(diagnosis),

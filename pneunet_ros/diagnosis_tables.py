@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 from pneunet_ros.calibration_tables import meaning_of
-from pneunet_ros.diagnosis.answer import Diagnosis, Estimated, Misfit, Shift
+from pneunet_ros.diagnosis.answer import Diagnosis, Estimated, Evidence, Misfit, Shift
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.units import millimeters, quantities
 
@@ -111,9 +111,18 @@ def rounded(value: float) -> str:
     return f'{value:.0f}' if abs(value) >= 10.0 else f'{value:.1f}'
 
 
+def ranked(diagnosis: Diagnosis) -> list[Evidence]:
+    """Return what was tried, strongest first; then what was not worth a fit, by its score."""
+    fitted = [item for item in diagnosis.evidence if not math.isnan(item.evidence)]
+    rest = [item for item in diagnosis.evidence if math.isnan(item.evidence)]
+    return [
+        *sorted(fitted, key=lambda item: -item.evidence),
+        *sorted(rest, key=lambda item: -item.chi_squared),
+    ]
+
+
 def evidence_table(diagnosis: Diagnosis) -> Table:
     """Return what speaks for each effect that was tried, strongest first."""
-    ranked = sorted(diagnosis.evidence, key=lambda item: -item.evidence)
     return Table(
         columns=(
             'effects',
@@ -126,11 +135,11 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
             (
                 ' + '.join(item.effects),
                 rounded(item.chi_squared),
-                rounded(item.evidence),
+                'not fitted' if math.isnan(item.evidence) else rounded(item.evidence),
                 'yes' if item.adequate else 'no',
                 ', '.join(item.alike),
             )
-            for item in ranked
+            for item in ranked(diagnosis)
         ),
         numbers=(1, 2),
     )
@@ -168,6 +177,11 @@ def where_table(diagnosis: Diagnosis) -> Table:
         ),
         numbers=(2, 3),
     )
+
+
+def where_text(diagnosis: Diagnosis) -> str:
+    """Return where the misfit is, as a sentence of its own."""
+    return f'Where: {diagnosis.where_sentence.rstrip(".")}.'
 
 
 def shift_table(diagnosis: Diagnosis, most: int = MOST_SHIFTS) -> Table:

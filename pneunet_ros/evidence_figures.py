@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.views import law_view
 from pneunet_ros.diagnosis.answer import Diagnosis, Evidence, Side
-from pneunet_ros.diagnosis_tables import rounded
+from pneunet_ros.diagnosis_tables import ranked, rounded
 from pneunet_ros.gap_figures import AFTER, BEFORE
 from pneunet_ros.report_style import (
     BAND_SIGMAS,
@@ -23,9 +25,12 @@ MOST_HYPOTHESES = 12
 CURVES = 3  # pressures at which kappa_p0 is drawn
 
 
-def evidence(diagnosis: Diagnosis) -> Picture:
-    """How much better the recordings are explained by every effect that was tried."""
-    some = sorted(diagnosis.evidence, key=lambda item: item.evidence)[-MOST_HYPOTHESES:]
+def evidence(diagnosis: Diagnosis) -> Picture | None:
+    """How much better the recordings are explained by every effect that was fitted."""
+    fitted = [item for item in ranked(diagnosis) if not math.isnan(item.evidence)]
+    some = fitted[:MOST_HYPOTHESES][::-1]
+    if not some:
+        return None
     figure, axes = panels(2, height=1.6 + 0.36 * max(len(some), 3))
     names = [' + '.join(item.effects) for item in some]
     for one, values, title in (
@@ -40,8 +45,8 @@ def evidence(diagnosis: Diagnosis) -> Picture:
     return picture(
         '06_evidence',
         'Evidence for every effect',
-        'Every effect was put into the model and everything refitted. (a) says how much better '
-        'the training recordings fit, (b) how much better each of them is predicted from the '
+        'Promising effects were put into the model and everything refitted. (a) says how much '
+        'better the training recordings fit, (b) how much better each of them is predicted from the '
         'others; below zero an effect does harm. Scales are linear near zero, then logarithmic. '
         'Green: beside it nothing is left to '
         'explain; grey: something is left, so that it is not the answer, however much it '

@@ -52,17 +52,16 @@ class Beside:
         return np.asarray(np.sqrt(total / np.maximum(count, 1)))
 
 
-def beside(diagnosis: Diagnosis, held_out: Sequence[Run]) -> tuple[Beside, ...]:
+def beside(
+    diagnosis: Diagnosis, training: Sequence[Run], held_out: Sequence[Run]
+) -> tuple[Beside, ...]:
     """Return the held-out recordings beside both models; without any, those of the training."""
     before, after = diagnosis.before, diagnosis.after
+    runs, scores = held_out, (before.held_out_scores, after.held_out_scores)
     if before.held_out is None:
-        runs = [item.run for item in before.fit.runs]
-        scores = before.training_scores, after.training_scores
-    else:
-        runs = list(held_out)
-        scores = before.held_out_scores, after.held_out_scores
+        runs, scores = training, (before.training_scores, after.training_scores)
     return tuple(
-        Beside(run=run.thinned(len(first.error)), before=first.error, after=last.error)
+        Beside(run=run, before=first.error, after=last.error)
         for run, first, last in zip(runs, *scores, strict=True)
     )
 
@@ -156,9 +155,11 @@ def draw_pairs(axes: Axes, names: list[str], before: list[float], after: list[fl
     axes.margins(y=0.2)
 
 
-def shapes(diagnosis: Diagnosis, held_out: Sequence[Run]) -> Picture | None:
+def shapes(
+    diagnosis: Diagnosis, training: Sequence[Run], held_out: Sequence[Run]
+) -> Picture | None:
     """Measured, before and after, in a few frames in which the model is far off; None without."""
-    some = telling(beside(diagnosis, held_out))
+    some = telling(beside(diagnosis, training, held_out))
     if not some:
         return None
     figure, axes = panels(len(some), rows=2, height=6.6)

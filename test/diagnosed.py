@@ -162,8 +162,8 @@ SHARES = tuple(
 
 
 @functools.cache
-def diagnosis(effect: Effect = EFFECT) -> tuple[Diagnosis, tuple[Run, ...]]:
-    """Return the diagnosis of a hidden effect, and the held-out runs; made once."""
+def diagnosis(effect: Effect = EFFECT) -> tuple[Diagnosis, tuple[Run, ...], tuple[Run, ...]]:
+    """Return the diagnosis of a hidden effect, training and held-out runs; made once."""
     base = replace(paper_arm(), sensors=USUAL)
     training, held_out = recorded(replace(base, effects=(effect,)))
     before = side(fitted(base, training), training, held_out)
@@ -220,6 +220,7 @@ def diagnosis(effect: Effect = EFFECT) -> tuple[Diagnosis, tuple[Run, ...]]:
                 alike=('pressure_elongation',),
             ),
             Evidence(effects=('gravity',), chi_squared=310.0, evidence=90.0, adequate=False),
+            Evidence(effects=('softening',), chi_squared=1.0, evidence=np.nan, adequate=False),
             Evidence(effects=('creep',), chi_squared=4.0, evidence=-6.0, adequate=False),
         ),
         cosines={(effect.name, 'gravity'): 0.31, (effect.name, 'pressure_elongation'): 0.93},
@@ -227,4 +228,4 @@ def diagnosis(effect: Effect = EFFECT) -> tuple[Diagnosis, tuple[Run, ...]]:
         notes=('a note that says <what> was left out',),
         seed=7,
     )  # fmt: skip
-    return found, tuple(held_out)
+    return found, tuple(training), tuple(held_out)

@@ -58,7 +58,8 @@ def found(monkeypatch):
     def answered(frame, training, held_out, **options):
         handed.update(frame=frame, training=training, held_out=held_out, **options)
         options['each']('looking', 1, 1)
-        answer, _ = diagnosis()
+        answer, known, _ = diagnosis()
+        training[:] = known  # those of the answer, so that pictures have what they show
         before, after = (
             replace(side, held_out=None, held_out_scores=())
             for side in (answer.before, answer.after)

@@ -39,11 +39,12 @@ def written(coarse, tmp_path_factory):
     """Write all files of a diagnosis, and collect what is said meanwhile."""
     told = []
     folder = tmp_path_factory.mktemp('diagnosis') / 'out'
-    found, held_out = diagnosis()
+    found, training, held_out = diagnosis()
     write_diagnosis(
         found,
         folder,
         frame=paper_arm(),
+        training=training,
         held_out=held_out,
         provenance=PROVENANCE,
         each=lambda stage, done, total: told.append((stage, done, total)),
@@ -84,14 +85,14 @@ def test_what_is_known_stands_on_the_page(page):
         '97 % of the gap', 'Record force sweeps at two pressures.', 'that says &lt;what&gt;',
         'axial_stiffness', '15.00 ± 0.30 N', 'below 410 N', 'pressure_elongation', 'a' * 64,
         'not with &lt;pressure&gt;', 'Could not have been seen at any usual size: creep.',
-        'alpha2 at', 'kappa_p0 at',
+        'alpha2 at', 'kappa_p0 at', 'not fitted', 'Where: The misfit grows',
     ):  # fmt: skip
         assert text in page, text
 
 
 def test_the_numbers_are_those_of_the_contract(written):
     content = json.loads((written[0] / NUMBERS).read_text(encoding='utf-8'))
-    found, _ = diagnosis()
+    found, training, _ = diagnosis()
     assert set(content) >= CONTRACT
     assert content['answer'] == 'named'
     (effect,) = content['effects']
@@ -113,7 +114,7 @@ def test_the_numbers_are_those_of_the_contract(written):
 
 
 def test_the_model_has_what_was_missing(written):
-    found, _ = diagnosis()
+    found, training, _ = diagnosis()
     arm = load_model(written[0] / MODEL)
     assert arm.name == 'paper-arm+extensibility'
     (effect,) = arm.effects
@@ -132,13 +133,13 @@ def test_the_model_has_what_was_missing(written):
 
 
 def test_without_held_out_recordings_it_is_said(coarse):
-    found, _ = diagnosis()
+    found, training, _ = diagnosis()
     before, after = (
         replace(side, held_out=None, held_out_scores=()) for side in (found.before, found.after)
     )
     found = replace(found, before=before, after=after, closed=None)
     assert diagnosis_content(found, PROVENANCE)['gap']['heldout'] is None
-    drawn = shapes(found, ())
+    drawn = shapes(found, training, ())
     assert drawn is not None
     pictures = Pictures(gap=(gap(found), drawn), where=(), evidence=(), hidden=())
     text = report_page(found, pictures, PROVENANCE)
@@ -148,13 +149,13 @@ def test_without_held_out_recordings_it_is_said(coarse):
 
 
 def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
-    found, held_out = diagnosis()
+    found, training, held_out = diagnosis()
     monkeypatch.setattr(diagnosis_report, 'loops', lambda found: None)
     nothing = replace(
         found, answer='none', effects=(), alternatives=(), after=found.before, evidence=(),
         heat_maps=(), cosines={}, shift={}, closed=None, proposal='', notes=(),
     )  # fmt: skip
-    pictures = diagnosis_figures(nothing, held_out, lambda *_: None)
+    pictures = diagnosis_figures(nothing, training, held_out, lambda *_: None)
     assert [item.name for item in pictures.all] == ['01_gap', '02_shapes', '04_shares']
     text = report_page(nothing, pictures, PROVENANCE)
     assert 'No effect was added' in text
@@ -163,8 +164,8 @@ def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
 
 
 def test_telling_frames_are_where_the_model_is_furthest_off():
-    found, held_out = diagnosis()
-    items = beside(found, held_out)
+    found, training, held_out = diagnosis()
+    items = beside(found, training, held_out)
     frames = telling(items)
     assert len(frames) == 4
     worst = max(items, key=lambda item: item.size.max())
@@ -175,7 +176,7 @@ def test_telling_frames_are_where_the_model_is_furthest_off():
 
 def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
     """Tip only: maps of one column, a point for a shape; a model that solves nothing."""
-    found, held_out = diagnosis()
+    found, training, held_out = diagnosis()
 
     def tip(side):
         scores = tuple(replace(item, error=item.error[:, :, -1:]) for item in side.held_out_scores)
@@ -189,7 +190,7 @@ def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
         for item in found.heat_maps
     )  # fmt: skip
     alone = replace(found, before=tip(found.before), after=tip(found.after), heat_maps=some)
-    assert shapes(alone, runs) is not None
+    assert shapes(alone, (), runs) is not None
     assert maps(alone).png
     assert loops(alone) is None
     empty = tuple(
@@ -197,12 +198,12 @@ def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
         for item in found.before.held_out_scores
     )
     lost = replace(found, before=replace(found.before, held_out_scores=empty))
-    assert shapes(lost, held_out) is None
+    assert shapes(lost, (), held_out) is None
     assert gap(lost).png
 
 
 def test_what_moved_most_stands_first():
-    found, _ = diagnosis()
+    found, training, _ = diagnosis()
     moved = [float(row[5]) for row in shift_table(found, 10).rows]
     assert len(moved) == 10
     assert moved == sorted(moved, reverse=True)

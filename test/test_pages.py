@@ -38,8 +38,13 @@ def test_the_report_of_a_calibration(coarse, tmp_path):
 
 
 def test_the_report_of_a_diagnosis(coarse, tmp_path):
-    found, held_out = diagnosis()
+    found, training, held_out = diagnosis()
     write_diagnosis(
-        found, tmp_path / 'out', frame=paper_arm(), held_out=held_out, provenance=PROVENANCE
+        found,
+        tmp_path / 'out',
+        frame=paper_arm(),
+        training=training,
+        held_out=held_out,
+        provenance=PROVENANCE,
     )
     assert opened(tmp_path / 'out' / PAGE, tmp_path) == ([], [])

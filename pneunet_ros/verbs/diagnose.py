@@ -125,6 +125,7 @@ def run(arguments: Namespace) -> int:
             found,
             folder,
             frame=frame,
+            training=training,
             held_out=held_out,
             provenance={
                 'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},

@@ -15,7 +15,7 @@ from pneunet_ros.diagnosis_tables import (
     gap_table,
     Table,
     unseen_sentence,
-    where_table,
+    where_text,
 )
 from pneunet_ros.gap_figures import gap_sentence
 import rich.box
@@ -36,11 +36,10 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
     for table, title in (
         (effect_table(diagnosis), 'What was added'),
         (evidence_table(diagnosis), 'Evidence'),
-        (where_table(diagnosis), 'Where'),
     ):
         if table.rows:
             console.print(drawn(table, title))
-    console.print(Text(diagnosis.where_sentence))
+    console.print(Text(where_text(diagnosis)))
     if diagnosis.alternatives:
         console.print(f'acts alike on these recordings: {", ".join(diagnosis.alternatives)}')
     console.print(drawn(detectable_table(diagnosis), 'What these recordings could have shown'))
