@@ -92,7 +92,7 @@ def test_what_is_known_stands_on_the_page(page):
 
 def test_the_numbers_are_those_of_the_contract(written):
     content = json.loads((written[0] / NUMBERS).read_text(encoding='utf-8'))
-    found, training, _ = diagnosis()
+    found, *_ = diagnosis()
     assert set(content) >= CONTRACT
     assert content['answer'] == 'named'
     (effect,) = content['effects']
@@ -114,7 +114,7 @@ def test_the_numbers_are_those_of_the_contract(written):
 
 
 def test_the_model_has_what_was_missing(written):
-    found, training, _ = diagnosis()
+    found, *_ = diagnosis()
     arm = load_model(written[0] / MODEL)
     assert arm.name == 'paper-arm+extensibility'
     (effect,) = arm.effects
@@ -176,7 +176,7 @@ def test_telling_frames_are_where_the_model_is_furthest_off():
 
 def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
     """Tip only: maps of one column, a point for a shape; a model that solves nothing."""
-    found, training, held_out = diagnosis()
+    found, _, held_out = diagnosis()
 
     def tip(side):
         scores = tuple(replace(item, error=item.error[:, :, -1:]) for item in side.held_out_scores)
@@ -203,7 +203,7 @@ def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
 
 
 def test_what_moved_most_stands_first():
-    found, training, _ = diagnosis()
+    found, *_ = diagnosis()
     moved = [float(row[5]) for row in shift_table(found, 10).rows]
     assert len(moved) == 10
     assert moved == sorted(moved, reverse=True)
