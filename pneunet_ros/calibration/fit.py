@@ -171,8 +171,12 @@ def fit(
     targets: Array,
     start: Array | None = None,
     each: Callable[[int, float], None] = lambda step, cost: None,
+    small: float = SMALL_STEP,
 ) -> Fit:
-    """Find the most probable unknowns; `start`: values to begin with; `each` sees every step."""
+    """Find the most probable unknowns; `start`: values to begin with; `each` sees every step.
+
+    small: standard deviations of all that is fitted, a step that ends the search.
+    """
     posterior = Posterior(unknowns, runs, noise, targets)
     scaled = np.zeros(posterior.scale.shape[0])
     if start is not None:
@@ -187,7 +191,7 @@ def fit(
         # Newton's decrement: the size of the step in standard deviations
         decrement = float(np.sqrt(step @ (gradient - scaled)))
         each(steps, cost)
-        if decrement < SMALL_STEP:
+        if decrement < small:
             status, converged = 'converged', True
             break
         share = lowering(posterior, scaled, step, cost)

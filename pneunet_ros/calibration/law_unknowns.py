@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass, field
+import functools
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +20,7 @@ SPLIT_LIMITS = (0.02, 0.9)
 BOW_STD = 0.03  # of alpha, in the middle of the range
 SPLIT_REACH = 0.5  # of the range: how far rows are alike; it may have kinks
 SPLIT_ROWS = 14
+KEPT = 64  # answers of laws to their unknowns
 ALPHAS = 6  # unknowns of both rigidities
 
 
@@ -42,6 +44,14 @@ class LawUnknowns(abc.ABC):
     @abc.abstractmethod
     def law(self, values: Array) -> MomentLaw:
         """Return the law with these constants; ModelError where they are none."""
+
+    def slopes(self, pressure: Array) -> Array:
+        """Return how the moved columns of sections change per unknown, (n, columns, unknowns).
+
+        All of these laws are linear in their unknowns, so it is the same for all values; pressure
+        (n,) Pa. The last answers are kept: recordings come again and again.
+        """
+        return slopes_at(self, pressure.tobytes())
 
     @abc.abstractmethod
     def quantities(self) -> tuple[tuple[str, ...], Array]:
@@ -154,6 +164,25 @@ class MajidiUnknowns(LawUnknowns):
     def quantities(self) -> tuple[tuple[str, ...], Array]:
         """Return the modulus."""
         return ('moment_law.modulus',), np.eye(1)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def slopes_at(unknowns: LawUnknowns, pressures: bytes) -> Array:
+    """Return `LawUnknowns.slopes` at pressures given as the bytes of an array."""
+    pressure = np.frombuffer(pressures)
+    sections, columns = (list(item) for item in zip(*unknowns.columns, strict=True))
+    out = np.empty((pressure.size, len(columns), unknowns.mean.size))
+    for unknown in range(unknowns.mean.size):
+        step = 1e-3 * np.sqrt(unknowns.prior[unknown, unknown])
+        sides = []
+        for sign in (-1.0, 1.0):
+            moved = unknowns.mean.copy()
+            moved[unknown] += sign * step
+            law = unknowns.law(moved)
+            sides.append(law.sections(pressure, unknowns.length, unknowns.weight))
+        slope = (sides[1] - sides[0]) / (2.0 * step)
+        out[:, :, unknown] = slope[:, sections, columns]
+    return frozen_array(out)
 
 
 LAW_UNKNOWNS: dict[str, type[LawUnknowns]] = {

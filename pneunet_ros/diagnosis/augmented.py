@@ -16,6 +16,7 @@ from pneunet_ros.noise import ModelCovariance, MOST_COLUMNS
 from pneunet_ros.shape import Array
 
 LAW_WORTH = 0.02  # of a size: what the plain law of an effect is worth; invented
+SETTLED = 0.3  # standard deviations of all: it starts where the joint fit has ended
 STATIONS = (0.2, 0.5, 0.8)  # s / l, where shifts of kappa_p0 are shown
 
 
@@ -24,7 +25,9 @@ def fitted(refit: Refit) -> Fit:
     design, point = refit.design, refit.point
     training = design.runs[: design.training]
     arclength = point.arm.target_arclength
-    return fit(point.with_effects(), training, design.noise, arclength, point.values)
+    return fit(
+        point.with_effects(), training, design.noise, arclength, point.values, small=SETTLED
+    )
 
 
 def augmented(refit: Refit, found: Fit) -> Arm:

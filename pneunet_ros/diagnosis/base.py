@@ -16,13 +16,14 @@ from pneunet_ros.errors import RequestError
 from pneunet_ros.run import Run
 
 FRAMES = 60  # of every run; neighbors say nearly the same, but for white noise
+FIRST_FRAMES = 24  # of every run, for a fit to begin with
 
 Each = Callable[[str, int, int], None]  # what is done, how far, of how much (0 = unknown)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Base:
-    """The base model fitted to all training runs, thinned, and the noise of the whole ones."""
+    """The base model fitted to few frames of all training runs, and the noise of the whole."""
 
     frame: Arm
     noise: NoiseEstimate
@@ -42,11 +43,11 @@ def refitted(frame: Arm, training: Sequence[Run], each: Each) -> Base:
     noise = estimated_noise(training, frame.target_arclength, frame.sensors)
     frame = replace(frame, sensors=noise.noise, covariance=None)
     low, high = pressure_span(drives_of(frame, training))
-    unloaded, loaded = ([run.thinned(FRAMES) for run in runs] for runs in (unloaded, loaded))
+    unloaded, loaded = ([run.thinned(FIRST_FRAMES) for run in runs] for runs in (unloaded, loaded))
     stage = Stages(frame, noise, low, high, each)
     fit, smoothness = stage.first_experiment(unloaded)
     if loaded and frame.moment_law.kind in LAW_UNKNOWNS:
         stiffness = stage.stiffness(unloaded, loaded, fit, smoothness)
         law = stage.law(frame.moment_law.kind, stiffness)
-        fit = stage.joint(unloaded, loaded, fit, smoothness, law)
+        fit = stage.joint(unloaded, loaded, fit, smoothness, law, FIRST_FRAMES)
     return Base(frame=frame, noise=noise, fit=fit)

@@ -137,9 +137,14 @@ class Design:
         ]
         self.grams = [item.T @ item for item in self.fixed]
 
-    def at(self, point: Point) -> Design:
-        """Return the same runs around another point."""
-        return Design(point, self.runs, self.training, self.noise, self.acted)
+    def at(self, point: Point, runs: Sequence[Run] | None = None) -> Design:
+        """Return the same runs, or these, around another point."""
+        acted = self.acted if runs is None else None
+        return Design(point, runs or self.runs, self.training, self.noise, acted)
+
+    def of_training(self) -> Design:
+        """Return the training runs alone, around the same point."""
+        return self.at(self.point, self.runs[: self.training])
 
     def block(
         self,

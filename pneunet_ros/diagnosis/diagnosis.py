@@ -51,7 +51,8 @@ def diagnose(
     RecordingError where the recordings are not fit for it.
     """
     base = refitted(frame, training, each)
-    runs = [item.run for item in base.fit.runs]
+    ordered = sorted(training, key=lambda run: run.loaded)  # as the base was fitted
+    runs = [run.thinned(FRAMES) for run in ordered]
     point = Point(unknowns=base.fit.unknowns, values=base.fit.values, placement=base.fit.placement)
     whole = (*runs, *(run.thinned(FRAMES) for run in held_out))
     design = Design(point, whole, len(runs), base.noise.noise)
@@ -80,7 +81,7 @@ def diagnose(
         for trial, fit in ((first, before_fit), (after, after_fit))
     ]
     frames = [frames_of(item.refit.design, item.refit.linear) for item in (first, after)]
-    design = first.refit.design
+    design = first.design
     shown = range(design.training, len(design.blocks)) if held_out else range(design.training)
     floor = noise_floor(design, shown)
     gaps = [item.held_out or item.training for item in sides]
@@ -161,7 +162,7 @@ def side(trial: Trial, fit: Fit, training: Sequence[Run], held_out: Sequence[Run
     arm = augmented(trial.refit, fit)
     every = scores(arm, [*training, *held_out])
     first, rest = every[: len(training)], every[len(training) :]
-    design, linear = trial.refit.design, trial.whole
+    design, linear = trial.design, trial.whole
     runs = range(design.training), range(design.training, len(design.blocks))
     return Side(
         arm=arm,

@@ -12,7 +12,7 @@ from pneunet_ros.effects.effect import Effect, Load
 from pneunet_ros.shape import Array
 
 FIRST_SIZES = (0.05, 0.25, 0.8)  # of the prior range, where effects with a history are tried
-FIRST_SIZE = 0.01  # of the prior range, for all others: nearly the tangent
+FIRST_SIZE = 0.01  # of the prior range, for those linear in their size: nearly the tangent
 SHAPES = 5  # values of a shape parameter that are tried, over its prior range
 
 
@@ -125,8 +125,10 @@ class Hypothesis:
     def starts(self) -> list[tuple[int, Array]]:
         """Return where the answer is tried: which size is moved, and all numbers there."""
         tried = []
-        shares = FIRST_SIZES if self.remembers else (FIRST_SIZE,)
-        for shape in self.shapes():
+        shapes = self.shapes()
+        # What has a shape of its own is linear in its size.
+        shares = FIRST_SIZES if self.remembers and len(shapes) == 1 else (FIRST_SIZE,)
+        for shape in shapes:
             for which in self.sizes:
                 for share in shares:
                     numbers = shape.copy()

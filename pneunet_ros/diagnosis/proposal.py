@@ -10,6 +10,7 @@ from pneunet_ros.diagnosis.candidates import Candidate
 from pneunet_ros.diagnosis.design import Design
 from pneunet_ros.diagnosis.linear import Linear
 from pneunet_ros.diagnosis.refit import Refit, Refitting
+from pneunet_ros.diagnosis.separability import PRIOR_RANGE
 from pneunet_ros.errors import ModelError
 from pneunet_ros.run import Run
 from pneunet_ros.shape import Array
@@ -84,6 +85,8 @@ def proposal(refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candida
     linear = None if at is None else trial.linear(refit.base, refit.numbers, at)
     if linear is None or at is None:
         return ''
+    names = {item.hypothesis.name: item for item in (*wanted, *rivals)}
+    answers = {name: answer(refit, design, at, item) for name, item in names.items()}
     best, words, name = 0.0, '', ''
     for place, idea in enumerate(ideas):
         kept = [*range(first), first + place]
@@ -94,10 +97,12 @@ def proposal(refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candida
             [linear.grams[which] for which in kept],
         )
         for item in wanted:
-            others = [other for other in rivals if other.hypothesis.name != item.hypothesis.name]
-            shown = information(refit, design, part, kept, at, item, others)
+            mine = item.hypothesis.name
+            others = [one.hypothesis.name for one in rivals if one.hypothesis.name != mine]
+            chosen = [answers[one] for one in (mine, *others)]
+            shown = information(part, kept, chosen) * at_the_end(item)
             if shown > best:
-                best, words, name = shown, idea.words, item.hypothesis.name
+                best, words, name = shown, idea.words, mine
     if not words:
         return ''
     return (
@@ -143,29 +148,34 @@ def run_of(idea: Idea, low: float, high: float, force: float, stamp: int, target
     )
 
 
+def answer(
+    refit: Refit, design: Design, at: Sequence[Array], item: Candidate
+) -> tuple[Array, ...] | None:
+    """Return how all runs of a design answer to an effect; None where they have no shape."""
+    effects = (*refit.effects, item.hypothesis.effect(item.tried))
+    there = design.residual(refit.point.values, effects, range(len(design.blocks)))
+    if there is None:
+        return None
+    return tuple(a - b for a, b in zip(at, there, strict=True))
+
+
 def information(
-    refit: Refit,
-    design: Design,
-    linear: Linear,
-    kept: Sequence[int],
-    at: Sequence[Array],
-    item: Candidate,
-    others: Sequence[Candidate],
+    linear: Linear, kept: Sequence[int], answers: Sequence[tuple[Array, ...] | None]
 ) -> float:
-    """Return chi squared of an effect at the end of its prior range, beside its rivals."""
-    directions = []
-    for one in (item, *others):
-        numbers = one.tried.copy()
-        effects = (*refit.effects, one.hypothesis.effect(numbers))
-        there = design.residual(refit.point.values, effects, range(len(design.blocks)))
-        if there is None:
-            return 0.0
-        directions.append([at[which] - there[which] for which in kept])
-    columns = [np.column_stack([one[run] for one in directions]) for run in range(len(kept))]
+    """Return chi squared of the first of some effects in some runs, beside all others."""
+    known = [item for item in answers if item is not None]
+    if answers[0] is None:
+        return 0.0
+    columns = [np.column_stack([item[which] for item in known]) for which in kept]
     inner = linear.inner(columns, columns)
     mine = float(inner[0, 0])
-    if others:
+    if len(known) > 1:
         mine -= float(inner[0, 1:] @ np.linalg.pinv(inner[1:, 1:]) @ inner[1:, 0])
+    return max(mine, 0.0)
+
+
+def at_the_end(item: Candidate) -> float:
+    """Return by how much chi squared is larger at the end of the prior range than as tried."""
     coordinate = item.hypothesis.coordinates[item.which]
-    scale = 2.0 * coordinate.std / max(abs(float(item.tried[item.which])), 1e-300)
-    return max(mine, 0.0) * scale**2
+    tried = max(abs(float(item.tried[item.which])), 1e-300)
+    return float((PRIOR_RANGE * coordinate.std / tried) ** 2)

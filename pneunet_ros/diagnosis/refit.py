@@ -28,7 +28,7 @@ class Refit:
     """Effects fitted jointly: their numbers and covariance, and the linear problem at the end.
 
     numbers (k,) of all hypotheses, one after the other; base (n,) scaled position of the base
-    unknowns; linear: with columns base, departures, numbers.
+    unknowns; linear: with columns base, departures, numbers. settled: another linearization changes nothing.
     """
 
     design: Design
@@ -39,6 +39,7 @@ class Refit:
     linear: Linear
     cost: float
     converged: bool
+    settled: bool = False
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -221,13 +222,19 @@ def refit(
 ) -> Refit | None:
     """Fit jointly, with the answer of the base model taken anew so many times at most."""
     found = Refitting(design, hypotheses).search(numbers)
+    return None if found is None else finished(found, rounds)
+
+
+def finished(found: Refit, rounds: int) -> Refit:
+    """Take the answer of the base model anew, so many times at most, until the fit is settled."""
     for _ in range(rounds):
-        if found is None:
-            return None
-        again = Refitting(design.at(found.point), hypotheses).search(found.numbers, found.base)
+        if found.settled:
+            break
+        design = found.design.at(found.point)
+        again = Refitting(design, found.hypotheses).search(found.numbers, found.base)
         if again is None:
-            return found
+            break
         gain, found = found.cost - again.cost, again
         if abs(gain) < SETTLED:
-            break
+            found = replace(found, settled=True)
     return found

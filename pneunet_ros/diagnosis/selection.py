@@ -11,7 +11,7 @@ from pneunet_ros.diagnosis.candidates import Candidate, candidates
 from pneunet_ros.diagnosis.design import Design
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linear import Linear
-from pneunet_ros.diagnosis.refit import Refit, refit, Refitting, split
+from pneunet_ros.diagnosis.refit import finished, Refit, refit, Refitting, split
 from pneunet_ros.errors import ModelError
 
 MOST_EFFECTS = 3
@@ -33,11 +33,12 @@ Each = Callable[[str, int, int], None]
 class Trial:
     """Effects that were fitted jointly: evidence over the base, and what is left beside them.
 
-    evidence in log probability; gain in chi squared; whole: the linear problem of all recordings,
-    held-out ones too; groups: the omnibus tests on it.
+    evidence in log probability; gain in chi squared; design, whole: all recordings,
+    held-out ones too, and their linear problem; groups: the omnibus tests on it.
     """
 
     refit: Refit
+    design: Design
     whole: Linear
     evidence: float
     gain: float
@@ -74,14 +75,14 @@ class Selection:
     def base(self) -> Trial:
         """Fit the model without any further effect."""
         self.each('the base model', 0, 0)
-        found = refit(self.design, (), np.zeros(0), ROUNDS)
+        found = refit(self.design.of_training(), (), np.zeros(0), ROUNDS)
         if found is None:
             raise AssertionError('the base model has shapes where it was fitted')
-        self.design = found.design
-        whole = wholly(found)
-        groups = groups_of(found.design, whole, self.seed, self.mapped)
+        design, whole = self.wholly(found)
+        groups = groups_of(design, whole, self.seed, self.mapped)
         trial = Trial(
             refit=found,
+            design=design,
             whole=whole,
             evidence=0.0,
             gain=0.0,
@@ -183,13 +184,13 @@ class Selection:
 
     def completed(self, first: Refit) -> Trial:
         """Refit to the end, with evidence and tests."""
-        found = refit(first.design.at(first.point), first.hypotheses, first.numbers, ROUNDS)
-        found = first if found is None or found.cost > first.cost else found
+        found = finished(first, ROUNDS)
         base = self.tried[frozenset()]
-        whole = wholly(found)
-        groups = groups_of(found.design, whole, self.seed, self.mapped)
+        design, whole = self.wholly(found)
+        groups = groups_of(design, whole, self.seed, self.mapped)
         trial = Trial(
             refit=found,
+            design=design,
             whole=whole,
             evidence=found.linear.evidence() - base.refit.linear.evidence(),
             gain=2.0 * (base.refit.cost - found.cost),
@@ -198,6 +199,21 @@ class Selection:
         )
         self.tried[frozenset(found.names)] = trial
         return trial
+
+    def wholly(self, found: Refit) -> tuple[Design, Linear]:
+        """Return all recordings around a refit, held-out ones too, as a linear problem.
+
+        Of a held-out recording nothing is fitted but what every recording has of its own.
+        """
+        design = self.design.at(found.point)
+        search = Refitting(design, found.hypotheses, len(design.blocks))
+        at = search.residuals(found.base, found.numbers)
+        linear = None if at is None else search.linear(found.base, found.numbers, at)
+        if linear is None:
+            raise ModelError(
+                'a held-out recording has no shape with the model of the training ones'
+            )
+        return design, linear
 
     def backward(self, trial: Trial) -> Trial:
         """Leave out effects without which the recordings are predicted as well."""
@@ -230,20 +246,6 @@ class Selection:
 def margin(evidence: float) -> float:
     """Return by how much evidence must differ to count; no law of an effect is exact."""
     return max(LEAST_EVIDENCE, LAW_EVIDENCE * evidence)
-
-
-def wholly(found: Refit) -> Linear:
-    """Return the linear problem of all recordings at a refit, its fit to the training ones kept.
-
-    Of a held-out recording nothing is fitted but what every recording has of its own.
-    """
-    design = found.design
-    search = Refitting(design, found.hypotheses, len(design.blocks))
-    at = search.residuals(found.base, found.numbers)
-    linear = None if at is None else search.linear(found.base, found.numbers, at)
-    if linear is None:
-        raise ModelError('a held-out recording has no shape with the model of the training ones')
-    return linear
 
 
 def clean(groups: Sequence[Group], before: Sequence[Group]) -> bool:
