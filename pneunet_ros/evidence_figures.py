@@ -47,10 +47,9 @@ def evidence(diagnosis: Diagnosis) -> Picture | None:
         'Evidence for every effect',
         'Promising effects were put into the model and everything refitted. (a) says how much '
         'better the training recordings fit, (b) how much better each of them is predicted from '
-        'the others; below zero an effect does harm. Scales are linear near zero, then logarithmic. '
-        'Green: beside it nothing is left to '
-        'explain; grey: something is left, so that it is not the answer, however much it '
-        'improves the fit.',
+        'the others; below zero an effect does harm. Scales are linear near zero, then '
+        'logarithmic. Green: beside it nothing is left to explain; grey: something is left, so '
+        'that it is not the answer, however much it improves the fit.',
         figure,
     )
 
