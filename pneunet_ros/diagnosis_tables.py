@@ -22,6 +22,7 @@ ANSWERS = {
     'unknown': 'unknown: something is missing, and it is no effect of the library',
     'unobservable': 'unobservable: these recordings could not have shown any effect',
 }
+LEAST_CHANCE = 1e-6  # less is only said to be less
 ALIKE = 0.5  # cosine from which two effects are worth mentioning
 MOST_SHIFTS = 25  # quantities in the table of the report
 
@@ -101,6 +102,11 @@ def with_error(found: Estimated) -> str:
     return f'({value:.{places}f} ± {std:.{places}f})e{scale}{unit}'
 
 
+def chance(p_value: float) -> str:
+    """Write a probability; what no simulation and no tail could tell from zero is not counted."""
+    return f'{p_value:.2g}' if p_value >= LEAST_CHANCE else f'< {LEAST_CHANCE:g}'
+
+
 def unit_text(unit: str) -> str:
     """Return a unit as it stands behind a number."""
     return '' if unit == '-' else f' {unit}'
@@ -136,7 +142,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
                 ' + '.join(item.effects),
                 rounded(item.chi_squared),
                 'not fitted' if math.isnan(item.evidence) else rounded(item.evidence),
-                'yes' if item.adequate else 'no',
+                '' if math.isnan(item.evidence) else 'yes' if item.adequate else 'no',
                 ', '.join(item.alike),
             )
             for item in ranked(diagnosis)
@@ -154,7 +160,7 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
                 when,
                 f'{item.statistic:.4g}',
                 f'{item.threshold:.4g}',
-                f'{item.p_value:.2g}',
+                chance(item.p_value),
                 'yes' if item.statistic > item.threshold else 'no',
             )
             for when, item in (
@@ -171,7 +177,7 @@ def where_table(diagnosis: Diagnosis) -> Table:
     return Table(
         columns=('axis', 'what is seen', 'share', 'chance'),
         rows=tuple(
-            (item.axis, item.sentence, f'{100.0 * item.share:.0f} %', f'{item.p_value:.2g}')
+            (item.axis, item.sentence, f'{100.0 * item.share:.0f} %', chance(item.p_value))
             for item in diagnosis.where
             if item.sentence
         ),
@@ -227,7 +233,10 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
         low, high = parameter.metadata['prior']
         unit = unit_text(item.unit)
         # Of a stiffness that is infinite when nothing is missing, less is more.
-        within = 'below' if parameter.default == math.inf else 'from'
+        neutral = float(getattr(EFFECTS[name](), item.parameter))
+        within = 'below' if neutral == math.inf else 'from'
+        if 0.0 < neutral < math.inf:
+            within = f'{neutral:g} ±'
         rows.append(
             (
                 name,

@@ -66,6 +66,7 @@ def draw_evidence(axes: Axes, some: list[Evidence], names: list[str], values: li
     axes.set_yticks(places, names)
     axes.grid(visible=False, axis='y')
     axes.margins(x=0.22)
+    axes.set_ylim(-0.6, max(len(some), 3) - 0.4)
 
 
 def hidden(diagnosis: Diagnosis) -> Picture:

@@ -185,8 +185,8 @@ def shapes(
     return picture(
         '02_shapes',
         'Measured shapes beside both models',
-        f'Frames of {kind} recordings in which the model was furthest off, one or two of every '
-        'recording. Dots are measured targets, lines go through the predicted ones. Below, how '
+        f'Frames of {kind} recordings in which the model was furthest off, spread over '
+        'them. Dots are measured targets, lines go through the predicted ones. Below, how '
         'far each target is from its prediction; grey: twice the noise alone. The blue line '
         'should pass through the dots and stay in the grey; the red one shows what was missing.',
         figure,
@@ -196,19 +196,17 @@ def shapes(
 def telling(items: Sequence[Beside]) -> list[tuple[Beside, int]]:
     """Return frames in which the model before is far off, the worst of every recording first.
 
-    Then the worst that are at least a quarter of their recording away from those.
+    Then, in turns, the worst that are at least a quarter of their recording away from those.
     """
+    sizes = [item.size.copy() for item in items]
     found: list[tuple[Beside, int]] = []
-    for turn in range(2):
+    for _ in range(SHAPES_SHOWN):
         of_turn = []
-        for item in items:
-            size, worst = item.size.copy(), int(np.argmax(item.size))
-            if turn:
-                reach = max(len(size) // 4, 1)
-                size[max(worst - reach, 0) : worst + reach + 1] = 0.0
-            frame = int(np.argmax(size))
+        for item, size in zip(items, sizes, strict=True):
+            frame, reach = int(np.argmax(size)), max(len(size) // 4, 1)
             if size[frame] > 0.0:
                 of_turn.append((float(size[frame]), item, frame))
+            size[max(frame - reach, 0) : frame + reach + 1] = 0.0
         found += [(item, frame) for _, item, frame in sorted(of_turn, key=lambda one: -one[0])]
     return found[:SHAPES_SHOWN]
 

@@ -53,10 +53,11 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
 
 
 def drawn(table: Table, title: str) -> rich.table.Table:
-    """Return a table for the terminal."""
+    """Return a table for the terminal, which is too narrow for meanings."""
     out = rich.table.Table(title=title, box=rich.box.SIMPLE_HEAD)
-    for place, name in enumerate(table.columns):
-        out.add_column(name, justify='right' if place in table.numbers else 'left')
+    shown = [place for place, name in enumerate(table.columns) if name != 'meaning']
+    for place in shown:
+        out.add_column(table.columns[place], justify='right' if place in table.numbers else 'left')
     for row in table.rows:
-        out.add_row(*(Text(text) for text in row))
+        out.add_row(*(Text(row[place]) for place in shown))
     return out
