@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.views import law_view
 from pneunet_ros.diagnosis.answer import Diagnosis, Evidence, Side
-from pneunet_ros.diagnosis_tables import ranked, rounded
+from pneunet_ros.diagnosis_tables import ranked
 from pneunet_ros.gap_figures import AFTER, BEFORE
 from pneunet_ros.report_style import (
     BAND_SIGMAS,
@@ -19,6 +19,7 @@ from pneunet_ros.report_style import (
     PressureColors,
     THIRD,
 )
+from pneunet_ros.report_words import rounded
 from pneunet_ros.units import kilopascals
 
 MOST_HYPOTHESES = 12

@@ -14,9 +14,10 @@ from pneunet_ros import diagnosis_report, load_model, report_style, solve
 from pneunet_ros.diagnosis.answer import Estimated
 from pneunet_ros.diagnosis_files import diagnosis_content, MODEL, NUMBERS, PAGE, write_diagnosis
 from pneunet_ros.diagnosis_report import diagnosis_figures, Pictures, report_page
-from pneunet_ros.diagnosis_tables import detectable_table, shift_table, sigmas, with_error
+from pneunet_ros.diagnosis_tables import detectable_table, shift_table, sigmas
 from pneunet_ros.gap_figures import beside, gap, gap_sentence, shapes, telling
 from pneunet_ros.loop_figures import directions_of, loops
+from pneunet_ros.report_words import chance, with_error
 from pneunet_ros.where_figures import maps
 import pytest
 
@@ -237,3 +238,9 @@ def test_a_direction_is_kept_through_holds_and_noise():
     expected = [0, 1, 1, 1, 1, 1, -1, -1, -1, -1]
     assert directions_of(pressure, 1.0).tolist() == expected
     assert directions_of(np.array([3.0, 3.1, 2.9]), 1.0).tolist() == [0, 0, 0]
+
+
+def test_a_chance_near_zero_is_not_counted():
+    assert [chance(value) for value in (0.034, 1e-6, 1e-9, 0.0)] == [
+        '0.034', '1e-06', '< 1e-06', '< 1e-06',
+    ]  # fmt: skip

@@ -70,7 +70,8 @@ FLOORS = {
         report_page report_style
         figure_data shape_figures moment_figures force_figures trend_figures
         residual_figures calibration_figures calibration_tables calibration_report
-        diagnosis_tables gap_figures where_figures loop_figures evidence_figures diagnosis_report
+        report_words diagnosis_tables
+        gap_figures where_figures loop_figures evidence_figures diagnosis_report
         diagnosis_files
         __init__
     """,
