@@ -52,7 +52,7 @@ FLOORS = {
         calibration.calibration
         calibration.stances calibration.views calibration.linearity calibration.sensitivity
         diagnosis diagnosis.answer diagnosis.hypothesis diagnosis.base diagnosis.generic_field
-        diagnosis.design diagnosis.linear diagnosis.refit diagnosis.adequacy diagnosis.candidates
+        diagnosis.calm diagnosis.design diagnosis.linear diagnosis.refit diagnosis.adequacy diagnosis.candidates
         diagnosis.selection diagnosis.localization diagnosis.separability diagnosis.gap
         diagnosis.proposal diagnosis.augmented diagnosis.diagnosis
     """,

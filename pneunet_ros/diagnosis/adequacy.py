@@ -89,10 +89,10 @@ def groups_of(
         blocks = [design.blocks[which] for which in runs]
         smooth = [block.fields.generic * design.tolerance for block in blocks]
         tests.append(test_of(f'{label}: smooth fields', design, linear, runs, smooth, seed))
-        single = [block.fields.single * SINGLE_FIELD for block in blocks]
+        single = [block.fields.single() * SINGLE_FIELD for block in blocks]
         tests.append(test_of(f'{label}: single targets', design, linear, runs, single, seed))
         for which in runs:
-            fields = design.blocks[which].fields.windows
+            fields = design.blocks[which].fields.windows()
             rms = np.sqrt(np.mean(fields**2, axis=(0, 1)))
             fields = fields * (SINGLE_FIELD / np.maximum(rms, 1e-12))
             only = range(which, which + 1)

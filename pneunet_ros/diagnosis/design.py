@@ -17,18 +17,16 @@ from pneunet_ros.calibration.fit import Posterior
 from pneunet_ros.calibration.response import Series, THETA
 from pneunet_ros.calibration.unknowns import Unknowns
 from pneunet_ros.calibration.whitening import Whitening
+from pneunet_ros.diagnosis.calm import calm
 from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Surroundings
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.errors import ModelError
 from pneunet_ros.noise import SensorNoise
 from pneunet_ros.run import Run
 from pneunet_ros.shape import Array
-from scipy.ndimage import uniform_filter1d
 
 TOLERANCE = 0.001  # of the length: rms of departures that matter to nobody; invented
 
-CALM = 5  # readings
-READINGS = 400  # of a run, beside those of its frames
 MOST_LOST = 0.02  # of the frames
 
 
@@ -251,26 +249,6 @@ class Design:
             here = np.stack([block.run.x, block.run.y], axis=1)
             out.append(np.where(lost[:, None, None], here, block.series.points))
         return out
-
-
-def calm(run: Run) -> Run:
-    """Return a run with fewer pressure readings, each a mean of neighbors, without most noise.
-
-    A line or a play would else do good by smoothing the noise of the sensor alone. The noise of
-    the reading at each frame is put back behind them.
-    """
-    count = len(run.pressure)
-    if count < CALM:
-        return run
-    smooth = uniform_filter1d(run.pressure, CALM, mode='nearest')
-    spread = np.linspace(0, count - 1, min(count, READINGS)).astype(np.int64)
-    kept = np.union1d(spread, run.reading)
-    return replace(
-        run,
-        reading_stamp_ns=run.reading_stamp_ns[kept],
-        pressure=smooth[kept],
-        reading=np.searchsorted(kept, run.reading),
-    )
 
 
 def filter_of(columns: Array) -> tuple[Array, Array]:

@@ -17,8 +17,10 @@ from pneunet_ros.diagnosis.candidates import Candidate
 from pneunet_ros.diagnosis.design import Design, Point
 from pneunet_ros.diagnosis.gap import closed, misfit, noise_floor, scores
 from pneunet_ros.diagnosis.hypothesis import hypotheses
+from pneunet_ros.diagnosis.linear import Linear
 from pneunet_ros.diagnosis.localization import frames_of, heat_maps, sentence_of, shares
 from pneunet_ros.diagnosis.proposal import proposal
+from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.selection import LEVEL, margin, Selection, Trial
 from pneunet_ros.diagnosis.separability import cosines, detectable
 from pneunet_ros.run import Run
@@ -66,7 +68,7 @@ def diagnose(
         mapped=map if executor is None else executor.map,
     )
     first = selection.base()
-    best = selection.forward()
+    best = selection.forward(first)
     found = selection.following(first)
     visible = detectable(asked, found)
     alike = cosines(first.refit.linear, found)
@@ -76,12 +78,14 @@ def diagnose(
     after = verdict.trial
     before_fit = fitted(first.refit)
     after_fit = before_fit if after is first else fitted(after.refit)
+    before_design, before_linear = selection.wholly(first.refit)
+    after_design, after_linear = selection.wholly(after.refit)
     sides = [
-        side(trial, fit, training, held_out)
-        for trial, fit in ((first, before_fit), (after, after_fit))
+        side(first.refit, before_fit, before_design, before_linear, (ordered, held_out)),
+        side(after.refit, after_fit, after_design, after_linear, (ordered, held_out)),
     ]
     frames = [frames_of(item.refit.design, item.refit.linear) for item in (first, after)]
-    design = first.design
+    design = before_design
     shown = range(design.training, len(design.blocks)) if held_out else range(design.training)
     floor = noise_floor(design, shown)
     gaps = [item.held_out or item.training for item in sides]
@@ -102,9 +106,9 @@ def diagnose(
         before=sides[0],
         after=sides[1],
         noise_floor=floor,
-        closed=None if first.adequate else closed(gaps[0].rms, gaps[1].rms, floor),
-        adequacy_before=adequacy(first.groups),
-        adequacy_after=adequacy(after.groups),
+        closed=None if first.record.adequate else closed(gaps[0].rms, gaps[1].rms, floor),
+        adequacy_before=adequacy(first.record.groups),
+        adequacy_after=adequacy(after.record.groups),
         detectable=visible,
         shift={} if after is first else shifts(before_fit, after_fit),
         evidence=evidence(selection, found),
@@ -119,21 +123,21 @@ def judged(selection: Selection, first: Trial, best: Trial, some: bool) -> Verdi
     """Decide on the answer; some: an effect could have been seen at all."""
     nothing = Verdict(answer='none', trial=first, alternatives=(), probability={})
     if not best.names:
-        if not first.adequate:
+        if not first.record.adequate:
             return Verdict(answer='unknown', trial=first, alternatives=(), probability={})
         if some:
             return nothing
         return Verdict(answer='unobservable', trial=first, alternatives=(), probability={})
-    if not best.adequate:
+    if not best.record.adequate:
         return Verdict(answer='unknown', trial=first, alternatives=(), probability={})
     rivals = [
         trial
         for trial in selection.tried.values()
         if trial.adequate
         and trial.plausible
-        and trial is not best
-        and trial.refit.numbers.size <= best.refit.numbers.size
-        and trial.evidence > best.evidence - margin(best.evidence)
+        and trial is not best.record
+        and trial.freedom <= best.record.freedom
+        and trial.evidence > best.record.evidence - margin(best.record.evidence)
     ]
     others = sorted({name for trial in rivals for name in trial.names} - set(best.names))
     return Verdict(
@@ -157,12 +161,18 @@ def probabilities(selection: Selection) -> dict[str, float]:
     }
 
 
-def side(trial: Trial, fit: Fit, training: Sequence[Run], held_out: Sequence[Run]) -> Side:
-    """Return a model beside all recordings."""
-    arm = augmented(trial.refit, fit)
+def side(
+    refit: Refit,
+    fit: Fit,
+    design: Design,
+    linear: Linear,
+    recordings: tuple[Sequence[Run], Sequence[Run]],
+) -> Side:
+    """Return a model beside all recordings: training and held-out ones."""
+    arm = augmented(refit, fit)
+    training, held_out = recordings
     every = scores(arm, [*training, *held_out])
     first, rest = every[: len(training)], every[len(training) :]
-    design, linear = trial.design, trial.whole
     runs = range(design.training), range(design.training, len(design.blocks))
     return Side(
         arm=arm,
@@ -215,9 +225,9 @@ def notes(first: Trial, best: Trial, verdict: Verdict) -> tuple[str, ...]:
     """Return what else one should know."""
     out = []
     if verdict.answer == 'unknown' and best.names:
-        left = min(best.groups, key=lambda item: item.p_value)
+        left = min(best.record.groups, key=lambda item: item.p_value)
         out.append(
-            f'{" + ".join(best.names)} explains most (chi squared falls by {best.gain:.0f}), but '
+            f'{" + ".join(best.names)} explains most (chi squared falls by {best.record.gain:.0f}), but '
             f'something is left beside it ({left.name}): it is not what is missing, or not alone'
         )
     if not first.refit.converged:

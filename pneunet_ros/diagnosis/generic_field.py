@@ -104,15 +104,28 @@ def behind(run: Run, memory: float) -> Array:
 class Fields:
     """How points of a run answer to unit fields, (frames, 2 targets, n) m.
 
-    generic: over what the arm feels, shared by all runs, with names; windows: in windows of time
-    of this run, by curvature modes and by a move of the whole picture; single: every target for
-    itself, with what the arm feels.
+    generic: over what the arm feels, shared by all runs, with names. shapes: curvature modes and a
+    move of the whole picture; hats (frames, windows): windows of time; felt (frames, k): what
+    single targets are tested with.
     """
 
     names: tuple[str, ...]
     generic: Array
-    windows: Array
-    single: Array
+    shapes: Array
+    hats: Array
+    felt: Array
+
+    def windows(self) -> Array:
+        """Shapes in windows of time of this run."""
+        frames, points = self.shapes.shape[:2]
+        both = self.shapes[:, :, :, None] * self.hats[:, None, None, :]
+        return both.reshape(frames, points, -1)
+
+    def single(self) -> Array:
+        """Every target for itself, with what the arm feels."""
+        frames, points = self.shapes.shape[:2]
+        both = np.eye(points)[None, :, :, None] * self.felt[:, None, None, :]
+        return both.reshape(frames, points, -1)
 
 
 STRETCH_FUNCTIONS = ('1', 'p', 'p^2', 't', 'past 3 s', 'F1', 'F2')
@@ -147,15 +160,12 @@ def fields_of(around: Surroundings, which: int, knots: Array, theta: Array) -> F
     hats = np.maximum(
         0.0, 1.0 - np.abs((WINDOWS - 1) * around.progress[which][:, None] - np.arange(WINDOWS))
     )
-    shapes = np.concatenate([modes[:, :, :WINDOW_MODES], moved], axis=2)
-    windows = (shapes[:, :, :, None] * hats[:, None, None, :]).reshape(frames, 2 * targets, -1)
-    felt = around.columns(which, SINGLE_FUNCTIONS)
-    single = np.eye(2 * targets)[None, :, :, None] * felt[:, None, None, :]
     return Fields(
         names=tuple(names),
         generic=np.concatenate(parts, axis=2),
-        windows=windows,
-        single=single.reshape(frames, 2 * targets, -1),
+        shapes=np.concatenate([modes[:, :, :WINDOW_MODES], moved], axis=2),
+        hats=hats,
+        felt=around.columns(which, SINGLE_FUNCTIONS),
     )
 
 

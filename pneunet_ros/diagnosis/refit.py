@@ -28,7 +28,8 @@ class Refit:
     """Effects fitted jointly: their numbers and covariance, and the linear problem at the end.
 
     numbers (k,) of all hypotheses, one after the other; base (n,) scaled position of the base
-    unknowns; linear: with columns base, departures, numbers. settled: another linearization changes nothing.
+    unknowns; linear: with columns base, departures, numbers. settled: taking the answer of the
+    base anew changes nothing.
     """
 
     design: Design

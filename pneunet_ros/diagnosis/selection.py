@@ -30,34 +30,33 @@ Each = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Trial:
-    """Effects that were fitted jointly: evidence over the base, and what is left beside them.
+class Record:
+    """What came of effects that were fitted jointly.
 
-    evidence in log probability; gain in chi squared; design, whole: all recordings,
-    held-out ones too, and their linear problem; groups: the omnibus tests on it.
+    evidence over the base, in log probability; gain in chi squared; groups: what is left beside
+    them; plausible: no size is far beyond its prior range.
     """
 
-    refit: Refit
-    design: Design
-    whole: Linear
+    names: tuple[str, ...]
+    freedom: int
     evidence: float
     gain: float
     groups: tuple[Group, ...]
     adequate: bool
+    plausible: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trial:
+    """Effects that were fitted jointly, ready to go on from."""
+
+    record: Record
+    refit: Refit
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
-        return self.refit.names
-
-    @property
-    def plausible(self) -> bool:
-        """Whether no size is far beyond its prior range."""
-        parts = split(self.refit.hypotheses, self.refit.numbers) if self.names else []
-        return all(
-            bool(np.all(np.abs(numbers - item.mean) <= PLAUSIBLE * item.std))
-            for item, numbers in zip(self.refit.hypotheses, parts, strict=True)
-        )
+        return self.record.names
 
 
 @dataclass(slots=True, kw_only=True)
@@ -69,7 +68,7 @@ class Selection:
     seed: int
     each: Each
     mapped: Mapped = map
-    tried: dict[frozenset[str], Trial] = field(default_factory=dict)
+    tried: dict[frozenset[str], Record] = field(default_factory=dict)
     scores: dict[frozenset[str], list[Candidate]] = field(default_factory=dict)
 
     def base(self) -> Trial:
@@ -77,32 +76,37 @@ class Selection:
         self.each('the base model', 0, 0)
         found = refit(self.design.of_training(), (), np.zeros(0), ROUNDS)
         if found is None:
-            raise AssertionError('the base model has shapes where it was fitted')
-        design, whole = self.wholly(found)
-        groups = groups_of(design, whole, self.seed, self.mapped)
-        trial = Trial(
-            refit=found,
-            design=design,
-            whole=whole,
-            evidence=0.0,
-            gain=0.0,
-            groups=groups,
-            adequate=clean(groups, ()),
-        )
-        self.tried[frozenset()] = trial
-        return trial
+            raise ModelError('the model has no shape in most of the training recordings')
+        return self.recorded(found, None)
 
-    def forward(self) -> Trial:
+    def recorded(self, found: Refit, base: Trial | None) -> Trial:
+        """Test a joint fit, and keep what came of it."""
+        groups = groups_of(*self.wholly(found), self.seed, self.mapped)
+        before = () if base is None else base.record.groups
+        reference = found if base is None else base.refit
+        record = Record(
+            names=found.names,
+            freedom=found.numbers.size,
+            evidence=found.linear.evidence() - reference.linear.evidence(),
+            gain=2.0 * (reference.cost - found.cost),
+            groups=groups,
+            adequate=clean(groups, before),
+            plausible=plausible(found),
+        )
+        self.tried[frozenset(record.names)] = record
+        return Trial(record=record, refit=found)
+
+    def forward(self, base: Trial) -> Trial:
         """Add effects one by one while that helps; return the best set found."""
-        best = self.tried[frozenset()]
-        if best.adequate and not self.more(best):
+        best = base
+        if best.record.adequate and not self.more(best):
             return best
-        for _ in range(MOST_EFFECTS):
-            better = self.extended(best)
+        for count in range(MOST_EFFECTS):
+            better = self.extended(base, best, thorough=count == 0)
             if better is None:
                 return best
-            best = self.backward(better)
-            if best.adequate and not self.more(best):
+            best = self.backward(base, better)
+            if best.record.adequate and not self.more(best):
                 return best
         return best
 
@@ -117,88 +121,48 @@ class Selection:
     def more(self, trial: Trial) -> bool:
         """Whether another effect has a significant score beside these."""
         following = self.following(trial)
-        needed = max(LEAST_GAIN, LAW_ERROR * trial.gain)
+        needed = max(LEAST_GAIN, LAW_ERROR * trial.record.gain)
         return bool(following) and following[0].gain > needed
 
-    def extended(self, trial: Trial) -> Trial | None:
-        """Return the best set with one effect more; None where none is good enough."""
+    def extended(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
+        """Return the best set with one effect more; None where none is good enough.
+
+        thorough: where no set is adequate, fit all effects; scores of small steps may mislead.
+        """
         following = self.following(trial)
         most = following[0].gain if following else 0.0
-        # Where nothing is right yet, scores of small steps may mislead: then fit more of them.
         clear = sum(item.gain >= NEAR * most for item in following)
-        found: list[Trial] = []
-        chosen = None
+        stops = [clear, max(clear, SHORTLIST), *([len(following)] if thorough else [])]
+        chosen: Trial | None = None
         done = 0
-        for stop in (clear, max(clear, SHORTLIST), len(following)):
-            found += self.finalists(trial, following[done:stop])
+        for stop in stops:
+            found = self.finalists(base, trial, following[done:stop])
+            chosen = best_of(trial, [*([] if chosen is None else [chosen]), *found])
             done = stop
-            chosen = self.best_of(trial, found)
-            if chosen is not None and chosen.adequate:
+            if chosen is not None and chosen.record.adequate:
                 return chosen
         return chosen
 
-    def best_of(self, trial: Trial, found: Sequence[Trial]) -> Trial | None:
-        """Return the most probable of the sets that are better than the one they extend."""
-        better = [
-            item
-            for item in found
-            if item.evidence > trial.evidence + LEAST_EVIDENCE
-            and item.gain > trial.gain + LEAST_GAIN
-        ]
-        likely = [item for item in better if item.plausible]
-        adequate = [item for item in likely if item.adequate]
-        chosen = adequate or [item for item in better if item.adequate] or likely or better
-        most = max((item.evidence for item in chosen), default=0.0)
-        alike = [item for item in chosen if item.evidence >= most - margin(most)]
-        return min(alike, key=lambda item: (item.refit.numbers.size, -item.evidence), default=None)
-
-    def finalists(self, trial: Trial, following: Sequence[Candidate]) -> list[Trial]:
+    def finalists(self, base: Trial, trial: Trial, following: Sequence[Candidate]) -> list[Trial]:
         """Refit once with each candidate, and those that come near the best to the end."""
         first = []
         for place, item in enumerate(following):
-            name = ' + '.join((*trial.names, item.hypothesis.name))
-            self.each(name, place, len(following))
             together = (*trial.refit.hypotheses, item.hypothesis)
-            key = frozenset(one.name for one in together)
-            if key in self.tried:
-                continue
+            self.each(' + '.join(one.name for one in together), place, len(following))
             numbers = np.concatenate([trial.refit.numbers, item.start])
             found = refit(trial.refit.design, together, numbers, 1)
             if found is not None:
                 first.append(found)
         improvement = [trial.refit.cost - item.cost for item in first]
-        most = max(improvement, default=0.0)
-        order = np.argsort([-value for value in improvement])[:FINALISTS]
+        needed = max(NEAR * max(improvement, default=0.0), 0.25 * LEAST_GAIN)
+        order = np.argsort([-value for value in improvement])[:FINALISTS].tolist()
+        chosen = [first[place] for place in order if improvement[place] >= needed]
+        del first
         out = []
-        for place in order.tolist():
-            if improvement[place] < max(NEAR * most, 0.25 * LEAST_GAIN):
-                continue
-            self.each('to the end: ' + ' + '.join(first[place].names), place, len(order))
-            out.append(self.completed(first[place]))
-        known = [
-            self.tried[key]
-            for item in following
-            if (key := frozenset((*trial.names, item.hypothesis.name))) in self.tried
-        ]
-        return [*out, *(item for item in known if item not in out)]
-
-    def completed(self, first: Refit) -> Trial:
-        """Refit to the end, with evidence and tests."""
-        found = finished(first, ROUNDS)
-        base = self.tried[frozenset()]
-        design, whole = self.wholly(found)
-        groups = groups_of(design, whole, self.seed, self.mapped)
-        trial = Trial(
-            refit=found,
-            design=design,
-            whole=whole,
-            evidence=found.linear.evidence() - base.refit.linear.evidence(),
-            gain=2.0 * (base.refit.cost - found.cost),
-            groups=groups,
-            adequate=clean(groups, base.groups),
-        )
-        self.tried[frozenset(found.names)] = trial
-        return trial
+        for place, found in enumerate(chosen):
+            self.each('to the end: ' + ' + '.join(found.names), place, len(chosen))
+            out.append(self.recorded(finished(found, ROUNDS), base))
+        return out
 
     def wholly(self, found: Refit) -> tuple[Design, Linear]:
         """Return all recordings around a refit, held-out ones too, as a linear problem.
@@ -215,32 +179,61 @@ class Selection:
             )
         return design, linear
 
-    def backward(self, trial: Trial) -> Trial:
+    def backward(self, base: Trial, trial: Trial) -> Trial:
         """Leave out effects without which the recordings are predicted as well."""
         while len(trial.names) > 1:
-            without = [self.without(trial, name) for name in trial.names]
+            least = trial.record.evidence - LEAST_EVIDENCE
+            without = [self.without(base, trial, name, least) for name in trial.names]
             kept = [item for item in without if item is not None]
-            best = max(kept, key=lambda item: item.evidence, default=None)
-            if best is None or best.evidence < trial.evidence - LEAST_EVIDENCE:
+            if not kept:
                 return trial
-            trial = best
+            trial = max(kept, key=lambda item: item.record.evidence)
         return trial
 
-    def without(self, trial: Trial, name: str) -> Trial | None:
-        """Return the set without one of its effects."""
+    def without(self, base: Trial, trial: Trial, name: str, least: float) -> Trial | None:
+        """Return the set without one of its effects; None where its evidence is not enough."""
         left = tuple(item for item in trial.refit.hypotheses if item.name != name)
-        key = frozenset(item.name for item in left)
-        if key not in self.tried:
-            numbers = [
-                item.numbers(effect)
-                for item, effect in zip(trial.refit.hypotheses, trial.refit.effects, strict=True)
-                if item.name != name
-            ]
-            first = refit(trial.refit.design, left, np.concatenate(numbers), 0)
-            if first is None:
-                return None
-            self.completed(first)
-        return self.tried[key]
+        known = self.tried.get(frozenset(item.name for item in left))
+        if known is not None and known.evidence < least:
+            return None
+        numbers = [
+            item.numbers(effect)
+            for item, effect in zip(trial.refit.hypotheses, trial.refit.effects, strict=True)
+            if item.name != name
+        ]
+        first = refit(trial.refit.design, left, np.concatenate(numbers), ROUNDS)
+        if first is None:
+            return None
+        found = self.recorded(first, base)
+        return found if found.record.evidence >= least else None
+
+
+def best_of(trial: Trial, found: Sequence[Trial]) -> Trial | None:
+    """Return the most probable of the sets that are better than the one they extend.
+
+    Adequate and plausible ones come first; of those alike, the one with the fewest numbers.
+    """
+    better = [
+        item
+        for item in found
+        if item.record.evidence > trial.record.evidence + LEAST_EVIDENCE
+        and item.record.gain > trial.record.gain + LEAST_GAIN
+    ]
+    likely = [item for item in better if item.record.plausible]
+    adequate = [item for item in likely if item.record.adequate]
+    chosen = adequate or [item for item in better if item.record.adequate] or likely or better
+    most = max((item.record.evidence for item in chosen), default=0.0)
+    alike = [item for item in chosen if item.record.evidence >= most - margin(most)]
+    return min(alike, key=lambda item: (item.record.freedom, -item.record.evidence), default=None)
+
+
+def plausible(found: Refit) -> bool:
+    """Whether no size of the effects is far beyond its prior range."""
+    parts = split(found.hypotheses, found.numbers) if found.hypotheses else []
+    return all(
+        bool(np.all(np.abs(numbers - item.mean) <= PLAUSIBLE * item.std))
+        for item, numbers in zip(found.hypotheses, parts, strict=True)
+    )
 
 
 def margin(evidence: float) -> float:
