@@ -28,6 +28,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 
 MOST_STEPS = 25
 SMALL_STEP = 0.05  # standard deviations of all that is fitted, together
+NEARLY = 10.0  # as many left where the model cannot explain the recordings: still a model
 MOST_HALVINGS = 8
 # of drift_std: a random walk between its nodes on a straight line, per frame
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
@@ -197,6 +198,7 @@ def fit(
         share = lowering(posterior, scaled, step, cost)
         if share == 0.0:
             status = f'no step lowers the cost any more; {decrement:.2g} standard deviations left'
+            converged = decrement < NEARLY
             break
         scaled = scaled + share * step
         last = posterior.linearized(scaled)

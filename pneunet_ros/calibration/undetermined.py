@@ -38,6 +38,11 @@ def undetermined(fit: Fit) -> list[str]:
         notes.append(f'{one} and {other} cannot be told apart here (correlation {value:.3f})')
     if not fit.converged:
         notes.append(f'the fit has not converged: {fit.status}')
+    elif fit.status != 'converged':
+        notes.append(
+            f'the fit has not quite settled ({fit.status}): the model cannot explain these '
+            'recordings; see what `pneunet diagnose` finds missing in it'
+        )
     return notes
 
 

@@ -16,8 +16,10 @@ from pneunet_ros.errors import ModelError
 
 MOST_EFFECTS = 3
 SHORTLIST = 5  # hypotheses that are refitted, in order of their score
-FINALISTS = 3  # of these, refitted to the end
+FINALISTS = 2  # of these, refitted to the end
 NEAR = 0.3  # of the best improvement, what a finalist must reach after its first round
+WORTH_A_FIT = 4.0  # of chi squared by the score
+HOPELESS = 0.2  # of what the base leaves
 ROUNDS = 5
 LEAST_EVIDENCE = 3.0  # log probability of recordings predicted from the others
 PLAUSIBLE = 4.0  # standard deviations of the prior: twice its range
@@ -108,6 +110,8 @@ class Selection:
             best = self.backward(base, better)
             if best.record.adequate and not self.more(best):
                 return best
+            if count and excess(best) > HOPELESS * excess(base):
+                return best  # two effects that leave so much: a third would only hide it
         return best
 
     def following(self, trial: Trial) -> list[Candidate]:
@@ -127,12 +131,13 @@ class Selection:
     def extended(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
         """Return the best set with one effect more; None where none is good enough.
 
-        thorough: where no set is adequate, fit all effects; scores of small steps may mislead.
+        thorough: where no set is adequate, fit all likely effects; scores of small steps may mislead.
         """
         following = self.following(trial)
         most = following[0].gain if following else 0.0
         clear = sum(item.gain >= NEAR * most for item in following)
-        stops = [clear, max(clear, SHORTLIST), *([len(following)] if thorough else [])]
+        likely = sum(item.gain > WORTH_A_FIT for item in following)
+        stops = [clear, max(clear, SHORTLIST), *([likely] if thorough else [])]
         chosen: Trial | None = None
         done = 0
         for stop in stops:
@@ -225,6 +230,11 @@ def best_of(trial: Trial, found: Sequence[Trial]) -> Trial | None:
     most = max((item.record.evidence for item in chosen), default=0.0)
     alike = [item for item in chosen if item.record.evidence >= most - margin(most)]
     return min(alike, key=lambda item: (item.record.freedom, -item.record.evidence), default=None)
+
+
+def excess(trial: Trial) -> float:
+    """Return the most that is left in any group of fields, beyond what clean data have."""
+    return max((item.excess for item in trial.record.groups), default=0.0)
 
 
 def plausible(found: Refit) -> bool:
