@@ -17,7 +17,7 @@ from pneunet_ros.run import Run
 from pneunet_ros.shape import Array
 
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
-FEWEST = 20  # values, for an estimate
+FEWEST = 20  # values for an estimate, and frames of a run to take them from
 EVEN = 1.5  # standard deviations of the mean over targets: the arm's motion has not changed
 AT_CLAMP = 0.01  # of the length: a target as close as this does not move with the arm
 BLOCKS = 8  # of a run, whose means show the drift of the camera
@@ -39,8 +39,9 @@ class NoiseEstimate:
 def estimated_noise(runs: Sequence[Run], arclength: Array, assumed: SensorNoise) -> NoiseEstimate:
     """Estimate all standard deviations; what the runs cannot tell is kept as `assumed`.
 
-    arclength (targets,) m of the targets.
+    arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion.
     """
+    runs = [run for run in runs if len(run.stamp_ns) >= FEWEST]
     white = white_of_targets(runs)
     found: dict[str, tuple[float | None, str]] = {
         'target_std': (white, 'second differences of target positions in time'),

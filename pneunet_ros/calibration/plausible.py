@@ -24,11 +24,16 @@ LONGER_THAN_ARM = 1.3  # of the length, from the clamp to a target
 
 
 def check_runs(
-    unloaded: Sequence[Run], loaded: Sequence[Run], arm: Arm, *, first: bool = True
+    unloaded: Sequence[Run],
+    loaded: Sequence[Run],
+    arm: Arm,
+    *,
+    first: bool = True,
+    fewest: int = FEWEST_FRAMES,
 ) -> None:
     """Raise RequestError or RecordingError where the recordings cannot give a calibration.
 
-    first: nothing is known of the arm yet.
+    first: nothing is known of the arm yet; fewest: frames that a recording must have.
     """
     if not unloaded and (first or not loaded):
         raise RequestError(
@@ -36,7 +41,7 @@ def check_runs(
             'name such recordings after --unloaded'
         )
     for run in (*unloaded, *loaded):
-        check_targets(run, arm)
+        check_targets(run, arm, fewest)
         check_units(run, arm)
     for run in unloaded:
         if run.loaded and float(np.max(np.hypot(*run.force.T))) > UNLOADED_FORCE:
@@ -84,17 +89,17 @@ def check_runs(
         )
 
 
-def check_targets(run: Run, arm: Arm) -> None:
+def check_targets(run: Run, arm: Arm, fewest: int = FEWEST_FRAMES) -> None:
     """Raise RecordingError where a recording has too few targets or too few frames."""
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
             'recordings of different arms cannot be calibrated together (see --arm)'
         )
-    if len(run.stamp_ns) < FEWEST_FRAMES:
+    if len(run.stamp_ns) < fewest:
         raise RecordingError(
             f'{run.name} has {len(run.stamp_ns)} frames with targets and a pressure; '
-            f'at least {FEWEST_FRAMES} are needed'
+            f'at least {fewest} are needed'
         )
     if np.count_nonzero(run.seen.any(axis=0)) < min(FEWEST_TARGETS, run.x.shape[1]):
         raise RecordingError(f'{run.name} shows fewer than {FEWEST_TARGETS} targets')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 import itertools
 
@@ -10,22 +11,24 @@ from pneunet_ros.calibration.fitted import Fit
 from pneunet_ros.calibration.unknowns import Smoothness
 from pneunet_ros.shape import Array
 
-REACHES = (0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.7, 0.9)  # of the length
+REACHES: Sequence[float] = (0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.7, 0.9)  # of the length
 DEVIATIONS = (0.003, 0.01, 0.03, 0.1, 0.3)  # of the amplitude
 AMPLITUDES = (0.4, 0.8, 1.6)  # of the largest kappa_p0
 
 
-def likeliest_smoothness(first: Fit) -> tuple[Smoothness, float]:
+def likeliest_smoothness(
+    first: Fit, reaches: Sequence[float] = REACHES
+) -> tuple[Smoothness, float]:
     """Return the smoothness under which the data of a fit are most probable, and its log evidence.
 
     The data enter through the fit's information and pull, so nothing is solved again; the size of
-    kappa_p0 is taken from the fit.
+    kappa_p0 is taken from the fit. reaches: those to choose from, of the length.
     """
     unknowns, cells = first.unknowns, first.unknowns.cells
     table = first.values[:cells].reshape(unknowns.pressure.size, -1)
     largest = float(np.max(np.abs(table)))
     best: tuple[float, Smoothness] | None = None
-    for reach, share, size in itertools.product(REACHES, DEVIATIONS, AMPLITUDES):
+    for reach, share, size in itertools.product(reaches, DEVIATIONS, AMPLITUDES):
         amplitude = size * largest
         trial = Smoothness(amplitude=amplitude, deviation=share * amplitude, reach=reach)
         prior = replace(unknowns, smoothness=trial).prior[:cells, :cells]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.arm import Arm, EXTRAPOLATION
@@ -14,7 +14,7 @@ from pneunet_ros.calibration.held_out import Score, score
 from pneunet_ros.calibration.knowledge import Knowledge
 from pneunet_ros.calibration.law_unknowns import LAW_UNKNOWNS, LawUnknowns
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
-from pneunet_ros.calibration.prior_smoothness import likeliest_smoothness
+from pneunet_ros.calibration.prior_smoothness import likeliest_smoothness, REACHES
 from pneunet_ros.calibration.unknowns import Smoothness, Unknowns
 from pneunet_ros.errors import RequestError
 from pneunet_ros.run import Run
@@ -22,6 +22,7 @@ from pneunet_ros.shape import Array
 from pneunet_ros.units import kilopascals
 
 KNOTS = 11  # of kappa_p0 along the arm
+CONSTANT = 1e3  # of the length: what is as smooth as this is the same all along
 ROW_DISTANCE = 8000.0  # Pa between rows of kappa_p0, about
 MOST_ROWS, FEWEST_ROWS = 10, 2
 FIRST_FRAMES = 40  # of every run, for the search before the fit to all frames
@@ -45,12 +46,23 @@ class LawScore:
 
 
 class Stages:
-    """The fits one after the other, each starting where the one before has ended."""
+    """The fits one after the other, each starting where the one before has ended.
+
+    uniform: kappa_p0 is the same all along the arm; that is part of the model.
+    """
 
     def __init__(
-        self, frame: Arm, noise: NoiseEstimate, low: float, high: float, each: Progress
+        self,
+        frame: Arm,
+        noise: NoiseEstimate,
+        low: float,
+        high: float,
+        each: Progress,
+        *,
+        uniform: bool = False,
     ) -> None:
         self.frame, self.noise, self.low, self.high, self.each = frame, noise, low, high, each
+        self.uniform, self.knots = uniform, np.linspace(0.0, 1.0, 2 if uniform else KNOTS)
         count = round((high - low) / ROW_DISTANCE) + 1
         self.rows = np.linspace(low, high, min(max(count, FEWEST_ROWS), MOST_ROWS))
 
@@ -59,7 +71,7 @@ class Stages:
         return Unknowns(
             frame=self.frame,
             pressure=self.rows,
-            arclength=np.linspace(0.0, 1.0, KNOTS),
+            arclength=self.knots,
             smoothness=smoothness,
             law=law,
         )
@@ -95,11 +107,13 @@ class Stages:
 
     def first_experiment(self, unloaded: Sequence[Run]) -> tuple[Fit, Smoothness]:
         """Fit kappa_p0 to the unloaded recordings, as smooth as the data say."""
-        wide = wide_smoothness(self.frame.length)
+        wide, reaches = wide_smoothness(self.frame.length), REACHES
+        if self.uniform:
+            wide, reaches = replace(wide, reach=CONSTANT), (CONSTANT,)
         first = self.fitted(
             'kappa_p0, search', self.unknowns(wide, None), unloaded, None, FIRST_FRAMES
         )
-        smoothness, _ = likeliest_smoothness(first)
+        smoothness, _ = likeliest_smoothness(first, reaches)
         unknowns = self.unknowns(smoothness, None)
         return self.fitted('kappa_p0', unknowns, unloaded, first.values), smoothness
 

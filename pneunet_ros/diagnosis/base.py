@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from pneunet_ros.arm import Arm
 from pneunet_ros.calibration.drive import drives_of
 from pneunet_ros.calibration.fitted import Fit
 from pneunet_ros.calibration.law_unknowns import LAW_UNKNOWNS
 from pneunet_ros.calibration.noise_estimate import estimated_noise, NoiseEstimate
-from pneunet_ros.calibration.plausible import check_runs
+from pneunet_ros.calibration.plausible import check_runs, FEWEST_FRAMES
 from pneunet_ros.calibration.stages import pressure_span, Stages
 from pneunet_ros.errors import RequestError
 from pneunet_ros.run import Run
 
-FRAMES = 60  # of every run; neighbors say nearly the same, but for white noise
+FRAMES = 48  # of every run; neighbors say nearly the same, but for white noise
 FIRST_FRAMES = 24  # of every run, for a fit to begin with
+FEWEST_UNIFORM = 4  # frames of a recording, for a model of constant curvature
 
 Each = Callable[[str, int, int], None]  # what is done, how far, of how much (0 = unknown)
 
@@ -39,15 +41,23 @@ def refitted(frame: Arm, training: Sequence[Run], each: Each) -> Base:
             'a diagnosis needs a training recording without a load: it says what the arm does '
             'by pressure alone'
         )
-    check_runs(unloaded, loaded, frame, first=True)
+    plain = uniform(frame)
+    fewest = FEWEST_UNIFORM if plain else FEWEST_FRAMES
+    check_runs(unloaded, loaded, frame, first=True, fewest=fewest)
     noise = estimated_noise(training, frame.target_arclength, frame.sensors)
     frame = replace(frame, sensors=noise.noise, covariance=None)
     low, high = pressure_span(drives_of(frame, training))
     unloaded, loaded = ([run.thinned(FIRST_FRAMES) for run in runs] for runs in (unloaded, loaded))
-    stage = Stages(frame, noise, low, high, each)
+    stage = Stages(frame, noise, low, high, each, uniform=plain)
     fit, smoothness = stage.first_experiment(unloaded)
     if loaded and frame.moment_law.kind in LAW_UNKNOWNS:
         stiffness = stage.stiffness(unloaded, loaded, fit, smoothness)
         law = stage.law(frame.moment_law.kind, stiffness)
         fit = stage.joint(unloaded, loaded, fit, smoothness, law, FIRST_FRAMES)
     return Base(frame=frame, noise=noise, fit=fit)
+
+
+def uniform(arm: Arm) -> bool:
+    """Whether curvature without knots between the ends, the same at both, is part of a model."""
+    table = arm.intrinsic_curvature
+    return table.arclength.size == 2 and bool(np.all(np.ptp(table.curvature, axis=1) == 0.0))

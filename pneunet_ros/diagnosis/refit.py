@@ -67,13 +67,15 @@ class Refit:
 
 def split(hypotheses: Sequence[Hypothesis], numbers: Array) -> list[Array]:
     """Return the numbers of each hypothesis."""
+    if not hypotheses:
+        return []
     ends = np.cumsum([item.size for item in hypotheses])
     return list(np.split(numbers, ends[:-1]))
 
 
 def effects_of(hypotheses: Sequence[Hypothesis], numbers: Array) -> tuple[Effect, ...]:
     """Return the effects with these numbers."""
-    parts = split(hypotheses, numbers) if hypotheses else []
+    parts = split(hypotheses, numbers)
     return tuple(item.effect(part) for item, part in zip(hypotheses, parts, strict=True))
 
 

@@ -239,7 +239,7 @@ def excess(trial: Trial) -> float:
 
 def plausible(found: Refit) -> bool:
     """Whether no size of the effects is far beyond its prior range."""
-    parts = split(found.hypotheses, found.numbers) if found.hypotheses else []
+    parts = split(found.hypotheses, found.numbers)
     return all(
         bool(np.all(np.abs(numbers - item.mean) <= PLAUSIBLE * item.std))
         for item, numbers in zip(found.hypotheses, parts, strict=True)

@@ -22,8 +22,8 @@ class PressureElongation(Effect):
         unit='1/Pa',
         meaning='linear part',
         bounds=(-1e-5, 1e-5),
-        prior=(-1e-6, 5e-6),
-        source='prior: up to a third of the length at 66 kPa',
+        prior=(-1e-6, 1e-5),
+        source='prior: twice the 3.7e-6 to 6.6e-6 of 27 real actuators, whose unit of pressure is inferred',
     )
     strain_per_pascal_squared: float = quantity(
         0.0,
