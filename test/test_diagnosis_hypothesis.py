@@ -1,0 +1,142 @@
+"""Effects as hypotheses: numbers that are zero where nothing happens, for all of the table."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+import math
+
+import numpy as np
+from pneunet_ros.diagnosis.hypothesis import hypotheses, Hypothesis, hypothesis, SHAPES
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.effect import Load, NO_TERMS, PressureScale, Terms
+import pytest
+
+SCALE = PressureScale(rows=(0.0, 20e3, 40e3, 60e3), top=60e3, std=60.0)
+PRESSURE = np.array([0.0, 15e3, 50e3])
+everywhere = pytest.mark.parametrize('name', list(EFFECTS))
+
+
+def asked(name: str) -> Hypothesis:
+    """Return an effect of the table as a hypothesis."""
+    return hypothesis(EFFECTS[name])
+
+
+@everywhere
+def test_numbers_and_effects_are_the_same_thing(name):
+    item = asked(name)
+    random = np.random.default_rng(4)
+    low = np.array([max(one.low, one.mean - 2.0 * one.std) for one in item.coordinates])
+    high = np.array([min(one.high, one.mean + 2.0 * one.std) for one in item.coordinates])
+    for _ in range(20):
+        numbers = random.uniform(low, high)
+        assert item.numbers(item.effect(numbers)) == pytest.approx(numbers, rel=1e-9, abs=1e-15)
+
+
+@everywhere
+def test_the_ends_of_the_prior_range_are_numbers_within_the_bounds(name):
+    item = asked(name)
+    for place, declared in enumerate(fields(EFFECTS[name])):
+        coordinate = item.coordinates[place]
+        for value in declared.metadata['prior']:
+            number = coordinate.of(value)
+            assert coordinate.low <= number <= coordinate.high
+            assert abs(number - coordinate.mean) <= 2.0 * coordinate.std * (1.0 + 1e-9)
+            if value != declared.default or coordinate.shape:
+                assert coordinate.value(number) == pytest.approx(value)
+
+
+@everywhere
+def test_without_any_size_nothing_happens(name):
+    item = asked(name)
+    assert np.array_equal(item.mean[item.sizes], np.zeros(len(item.sizes)))
+    for numbers in item.shapes():
+        effect = item.effect(numbers)
+        for place in item.sizes:
+            parameter = item.coordinates[place].parameter
+            assert getattr(effect, parameter) == getattr(item.kind(), parameter)
+        load = Load(pressure=31e3, force_x=0.2, force_y=-0.1, moment=1e-3)
+        assert effect.sense(load) == load
+        seen = effect.see(np.array([0.1]), np.array([0.02]))
+        assert (float(seen[0][0]), float(seen[1][0])) == (0.1, 0.02)
+        history = effect.initial(10e3, SCALE)
+        for seconds, pressure in ((0.5, 30e3), (1.0, 5e3), (2.0, 5e3)):
+            history, chamber = effect.actuate(history, seconds, pressure, SCALE)
+            assert chamber == pytest.approx(pressure, rel=1e-12)
+        if history:
+            nothing(effect.recall(np.array([history]), SCALE))
+        nothing(effect.terms(PRESSURE))
+
+
+def nothing(terms: Terms) -> None:
+    """Check that terms do not change a rod; what comes late matters by its share alone."""
+    for item in fields(Terms):
+        if item.name != 'late_weights':
+            value = np.asarray(getattr(terms, item.name), dtype=np.float64)
+            assert np.all(value == getattr(NO_TERMS, item.name)), item.name
+
+
+@everywhere
+def test_a_number_without_shapes_is_the_neutral_effect(name):
+    item = asked(name)
+    if len(item.sizes) == item.size:
+        assert item.effect(np.zeros(item.size)) == item.kind()
+
+
+@everywhere
+def test_starts_are_within_the_bounds_and_move_one_size(name):
+    item = asked(name)
+    moved = []
+    for which, numbers in item.starts():
+        assert np.array_equal(item.clipped(numbers), numbers)
+        assert numbers[which] != 0.0
+        assert which in item.sizes
+        assert not any(numbers[other] for other in item.sizes if other != which)
+        assert item.effect(numbers) != item.kind()
+        moved.append(which)
+    assert sorted(set(moved)) == item.sizes
+
+
+@everywhere
+def test_slopes_are_those_of_the_parameter(name):
+    item = asked(name)
+    for coordinate in item.coordinates:
+        here = coordinate.mean + 0.5 * coordinate.std
+        step = 1e-5 * coordinate.std
+        change = (coordinate.value(here + step) - coordinate.value(here - step)) / (2.0 * step)
+        assert coordinate.slope(here) == pytest.approx(change, rel=1e-6)
+
+
+def test_gain_and_offset_of_pressure_are_another_name_of_the_curvature_and_no_others():
+    found = {item.name for item in hypotheses() if item.relabels}
+    assert found == {'pressure_gain', 'pressure_offset'}
+
+
+def test_effects_with_a_history_remember():
+    found = {item.name for item in hypotheses() if item.remembers}
+    assert found == {'pressure_lag', 'hysteresis', 'creep', 'softening'}
+
+
+def test_the_time_of_creep_is_a_shape_and_its_amplitude_a_size():
+    amplitude, time = asked('creep').coordinates
+    assert (amplitude.parameter, amplitude.shape, time.shape) == ('amplitude', False, True)
+    assert time.mean == pytest.approx(math.log(math.sqrt(2.0 * 300.0)))
+    assert time.value(time.mean + time.std) == pytest.approx(300.0)
+    times = {round(float(numbers[1]), 9) for _, numbers in asked('creep').starts()}
+    assert len(times) == SHAPES
+
+
+def test_a_stiffness_that_may_be_infinite_is_its_compliance():
+    (compliance,) = asked('extensibility').coordinates
+    assert compliance.reciprocal
+    assert compliance.value(0.0) == math.inf
+    assert compliance.of(20.0) == pytest.approx(0.05)
+    assert compliance.value(-1.0) == math.inf  # no rod grows shorter when it is pulled
+    assert compliance.value(1e3) == pytest.approx(0.1)  # N, the least that is allowed
+
+
+def test_known_effects_are_no_hypotheses():
+    every = [item.name for item in hypotheses()]
+    assert every == list(EFFECTS)
+    assert [item.name for item in hypotheses(without=('creep', 'gravity'))] == [
+        name for name in every if name not in ('creep', 'gravity')
+    ]
