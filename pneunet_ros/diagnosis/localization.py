@@ -154,11 +154,14 @@ def sentence_of(frames: Frames) -> str:
     means = np.nanmean(frames.squares, axis=0) - 2.0
     top = float(frames.arclength[int(np.nanargmax(means))])
     words.append(f'largest at {top:.2f} of the length')
-    ratio = trend(frames, 'direction')
-    differs = ratio > MUCH or ratio < 1.0 / MUCH
-    words.append(
-        'differs between rising and falling pressure' if differs else 'the same in both directions'
-    )
+    if {FALLING, RISING} <= set(frames.axes['direction'].tolist()):
+        ratio = trend(frames, 'direction')
+        differs = ratio > MUCH or ratio < 1.0 / MUCH
+        words.append(
+            'differs between rising and falling pressure'
+            if differs
+            else 'the same in both directions'
+        )
     return ', '.join(words)
 
 

@@ -23,7 +23,7 @@ class PressureElongation(Effect):
         meaning='linear part',
         bounds=(-1e-5, 1e-5),
         prior=(-1e-6, 1e-5),
-        source='prior: twice the 3.7e-6 to 6.6e-6 of 27 real actuators, whose unit of pressure is inferred',
+        source='prior: 27 real actuators of docs/calibration.md, up to 7e-6, and some more',
     )
     strain_per_pascal_squared: float = quantity(
         0.0,
