@@ -151,8 +151,7 @@ def sentence_of(frames: Frames) -> str:
             words.append(f'falls with {name}')
         else:
             words.append(f'hardly depends on {name}')
-    means = np.nanmean(frames.squares, axis=0) - 2.0
-    top = float(frames.arclength[int(np.nanargmax(means))])
+    top = float(frames.arclength[int(np.nanargmax(means_of(frames.squares)))])
     words.append(f'largest at {top:.2f} of the length')
     if {FALLING, RISING} <= set(frames.axes['direction'].tolist()):
         ratio = trend(frames, 'direction')
@@ -169,10 +168,17 @@ def trend(frames: Frames, axis: Axis) -> float:
     """Return the misfit beyond noise at the upper end of an axis over that at the lower end."""
     values = frames.axes[axis]
     place = bins_of(values, edges_of(axis, values))
+    place[~np.isfinite(frames.squares).any(axis=1)] = -1
     rows = [np.nanmean(frames.squares[place == which]) for which in np.unique(place[place >= 0])]
-    floor = 0.1 * max(np.nanmax(frames.squares.mean(axis=0)) - 2.0, 0.1)
+    floor = 0.1 * max(np.nanmax(means_of(frames.squares)) - 2.0, 0.1)
     low, high = max(rows[0] - 2.0, floor), max(rows[-1] - 2.0, floor)
     return float(high / low)
+
+
+def means_of(squares: Array) -> Array:
+    """Return the mean of squares per target, (targets,), NaN where it was never seen."""
+    count = np.isfinite(squares).sum(axis=0)
+    return np.where(count > 0, np.nansum(squares, axis=0) / np.maximum(count, 1), np.nan)
 
 
 def heat_maps(before: Frames, after: Frames) -> tuple[HeatMap, ...]:
