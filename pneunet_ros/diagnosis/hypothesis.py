@@ -12,7 +12,7 @@ from pneunet_ros.effects.effect import Effect, Load
 from pneunet_ros.shape import Array
 
 FIRST_SIZES = (0.05, 0.25, 0.8)  # of the prior range, where effects with a history are tried
-FIRST_SIZE = 0.01  # of the prior range, for those linear in their size: nearly the tangent
+FIRST_SIZE = 5e-4  # of the prior range, for those linear in their size: the tangent
 SHAPES = 5  # values of a shape parameter that are tried, over its prior range
 
 

@@ -19,7 +19,9 @@ from pneunet_ros.shape import Array, frozen_array
 MOST_STEPS, MOST_HALVINGS = 5, 5
 SMALL = 0.1  # of the cost, that a step can gain at most
 SETTLED = 0.5  # of the cost, from one round to the next
-DIFFERENCE = 0.02  # of the prior's standard deviation, for the answer to a number
+# Of the prior's standard deviation, for the answer to a number. The base takes up most of what
+# gravity does: a coarser difference is bent by more than is left, and taken for information.
+DIFFERENCE = 5e-4
 PRIOR_WIDTHS = 1.0  # of the prior's standard deviation
 
 
