@@ -1,0 +1,196 @@
+"""A diagnosis from recordings to answer: what is hidden is named, and nothing where it is not."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+import functools
+
+from lab_designs import frame, HIDDEN, recorded, TRAINING
+import numpy as np
+from pneunet_ros import load_model, save_model, solve
+from pneunet_ros.calibration.noise_estimate import estimated_noise
+from pneunet_ros.diagnosis import base
+from pneunet_ros.diagnosis.answer import Diagnosis
+from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.load_offset import LoadOffset
+from pneunet_ros.errors import RequestError
+from pneunet_ros.lab_run import true_model
+from pneunet_ros.resources import shipped
+from pneunet_ros.scenario_file import load_scenario
+import pytest
+
+STRUCTURE = ('placement_std', 'registration_std', 'drift_std')
+WHITE_SIZE = 1.6e-4  # m: rms that the true model has on these recordings
+
+
+def found(hidden: str = '', day: int = 0, **options) -> Diagnosis:
+    """Diagnose the recordings of a day."""
+    runs, count = recorded(hidden, day), len(TRAINING)
+    return diagnose(frame(), runs[:count], runs[count:], **{'seed': 3, **options})
+
+
+@functools.cache
+def clean() -> Diagnosis:
+    """Return the diagnosis of recordings from which nothing is missing."""
+    return found()
+
+
+@functools.cache
+def named() -> Diagnosis:
+    """Return the diagnosis of recordings in which the load acts beside the centerline."""
+    return found('load_offset')
+
+
+def test_where_nothing_is_missing_nothing_is_named():
+    answer = clean()
+    assert answer.answer == 'none'
+    assert answer.sentence == 'Nothing is missing that these recordings could show.'
+    assert (answer.effects, answer.alternatives, answer.closed) == ((), (), None)
+    assert answer.adequacy_before == answer.adequacy_after
+    assert answer.adequacy_before.p_value > 0.01
+    assert answer.adequacy_before.statistic < answer.adequacy_before.threshold
+    assert answer.after.arm.effects == ()
+    assert answer.before.held_out is not None
+    assert answer.before.held_out.chi_squared == pytest.approx(1.0, abs=0.15)
+    assert answer.before.held_out.rms < 2.5e-4
+    assert set(answer.detectable) == set(EFFECTS)
+    for name, shown in answer.detectable.items():
+        assert shown.observable == (name not in ('pressure_gain', 'pressure_offset'))
+
+
+def test_a_diagnosis_needs_a_recording_without_a_load():
+    loaded = [run for run in recorded() if run.loaded]
+    with pytest.raises(RequestError, match='without a load'):
+        diagnose(frame(), loaded, [])
+
+
+@pytest.mark.slow
+def test_without_the_structure_of_noise_clean_data_raise_a_false_alarm(monkeypatch):
+    # All errors white and independent, of the size they have together: METHODS says it is wrong.
+    def white(runs, *rest):
+        estimate = estimated_noise(runs, *rest)
+        changes = dict.fromkeys(STRUCTURE, 0.0)
+        changes |= {'pressure_std': 0.01, 'force_std': 1e-7, 'moment_std': 1e-9}
+        noise = replace(estimate.noise, target_std=WHITE_SIZE, **changes)
+        return replace(estimate, noise=noise)
+
+    monkeypatch.setattr(base, 'estimated_noise', white)
+    monkeypatch.setattr(base, 'with_harmless_camera', lambda noise, length: noise)
+    wrong = found()
+    assert wrong.answer != 'none'
+    assert wrong.adequacy_before.p_value < 1e-9
+    assert clean().answer == 'none'  # of the same recordings
+
+
+@pytest.mark.slow
+def test_a_hidden_effect_is_named_with_its_size():
+    answer = named()
+    assert answer.answer == 'named'
+    (effect,) = answer.effects
+    assert effect.name == 'load_offset'
+    assert effect.probability > 0.99
+    size = effect.parameters['offset']
+    assert abs(size.value - HIDDEN['load_offset']['offset']) < 3.0 * size.std
+    assert size.std < 0.1 * size.value
+    assert size.unit == 'm'
+    assert answer.alternatives == ()
+    assert answer.sentence.startswith('What is missing is load_offset: with it the gap falls from')
+    assert answer.adequacy_before.p_value < 1e-12
+    assert answer.adequacy_after.p_value > 0.002
+    first = answer.evidence[0]
+    assert (first.effects, first.adequate) == (('load_offset',), True)
+    assert first.chi_squared > 1000.0
+
+
+@pytest.mark.slow
+def test_the_gap_shrinks_to_that_of_clean_recordings():
+    answer = named()
+    assert answer.before.held_out is not None
+    assert answer.after.held_out is not None
+    assert clean().after.held_out is not None
+    assert answer.before.held_out.rms > 3.0 * answer.after.held_out.rms
+    assert answer.after.held_out.rms < 1.1 * clean().after.held_out.rms
+    assert answer.closed is not None
+    assert answer.closed > 0.95
+    assert len(answer.before.training_scores) == len(TRAINING)
+
+
+@pytest.mark.slow
+def test_where_it_is_said_to_be():
+    answer = named()
+    assert 'grows with the force' in answer.where_sentence
+    last = [share for share in answer.where if share.axis == 'force'][-1]
+    assert last.share > 0.4
+    assert last.p_value < 1e-6
+    shown = next(item for item in answer.heat_maps if item.axis == 'force')
+    assert np.nanmax(shown.before) > 1.5 * np.nanmax(shown.after)
+
+
+@pytest.mark.slow
+def test_the_model_with_the_effect_is_saved_and_solved(tmp_path):
+    save_model(named().after.arm, tmp_path / 'model.yaml')
+    model = load_model(tmp_path / 'model.yaml')
+    (effect,) = model.effects
+    assert isinstance(effect, LoadOffset)
+    assert effect.offset == pytest.approx(named().effects[0].parameters['offset'].value, rel=1e-5)
+    assert model.covariance is not None
+    assert 'effects.load_offset.offset' in model.covariance.quantities
+    row = model.covariance.quantities.index('effects.load_offset.offset')
+    std = float(np.linalg.norm(model.covariance.factor[row]))
+    assert std == pytest.approx(named().effects[0].parameters['offset'].std, rel=0.8)
+    scenario = load_scenario(shipped('scenarios/strings.yaml')).with_effects(
+        {'load_offset': HIDDEN['load_offset']}
+    )
+    truth = true_model(scenario)
+    apart = {'with': [], 'without': []}
+    for pressure, force in ((20e3, (0.15, 0.05)), (45e3, (0.15, 0.1)), (55e3, (0.15, 0.2))):
+        wanted = solve(truth, pressure, force)
+        for key, arm in (('with', model), ('without', named().before.arm)):
+            shape = solve(arm, pressure, force)
+            apart[key].append(np.hypot(shape.x - wanted.x, shape.y - wanted.y).max())
+    assert max(apart['with']) < 5e-4
+    assert max(apart['without']) > 2.0 * max(apart['with'])
+
+
+@pytest.mark.slow
+def test_a_model_that_has_the_effect_lacks_nothing():
+    runs = recorded('load_offset')
+    count = len(TRAINING)
+    known = replace(frame(), effects=(LoadOffset(**HIDDEN['load_offset']),))
+    answer = diagnose(known, runs[:count], runs[count:], seed=3)
+    assert answer.answer == 'none'
+    assert answer.after.arm.effects == known.effects
+    assert 'load_offset' not in answer.detectable
+
+
+@pytest.mark.slow
+def test_the_same_seed_says_the_same_wherever_it_is_simulated():
+    with ThreadPoolExecutor(2) as executor:
+        again = found(executor=executor)
+    assert again.seed == clean().seed == 3
+    assert again.answer == clean().answer
+    assert again.adequacy_before == clean().adequacy_before
+    assert again.before.held_out == clean().before.held_out
+    assert again.where == clean().where
+    other = found(seed=4)
+    assert other.answer == 'none'
+    assert other.adequacy_before.threshold != clean().adequacy_before.threshold
+    assert other.adequacy_before.threshold == pytest.approx(
+        clean().adequacy_before.threshold, rel=0.1
+    )
+
+
+@pytest.mark.slow
+def test_without_held_out_recordings():
+    stages = []
+    count = len(TRAINING)
+    answer = diagnose(
+        frame(), recorded()[:count], [], each=lambda what, done, total: stages.append(what)
+    )
+    assert answer.answer == 'none'
+    assert answer.before.held_out is None
+    assert answer.before.held_out_scores == ()
+    assert answer.noise_floor > 0.0
+    assert {'the base model', 'scores beside the base model', 'the gap'} <= set(stages)
