@@ -15,7 +15,7 @@ from pneunet_ros.diagnosis.refit import Refit, split
 from pneunet_ros.noise import ModelCovariance, MOST_COLUMNS
 from pneunet_ros.shape import Array
 
-LAW_WORTH = 0.02  # of a size: what the plain law of an effect is worth; invented
+LAW_WORTH = 0.05  # of a size: what the plain law of an effect is worth; invented
 SETTLED = 0.3  # standard deviations of all: it starts where the joint fit has ended
 STATIONS = (0.2, 0.5, 0.8)  # s / l, where shifts of kappa_p0 are shown
 

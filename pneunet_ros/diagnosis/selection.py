@@ -26,7 +26,8 @@ PLAUSIBLE = 4.0  # standard deviations of the prior: twice its range
 LAW_EVIDENCE = 0.02  # of the evidence: less does not tell two laws apart; invented
 LEAST_GAIN = 16.0  # of chi squared: four standard deviations
 LEVEL = 0.002  # of a false alarm of the omnibus tests together
-LAW_ERROR = 0.05  # of what an effect explains: no law is better than this; invented
+LAW_ERROR = 0.2  # of what the base leaves, that the law of an effect may miss; invented
+NEXT_GAIN = 0.02  # of what is explained, that one more effect must explain; invented
 
 Each = Callable[[str, int, int], None]
 
@@ -125,7 +126,7 @@ class Selection:
     def more(self, trial: Trial) -> bool:
         """Whether another effect has a significant score beside these."""
         following = self.following(trial)
-        needed = max(LEAST_GAIN, LAW_ERROR * trial.record.gain)
+        needed = max(LEAST_GAIN, NEXT_GAIN * trial.record.gain)
         return bool(following) and following[0].gain > needed
 
     def extended(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:

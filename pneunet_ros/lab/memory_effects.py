@@ -12,7 +12,7 @@ from pneunet_ros.shape import freeze
 from pneunet_ros.units import quantity
 
 RECOVERY_TIME = 120.0  # s, in which a part of a rich Mullins effect is forgotten
-RECOVERING = 0.2  # that part; invented, in real rubber it is small at room temperature
+RECOVERING = 0.05  # that part; invented, in real rubber it is small at room temperature
 # Share of the arm's largest pressure over which a softened arm comes back to its virgin curve:
 # hardly any by the plain law, and more by a rich one.
 REJOINING, RICH_REJOINING = 0.002, 0.02
