@@ -117,6 +117,7 @@ def test_clean_data_leave_nothing():
     for item in found.values():
         assert item.freedom > 5
         assert item.mean >= 0.98 * item.freedom
+        assert item.std**2 >= 1.8 * item.freedom  # of all windows of all runs
 
 
 @pytest.mark.parametrize('name', ['load_offset', 'extensibility'])

@@ -93,6 +93,30 @@ def test_the_cost_never_grows(monkeypatch):
     assert costs[-1] == found.cost
 
 
+def test_a_step_that_is_too_long_is_halved_and_one_uphill_is_not_taken():
+    search = Refitting(design('extensibility'), (asked('extensibility'),))
+    known = search.design.position
+    scaled = np.concatenate([known, np.zeros(search.fixed[0].shape[1] - known.size)])
+    numbers = np.array([0.02])
+    at = search.residuals(scaled, numbers)
+    assert at is not None
+    problem = search.linear(scaled, numbers, at)
+    assert problem is not None
+    cost, step = search.cost(scaled, numbers, at), problem.step
+    found = search.shorter(scaled, numbers, 3.0 * step, cost)
+    assert found is not None
+    assert found[0] == pytest.approx(scaled + 1.5 * step[: scaled.size])
+    assert found[1] == pytest.approx(numbers + 1.5 * step[scaled.size :] * search.width)
+    assert found[3] == search.cost(found[0], found[1], found[2]) < cost
+    assert search.shorter(scaled, numbers, -step, cost) is None
+    # A number goes to its bound and no further.
+    below = 0.1 * step
+    below[-1] = -1.0
+    bounded = search.shorter(scaled, numbers, below, np.inf)
+    assert bounded is not None
+    assert bounded[1].tolist() == [0.0]
+
+
 def test_numbers_stay_within_their_bounds():
     # Nothing is stiffer than inextensible: where that would be better, the search ends there.
     item = asked('extensibility')
