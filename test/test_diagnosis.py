@@ -43,6 +43,19 @@ def named() -> Diagnosis:
     return found('load_offset')
 
 
+def test_few_recordings_are_enough_to_say_that_nothing_is_missing():
+    ramp, _, strings, _, mix = recorded()
+    answer = diagnose(frame(), [strings, ramp], [mix], seed=3)
+    assert answer.answer == 'none'
+    assert (answer.effects, answer.alternatives, answer.closed) == ((), (), None)
+    assert answer.adequacy_before.p_value > 0.01
+    # Unloaded recordings come first, as the base is fitted.
+    assert [item.name for item in answer.before.training_scores] == [ramp.name, strings.name]
+    assert [item.name for item in answer.before.held_out_scores] == [mix.name]
+    assert set(answer.detectable) == set(EFFECTS)
+
+
+@pytest.mark.slow
 def test_where_nothing_is_missing_nothing_is_named():
     answer = clean()
     assert answer.answer == 'none'
