@@ -9,7 +9,6 @@ from lab_designs import base, design, fitted, FRAMES, noise, recorded, TRAINING
 from made_runs import made
 import numpy as np
 from pneunet_ros.arm import Arm
-from pneunet_ros.diagnosis.design import Design, Point
 from pneunet_ros.diagnosis.gap import closed, distances, misfit, noise_floor, scores
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.noise import SensorNoise
@@ -61,10 +60,7 @@ def clean(sensors: SensorNoise, seed: int) -> list[Run]:
 
 def floor_of(sensors: SensorNoise) -> float:
     """Return the floor of such runs."""
-    runs = clean(sensors, 0)
-    fit = base()
-    point = Point(unknowns=fit.unknowns, values=fit.values, placement=fit.placement)
-    return noise_floor(Design(point, runs, len(runs), sensors), range(len(runs)))
+    return noise_floor(own(), clean(sensors, 0), sensors)
 
 
 NOTHING = SensorNoise(
@@ -112,18 +108,19 @@ def test_the_misfit_of_a_fit():
     )
     assert after.chi_squared == pytest.approx(1.0, abs=0.1)
     assert before.chi_squared > 1.15 * after.chi_squared
-    floor = noise_floor(known.design, which)
+    floor = noise_floor(arm, known.design.runs[: len(TRAINING)], known.design.noise)
     assert after.rms == pytest.approx(floor, rel=0.25)
     share = closed(before.rms, after.rms, floor)
     assert share is not None
     assert share > 0.85
 
 
-def test_held_out_recordings_are_scored_by_themselves():
+def test_the_floor_is_that_of_the_recordings_it_is_asked_of():
     around = design('extensibility')
-    apart = range(len(TRAINING), len(around.blocks))
-    assert noise_floor(around, apart) != noise_floor(around, range(len(TRAINING)))
-    assert noise_floor(around, apart) > noise().target_std
+    arm = around.point.arm
+    apart = around.runs[len(TRAINING) :]
+    assert noise_floor(arm, apart, noise()) != noise_floor(arm, around.runs, noise())
+    assert noise_floor(arm, apart, noise()) > noise().target_std
 
 
 def test_what_an_arm_remembers_is_carried_from_run_to_run():

@@ -85,9 +85,7 @@ def diagnose(
         side(after.refit, after_fit, after_design, after_linear, (ordered, held_out)),
     ]
     frames = [frames_of(item.refit.design, item.refit.linear) for item in (first, after)]
-    design = before_design
-    shown = range(design.training, len(design.blocks)) if held_out else range(design.training)
-    floor = noise_floor(design, shown)
+    floor = noise_floor(sides[1].arm, held_out or ordered, base.noise.noise)
     gaps = [item.held_out or item.training for item in sides]
     wished = [item for item in found if not visible[item.hypothesis.name].observable]
     if verdict.alternatives:

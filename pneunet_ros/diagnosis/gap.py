@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.arm import Arm
 from pneunet_ros.calibration.drive import drives_of
 from pneunet_ros.calibration.held_out import Score, score
+from pneunet_ros.calibration.response import Series
 from pneunet_ros.diagnosis.answer import Misfit
 from pneunet_ros.diagnosis.design import Design
 from pneunet_ros.diagnosis.linear import Linear
+from pneunet_ros.noise import SensorNoise
 from pneunet_ros.run import Run
 from pneunet_ros.shape import Array
 
@@ -41,18 +44,23 @@ def distances(error: Array) -> Array:
     return apart[np.isfinite(apart)]
 
 
-def noise_floor(design: Design, which: range) -> float:
+def noise_floor(arm: Arm, runs: Sequence[Run], noise: SensorNoise) -> float:
     """Return the rms (m) that a perfect model would have: white noise, placement, readings."""
-    noise, squares, count = design.noise, 0.0, 0
-    for place in which:
-        block = design.blocks[place]
-        whitening = block.whitening
-        seen = 2 * int(block.run.seen.sum())
-        # Of readings and drift: what whitening takes off, back in meters.
-        sizes = 1.0 / (1.0 - whitening.shrink) ** 2 - 1.0
-        squares += noise.target_std**2 * float(sizes.sum())
-        squares += seen * (noise.target_std**2 + noise.placement_std**2)
-        count += seen
+    squares, count = 0.0, 0
+    stds = np.array([noise.force_std, noise.force_std, noise.moment_std])
+    for run, drive in zip(runs, drives_of(arm, runs), strict=True):
+        series = Series(arm.target_arclength)
+        seen = run.seen & series.solve(arm, drive)[:, None]
+        points = series.points.copy()
+        # A load of exactly zero is none, and has no error.
+        attached = np.any(drive.loads != 0.0, axis=1)[:, None]
+        moved = np.sum((series.load_answer(arm, drive) * stds) ** 2, axis=2) * attached
+        series.solve(arm, replace(drive, pressure=drive.pressure + noise.pressure_std))
+        moved += (series.points - points).reshape(moved.shape) ** 2
+        both = np.concatenate([seen, seen], axis=1)
+        squares += float(moved[both & np.isfinite(moved)].sum())
+        squares += int(both.sum()) * (noise.target_std**2 + noise.placement_std**2)
+        count += int(both.sum())
     return float(np.sqrt(squares / max(count, 1)))
 
 
