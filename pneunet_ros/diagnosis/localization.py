@@ -154,7 +154,7 @@ def sentence_of(frames: Frames) -> str:
     top = float(frames.arclength[int(np.nanargmax(means_of(frames.squares)))])
     words.append(f'largest at {top:.2f} of the length')
     if {FALLING, RISING} <= set(frames.axes['direction'].tolist()):
-        ratio = trend(frames, 'direction')
+        ratio = rising_over_falling(frames)
         differs = ratio > MUCH or ratio < 1.0 / MUCH
         words.append(
             'differs between rising and falling pressure'
@@ -170,9 +170,37 @@ def trend(frames: Frames, axis: Axis) -> float:
     place = bins_of(values, edges_of(axis, values))
     place[~np.isfinite(frames.squares).any(axis=1)] = -1
     rows = [np.nanmean(frames.squares[place == which]) for which in np.unique(place[place >= 0])]
-    floor = 0.1 * max(np.nanmax(means_of(frames.squares)) - 2.0, 0.1)
+    floor = 0.1 * max(float(np.nanmean(frames.squares)) - 2.0, 0.1)
     low, high = max(rows[0] - 2.0, floor), max(rows[-1] - 2.0, floor)
     return float(high / low)
+
+
+def rising_over_falling(frames: Frames) -> float:
+    """Return the misfit beyond noise while pressure rises over that while it falls.
+
+    Only frames of like pressure and force are compared: what hangs on the arm on the way up, and
+    not on the way down, is no hysteresis.
+    """
+    names: tuple[Axis, ...] = ('pressure', 'force')
+    places = [bins_of(frames.axes[name], edges_of(name, frames.axes[name])) for name in names]
+    cells = places[0] * (int(places[1].max()) + 1) + places[1]
+    squares = np.array([known_mean(row) for row in frames.squares]) - 2.0
+    direction = frames.axes['direction']
+    sums = np.zeros(2)
+    for cell in np.unique(cells):
+        both = [squares[(cells == cell) & (direction == sign)] for sign in (RISING, FALLING)]
+        both = [item[np.isfinite(item)] for item in both]
+        weight = min(item.size for item in both)
+        if weight:
+            sums += [weight * max(float(item.mean()), 0.0) for item in both]
+    floor = 0.1 * max(float(sums.max()), 0.1)
+    return float(max(sums[0], floor) / max(sums[1], floor))
+
+
+def known_mean(row: Array) -> float:
+    """Return the mean of what is known, NaN where nothing is."""
+    known = row[np.isfinite(row)]
+    return float(known.mean()) if known.size else float('nan')
 
 
 def means_of(squares: Array) -> Array:
