@@ -36,7 +36,8 @@ FLOORS = {
         lab lab.lens lab.scene lab.discs lab.shading lab.targets lab.renderer lab.motion
         lab.chain_kernels lab.chain lab.contact lab.lab_arm lab.lab_effect
         lab.reading_effects lab.history_kernels lab.memory_effects lab.chain_effects
-        lab.lab_effects lab.outside_effects lab.timeline lab.protocols lab.sensors lab.scenario lab.lab_recording
+        lab.lab_effects lab.outside_effects lab.timeline lab.protocols lab.sensors lab.scenario
+        lab.lab_recording
         lab.simulated lab.valve lab.live lab.film
     """,
     '2 inference': """
@@ -52,7 +53,8 @@ FLOORS = {
         calibration.calibration
         calibration.stances calibration.views calibration.linearity calibration.sensitivity
         diagnosis diagnosis.answer diagnosis.hypothesis diagnosis.base diagnosis.generic_field
-        diagnosis.calm diagnosis.design diagnosis.linear diagnosis.refit diagnosis.adequacy diagnosis.candidates
+        diagnosis.calm diagnosis.design diagnosis.linear diagnosis.refit diagnosis.adequacy
+        diagnosis.candidates
         diagnosis.selection diagnosis.localization diagnosis.separability diagnosis.gap
         diagnosis.proposal diagnosis.augmented diagnosis.diagnosis
     """,

@@ -225,8 +225,9 @@ def notes(first: Trial, best: Trial, verdict: Verdict) -> tuple[str, ...]:
     if verdict.answer == 'unknown' and best.names:
         left = min(best.record.groups, key=lambda item: item.p_value)
         out.append(
-            f'{" + ".join(best.names)} explains most (chi squared falls by {best.record.gain:.0f}), but '
-            f'something is left beside it ({left.name}): it is not what is missing, or not alone'
+            f'{" + ".join(best.names)} explains most (chi squared falls by '
+            f'{best.record.gain:.0f}), but something is left beside it ({left.name}): it is not '
+            'what is missing, or not alone'
         )
     if not first.refit.converged:
         out.append('the fit of the base model has not settled')

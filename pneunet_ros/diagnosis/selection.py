@@ -132,7 +132,7 @@ class Selection:
     def extended(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
         """Return the best set with one effect more; None where none is good enough.
 
-        thorough: where no set is adequate, fit all likely effects; scores of small steps may mislead.
+        thorough: where no set is adequate, fit all likely effects; small steps may mislead.
         """
         following = self.following(trial)
         most = following[0].gain if following else 0.0
