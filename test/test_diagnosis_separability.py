@@ -7,11 +7,12 @@ import math
 
 from lab_designs import asked, fitted
 import numpy as np
-from pneunet_ros.diagnosis.candidates import Candidate, candidates
+from pneunet_ros.diagnosis.candidates import Candidate, candidates, clean_score
 from pneunet_ros.diagnosis.hypothesis import hypotheses
 from pneunet_ros.diagnosis.linear import Linear
 from pneunet_ros.diagnosis.separability import ALIKE, cosines, detectable, PRIOR_RANGE, VISIBLE
 import pytest
+from scipy.stats import chi2
 
 NAMES = ('load_offset', 'extensibility', 'gravity', 'clamp_compliance', 'camera_rotation')
 
@@ -124,3 +125,16 @@ def test_cosines_of_the_lab():
     for pair, alike in found.items():
         assert ALIKE < abs(alike) < 1.0
         assert set(pair) <= set(NAMES)
+
+
+def test_the_largest_score_of_clean_data_by_chance():
+    problem = plain([[0.0], [0.0], [0.0], [0.0]])
+    rows = ([1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0])
+    apart = [invented(name, row) for name, row in zip(NAMES, rows, strict=False)]
+    alike = [invented(name, rows[0]) for name in NAMES]
+    # Three independent squares of normal numbers, or one: quantiles of chi squared.
+    assert clean_score(problem, apart, 0.05, 0) == pytest.approx(
+        chi2.isf(1 - 0.95 ** (1 / 3), 1), rel=0.1
+    )
+    assert clean_score(problem, alike, 0.05, 0) == pytest.approx(chi2.isf(0.05, 1), rel=0.1)
+    assert clean_score(problem, [], 0.05, 0) == 0.0

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.linear import Linear
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.shape import Array
 
+DRAWS = 5000  # of clean data
+NUGGET = 1e-9  # so that effects that act alike can be drawn together
 SMALLEST_STEP, LARGEST_STEP = 0.3, 3.0  # from where an effect with a history was tried
 
 
@@ -40,6 +43,25 @@ def candidates(refit: Refit, hypotheses: Sequence[Hypothesis]) -> list[Candidate
         return []
     found = [candidate(refit, item, here) for item in own]
     return sorted((item for item in found if item is not None), key=lambda item: -item.gain)
+
+
+def clean_score(linear: Linear, found: Sequence[Candidate], level: float, seed: int) -> float:
+    """Return what the largest score of all effects exceeds in clean data with a probability.
+
+    Simulated: normal scores of the linearized refit, with their correlations.
+    """
+    if not found:
+        return 0.0
+    columns = [
+        np.column_stack([item.direction[run] for item in found])
+        for run in range(len(linear.columns))
+    ]
+    inner = linear.inner(columns, columns)
+    size = np.sqrt(np.diag(inner))
+    alike = inner / np.outer(size, size) + NUGGET * np.eye(size.size)
+    random = np.random.default_rng([seed, DRAWS])
+    draws = random.standard_normal((DRAWS, size.size)) @ np.linalg.cholesky(alike).T
+    return float(np.quantile(np.max(draws**2, axis=1), 1.0 - level))
 
 
 def residuals(refit: Refit, effects: Sequence[Effect]) -> list[Array] | None:

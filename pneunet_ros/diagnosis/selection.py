@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pneunet_ros.diagnosis.adequacy import Group, groups_of, Mapped
-from pneunet_ros.diagnosis.candidates import Candidate, candidates
+from pneunet_ros.diagnosis.candidates import Candidate, candidates, clean_score
 from pneunet_ros.diagnosis.design import Design
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linear import Linear
@@ -126,7 +126,8 @@ class Selection:
     def more(self, trial: Trial) -> bool:
         """Whether another effect has a significant score beside these."""
         following = self.following(trial)
-        needed = max(LEAST_GAIN, NEXT_GAIN * trial.record.gain)
+        by_chance = clean_score(trial.refit.linear, following, LEVEL, self.seed)
+        needed = max(by_chance, LEAST_GAIN, NEXT_GAIN * trial.record.gain)
         return bool(following) and following[0].gain > needed
 
     def extended(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
