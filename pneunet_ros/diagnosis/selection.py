@@ -19,6 +19,7 @@ SHORTLIST = 5  # hypotheses that are refitted, in order of their score
 FINALISTS = 2  # of these, refitted to the end
 NEAR = 0.3  # of the best improvement, what a finalist must reach after its first round
 WORTH_A_FIT = 4.0  # of chi squared by the score
+MOST_OF_IT = 0.5  # of what is left beside one effect, that may be left beside two
 HOPELESS = 0.2  # of what the base leaves
 ROUNDS = 5
 LEAST_EVIDENCE = 3.0  # log probability of recordings predicted from the others
@@ -106,7 +107,7 @@ class Selection:
             return best
         for count in range(MOST_EFFECTS):
             better = self.extended(base, best, thorough=count == 0)
-            if better is None:
+            if better is None or (count and not worth_adding(best, better)):
                 return best
             best = self.backward(base, better)
             if best.record.adequate and not self.more(best):
@@ -127,7 +128,9 @@ class Selection:
         """Whether another effect has a significant score beside these."""
         following = self.following(trial)
         by_chance = clean_score(trial.refit.linear, following, LEVEL, self.seed)
-        needed = max(by_chance, LEAST_GAIN, NEXT_GAIN * trial.record.gain)
+        needed = max(by_chance, LEAST_GAIN)
+        if clean(trial.record.groups, ()):
+            needed = max(needed, NEXT_GAIN * trial.record.gain)
         return bool(following) and following[0].gain > needed
 
     def extended(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
@@ -232,6 +235,17 @@ def best_of(trial: Trial, found: Sequence[Trial]) -> Trial | None:
     most = max((item.record.evidence for item in chosen), default=0.0)
     alike = [item for item in chosen if item.record.evidence >= most - margin(most)]
     return min(alike, key=lambda item: (item.record.freedom, -item.record.evidence), default=None)
+
+
+def worth_adding(trial: Trial, better: Trial) -> bool:
+    """Whether one effect more is another effect, and not what the law of the first one misses.
+
+    It explains a good part of what the first does, or most of what is left.
+    """
+    more = better.record.gain - trial.record.gain
+    if more > NEXT_GAIN * trial.record.gain and better.record.adequate:
+        return True
+    return excess(better) < MOST_OF_IT * excess(trial)
 
 
 def excess(trial: Trial) -> float:
