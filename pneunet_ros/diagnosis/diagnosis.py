@@ -25,6 +25,8 @@ from pneunet_ros.diagnosis.selection import LEVEL, margin, Selection, Trial
 from pneunet_ros.diagnosis.separability import cosines, detectable
 from pneunet_ros.run import Run
 
+SAME = 0.98  # cosine of effects that are one class on these recordings
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
@@ -109,7 +111,7 @@ def diagnose(
         adequacy_after=adequacy(after.record.groups),
         detectable=visible,
         shift={} if after is first else shifts(before_fit, after_fit),
-        evidence=evidence(selection, found),
+        evidence=evidence(selection, found, alike),
         cosines=alike,
         proposal=advice,
         notes=notes(first, best, verdict),
@@ -192,7 +194,9 @@ def adequacy(groups: Sequence[Group]) -> Adequacy:
     )
 
 
-def evidence(selection: Selection, found: Sequence[Candidate]) -> tuple[Evidence, ...]:
+def evidence(
+    selection: Selection, found: Sequence[Candidate], alike: Mapping[tuple[str, str], float]
+) -> tuple[Evidence, ...]:
     """Return what was tried, the best first; effects that were not refitted by their score."""
     trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
     out = [
@@ -201,6 +205,7 @@ def evidence(selection: Selection, found: Sequence[Candidate]) -> tuple[Evidence
             chi_squared=item.gain,
             evidence=item.evidence,
             adequate=item.adequate,
+            alike=look_alikes(item.names, alike),
         )
         for item in trials
         if item.names
@@ -212,11 +217,19 @@ def evidence(selection: Selection, found: Sequence[Candidate]) -> tuple[Evidence
             chi_squared=item.gain,
             evidence=float('nan'),
             adequate=False,
+            alike=look_alikes((item.hypothesis.name,), alike),
         )
         for item in found
         if item.hypothesis.name not in fitted_alone
     ]
     return tuple(out)
+
+
+def look_alikes(names: tuple[str, ...], alike: Mapping[tuple[str, str], float]) -> tuple[str, ...]:
+    """Return the effects that act as one of these does on these recordings, but for its size."""
+    pairs = [pair for pair, cosine in alike.items() if abs(cosine) > SAME]
+    both = {name for pair in pairs if set(pair) & set(names) for name in pair}
+    return tuple(sorted(both - set(names)))
 
 
 def notes(first: Trial, best: Trial, verdict: Verdict) -> tuple[str, ...]:
