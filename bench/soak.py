@@ -12,6 +12,7 @@ happens, or if the memory of a node grows. Run without --minutes it takes 100 00
 
 from __future__ import annotations
 
+import abc
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -87,7 +88,7 @@ def reliable() -> Any:
 # ---- the nodes under test -----------------------------------------------------------------------
 
 
-class Subject:
+class Subject(abc.ABC):
     """A node in its process, what was sent to it, and what must have come of that."""
 
     name, answers = '', ''  # of the node, and of the topic that answers every good input
@@ -136,10 +137,11 @@ class Subject:
     def say(self, sentence: str) -> None:
         self.faults.append(f'{self.name}: {sentence}')
 
+    @abc.abstractmethod
     def good(self) -> None:
         """Send a good input, which must be answered."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def introduce(self) -> None:
         """Send what must be known before a good input is one."""
 
@@ -161,7 +163,10 @@ class Subject:
     def values(self) -> dict[str, str]:
         """Wait for diagnostics of this node and return their values."""
         self.peer.statuses.clear()
-        of_it = lambda: [s for s in self.peer.statuses if f'/{self.name}:' in s.name]  # noqa: E731
+
+        def of_it() -> list:
+            return [s for s in self.peer.statuses if f'/{self.name}:' in s.name]
+
         assert self.peer.spin_until(of_it), 'no diagnostics'
         self.level = of_it()[-1].level[0]
         return {item.key: item.value for item in of_it()[-1].values}
@@ -278,6 +283,9 @@ class Estimator(Subject):
         else:
             self.due.add(stamp_of(stamp_ns))
         self.publishers['pressure'].publish(pressure_message(stamp_ns, value))
+
+    def introduce(self) -> None:
+        """Nothing: a reading stands for itself."""
 
     def good(self) -> None:
         self.stamp_ns += PERIOD_NS

@@ -12,7 +12,8 @@ from pneunet_ros import load_model, save_model, solve
 from pneunet_ros.calibration.noise_estimate import estimated_noise
 from pneunet_ros.diagnosis import base
 from pneunet_ros.diagnosis.answer import Diagnosis
-from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.diagnosis.diagnosis import diagnose, probabilities
+from pneunet_ros.diagnosis.selection import Record
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.errors import RequestError
@@ -207,3 +208,24 @@ def test_without_held_out_recordings():
     assert answer.before.held_out_scores == ()
     assert answer.noise_floor > 0.0
     assert {'the base model', 'scores beside the base model', 'the gap'} <= set(stages)
+
+
+def record(names: tuple[str, ...], evidence: float) -> Record:
+    """Return a set of effects of this evidence."""
+    return Record(
+        names=names, freedom=len(names), evidence=evidence, gain=2.0 * evidence, groups=(),
+        adequate=True, plausible=True,
+    )  # fmt: skip
+
+
+def test_probabilities_are_those_of_what_evidence_tells_apart():
+    alone = probabilities([record(('pressure_lag',), 5364.0)])
+    assert alone == {'pressure_lag': 1.0}
+    # One per cent of the evidence does not tell two laws apart, half of it does.
+    near = probabilities([record(('pressure_lag',), 5364.0), record(('creep',), 5415.0)])
+    assert 0.1 < near['pressure_lag'] < near['creep'] < 0.9
+    far = probabilities([record(('pressure_lag',), 5364.0), record(('creep',), 2700.0)])
+    assert far['pressure_lag'] > 0.999
+    both = probabilities([record(('gravity', 'creep'), 50.0), record(('creep',), 20.0)])
+    assert both['creep'] == pytest.approx(1.0)
+    assert both['gravity'] > 0.99

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.diagnosis.linear import Linear, quadratic, SEEN
+from pneunet_ros.diagnosis.linear import Linear
 from pneunet_ros.shape import Array
 import pytest
 from scipy.optimize import minimize
@@ -134,23 +134,3 @@ def test_known_products_of_columns_are_used():
         linear.columns, linear.residuals, linear.position, [4.0 * item for item in linear.grams]
     )
     assert twice.step != pytest.approx(linear.step)
-
-
-def test_the_quadratic_form_counts_directions_that_are_seen():
-    random = np.random.default_rng(8)
-    turned, _ = np.linalg.qr(random.standard_normal((5, 5)))
-    sizes = np.array([9.0, 4.0, 1.0, 0.99 * SEEN, 1e-9])
-    along = np.array([3.0, -4.0, 2.0, 5.0, 7.0])
-    value, seen = quadratic(turned @ along, turned @ np.diag(sizes) @ turned.T)
-    assert seen == 3
-    assert value == pytest.approx(9.0 / 9.0 + 16.0 / 4.0 + 4.0 / 1.0)
-
-
-def test_the_quadratic_form_of_noise_is_chi_squared():
-    random = np.random.default_rng(9)
-    part = random.standard_normal((12, 4))
-    values = [
-        quadratic(part.T @ random.standard_normal(12), part.T @ part)[0] for _ in range(4000)
-    ]
-    assert np.mean(values) == pytest.approx(4.0, abs=0.15)
-    assert np.var(values) == pytest.approx(8.0, abs=0.9)

@@ -17,7 +17,6 @@ from pneunet_ros.diagnosis.linear import Linear, SEEN
 from pneunet_ros.shape import Array
 from scipy.stats import gamma
 
-WINDOW_FIELD = 0.01  # 1/m and, moved, of a millimeter: about what is seen
 SINGLE_FIELD = 1e-4  # m
 DRAWS = 2000
 PLACEMENT_FREEDOM = 20  # values that the standard deviation of placement is known from

@@ -45,6 +45,18 @@ def candidates(refit: Refit, hypotheses: Sequence[Hypothesis]) -> list[Candidate
     return sorted((item for item in found if item is not None), key=lambda item: -item.gain)
 
 
+def likeness(linear: Linear, found: Sequence[Candidate]) -> Array:
+    """Return the cosines of how effects act beside a refitted base, (effects, effects)."""
+    columns = [
+        np.column_stack([item.direction[run] for item in found])
+        for run in range(len(linear.columns))
+    ]
+    inner = linear.inner(columns, columns)
+    size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    alike: Array = inner / np.outer(size, size)
+    return alike
+
+
 def clean_score(linear: Linear, found: Sequence[Candidate], level: float, seed: int) -> float:
     """Return what the largest score of all effects exceeds in clean data with a probability.
 
@@ -52,15 +64,9 @@ def clean_score(linear: Linear, found: Sequence[Candidate], level: float, seed: 
     """
     if not found:
         return 0.0
-    columns = [
-        np.column_stack([item.direction[run] for item in found])
-        for run in range(len(linear.columns))
-    ]
-    inner = linear.inner(columns, columns)
-    size = np.sqrt(np.diag(inner))
-    alike = inner / np.outer(size, size) + NUGGET * np.eye(size.size)
+    alike = likeness(linear, found) + NUGGET * np.eye(len(found))
     random = np.random.default_rng([seed, DRAWS])
-    draws = random.standard_normal((DRAWS, size.size)) @ np.linalg.cholesky(alike).T
+    draws = random.standard_normal((DRAWS, len(found))) @ np.linalg.cholesky(alike).T
     return float(np.quantile(np.max(draws**2, axis=1), 1.0 - level))
 
 

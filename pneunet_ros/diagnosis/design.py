@@ -26,7 +26,6 @@ from pneunet_ros.run import Run
 from pneunet_ros.shape import Array
 
 TOLERANCE = 0.001  # of the length: rms of departures that matter to nobody; invented
-
 MOST_LOST = 0.02  # of the frames
 
 
@@ -46,7 +45,6 @@ class Block:
     shrink: Array
     base: Array
     path: Array
-    theta: Array
     fields: Fields
 
     def white(self, columns: Array) -> Array:
@@ -60,11 +58,6 @@ class Block:
         along *= self.shrink[:, None]
         filtered: Array = flat - self.directions @ along
         return filtered
-
-    def without(self, departures: Array) -> Block:
-        """Return the block with more, whitened columns (rows, n) of unit prior integrated out."""
-        directions, shrink = filter_of(np.concatenate([self.path, departures], axis=1))
-        return replace(self, directions=directions, shrink=shrink)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -184,7 +177,6 @@ class Design:
             shrink=shrink,
             base=np.zeros((0, 0)),
             path=path,
-            theta=fitted.fields[:, THETA],
             fields=fields_of(around, which, knots, fitted.fields[:, THETA]),
         )
         return replace(block, base=block.filtered(np.concatenate([first, placed], axis=1)))

@@ -21,9 +21,17 @@ from pneunet_ros.diagnosis.linear import Linear
 from pneunet_ros.diagnosis.localization import frames_of, heat_maps, sentence_of, shares
 from pneunet_ros.diagnosis.proposal import proposal
 from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.diagnosis.selection import LEVEL, margin, Selection, Trial
+from pneunet_ros.diagnosis.selection import (
+    LEAST_EVIDENCE,
+    LEVEL,
+    margin,
+    Record,
+    Selection,
+    Trial,
+)
 from pneunet_ros.diagnosis.separability import cosines, detectable
 from pneunet_ros.run import Run
+from pneunet_ros.units import millimeters
 
 SAME = 0.98  # cosine of effects that are one class on these recordings
 
@@ -132,11 +140,8 @@ def judged(selection: Selection, first: Trial, best: Trial, some: bool) -> Verdi
         return Verdict(answer='unknown', trial=first, alternatives=(), probability={})
     rivals = [
         trial
-        for trial in selection.tried.values()
-        if trial.adequate
-        and trial.plausible
-        and trial is not best.record
-        and trial.freedom <= best.record.freedom
+        for trial in possible(selection, best)
+        if trial.freedom <= best.record.freedom
         and trial.evidence > best.record.evidence - margin(best.record.evidence)
     ]
     others = sorted({name for trial in rivals for name in trial.names} - set(best.names))
@@ -144,19 +149,27 @@ def judged(selection: Selection, first: Trial, best: Trial, some: bool) -> Verdi
         answer='inseparable' if others else 'named',
         trial=best,
         alternatives=tuple(others),
-        probability=probabilities(selection),
+        probability=probabilities([best.record, *possible(selection, best)]),
     )
 
 
-def probabilities(selection: Selection) -> dict[str, float]:
-    """Return how probable it is that each effect is missing, over all sets that were tried."""
-    trials = list(selection.tried.values())
-    logs = np.array([item.evidence for item in trials])
-    weight = np.exp(logs - logs.max())
+def possible(selection: Selection, best: Trial) -> list[Record]:
+    """Return what else may be the answer: sets that leave nothing over, of usual sizes."""
+    tried = selection.tried.values()
+    return [item for item in tried if item.adequate and item.plausible and item is not best.record]
+
+
+def probabilities(records: Sequence[Record]) -> dict[str, float]:
+    """Return how probable it is that each effect is missing, over sets that may be the answer.
+
+    Evidence counts by what laws of effects are worth, as it does for the answer (`margin`).
+    """
+    logs = np.array([item.evidence for item in records])
+    weight = np.exp((logs - logs.max()) * LEAST_EVIDENCE / margin(float(logs.max())))
     weight /= weight.sum()
-    names = sorted({name for item in trials for name in item.names})
+    names = sorted({name for item in records for name in item.names})
     return {
-        name: float(sum(w for w, item in zip(weight, trials, strict=True) if name in item.names))
+        name: float(sum(w for w, item in zip(weight, records, strict=True) if name in item.names))
         for name in names
     }
 
@@ -250,7 +263,7 @@ def notes(first: Trial, best: Trial, verdict: Verdict) -> tuple[str, ...]:
 def sentence(verdict: Verdict, before: float, after: float) -> str:
     """Return the answer in one sentence."""
     names = ' and '.join(verdict.trial.names)
-    gap = f'from {before * 1e3:.2f} to {after * 1e3:.2f} mm rms'
+    gap = f'from {millimeters(before):.2f} to {millimeters(after):.2f} mm rms'
     match verdict.answer:
         case 'none':
             return 'Nothing is missing that these recordings could show.'

@@ -25,10 +25,13 @@ def scores(arm: Arm, runs: Sequence[Run]) -> tuple[Score, ...]:
 
 
 def misfit(found: Sequence[Score], linear: Linear, which: range, design: Design) -> Misfit:
-    """Return what scores of runs come to; chi squared is that of the linear problem's runs."""
+    """Return what scores of runs come to; chi squared is that of the linear problem's runs.
+
+    Whitened residuals at the fit to the training runs: nothing is fitted to held-out ones.
+    """
     squares = np.concatenate([item.error[np.isfinite(item.error)] ** 2 for item in found])
     apart = np.concatenate([distances(item.error) for item in found])
-    residual = linear.best_residuals()
+    residual = linear.residuals
     chi = sum(float(residual[place] @ residual[place]) for place in which)
     count = sum(2 * int(design.blocks[place].run.seen.sum()) for place in which)
     return Misfit(

@@ -115,11 +115,3 @@ class Linear:
         """Log probability of every run predicted from the others, summed."""
         whole = self.log_probability()
         return sum(whole - self.log_probability(which) for which in range(len(self.grams)))
-
-
-def quadratic(score: Array, covariance: Array) -> tuple[float, int]:
-    """Return z^T C^-1 z over the directions that are seen at all, and how many these are."""
-    sizes, turned = np.linalg.eigh(covariance)
-    seen = sizes > SEEN
-    along = turned[:, seen].T @ score
-    return float(np.sum(along**2 / sizes[seen])), int(seen.sum())

@@ -76,7 +76,7 @@ def proposal(refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candida
     """
     if not wanted:
         return ''
-    ideas, design = made(refit)
+    design = made(refit)
     if design is None:
         return ''
     first = design.training
@@ -88,7 +88,7 @@ def proposal(refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candida
     names = {item.hypothesis.name: item for item in (*wanted, *rivals)}
     answers = {name: answer(refit, design, at, item) for name, item in names.items()}
     best, words, name = 0.0, '', ''
-    for place, idea in enumerate(ideas):
+    for place, idea in enumerate(IDEAS):
         kept = [*range(first), first + place]
         part = Linear.of(
             [linear.columns[which] for which in kept],
@@ -111,8 +111,8 @@ def proposal(refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candida
     )
 
 
-def made(refit: Refit) -> tuple[tuple[Idea, ...], Design | None]:
-    """Return the ideas, and a design with a run for each behind the training runs."""
+def made(refit: Refit) -> Design | None:
+    """Return a design with a run for each idea behind the training runs."""
     design = refit.design
     training = design.runs[: design.training]
     low, high = refit.point.arm.pressure_range
@@ -120,9 +120,9 @@ def made(refit: Refit) -> tuple[tuple[Idea, ...], Design | None]:
     stamp = max(int(run.reading_stamp_ns[-1]) for run in training) + NANOSECONDS_PER_SECOND
     runs = [run_of(idea, low, high, force, stamp, training[0].x.shape[1]) for idea in IDEAS]
     try:
-        return IDEAS, Design(refit.point, (*training, *runs), len(training), design.noise)
+        return Design(refit.point, (*training, *runs), len(training), design.noise)
     except ModelError:
-        return IDEAS, None
+        return None
 
 
 def run_of(idea: Idea, low: float, high: float, force: float, stamp: int, targets: int) -> Run:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from pneunet_ros.diagnosis.adequacy import Group, groups_of, Mapped
+from pneunet_ros.diagnosis.base import Each
 from pneunet_ros.diagnosis.candidates import Candidate, candidates, clean_score
 from pneunet_ros.diagnosis.design import Design
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
@@ -20,7 +21,7 @@ FINALISTS = 2  # of these, refitted to the end
 NEAR = 0.3  # of the best improvement, what a finalist must reach after its first round
 WORTH_A_FIT = 4.0  # of chi squared by the score
 MOST_OF_IT = 0.5  # of what is left beside one effect, that may be left beside two
-HOPELESS = 0.2  # of what the base leaves
+HOPELESS = 0.2  # of what the base leaves; invented, as those above
 ROUNDS = 5
 LEAST_EVIDENCE = 3.0  # log probability of recordings predicted from the others
 PLAUSIBLE = 4.0  # standard deviations of the prior: twice its range
@@ -29,8 +30,6 @@ LEAST_GAIN = 16.0  # of chi squared: four standard deviations
 LEVEL = 0.002  # of a false alarm of the omnibus tests together
 LAW_ERROR = 0.2  # of what the base leaves, that the law of an effect may miss; invented
 NEXT_GAIN = 0.02  # of what is explained, that one more effect must explain; invented
-
-Each = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -167,7 +166,7 @@ class Selection:
         needed = max(NEAR * max(improvement, default=0.0), 0.25 * LEAST_GAIN)
         order = np.argsort([-value for value in improvement])[:FINALISTS].tolist()
         chosen = [first[place] for place in order if improvement[place] >= needed]
-        del first
+        del first  # designs are large
         out = []
         for place, found in enumerate(chosen):
             self.each('to the end: ' + ' + '.join(found.names), place, len(chosen))
@@ -177,7 +176,8 @@ class Selection:
     def wholly(self, found: Refit) -> tuple[Design, Linear]:
         """Return all recordings around a refit, held-out ones too, as a linear problem.
 
-        Of a held-out recording nothing is fitted but what every recording has of its own.
+        Scores of fields in held-out recordings are then those of what the training ones predict of
+        them: V^-1 of all, with fields of some, is that of these given the others.
         """
         design = self.design.at(found.point)
         search = Refitting(design, found.hypotheses, len(design.blocks))

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 import itertools
 import math
 
-import numpy as np
 from pneunet_ros.diagnosis.answer import Detectable
-from pneunet_ros.diagnosis.candidates import Candidate
+from pneunet_ros.diagnosis.candidates import Candidate, likeness
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linear import Linear
 
@@ -48,13 +47,7 @@ def cosines(linear: Linear, found: Sequence[Candidate]) -> Mapping[tuple[str, st
     """Return how alike effects act beside a refitted base, -1 to 1, where it is worth a word."""
     if not found:
         return {}
-    directions = [
-        np.column_stack([item.direction[run] for item in found])
-        for run in range(len(linear.columns))
-    ]
-    inner = linear.inner(directions, directions)
-    size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-    alike = inner / np.outer(size, size)
+    alike = likeness(linear, found)
     names = [item.hypothesis.name for item in found]
     return {
         (names[i], names[j]): float(alike[i, j])
