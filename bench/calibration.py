@@ -31,13 +31,12 @@ from pneunet_ros.arm import Arm
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.end_force import end_forces
 from pneunet_ros.calibration.held_out import score
-from pneunet_ros.curvature import IntrinsicCurvature
 from pneunet_ros.json_text import plain
-from pneunet_ros.lab.lab_arm import LabArm, varied
+from pneunet_ros.lab.lab_arm import varied
 from pneunet_ros.lab.protocols import RandomMix
+from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.lab_run import run_of
-from pneunet_ros.moment_law import PiecewiseLinearLaw
+from pneunet_ros.lab_run import run_of, true_model
 from pneunet_ros.resources import shipped
 from pneunet_ros.scenario_file import load_scenario
 from rich.console import Console
@@ -46,7 +45,6 @@ from rich.table import Table
 
 UNLOADED = ('unloaded_ramp', 'unloaded_staircase')
 LOADED = ('dead_weights', 'force_sweeps', 'strings', 'random_mix')
-TRUE_KNOTS = 41  # of the table that stands for the lab's curvature
 STATIONS = np.linspace(0.1, 0.9, 9)  # s / l, where kappa0 counts
 LAW_PRESSURES = np.linspace(10e3, 62e3, 5)  # Pa, where there were loads
 CURVATURE_PRESSURES = np.linspace(5e3, 65e3, 5)
@@ -55,31 +53,7 @@ Z_95 = 1.959964
 FIRST_SEED = 1000
 
 
-def true_arm(lab: LabArm, like: Arm) -> Arm:
-    """Return the lab's arm as a model: its curvature in a fine table, the same law."""
-    shares = np.linspace(0.0, 1.0, TRUE_KNOTS)
-    return dataclasses.replace(
-        like,
-        length=lab.length,
-        weight=lab.weight,
-        clamp_angle=lab.clamp_angle,
-        target_arclength=lab.targets,
-        intrinsic_curvature=IntrinsicCurvature(
-            pressure=lab.curvature_pressure,
-            arclength=shares,
-            curvature=lab.intrinsic_curvature(shares * lab.length),
-        ),
-        moment_law=PiecewiseLinearLaw(
-            pressure=lab.law_pressure,
-            split=lab.split,
-            rigidity=lab.rigidity,
-            moment_offset=np.zeros((len(lab.law_pressure), 2)),
-        ),
-        covariance=None,
-    )
-
-
-def record(seed: int) -> tuple[dict, LabArm]:
+def record(seed: int) -> tuple[dict, Scenario]:
     """Return the runs of one seed by name, with the true end force of the one held out."""
     runs = {}
     for place, name in enumerate((*UNLOADED, *LOADED, 'held_out')):
@@ -93,7 +67,7 @@ def record(seed: int) -> tuple[dict, LabArm]:
         runs[name] = run_of(recording)
     kept = np.isfinite(recording.x).any(axis=1)
     runs['true_force'] = recording.truth.force[kept]
-    return runs, recording.scenario.arm
+    return runs, recording.scenario
 
 
 def law_values(arm: Arm) -> np.ndarray:
@@ -122,15 +96,15 @@ def standard_errors(calibration: Calibration) -> tuple[np.ndarray, np.ndarray]:
 
 def one_seed(seed: int) -> dict:
     """Calibrate one arm and compare with the truth."""
-    runs, lab = record(seed)
+    runs, scenario = record(seed)
     frame = load_model(shipped('config/paper_arm.yaml'))
-    frame = dataclasses.replace(frame, target_arclength=lab.targets)
+    frame = dataclasses.replace(frame, target_arclength=scenario.arm.targets)
     started = time.perf_counter()
     calibration = calibrate(
         [runs[name] for name in UNLOADED], [runs[name] for name in LOADED], frame, compare=False
     )
     seconds = time.perf_counter() - started
-    true, arm = true_arm(lab, calibration.arm), calibration.arm
+    true, arm = true_model(scenario), calibration.arm
     law_error = law_values(arm) - law_values(true)
     curvature_error = curvature_values(arm) - curvature_values(true)
     law_std, curvature_std = standard_errors(calibration)

@@ -24,6 +24,7 @@ import time
 import warnings
 
 CHECKOUT = Path(__file__).resolve().parent.parent
+# center_bound stands with the tests: all other imports must come after this (E402).
 sys.path.insert(0, str(CHECKOUT / 'test'))
 sys.path.insert(0, str(CHECKOUT / 'bench'))
 
