@@ -58,14 +58,14 @@ bench: $(VENV)/all ## how fast and how exact it is here: solver, replay, tracker
 
 .PHONY: soak
 soak: $(VENV)/all ## both nodes under faults of all kinds; ARGS='--minutes 5' for a short one
-	$(VENV)/bin/python bench/soak.py $(ARGS)
+	$(VENV)/bin/python acceptance/soak.py $(ARGS)
 
 .PHONY: check
-check: $(VENV)/all ## format, lint, types, layers
+check: $(VENV)/all ## format, lint, types, rooms
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
-	$(VENV)/bin/python -m pytest -q test/test_layers.py
+	$(VENV)/bin/lint-imports
 
 .PHONY: format
 format: $(VENV)/all ## put the code into shape
@@ -84,7 +84,7 @@ colcon: $(COLCON)/all ## build as on a robot, with colcon from PyPI: install/loc
 .PHONY: clean
 clean: ## remove all that was made here
 	rm -rf $(VENV) $(OLDEST) $(COLCON) build install log dist demo *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	find pneunet_ros test bench examples launch -name __pycache__ -prune -exec rm -rf {} +
+	find pneunet_ros test bench acceptance examples launch -name __pycache__ -prune -exec rm -rf {} +
 
 # One environment for one version of Python.
 %/python-$(VERSION):

@@ -32,7 +32,7 @@ setup(
     maintainer='pneunet_ros maintainers',
     maintainer_email='maintainers@pneunet.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', 'templates/*']},
+    package_data={PACKAGE: ['py.typed', 'reports/templates/*']},
     data_files=list(shipped_files()),
     python_requires='>=3.11',
     install_requires=[
@@ -60,6 +60,7 @@ setup(
         'dev': [
             *TEST,
             'pytest-xdist>=3.4',
+            'import-linter>=2.5',
             'mypy>=2.4,<2.5',
             'ruff>=0.17,<0.18',
             'scikit-learn>=1.4',
@@ -69,10 +70,10 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
-            'pneunet = pneunet_ros.cli:main',
-            'estimator = pneunet_ros.nodes.estimator:main',
-            'tracker = pneunet_ros.nodes.tracker:main',
-            'virtual_arm = pneunet_ros.nodes.virtual_arm:main',
+            'pneunet = pneunet_ros.cli.main:main',
+            'estimator = pneunet_ros.nodes.estimator.node:main',
+            'tracker = pneunet_ros.nodes.tracker.node:main',
+            'virtual_arm = pneunet_ros.nodes.virtual_arm.node:main',
             'pneunet_stack = pneunet_ros.nodes.stack:main',
         ],
     },

@@ -23,10 +23,10 @@ import warnings
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.arm import Arm
-from pneunet_ros.centerline import smoother_for
-from pneunet_ros.readings import TargetSightings
-from pneunet_ros.resources import shipped
+from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.core.share import shipped
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.vision.smoother import smoother_for
 from scipy.interpolate import UnivariateSpline
 
 TABLE_1 = (

@@ -17,11 +17,11 @@ import tempfile
 import time
 
 from pneunet_ros import load_model
-from pneunet_ros.estimator import Estimator
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.replay import input_topics, record_steps, Step, Tally
-from pneunet_ros.resources import shipped
+from pneunet_ros.core.share import shipped
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.offline.replay import input_topics, record_steps, Step, Tally
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
 
 
 def replay(folder: Path) -> tuple[float, int, int]:

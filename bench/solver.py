@@ -22,18 +22,27 @@ import time
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.arm import Arm
-from pneunet_ros.attempt import Attempt
+from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.core.share import shipped
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.equilibrium import linearized, panels_of, with_pressure_change
-from pneunet_ros.estimator import Estimator
-from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.many import MOST_ITERATIONS, predicted, TOLERANCE
-from pneunet_ros.readings import PressureReading, WrenchReading
-from pneunet_ros.resources import shipped
-from pneunet_ros.solver import chain, collocation, sensitivity, stations
-from pneunet_ros.solver.compiled import kernel
-from pneunet_ros.solver.lanes import newton_many
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.batch import MOST_ITERATIONS, predicted, TOLERANCE
+from pneunet_ros.model.equilibrium import linearized, panels_of, with_pressure_change
+from pneunet_ros.solver import (
+    collocation,
+    sensitivity,
+)
+from pneunet_ros.solver import (
+    energy_descent as chain,
+)
+from pneunet_ros.solver import (
+    interpolation as stations,
+)
+from pneunet_ros.solver.batch import newton_many
+from pneunet_ros.solver.boundary_value_problem import Attempt
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import root_scalar
 

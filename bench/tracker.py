@@ -28,27 +28,27 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(CHECKOUT / 'test'))
 sys.path.insert(0, str(CHECKOUT / 'bench'))
 
-from center_bound import center_bound  # noqa: E402
 from centerline import curvature_errors  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 from pneunet_ros import load_model  # noqa: E402
-from pneunet_ros.camera_settings import CameraSettings  # noqa: E402
-from pneunet_ros.detection import find_areas  # noqa: E402
-from pneunet_ros.json_text import plain  # noqa: E402
+from pneunet_ros.core.share import shipped  # noqa: E402
+from pneunet_ros.files.json_text import plain  # noqa: E402
 from pneunet_ros.lab.lens import looking_down  # noqa: E402
 from pneunet_ros.lab.renderer import as_image, Renderer  # noqa: E402
 from pneunet_ros.lab.scene import Dots, Moment, Scene  # noqa: E402
-from pneunet_ros.resources import shipped  # noqa: E402
-from pneunet_ros.tracker import Tracker  # noqa: E402
-from pneunet_ros.tracker_state import TrackerState  # noqa: E402
+from pneunet_ros.vision.blobs import find_areas  # noqa: E402
+from pneunet_ros.vision.camera_settings import CameraSettings  # noqa: E402
+from pneunet_ros.vision.tracker import Tracker  # noqa: E402
+from pneunet_ros.vision.tracker_state import TrackerState  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import track  # noqa: E402
 from scipy.optimize import linear_sum_assignment  # noqa: E402
 from sklearn.exceptions import ConvergenceWarning  # noqa: E402
 from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: E402
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel  # noqa: E402
-from views import Score, View  # noqa: E402
+from support.center_bound import center_bound  # noqa: E402
+from support.rendered_frames import Score, View  # noqa: E402
 
 RADII, NOISES = (3.0, 4.0, 5.0, 8.0), (2.0, 4.0, 8.0)
 WANTED = {3.0: 2.0, 4.0: 2.0, 5.0: 2.0, 8.0: 4.0}  # error of a center over the bound, at most

@@ -31,8 +31,8 @@ import cv2  # noqa: E402
 from latency import cpu_seconds, NAMESPACE, running_node  # noqa: E402
 import numpy as np  # noqa: E402
 from pneunet_ros import load_model  # noqa: E402
-from pneunet_ros.resources import shipped  # noqa: E402
-from views import REST_FRAMES, View  # noqa: E402
+from pneunet_ros.core.share import shipped  # noqa: E402
+from support.rendered_frames import REST_FRAMES, View  # noqa: E402
 
 SIZE = (1280, 720)
 FRAMES = REST_FRAMES + 40

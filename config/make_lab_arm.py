@@ -9,13 +9,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+import sys
 
 import numpy as np
-from pneunet_ros.arm import Arm
-from pneunet_ros.lab_run import true_model
-from pneunet_ros.model_file import save_model
-from pneunet_ros.resources import shipped
-from pneunet_ros.scenario_file import load_lab
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.model_file import save_model
+from pneunet_ros.files.scenario_file import load_lab
+from pneunet_ros.model.arm import Arm
+
+# What the tests share knows the truth of the virtual lab as a model.
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+from support.lab_run import true_model
 
 SOURCE = 'the truth about scenarios/lab_arm.yaml, an arm invented for the virtual lab; not fitted'
 KEYS = ('arm', 'intrinsic_curvature', 'moment_law', 'sensors')

@@ -25,9 +25,9 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 import numpy as np
-from pneunet_ros.cloud_points import cloud_points
-from pneunet_ros.model_file import load_model
-from pneunet_ros.resources import shipped
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.messages.point_cloud import cloud_points
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node

@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from pneunet_ros.equilibrium import solve
-from pneunet_ros.model_file import load_model, save_model
-from pneunet_ros.tip import solve_tip
+from pneunet_ros.files.model_file import load_model, save_model
+from pneunet_ros.model.equilibrium import solve
+from pneunet_ros.model.inverse import solve_tip
 
 __all__ = ['load_model', 'save_model', 'solve', 'solve_tip']
 __version__ = '0.1.0'

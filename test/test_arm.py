@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import FrozenInstanceError
 
-from arms import ALL_MECHANICS, LENGTH, paper_arm, plain_arm, rebuilt, two_sections
 import numpy as np
-from pneunet_ros.curvature import IntrinsicCurvature
+from pneunet_ros.core.errors import ModelError
 from pneunet_ros.effects.clamp_compliance import ClampCompliance
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.effects.extensibility import Extensibility
@@ -14,13 +13,13 @@ from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_offset import PressureOffset
-from pneunet_ros.equilibrium import solve
-from pneunet_ros.errors import ModelError
-from pneunet_ros.estimator import Estimator
-from pneunet_ros.model_file import mapping_from_arm
-from pneunet_ros.moment_law import LinearLaw, MajidiLaw, PiecewiseLinearLaw
-from pneunet_ros.noise import ModelCovariance
-from pneunet_ros.rod import (
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.files.model_file import mapping_from_arm
+from pneunet_ros.model.equilibrium import solve
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, PiecewiseLinearLaw
+from pneunet_ros.model.uncertainty import ModelCovariance
+from pneunet_ros.solver.rod import (
     AXIAL_COMPLIANCE,
     CLAMP_ANGLE,
     CLAMP_COMPLIANCE,
@@ -34,6 +33,7 @@ from pneunet_ros.rod import (
     START,
 )
 import pytest
+from support.example_arms import ALL_MECHANICS, LENGTH, paper_arm, plain_arm, rebuilt, two_sections
 
 
 def test_the_record_of_a_bare_arm_is_its_law_and_its_curvature():

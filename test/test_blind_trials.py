@@ -13,11 +13,11 @@ import sys
 from types import SimpleNamespace
 
 import numpy as np
+from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.errors import RecordingError, RequestError
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'bench'))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'acceptance'))
 
 from blind.baselines import pysindy, staged, stepwise
 from blind.designs import DESIGNS

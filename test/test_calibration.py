@@ -5,27 +5,27 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-from arms import paper_arm
-from made_runs import lab_run, made, noisy, USUAL
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
-from pneunet_ros.calibration.end_force import end_forces
 from pneunet_ros.calibration.held_out import score
 from pneunet_ros.calibration.low_rank import answers
-from pneunet_ros.calibration.views import curvature_std, law_view
+from pneunet_ros.calibration.moment_curvature import curvature_std, law_view
+from pneunet_ros.calibration.tip_force import end_forces
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.readings import PressureReading
+from pneunet_ros.core.share import shipped
 from pneunet_ros.effects.pressure_offset import PressureOffset
-from pneunet_ros.errors import RequestError
-from pneunet_ros.estimator import Estimator
-from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.lab_run import true_model
-from pneunet_ros.noise import MOST_COLUMNS
-from pneunet_ros.readings import PressureReading
-from pneunet_ros.resources import shipped
-from pneunet_ros.rod import RIGIDITY
-from pneunet_ros.scenario_file import load_scenario
-from pneunet_ros.settings import EstimatorSettings
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.model.uncertainty import MOST_COLUMNS
+from pneunet_ros.solver.rod import RIGIDITY
 import pytest
+from support.example_arms import paper_arm
+from support.lab_run import true_model
+from support.made_datasets import lab_run, made, noisy, USUAL
 
 PAPER = paper_arm()
 UP = np.linspace(2e3, 58e3, 15)

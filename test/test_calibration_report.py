@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from calibrated import calibration
 import numpy as np
-from pages import check_closed, Page
-from pneunet_ros import calibration_report, report_style
-from pneunet_ros.calibration.end_force import EndForces
-from pneunet_ros.calibration_figures import chosen_draws
-from pneunet_ros.calibration_report import write_report
-from pneunet_ros.calibration_tables import flat, law_rows, number_rows
-from pneunet_ros.errors import RecordingError
-from pneunet_ros.figure_data import figure_data
-from pneunet_ros.force_figures import FoundForces, sentences
+from pneunet_ros.calibration.tip_force import EndForces
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.reports import style as report_style
+from pneunet_ros.reports.calibration import report as calibration_report
+from pneunet_ros.reports.calibration.figure_data import figure_data
+from pneunet_ros.reports.calibration.figures import chosen_draws
+from pneunet_ros.reports.calibration.force_figures import FoundForces, sentences
+from pneunet_ros.reports.calibration.report import write_report
+from pneunet_ros.reports.calibration.tables import flat, law_rows, number_rows
 import pytest
+from support.html_pages import check_closed, Page
+from support.small_calibration import calibration
 
 PROVENANCE = {
     'seed': 4,

@@ -8,13 +8,13 @@ from importlib.util import module_from_spec, spec_from_file_location
 import cv2
 import numpy as np
 from pneunet_ros import load_model
-from pneunet_ros.camera_settings import CameraSettings
-from pneunet_ros.image_sources import open_images, SourceRequest
-from pneunet_ros.messages import decode_pressure
-from pneunet_ros.recording import open_recording
-from pneunet_ros.resources import shipped
-from pneunet_ros.track import track_steps
-from pneunet_ros.tracker import Tracker
+from pneunet_ros.core.share import shipped
+from pneunet_ros.messages.topics import decode_pressure
+from pneunet_ros.offline.track import track_steps
+from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.tracker import Tracker
 import pytest
 from rosbags.rosbag2 import Reader
 

@@ -9,8 +9,10 @@ import random
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np
-from pneunet_ros.camera_file import load_camera, load_camera_info
-from pneunet_ros.camera_settings import (
+from pneunet_ros.core.errors import CameraError
+from pneunet_ros.files.camera_file import load_camera, load_camera_info
+from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera_settings import (
     AdaptiveBand,
     AreaLimits,
     CameraSettings,
@@ -19,8 +21,6 @@ from pneunet_ros.camera_settings import (
     PosePlane,
     RestPlane,
 )
-from pneunet_ros.errors import CameraError
-from pneunet_ros.lens import Lens
 import pytest
 from ruamel.yaml import YAML
 

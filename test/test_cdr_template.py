@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from estimates import plain, random_estimate, RclpyTypes
 import numpy as np
-from pneunet_ros.cdr_template import ClaimSerializer
-from pneunet_ros.errors import MessageError
-from pneunet_ros.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
-from pneunet_ros.messages import OUTPUTS
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.topics import OUTPUTS
+from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 import pytest
+from support.random_estimates import plain, random_estimate, RclpyTypes
 
 # The wheels of ROS import a parser that is older than Python 3.11.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")

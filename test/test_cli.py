@@ -12,26 +12,26 @@ import sys
 import time
 from typing import ClassVar
 
-from bags import PRESSURE, pressure, WRENCH, wrench
-from filmed import encoded, film, pictures, write_folder, write_messages
 from matplotlib.image import imread
 import numpy as np
 from pneunet_ros import __version__, load_model, solve
-from pneunet_ros.cli import main, VERBS
+from pneunet_ros.cli.main import main, VERBS
+from pneunet_ros.cli.predict import uncertain
+from pneunet_ros.core.frames import rotate
+from pneunet_ros.core.share import shipped
+from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
-from pneunet_ros.equilibrium import tip_jacobian
-from pneunet_ros.estimator import Estimator
-from pneunet_ros.frames import rotate
-from pneunet_ros.messages import INPUTS, OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.resources import shipped
-from pneunet_ros.settings import EstimatorSettings
-from pneunet_ros.tracker_messages import TARGET_POINT
-from pneunet_ros.units import quantities
-from pneunet_ros.verbs.predict import uncertain
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.messages.topics import INPUTS, OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.tracker import TARGET_POINT
+from pneunet_ros.model.equilibrium import tip_jacobian
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
+from support.films import encoded, film, pictures, write_folder, write_messages
+from support.made_recordings import PRESSURE, pressure, WRENCH, wrench
 
 MODEL = shipped('config/paper_arm.yaml')
 ARM = load_model(MODEL)
@@ -252,7 +252,7 @@ class TurnedForce(Effect):
 
 
 def test_predict_is_as_sure_of_a_force_wrongly_sensed_as_of_the_true_one(monkeypatch):
-    monkeypatch.setattr('pneunet_ros.arm.EFFECTS', {'turned_force': TurnedForce})
+    monkeypatch.setattr('pneunet_ros.model.arm.EFFECTS', {'turned_force': TurnedForce})
     askew = replace(ARM, effects=(TurnedForce(),))
     shape = solve(askew, 31e3, (0.175, 0.07))
     assert shape.force[0] < 0.15

@@ -6,21 +6,21 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import functools
 
-from lab_designs import frame, HIDDEN, recorded, TRAINING
 import numpy as np
 from pneunet_ros import load_model, save_model, solve
 from pneunet_ros.calibration.noise_estimate import estimated_noise
-from pneunet_ros.diagnosis import base
-from pneunet_ros.diagnosis.answer import Diagnosis
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.diagnosis import base_fit as base
 from pneunet_ros.diagnosis.diagnosis import diagnose, probabilities
+from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.selection import Record
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.load_offset import LoadOffset
-from pneunet_ros.errors import RequestError
-from pneunet_ros.lab_run import true_model
-from pneunet_ros.resources import shipped
-from pneunet_ros.scenario_file import load_scenario
+from pneunet_ros.files.scenario_file import load_scenario
 import pytest
+from support.lab_designs import frame, HIDDEN, recorded, TRAINING
+from support.lab_run import true_model
 
 STRUCTURE = ('placement_std', 'registration_std', 'drift_std')
 WHITE_SIZE = 1.6e-4  # m: rms that the true model has on these recordings

@@ -6,20 +6,28 @@ from dataclasses import replace
 import json
 import math
 
-from arms import paper_arm
-from diagnosed import diagnosis, EFFECT, PROVENANCE
 import numpy as np
-from pages import check_closed, Page
-from pneunet_ros import diagnosis_report, load_model, report_style, solve
-from pneunet_ros.diagnosis.answer import Estimated
-from pneunet_ros.diagnosis_files import diagnosis_content, MODEL, NUMBERS, PAGE, write_diagnosis
-from pneunet_ros.diagnosis_report import diagnosis_figures, Pictures, report_page
-from pneunet_ros.diagnosis_tables import detectable_table, shift_table, sigmas
-from pneunet_ros.gap_figures import beside, gap, gap_sentence, shapes, telling
-from pneunet_ros.loop_figures import directions_of, loops
-from pneunet_ros.report_words import chance, with_error
-from pneunet_ros.where_figures import maps
+from pneunet_ros import load_model, solve
+from pneunet_ros.diagnosis.result import Estimated
+from pneunet_ros.reports import style as report_style
+from pneunet_ros.reports.diagnosis import report as diagnosis_report
+from pneunet_ros.reports.diagnosis.error_figures import beside, gap, gap_sentence, shapes, telling
+from pneunet_ros.reports.diagnosis.files import (
+    diagnosis_content,
+    MODEL,
+    NUMBERS,
+    PAGE,
+    write_diagnosis,
+)
+from pneunet_ros.reports.diagnosis.localization_figures import maps
+from pneunet_ros.reports.diagnosis.loop_figures import directions_of, loops
+from pneunet_ros.reports.diagnosis.report import diagnosis_figures, Pictures, report_page
+from pneunet_ros.reports.diagnosis.tables import detectable_table, shift_table, sigmas
+from pneunet_ros.reports.diagnosis.words import chance, with_error
 import pytest
+from support.example_arms import paper_arm
+from support.html_pages import check_closed, Page
+from support.small_diagnosis import diagnosis, EFFECT, PROVENANCE
 
 CONTRACT = {
     'answer', 'effects', 'alternatives', 'where', 'gap', 'adequacy', 'detectable',

@@ -8,9 +8,9 @@ from pathlib import Path
 import re
 import shlex
 
-from manuals import table
-from pneunet_ros.cli import parser, VERBS
+from pneunet_ros.cli.main import parser, VERBS
 import pytest
+from support.manuals import table
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(

@@ -7,8 +7,12 @@ import json
 import math
 from typing import NamedTuple
 
-from arms import ALL_MECHANICS, paper_arm, rebuilt
 import numpy as np
+from pneunet_ros.core.arrays import same_values
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.camera_rotation import CameraRotation
 from pneunet_ros.effects.camera_scale import CameraScale
@@ -20,7 +24,12 @@ from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.effects.softening import Softening
-from pneunet_ros.equilibrium import (
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.files.model_file import load_model, save_model
+from pneunet_ros.model.equilibrium import (
     Change,
     respond,
     solve,
@@ -29,18 +38,10 @@ from pneunet_ros.equilibrium import (
     tip_jacobian,
     with_pressure_change,
 )
-from pneunet_ros.errors import ModelError
-from pneunet_ros.estimator import Estimator
-from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.frames import BASE_FRAME
-from pneunet_ros.model_file import load_model, save_model
-from pneunet_ros.noise import ModelCovariance
-from pneunet_ros.readings import PressureReading, WrenchReading
-from pneunet_ros.rod import RIGIDITY
-from pneunet_ros.settings import EstimatorSettings
-from pneunet_ros.shape import same_values, ShapeEstimate
-from pneunet_ros.units import quantities
+from pneunet_ros.model.uncertainty import ModelCovariance
+from pneunet_ros.solver.rod import RIGIDITY
 import pytest
+from support.example_arms import ALL_MECHANICS, paper_arm, rebuilt
 
 # Names and units are part of the contract (design, section 2.5).
 CONTRACT = {

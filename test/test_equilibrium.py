@@ -4,7 +4,30 @@ from __future__ import annotations
 
 import math
 
-from arms import (
+import numpy as np
+from pneunet_ros import solve
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import quantities
+from pneunet_ros.effects.clamp_compliance import ClampCompliance
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.effects.extensibility import Extensibility
+from pneunet_ros.effects.gravity import Gravity
+from pneunet_ros.effects.pressure_elongation import PressureElongation
+from pneunet_ros.effects.pressure_gain import PressureGain
+from pneunet_ros.effects.pressure_lag import PressureLag
+from pneunet_ros.effects.pressure_offset import PressureOffset
+from pneunet_ros.model.equilibrium import (
+    Change,
+    respond,
+    solve_rod,
+    tip_jacobian,
+    with_pressure_change,
+)
+from pneunet_ros.model.moment_law import LinearLaw
+import pytest
+from scipy.optimize import brentq
+from scipy.special import jv
+from support.example_arms import (
     ALL_MECHANICS,
     LENGTH,
     paper_arm,
@@ -14,24 +37,7 @@ from arms import (
     TABLE_1,
     two_sections,
 )
-import numpy as np
-from pneunet_ros import solve
-from pneunet_ros.effects.clamp_compliance import ClampCompliance
-from pneunet_ros.effects.effect import Load
-from pneunet_ros.effects.extensibility import Extensibility
-from pneunet_ros.effects.gravity import Gravity
-from pneunet_ros.effects.pressure_elongation import PressureElongation
-from pneunet_ros.effects.pressure_gain import PressureGain
-from pneunet_ros.effects.pressure_lag import PressureLag
-from pneunet_ros.effects.pressure_offset import PressureOffset
-from pneunet_ros.equilibrium import Change, respond, solve_rod, tip_jacobian, with_pressure_change
-from pneunet_ros.errors import RequestError
-from pneunet_ros.moment_law import LinearLaw
-from pneunet_ros.units import quantities
-import pytest
-from random_rods import random_case
-from scipy.optimize import brentq
-from scipy.special import jv
+from support.random_rods import random_case
 
 FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 BUCKLING = math.pi**2 * STIFFNESS / (4 * LENGTH**2)  # N

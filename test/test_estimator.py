@@ -8,19 +8,21 @@ import math
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.curvature import IntrinsicCurvature
+from pneunet_ros.core.arrays import same_values
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.core.share import shipped
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.equilibrium import tip_jacobian
-from pneunet_ros.errors import RequestError
-from pneunet_ros.estimator import Estimator
-from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.moment_law import LinearLaw
-from pneunet_ros.noise import ModelCovariance
-from pneunet_ros.readings import PressureReading, WrenchReading
-from pneunet_ros.resources import shipped
-from pneunet_ros.settings import EstimatorSettings
-from pneunet_ros.shape import Refusal, same_values, ShapeEstimate
-from pneunet_ros.zero import pressure_zero
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.pressure_tare import pressure_zero
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.model.equilibrium import tip_jacobian
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.model.moment_law import LinearLaw
+from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 
 SECOND = 1_000_000_000

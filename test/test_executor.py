@@ -6,8 +6,8 @@ import math
 import os
 import sys
 
-from pneunet_ros.errors import RequestError
-from pneunet_ros.executor import executor_of
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.executor import executor_of
 import pytest
 
 VARIABLE = 'OPENBLAS_NUM_THREADS'
@@ -55,7 +55,7 @@ def test_a_cluster_of_two_workers_does_the_same():
 
 def test_a_scheduler_that_does_not_answer_is_said(monkeypatch):
     pytest.importorskip('distributed')
-    monkeypatch.setattr('pneunet_ros.executor.PATIENCE', 1)
+    monkeypatch.setattr('pneunet_ros.core.executor.PATIENCE', 1)
     with (
         pytest.raises(RequestError, match='no Dask scheduler answers at tcp:'),
         executor_of(scheduler='tcp://127.0.0.1:9'),

@@ -87,7 +87,7 @@ def test_the_table_of_effects_has_it(copy):
 
 
 OUTPUT = """
-from estimates import random_estimate
+from support.random_estimates import random_estimate
 from pneunet_ros.cdr_template import ClaimSerializer
 from pneunet_ros.message_store import ROSBAGS_TYPES, deserialize, jazzy, serialize
 from pneunet_ros.messages import OUTPUTS

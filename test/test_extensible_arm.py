@@ -6,12 +6,12 @@ from dataclasses import replace
 import re
 import sys
 
-from arms import paper_arm
-from made_runs import made, USUAL
 import numpy as np
-from pneunet_ros.calibration.end_force import end_forces
+from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.effects.extensibility import Extensibility
 import pytest
+from support.example_arms import paper_arm
+from support.made_datasets import made, USUAL
 
 NUMBER = re.compile(r'-?\d+(?:\.\d+)?')
 PRESSURE = np.linspace(45e3, 60e3, 12)  # Pa

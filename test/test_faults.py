@@ -13,13 +13,13 @@ import subprocess
 import sys
 import time
 
-from bags import PRESSURE, pressure, STEP_NS, WRENCH, wrench
-from pneunet_ros.cli import main
-from pneunet_ros.messages import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.resources import shipped
+from pneunet_ros.cli.main import main
+from pneunet_ros.core.share import shipped
+from pneunet_ros.messages.topics import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
+from support.made_recordings import PRESSURE, pressure, STEP_NS, WRENCH, wrench
 
 COUNT = 20
 MODEL = shipped('config/paper_arm.yaml')

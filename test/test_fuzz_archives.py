@@ -9,16 +9,16 @@ import pickle
 from typing import Any
 import zipfile
 
-from fuzzing import AMOUNTS, answer, damaged_bytes, fuzz
 from hypothesis import strategies as st
 import numpy as np
-from pneunet_ros.array_file import LARGEST_ARCHIVE
-from pneunet_ros.calibration.knowledge import Knowledge
-from pneunet_ros.calibration_files import knowledge_file, load_knowledge, save_knowledge
-from pneunet_ros.errors import ModelError, RequestError
+from pneunet_ros.calibration.posterior import Knowledge
+from pneunet_ros.core.errors import ModelError, RequestError
+from pneunet_ros.files.npz import LARGEST_ARCHIVE
 from pneunet_ros.lab.lab_recording import LabMemory
-from pneunet_ros.lab_files import memory_after, truth_file
+from pneunet_ros.offline.calibration_files import knowledge_file, load_knowledge, save_knowledge
+from pneunet_ros.recordings.lab_files import memory_after, truth_file
 import pytest
+from support.fuzzing import AMOUNTS, answer, damaged_bytes, fuzz
 
 KNOWLEDGE = {
     'pressure': np.array([0.0, 3e4, 6e4]),

@@ -5,22 +5,22 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
-from fuzzing import AMOUNTS, answer, damaged_text, damaged_tree, fuzz
 from hypothesis import strategies as st
-from pneunet_ros.arm import Arm
-from pneunet_ros.bag_folder import mcap_files, METADATA
-from pneunet_ros.camera_file import load_camera, load_camera_info
-from pneunet_ros.camera_settings import CameraSettings
-from pneunet_ros.errors import CameraError, ModelError, RecordingError, RequestError
+from pneunet_ros.core.errors import CameraError, ModelError, RecordingError, RequestError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.camera_file import load_camera, load_camera_info
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.files.yaml_file import LARGEST_FILE
 from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.lens import Lens
-from pneunet_ros.model_file import load_model
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.resources import shipped
-from pneunet_ros.scenario_file import load_scenario
-from pneunet_ros.yaml_file import LARGEST_FILE
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.recordings.bag_folder import mcap_files, METADATA
+from pneunet_ros.recordings.recording_writer import write_recording
+from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera_settings import CameraSettings
 import pytest
 from ruamel.yaml import YAML
+from support.fuzzing import AMOUNTS, answer, damaged_text, damaged_tree, fuzz
 
 MODEL = """\
 schema_version: 1

@@ -6,24 +6,24 @@ import array
 from types import SimpleNamespace
 from typing import Any
 
-from fuzzing import AMOUNTS, answer, damaged_bytes, fuzz
 from hypothesis import strategies as st
 import numpy as np
-from pneunet_ros.errors import CameraError, MessageError
-from pneunet_ros.image import ENCODINGS, Image
-from pneunet_ros.lens import Lens
-from pneunet_ros.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
-from pneunet_ros.messages import decode_pressure, decode_wrench
-from pneunet_ros.reading_messages import decode_targets, targets_message
-from pneunet_ros.readings import PressureReading, TargetSightings, WrenchReading
-from pneunet_ros.tracker_messages import (
+from pneunet_ros.core.errors import CameraError, MessageError
+from pneunet_ros.core.image import ENCODINGS, Image
+from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
+from pneunet_ros.messages.readings import decode_targets, targets_message
+from pneunet_ros.messages.topics import decode_pressure, decode_wrench
+from pneunet_ros.messages.tracker import (
     COMPRESSED_TYPE,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
     IMAGE_TYPE,
 )
+from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
+from pneunet_ros.vision.camera_model import Lens
 import pytest
+from support.fuzzing import AMOUNTS, answer, damaged_bytes, fuzz
 
 ODD = (
     st.none()

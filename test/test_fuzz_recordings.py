@@ -8,16 +8,17 @@ import struct
 import tracemalloc
 from typing import Any
 
-from bags import PRESSURE, pressure, STEP_NS, WRENCH, wrench
-from fuzzing import AMOUNTS, answer, damaged_bytes, damaged_text, fuzz
 from hypothesis import strategies as st
 import lz4.frame
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
-from pneunet_ros.errors import MessageError, RecordingError
-from pneunet_ros.mcap_blocks import chunk_content, LARGEST_CHUNK
-from pneunet_ros.message_parts import POINTS_TYPE
-from pneunet_ros.message_store import (
+from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.messages.builders import POINTS_TYPE
+from pneunet_ros.messages.readings import targets_message
+from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.recordings.mcap_blocks import chunk_content, LARGEST_CHUNK
+from pneunet_ros.recordings.message_store import (
     deserialize,
     IDL_HEAD,
     jazzy,
@@ -26,12 +27,11 @@ from pneunet_ros.message_store import (
     serialize,
     store_for,
 )
-from pneunet_ros.messages import PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.reading_messages import targets_message
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.run_reader import read_run
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
+from support.fuzzing import AMOUNTS, answer, damaged_bytes, damaged_text, fuzz
+from support.made_recordings import PRESSURE, pressure, STEP_NS, WRENCH, wrench
 import zstandard
 
 TARGETS = '/pneunet/targets'

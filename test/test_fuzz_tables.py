@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fuzzing import AMOUNTS, answer, damaged_bytes, damaged_text, fuzz
 from hypothesis import strategies as st
 import numpy as np
-from pneunet_ros import csv_table, table_reader
-from pneunet_ros.errors import RecordingError, RequestError
-from pneunet_ros.reading_table import ReadingTable
-from pneunet_ros.table_reader import ImportRequest, read_table
+from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.tables import csv_table, table_reader
+from pneunet_ros.tables.reading_table import ReadingTable
+from pneunet_ros.tables.table_reader import ImportRequest, read_table
 import pytest
+from support.fuzzing import AMOUNTS, answer, damaged_bytes, damaged_text, fuzz
 
 TABLE = (
     'time_s,pressure_kpa,force_x_n,force_y_mn,moment_n_mm,x0_m,y0_m,x2_mm,y2_mm\n'

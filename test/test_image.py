@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from pneunet_ros.errors import MessageError
-from pneunet_ros.image import ENCODINGS, Image
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.image import ENCODINGS, Image
 import pytest
 
 FIELDS = {

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 import cv2
-from filmed import (
+import numpy as np
+from pneunet_ros.core.errors import CameraError, MessageError, RecordingError, RequestError
+from pneunet_ros.core.image import Image
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, IMAGE_TYPE
+from pneunet_ros.recordings.image_files import picture_files, stamp_at
+from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.vision.camera_model import Lens
+import pytest
+from support.films import (
     COMPRESSED,
     compressed_message,
     encoded,
@@ -19,14 +27,6 @@ from filmed import (
     write_folder,
     write_messages,
 )
-import numpy as np
-from pneunet_ros.errors import CameraError, MessageError, RecordingError, RequestError
-from pneunet_ros.image import Image
-from pneunet_ros.image_files import picture_files, stamp_at
-from pneunet_ros.image_sources import open_images, SourceRequest
-from pneunet_ros.lens import Lens
-from pneunet_ros.tracker_messages import CAMERA_INFO_TYPE, IMAGE_TYPE
-import pytest
 
 WIDTH, HEIGHT = 64, 48
 NONE = SourceRequest(camera_info='none', rate=RATE)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
-from lab import recorded
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import same_values
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.lab_arm import varied
-from pneunet_ros.shape import same_values
 import pytest
 from scipy.integrate import cumulative_simpson
+from support.lab_pairs import recorded
 
 ARM = recorded('strings').scenario.arm
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from arms import paper_arm, TABLE_1
-from lab import lab_arm_of
 import numpy as np
 from pneunet_ros import solve
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain import Chain, lying, middle_joints
 from pneunet_ros.lab.chain_kernels import energy_of, joint
 import pytest
+from support.example_arms import paper_arm, TABLE_1
+from support.lab_pairs import lab_arm_of
 
 PRESSURE = np.array([row.pressure for row in TABLE_1])
 FORCE = np.array([row.force for row in TABLE_1])

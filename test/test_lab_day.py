@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib.util import module_from_spec, spec_from_file_location
 
 import numpy as np
-from pneunet_ros.recording import open_recording
-from pneunet_ros.run_reader import read_run
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.recordings.recording import open_recording
 import pytest
 
 NAMES = ('unloaded', 'loaded', 'heldout')

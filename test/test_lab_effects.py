@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import dataclasses
 
-from arms import paper_arm
-from lab import lab_arm_of, NOISELESS
 import numpy as np
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import quantities, seconds_between
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.equilibrium import solve_rod
-from pneunet_ros.errors import RequestError
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import lab_effect, Scenario
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.units import quantities, seconds_between
+from pneunet_ros.model.equilibrium import solve_rod
 import pytest
+from support.example_arms import paper_arm
+from support.lab_pairs import lab_arm_of, NOISELESS
 
 PROTOCOL = Strings(
     pressures=(0.0, 20e3, 45e3, 60e3, 30e3, 50e3, 10e3),

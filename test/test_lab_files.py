@@ -5,17 +5,17 @@ from __future__ import annotations
 import dataclasses
 import json
 
-from lab import recorded
 import numpy as np
-from pneunet_ros.errors import RecordingError, RequestError
+from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.lab.lab_recording import LabTruth
 from pneunet_ros.lab.scenario import described
 from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.lab_files import memory_after, message_count, truth_file, write_lab
-from pneunet_ros.lab_run import run_of
-from pneunet_ros.recording import open_recording
-from pneunet_ros.run_reader import read_run
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.recordings.lab_files import memory_after, message_count, truth_file, write_lab
+from pneunet_ros.recordings.recording import open_recording
 import pytest
+from support.lab_pairs import recorded
+from support.lab_run import run_of
 
 
 def write(name, path, overwrite=False):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from lab import recorded
 import numpy as np
-from pneunet_ros.camera_file import load_camera
-from pneunet_ros.camera_messages import camera_info_message, grey_image_message
-from pneunet_ros.camera_settings import PosePlane
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.camera_file import load_camera
+from pneunet_ros.files.model_file import load_model
 from pneunet_ros.lab.film import Film, SCENE
 from pneunet_ros.lab.live import LiveLab, Load
-from pneunet_ros.message_store import ROSBAGS_TYPES
-from pneunet_ros.model_file import load_model
-from pneunet_ros.resources import shipped
-from pneunet_ros.tracker import Tracker
-from pneunet_ros.tracker_messages import decode_camera_info, decode_image
-from pneunet_ros.tracker_state import TrackerState, Tracking
+from pneunet_ros.messages.camera import camera_info_message, grey_image_message
+from pneunet_ros.messages.tracker import decode_camera_info, decode_image
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.vision.camera_settings import PosePlane
+from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from support.lab_pairs import recorded
 
 HEADING = ('camera', ROSBAGS_TYPES)
 

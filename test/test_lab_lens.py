@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from pneunet_ros.errors import CameraError
+from pneunet_ros.core.errors import CameraError
 from pneunet_ros.lab.lens import Camera, looking_down
 import pytest
 

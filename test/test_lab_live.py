@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 from functools import cache
 
-from lab import NOISELESS, recorded
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.live import LiveLab, Load
 from pneunet_ros.lab.simulated import simulated
 from pneunet_ros.lab.valve import Valve
 import pytest
+from support.lab_pairs import NOISELESS, recorded
 
 PAST = {
     'pressure_lag': {'time_constant': 0.2},

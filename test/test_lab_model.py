@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 import runpy
 
-from lab import NOISELESS
 import numpy as np
 from pneunet_ros import load_model, solve
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.model_file import model_hash
+from pneunet_ros.files.scenario_file import load_lab
 from pneunet_ros.lab.live import LiveLab, Load
-from pneunet_ros.model_file import model_hash
-from pneunet_ros.resources import shipped
-from pneunet_ros.scenario_file import load_lab
 import pytest
+from support.lab_pairs import NOISELESS
 
 MODEL = load_model(shipped('config/lab_arm.yaml'))
 

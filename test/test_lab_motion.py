@@ -5,11 +5,12 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from pneunet_ros.equilibrium import solve
-from pneunet_ros.errors import RequestError
-from pneunet_ros.lab.motion import ArmMotion, ramp, sinus, up_and_down
-from pneunet_ros.model_file import load_model
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.lab.motion import ramp, sinus, up_and_down
+from pneunet_ros.model.equilibrium import solve
 import pytest
+from support.moving_arm import motion_of
 
 
 @pytest.fixture(scope='module')
@@ -19,7 +20,7 @@ def arm(checkout):
 
 @pytest.fixture(scope='module')
 def motion(arm):
-    return ArmMotion(arm, (0.0, 50e3))
+    return motion_of(arm, (0.0, 50e3))
 
 
 @pytest.mark.parametrize('pressure', [0.0, 3333.0, 23.7e3, 49.1e3, 50e3])
@@ -52,7 +53,7 @@ def test_dots_move_as_far_as_the_pressure_changes_while_the_shutter_is_open(moti
 
 def test_misplaced_targets_turn_with_the_arm(arm, motion):
     placement = np.random.default_rng(0).normal(0.0, 0.0003, (arm.target_arclength.size, 2))
-    misplaced = ArmMotion(arm, (0.0, 50e3), placement=placement)
+    misplaced = motion_of(arm, (0.0, 50e3), placement=placement)
     np.testing.assert_allclose(
         (misplaced.targets(0.0) - motion.targets(0.0)).T, placement, atol=1e-12
     )
@@ -65,7 +66,7 @@ def test_misplaced_targets_turn_with_the_arm(arm, motion):
 
 
 def test_a_loaded_arm_is_elsewhere(arm, motion):
-    loaded = ArmMotion(arm, (0.0, 30e3), force=(0.1, 0.05))
+    loaded = motion_of(arm, (0.0, 30e3), force=(0.1, 0.05))
     shape = solve(arm, 30e3, force=(0.1, 0.05))
     assert loaded.targets(30e3)[:, -1] == pytest.approx(
         [
@@ -81,7 +82,7 @@ def test_pressures_beyond_the_range_are_refused(arm, motion):
     with pytest.raises(RequestError, match='50001 Pa'):
         motion.targets(50_001.0)
     with pytest.raises(RequestError, match='no shape at'):
-        ArmMotion(arm, (0.0, 200e3))
+        motion_of(arm, (0.0, 200e3))
 
 
 @pytest.mark.parametrize(

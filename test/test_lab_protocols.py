@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.protocols import (
     DeadWeights,
     ForceSweeps,

@@ -6,7 +6,7 @@ import dataclasses
 
 import cv2
 import numpy as np
-from pneunet_ros.errors import MessageError, RequestError
+from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.lab.lens import looking_down
 from pneunet_ros.lab.renderer import as_image, Renderer
 from pneunet_ros.lab.scene import (

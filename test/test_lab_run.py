@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 
-from lab import recorded
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.lab.lab_arm import varied
-from pneunet_ros.lab_run import run_of, true_model
 import pytest
+from support.lab_pairs import recorded
+from support.lab_run import run_of, true_model
 
 
 def test_frames_without_any_target_are_left_out():

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
-from lab import NOISELESS, recorded
 import numpy as np
 from pneunet_ros.lab.lab_arm import varied
 from pneunet_ros.lab.scenario import Detail
 from pneunet_ros.lab.sensors import drifted, hidden, LabNoise, regular, stamps, stream
 from pneunet_ros.lab.simulated import simulated
 import pytest
+from support.lab_pairs import NOISELESS, recorded
 
 STRINGS = dataclasses.replace(recorded('strings').scenario, detail=Detail(elements=56.0))
 

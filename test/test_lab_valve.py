@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.valve import Valve
 import pytest
 

@@ -10,7 +10,7 @@ import runpy
 import sys
 from types import ModuleType
 
-from pneunet_ros.resources import shipped
+from pneunet_ros.core.share import shipped
 import pytest
 
 # The wheels of ROS import a parser that is older than Python 3.11.
@@ -20,9 +20,9 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.estimator_configuration import PARAMETERS as ESTIMATOR  # noqa: E402
-from pneunet_ros.nodes.tracker_configuration import PARAMETERS as TRACKER  # noqa: E402
-from pneunet_ros.nodes.virtual_arm_configuration import PARAMETERS as ARM  # noqa: E402
+from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
+from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
+from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noqa: E402
 
 TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'virtual_arm': ARM}
 OF_ROS = {'use_sim_time'}  # a parameter of every node

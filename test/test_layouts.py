@@ -8,18 +8,18 @@ import json
 import re
 from xml.etree import ElementTree
 
-from pneunet_ros.estimate_messages import SHAPE_POINT
-from pneunet_ros.frames import BASE_FRAME
-from pneunet_ros.lab_files import NAMESPACE
-from pneunet_ros.message_store import ROSBAGS_TYPES
-from pneunet_ros.messages import TOPICS
-from pneunet_ros.tracker_messages import (
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.messages.estimate import SHAPE_POINT
+from pneunet_ros.messages.markers import markers_output, transform_output
+from pneunet_ros.messages.topics import TOPICS
+from pneunet_ros.messages.tracker import (
     COMPRESSED_TYPE,
     IMAGE_TYPE,
     TRACKER_INPUTS,
     TRACKER_OUTPUTS,
 )
-from pneunet_ros.view_messages import markers_output, transform_output
+from pneunet_ros.recordings.lab_files import NAMESPACE
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 import pytest
 from ruamel.yaml import YAML
 

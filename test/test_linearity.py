@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from calibrated import calibration
 import numpy as np
 from pneunet_ros.calibration.linearity import intrinsic_linearity, PLACES, straight
 import pytest
+from support.small_calibration import calibration
 
 PRESSURE = np.linspace(0.0, 60e3, 7)
 

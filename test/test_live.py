@@ -20,7 +20,7 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from dds_peer import START_TIMEOUT  # noqa: E402
+from support.dds_peer import START_TIMEOUT  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 LIVE = [sys.executable, str(ROOT / 'examples' / 'live.py')]

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from manuals import page, reasons_in, table, topics, values
-from pneunet_ros.message_parts import POINTS_TYPE, UNREADABLE
-from pneunet_ros.messages import TOPICS
-from pneunet_ros.reading_messages import TARGETS_NAME
-from pneunet_ros.registration import RESTING
-from pneunet_ros.settings import EstimatorSettings
-from pneunet_ros.stamp_order import STARTS_ANEW
-from pneunet_ros.tracker_messages import IMAGE_TYPE, TRACKER_INPUTS, TRACKER_OUTPUTS
-from pneunet_ros.tracker_state import TrackerState
-from pneunet_ros.view_messages import markers_output, transform_output
-from pneunet_ros.watch import WatchState
+from pneunet_ros.core.stamps import STARTS_ANEW
+from pneunet_ros.estimation.consistency import WatchState
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.messages.builders import POINTS_TYPE, UNREADABLE
+from pneunet_ros.messages.markers import markers_output, transform_output
+from pneunet_ros.messages.readings import TARGETS_NAME
+from pneunet_ros.messages.topics import TOPICS
+from pneunet_ros.messages.tracker import IMAGE_TYPE, TRACKER_INPUTS, TRACKER_OUTPUTS
+from pneunet_ros.vision.rest_plane import RESTING
+from pneunet_ros.vision.tracker_state import TrackerState
 import pytest
+from support.manuals import page, reasons_in, table, topics, values
 
 # The wheels of ROS import a parser that is older than Python 3.11.
 pytestmark = [
@@ -28,16 +28,16 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from estimates import random_estimate  # noqa: E402
-from pneunet_ros.estimator_state import EstimatorState  # noqa: E402
-from pneunet_ros.nodes.estimator_configuration import PARAMETERS as ESTIMATOR  # noqa: E402
-from pneunet_ros.nodes.estimator_health import EstimatorHealth  # noqa: E402
+from pneunet_ros.estimation.state import EstimatorState  # noqa: E402
+from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
+from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.topics import input_qos, latched_qos, output_qos  # noqa: E402
-from pneunet_ros.nodes.tracker import WRONG_CAMERA_INFO  # noqa: E402
-from pneunet_ros.nodes.tracker_configuration import PARAMETERS as TRACKER  # noqa: E402
-from pneunet_ros.nodes.tracker_health import TrackerHealth  # noqa: E402
+from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
+from pneunet_ros.nodes.tracker.health import TrackerHealth  # noqa: E402
+from pneunet_ros.nodes.tracker.node import WRONG_CAMERA_INFO  # noqa: E402
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
+from support.random_estimates import random_estimate  # noqa: E402
 
 NODES = ('estimator', 'tracker')
 OF_EVERY_NODE = {
@@ -105,19 +105,22 @@ def test_diagnostics_of_the_tracker_are_those_of_the_code():
 
 
 REASONS = {
-    'estimator': [UNREADABLE, *(reasons_in(m) for m in ('estimator', 'estimator_state'))],
+    'estimator': [
+        UNREADABLE,
+        *(reasons_in(m) for m in ('estimation/estimator', 'estimation/state')),
+    ],
     'tracker': [
         UNREADABLE,
         RESTING,
         WRONG_CAMERA_INFO,
-        *(reasons_in(m) for m in ('tracker', 'registration', 'sighting')),
+        *(reasons_in(m) for m in ('vision/tracker', 'vision/rest_plane', 'vision/frame_tracker')),
     ],
 }
 
 
 @pytest.mark.parametrize('node', NODES)
 def test_reasons_are_those_of_the_code(node):
-    known = reasons_in('stamp_order') - {STARTS_ANEW}
+    known = reasons_in('core/stamps') - {STARTS_ANEW}
     for item in REASONS[node]:
         known |= {item} if isinstance(item, str) else item
     written = [reason for reason, *_ in table(page(node), 'reason')]

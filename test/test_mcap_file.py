@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from bags import write_by_mcap, write_readings
 from mcap.writer import CompressionType, IndexType
-from pneunet_ros.errors import RecordingError
-from pneunet_ros.mcap_blocks import read_block
-from pneunet_ros.mcap_file import MAGIC, open_mcap
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.recordings.mcap_blocks import read_block
+from pneunet_ros.recordings.mcap_file import MAGIC, open_mcap
 import pytest
+from support.made_recordings import write_by_mcap, write_readings
 
 TIMES = [index * 1000 for index in range(200)]
 
@@ -55,7 +55,7 @@ def test_every_way_to_write_a_file_reads_the_same(tmp_path, shape):
 
 
 def test_messages_outside_of_chunks_are_split_into_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr('pneunet_ros.mcap_file.LOOSE_RUN', 2000)
+    monkeypatch.setattr('pneunet_ros.recordings.mcap_file.LOOSE_RUN', 2000)
     path = write_by_mcap(tmp_path / 'r.mcap', TIMES, use_chunking=False)
     file = open_mcap(path)
     assert len(file.blocks) > 5

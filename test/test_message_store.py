@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from bags import pressure
-from pneunet_ros.errors import MessageError, RecordingError
-from pneunet_ros.message_store import (
+from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.messages.topics import PRESSURE_TYPE
+from pneunet_ros.recordings.message_store import (
     deserialize,
     IDL_HEAD,
     jazzy,
@@ -12,8 +12,8 @@ from pneunet_ros.message_store import (
     serialize,
     store_for,
 )
-from pneunet_ros.messages import PRESSURE_TYPE
 import pytest
+from support.made_recordings import pressure
 
 IDL = (
     f'{IDL_HEAD}lab_msgs/msg/Volts\n'

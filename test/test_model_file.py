@@ -9,16 +9,16 @@ import random
 import subprocess
 import sys
 
-from arms import ALL_MECHANICS, PAPER_ARM, paper_arm, plain_arm, rebuilt
 import numpy as np
 from pneunet_ros import load_model, save_model, solve
+from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.effects.extensibility import Extensibility
-from pneunet_ros.errors import ModelError, RecordingError
-from pneunet_ros.model_file import mapping_from_arm, model_hash
-from pneunet_ros.moment_law import LinearLaw, MajidiLaw
-from pneunet_ros.noise import ModelCovariance
+from pneunet_ros.files.model_file import mapping_from_arm, model_hash
+from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw
+from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 from ruamel.yaml import YAML
+from support.example_arms import ALL_MECHANICS, PAPER_ARM, paper_arm, plain_arm, rebuilt
 
 # The example of the contract, section 2.4, word for word.
 EXAMPLE = """\
@@ -511,7 +511,7 @@ def test_the_hash_sees_the_last_digit_of_every_number(name):
 
 def test_the_hash_is_the_same_in_another_process(foreign_environment):
     code = (
-        'from pneunet_ros.model_file import load_model, model_hash; '
+        'from pneunet_ros.files.model_file import load_model, model_hash; '
         f'print(model_hash(load_model({str(PAPER_ARM)!r})))'
     )
     root = str(PAPER_ARM.parent.parent)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from arms import LENGTH
 import numpy as np
-from pneunet_ros.errors import ModelError
-from pneunet_ros.moment_law import (
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.model.moment_law import (
     law_fields,
     LinearLaw,
     MajidiLaw,
@@ -13,6 +12,7 @@ from pneunet_ros.moment_law import (
     PiecewiseLinearLaw,
 )
 import pytest
+from support.example_arms import LENGTH
 
 WEIGHT = 0.17
 TABLE = {

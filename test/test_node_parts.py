@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from estimates import random_estimate
-from frames import random_sightings, TARGETS
-from pneunet_ros.cdr_template import ClaimSerializer
-from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.resources import shipped
-from pneunet_ros.settings import EstimatorSettings
-from pneunet_ros.shape import Refusal
-from pneunet_ros.tracker_state import TrackerState, Tracking
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.share import shipped
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
 import pytest
 from ruamel.yaml import YAML
+from support.random_estimates import random_estimate
+from support.random_frames import random_sightings, TARGETS
 
 # The wheels of ROS import a parser that is older than Python 3.11.
 pytestmark = [
@@ -22,15 +22,15 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from pneunet_ros.nodes.estimate_publisher import EstimatePublisher, PUBLISHED  # noqa: E402
-from pneunet_ros.nodes.estimator_configuration import PARAMETERS as ESTIMATOR  # noqa: E402
-from pneunet_ros.nodes.estimator_health import EstimatorHealth  # noqa: E402
+from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
+from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
+from pneunet_ros.nodes.estimator.publisher import EstimatePublisher, PUBLISHED  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.log import Log  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
-from pneunet_ros.nodes.tracker_configuration import PARAMETERS as TRACKER  # noqa: E402
-from pneunet_ros.nodes.tracker_health import TrackerHealth  # noqa: E402
-from pneunet_ros.nodes.virtual_arm_configuration import PARAMETERS as VIRTUAL_ARM  # noqa: E402
+from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
+from pneunet_ros.nodes.tracker.health import TrackerHealth  # noqa: E402
+from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as VIRTUAL_ARM  # noqa: E402
 
 # Parameters
 

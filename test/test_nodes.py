@@ -11,23 +11,23 @@ import re
 import signal
 import time
 
-import bags
-from estimates import plain
-from manuals import same_as_running
 import numpy as np
 from pneunet_ros import __version__
+from pneunet_ros.core.share import shipped
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.estimate_messages import SHAPE_POINT
-from pneunet_ros.estimator import Estimator
-from pneunet_ros.message_store import ROSBAGS_TYPES
-from pneunet_ros.messages import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.model_file import load_model, model_hash, save_model
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.replay import input_topics, steps
-from pneunet_ros.resources import shipped
-from pneunet_ros.shape import ShapeEstimate
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.files.model_file import load_model, model_hash, save_model
+from pneunet_ros.messages.estimate import SHAPE_POINT
+from pneunet_ros.messages.topics import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.offline.replay import input_topics, steps
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
+from support import made_recordings as bags
+from support.manuals import same_as_running
+from support.random_estimates import plain
 
 # The wheels of ROS import a parser that is older than Python 3.11.
 pytestmark = [
@@ -36,9 +36,9 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from dds_peer import EstimatorPeer, running_node, START_TIMEOUT  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from sensor_msgs.msg import FluidPressure  # noqa: E402
+from support.dds_peer import EstimatorPeer, running_node, START_TIMEOUT  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 # The node that most tests share, and those with a node of their own, must not hear each other.

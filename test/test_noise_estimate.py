@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
-from arms import paper_arm
-from made_runs import made
 import numpy as np
 from pneunet_ros.calibration.noise_estimate import estimated_noise, second_differences
-from pneunet_ros.noise import SensorNoise
+from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
+from support.example_arms import paper_arm
+from support.made_datasets import made
 
 PAPER = paper_arm()
 ASSUMED = SensorNoise(pressure_std=1.0, force_std=1.0, moment_std=1.0, target_std=1.0)

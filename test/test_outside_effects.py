@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from arms import paper_arm
-from lab import lab_arm_of, NOISELESS
 import numpy as np
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.errors import RequestError
+from pneunet_ros.files.scenario_file import effects_from_mapping
 from pneunet_ros.lab.chain import lying
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS, OUTSIDE_EFFECTS
@@ -14,9 +13,10 @@ from pneunet_ros.lab.protocols import Staircase, Strings
 from pneunet_ros.lab.scenario import Detail, lab_effect, Scenario
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulated import chain_of, simulated, unfolded
-from pneunet_ros.lab_run import true_model
-from pneunet_ros.scenario_file import effects_from_mapping
 import pytest
+from support.example_arms import paper_arm
+from support.lab_pairs import lab_arm_of, NOISELESS
+from support.lab_run import true_model
 
 ARM = lab_arm_of(paper_arm())
 LOADED = Strings(

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.camera import Plane
-from pneunet_ros.centerline import MeasuredCurve
-from pneunet_ros.image import Image
-from pneunet_ros.lens import Lens
-from pneunet_ros.overlay import BAD, CURVE, curve_in_image, draw, GOOD, headline, SEEN
-from pneunet_ros.readings import TargetSightings
-from pneunet_ros.tracker_state import Tracking
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.overlay import BAD, CURVE, curve_in_image, draw, GOOD, headline, SEEN
+from pneunet_ros.vision.smoother import MeasuredCurve
+from pneunet_ros.vision.tracker_state import Tracking
+from pneunet_ros.vision.working_plane import Plane
 import pytest
 
 WIDTH, HEIGHT, COUNT = 640, 480, 23

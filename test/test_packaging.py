@@ -14,9 +14,9 @@ import venv
 from xml.etree import ElementTree
 
 import pneunet_ros
-from pneunet_ros import resources
-from pneunet_ros.errors import PneunetError
-from pneunet_ros.resources import shipped
+from pneunet_ros.core import share
+from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.share import shipped
 import pytest
 
 CHECKOUT = Path(__file__).resolve().parent.parent
@@ -144,15 +144,15 @@ def test_shipped_files_are_found_in_a_checkout():
 def test_shipped_files_are_found_where_pip_puts_them(tmp_path, monkeypatch):
     config = tmp_path / 'share/pneunet_ros/config'
     config.mkdir(parents=True)
-    module = tmp_path / 'lib/python3.12/site-packages/pneunet_ros/resources.py'
-    monkeypatch.setattr(resources, '__file__', str(module))
+    module = tmp_path / 'lib/python3.12/site-packages/pneunet_ros/core/share.py'
+    monkeypatch.setattr(share, '__file__', str(module))
     assert shipped('config') == config
 
 
 def test_shipped_files_are_found_below_the_prefix_of_python(tmp_path, monkeypatch):
     config = tmp_path / 'share/pneunet_ros/config'
     config.mkdir(parents=True)
-    monkeypatch.setattr(resources, '__file__', '/nowhere/pneunet_ros/resources.py')
+    monkeypatch.setattr(share, '__file__', '/nowhere/pneunet_ros/core/share.py')
     monkeypatch.setattr(sys, 'prefix', str(tmp_path))
     assert shipped('config') == config
 
@@ -160,7 +160,7 @@ def test_shipped_files_are_found_below_the_prefix_of_python(tmp_path, monkeypatc
 def test_shipped_files_are_found_where_colcon_puts_them(tmp_path, monkeypatch):
     config = tmp_path / 'share/pneunet_ros/config'
     config.mkdir(parents=True)
-    monkeypatch.setattr(resources, '__file__', '/nowhere/pneunet_ros/resources.py')
+    monkeypatch.setattr(share, '__file__', '/nowhere/pneunet_ros/core/share.py')
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'/elsewhere{os.pathsep}{tmp_path}')
     assert shipped('config') == config
 
@@ -214,7 +214,7 @@ def test_pip_install_gives_commands_and_files(tmp_path, foreign_environment):
     installed_command(python, *pip, source, **run)
     shutil.rmtree(source)
 
-    where = 'from pneunet_ros.resources import shipped; print(shipped("config"), shipped("bags"))'
+    where = 'from pneunet_ros.core.share import shipped; print(shipped("config"), shipped("bags"))'
     found = installed_command(python, '-c', where, **run).split()
     assert found == [str(place / 'share/pneunet_ros' / top) for top in ('config', 'bags')]
     assert 'demo' in installed_command(place / 'bin/pneunet', '--help', **run)

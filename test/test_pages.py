@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from arms import paper_arm
-from calibrated import calibration
-from diagnosed import diagnosis, PROVENANCE
-from pages import browser, opened
-from pneunet_ros import report_style
-from pneunet_ros.calibration_report import write_report
-from pneunet_ros.diagnosis_files import PAGE, write_diagnosis
+from pneunet_ros.reports import style as report_style
+from pneunet_ros.reports.calibration.report import write_report
+from pneunet_ros.reports.diagnosis.files import PAGE, write_diagnosis
 import pytest
+from support.example_arms import paper_arm
+from support.html_pages import browser, opened
+from support.small_calibration import calibration
+from support.small_diagnosis import diagnosis, PROVENANCE
 
 pytestmark = [
     pytest.mark.slow,

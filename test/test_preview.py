@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 import cv2
-from filmed import ARM, film, FRAMES, HEIGHT, PERIOD_NS, pictures, RATE, WIDTH, write_messages
 from matplotlib.image import imread
 import numpy as np
-from pneunet_ros.camera_file import load_camera
-from pneunet_ros.errors import RecordingError
-from pneunet_ros.heat_map import heat
-from pneunet_ros.image import Image
-from pneunet_ros.image_sources import open_images, SourceRequest
-from pneunet_ros.length_unit import length_unit
-from pneunet_ros.preview import CURVES, PICTURES, Preview, spread, write_preview
-import pneunet_ros.preview_video
-from pneunet_ros.preview_video import overlay_of, write_text, write_video
-from pneunet_ros.resources import shipped
-from pneunet_ros.track import track_steps
-from pneunet_ros.tracker import Tracker
-from pneunet_ros.tracker_state import Tracking
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.camera_file import load_camera
+from pneunet_ros.offline.track import track_steps
+from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.reports.tracking.heat_map import heat
+from pneunet_ros.reports.tracking.preview import CURVES, PICTURES, Preview, spread, write_preview
+import pneunet_ros.reports.tracking.preview_video
+from pneunet_ros.reports.tracking.preview_video import overlay_of, write_text, write_video
+from pneunet_ros.tables.length_unit import length_unit
+from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker_state import Tracking
 import pytest
+from support.films import (
+    ARM,
+    film,
+    FRAMES,
+    HEIGHT,
+    PERIOD_NS,
+    pictures,
+    RATE,
+    WIDTH,
+    write_messages,
+)
 
 TRACKER = Tracker(ARM, load_camera(shipped('config/camera.yaml')))
 TARGETS = ARM.target_arclength.size
@@ -185,7 +195,7 @@ def test_a_video_of_nothing_says_so(tmp_path):
 
 
 def test_a_codec_that_is_missing_is_a_sentence(steps, tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(pneunet_ros.preview_video, 'CODEC', 'zzzz')
+    monkeypatch.setattr(pneunet_ros.reports.tracking.preview_video, 'CODEC', 'zzzz')
     sentence = r'v\.mp4 cannot be written: OpenCV has no encoder'
     with (
         pytest.raises(RecordingError, match=sentence),

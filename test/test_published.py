@@ -5,7 +5,22 @@ from __future__ import annotations
 import math
 import re
 
-from arms import (
+import numpy as np
+from pneunet_ros.core.frames import rotate
+from pneunet_ros.effects.clamp_compliance import ClampCompliance
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.effects.extensibility import Extensibility
+from pneunet_ros.effects.gravity import Gravity
+from pneunet_ros.effects.load_offset import LoadOffset
+from pneunet_ros.effects.pressure_elongation import PressureElongation
+from pneunet_ros.model.equilibrium import solve, solve_rod
+from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, PiecewiseLinearLaw
+import pytest
+from ruamel.yaml import YAML
+from scipy.optimize import brentq
+from scipy.special import ellipeinc, ellipj, ellipk, ellipkinc
+from support.chain_truth import chain_truth
+from support.example_arms import (
     ALL_MECHANICS,
     LENGTH,
     PAPER_ARM,
@@ -16,22 +31,7 @@ from arms import (
     TABLE_1,
     two_sections,
 )
-from chain_truth import chain_truth
-import numpy as np
-from pneunet_ros.effects.clamp_compliance import ClampCompliance
-from pneunet_ros.effects.effect import Load
-from pneunet_ros.effects.extensibility import Extensibility
-from pneunet_ros.effects.gravity import Gravity
-from pneunet_ros.effects.load_offset import LoadOffset
-from pneunet_ros.effects.pressure_elongation import PressureElongation
-from pneunet_ros.equilibrium import solve, solve_rod
-from pneunet_ros.frames import rotate
-from pneunet_ros.moment_law import LinearLaw, MajidiLaw, PiecewiseLinearLaw
-import pytest
-from rod_equations import fine_stations, violations
-from ruamel.yaml import YAML
-from scipy.optimize import brentq
-from scipy.special import ellipeinc, ellipj, ellipk, ellipkinc
+from support.rod_equations import fine_stations, violations
 
 # ---- closed forms -------------------------------------------------------------------------------
 

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 
-from bags import header
 import numpy as np
-from pneunet_ros.cloud_points import point_type
-from pneunet_ros.errors import MessageError
-from pneunet_ros.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
-from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.reading_messages import (
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.messages.builders import POINTS_TYPE
+from pneunet_ros.messages.point_cloud import point_type
+from pneunet_ros.messages.readings import (
     decode_targets,
-    POINTS_TYPE,
     pressure_message,
     targets_message,
     wrench_message,
 )
-from pneunet_ros.readings import PressureReading, WrenchReading
+from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 import pytest
+from support.made_recordings import header
 
 BASE = 'pneunet_base'
 STAMP = 3_250_000_001

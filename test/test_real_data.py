@@ -9,10 +9,10 @@ import sys
 
 from matplotlib.image import imread
 import numpy as np
-from pneunet_ros.errors import RecordingError
+from pneunet_ros.core.errors import RecordingError
 import pytest
 
-BENCH = Path(__file__).resolve().parent.parent / 'bench'
+BENCH = Path(__file__).resolve().parent.parent / 'acceptance'
 sys.path.insert(0, str(BENCH))
 
 import real_data  # noqa: E402

@@ -8,10 +8,10 @@ from pathlib import Path
 import sys
 
 import numpy as np
-from pneunet_ros.errors import RecordingError
+from pneunet_ros.core.errors import RecordingError
 import pytest
 
-BENCH = Path(__file__).resolve().parent.parent / 'bench'
+BENCH = Path(__file__).resolve().parent.parent / 'acceptance'
 sys.path.insert(0, str(BENCH))
 
 import real_data_diagnosis as bench  # noqa: E402

@@ -6,7 +6,14 @@ from contextlib import suppress
 import random
 import tracemalloc
 
-from bags import (
+from mcap.writer import CompressionType, Writer
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recordings.message_store import jazzy, serialize
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
+import pytest
+from support.made_recordings import (
     PRESSURE,
     pressure,
     STEP_NS,
@@ -14,13 +21,6 @@ from bags import (
     write_by_mcap,
     write_readings,
 )
-from mcap.writer import CompressionType, Writer
-from pneunet_ros.errors import RecordingError
-from pneunet_ros.message_store import jazzy, serialize
-from pneunet_ros.messages import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
-import pytest
 
 
 @pytest.fixture(params=['file.mcap', 'folder'])

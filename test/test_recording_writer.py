@@ -8,20 +8,20 @@ import signal
 import subprocess
 import sys
 
-from bags import header, PRESSURE, pressure, STEP_NS, WRENCH, write_readings
-from estimates import plain, random_estimate
 from mcap.reader import make_reader
-from pneunet_ros.cdr_template import ClaimSerializer
-from pneunet_ros.errors import MessageError, RecordingError
-from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
-from pneunet_ros.messages import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
+from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.topics import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
+from support.made_recordings import header, PRESSURE, pressure, STEP_NS, WRENCH, write_readings
+from support.random_estimates import plain, random_estimate
 
 
 def names(folder: Path) -> list[str]:
@@ -243,7 +243,7 @@ def test_a_disk_that_is_really_full_leaves_nothing(tmp_path, foreign_environment
     code = (
         'import resource, signal, sys\n'
         'from bags import write_readings\n'
-        'from pneunet_ros.errors import RecordingError\n'
+        'from pneunet_ros.core.errors import RecordingError\n'
         'signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n'
         'resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n'
         'try:\n'
@@ -261,8 +261,8 @@ def test_after_a_kill_nothing_stands_under_the_name(tmp_path, name, foreign_envi
     code = (
         'import itertools, os, signal, sys\n'
         'from bags import PRESSURE, pressure\n'
-        'from pneunet_ros.messages import PRESSURE_TYPE\n'
-        'from pneunet_ros.recording_writer import write_recording\n'
+        'from pneunet_ros.messages.topics import PRESSURE_TYPE\n'
+        'from pneunet_ros.recordings.recording_writer import write_recording\n'
         'with write_recording(sys.argv[1]) as writer:\n'
         '    handle = writer.add(PRESSURE, PRESSURE_TYPE)\n'
         '    for index in range(20_000):\n'

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from bags import PRESSURE, pressure, STEP_NS, WRENCH, wrench
-from estimates import plain
 import numpy as np
-from pneunet_ros.equilibrium import solve
-from pneunet_ros.errors import RecordingError
-from pneunet_ros.estimator import Estimator
-from pneunet_ros.estimator_state import EstimatorState
-from pneunet_ros.message_parts import POINTS_TYPE
-from pneunet_ros.message_store import ROSBAGS_TYPES
-from pneunet_ros.messages import INPUTS, OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.model_file import load_model
-from pneunet_ros.reading_messages import targets_message
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.replay import estimate_topic, input_topics, record_steps, Tally, targets_topic
-from pneunet_ros.resources import shipped
-from pneunet_ros.settings import EstimatorSettings
-from pneunet_ros.shape import Refusal, same_values, ShapeEstimate
+from pneunet_ros.core.arrays import same_values
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.share import shipped
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.messages.builders import POINTS_TYPE
+from pneunet_ros.messages.readings import targets_message
+from pneunet_ros.messages.topics import INPUTS, OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.model.equilibrium import solve
+from pneunet_ros.offline.replay import (
+    estimate_topic,
+    input_topics,
+    record_steps,
+    Tally,
+    targets_topic,
+)
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
+from support.made_recordings import PRESSURE, pressure, STEP_NS, WRENCH, wrench
+from support.random_estimates import plain
 
 ESTIMATOR = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
 TYPES = {'end_wrench': WRENCH_TYPE, 'pressure': PRESSURE_TYPE, 'targets': POINTS_TYPE}

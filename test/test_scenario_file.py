@@ -5,16 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 import shutil
 
-from lab import recorded
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import same_values
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.scenario_file import changes_of, load_scenario
 from pneunet_ros.lab.lab_arm import varied
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import described
-from pneunet_ros.resources import shipped
-from pneunet_ros.scenario_file import changes_of, load_scenario
-from pneunet_ros.shape import same_values
 import pytest
+from support.lab_pairs import recorded
 
 FOLDER = shipped('scenarios')
 PROTOCOL = 'protocol: {kind: slow_ramp}\n'

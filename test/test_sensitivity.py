@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from calibrated import ARM, calibration
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.sensitivity import FACTORS, SPLITS, variations
-from pneunet_ros.calibration.stances import stances
-from pneunet_ros.moment_law import LinearLaw, MajidiLaw
+from pneunet_ros.calibration.steady_states import stances
+from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw
 import pytest
+from support.small_calibration import ARM, calibration
 
 SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.002, 't2': 0.008}
 

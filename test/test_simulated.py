@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 
-from lab import recorded
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import same_values
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.protocols import SlowRamp
 from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.lab_run import run_of
-from pneunet_ros.shape import same_values
 import pytest
+from support.lab_pairs import recorded
+from support.lab_run import run_of
 from test_layers import FILES, house_module, imported_names
 
 SHIPPED = (

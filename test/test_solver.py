@@ -9,20 +9,30 @@ from pathlib import Path
 import subprocess
 import sys
 
-from arms import PAPER_ARM, paper_arm, plain_arm, TABLE_1, two_sections
 import numpy as np
 from pneunet_ros import solve
-from pneunet_ros.attempt import Attempt, FINEST_DETAIL
-from pneunet_ros.curvature import IntrinsicCurvature
+from pneunet_ros.core import jit as compiled
+from pneunet_ros.core.jit import HAVE_NUMBA
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.equilibrium import solve_rod
-from pneunet_ros.solver import chain, collocation, collocation_numpy, compiled, stations
+from pneunet_ros.model.equilibrium import solve_rod
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.solver import (
+    collocation,
+    collocation_numpy,
+)
+from pneunet_ros.solver import (
+    energy_descent as chain,
+)
+from pneunet_ros.solver import (
+    interpolation as stations,
+)
+from pneunet_ros.solver.boundary_value_problem import Attempt, FINEST_DETAIL
 from pneunet_ros.solver.collocation import ACCEPTED, TOLERANCE
-from pneunet_ros.solver.compiled import HAVE_NUMBA
 from pneunet_ros.solver.panel import curvature_change, sine_cosine
 import pytest
-from random_rods import random_case
-from rod_equations import fine_stations, violations
+from support.example_arms import PAPER_ARM, paper_arm, plain_arm, TABLE_1, two_sections
+from support.random_rods import random_case
+from support.rod_equations import fine_stations, violations
 
 FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 

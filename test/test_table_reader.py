@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros import csv_table
-from pneunet_ros.errors import RecordingError, RequestError
-from pneunet_ros.table_columns import column_of, KINDS, known_names
-from pneunet_ros.table_reader import ImportRequest, read_table, string_force
-from pneunet_ros.units import SI_PER_UNIT
+from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.units import SI_PER_UNIT
+from pneunet_ros.tables import csv_table
+from pneunet_ros.tables.columns import column_of, KINDS, known_names
+from pneunet_ros.tables.table_reader import ImportRequest, read_table, string_force
 import pytest
 
 

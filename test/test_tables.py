@@ -6,17 +6,17 @@ import json
 import math
 from pathlib import Path
 
-from bags import header
 import numpy as np
-from pneunet_ros.cli import main
-from pneunet_ros.errors import RecordingError
-from pneunet_ros.estimate_messages import POSE_TYPE
-from pneunet_ros.message_store import ROSBAGS_TYPES
-from pneunet_ros.messages import PRESSURE_TYPE
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.run_reader import read_run
+from pneunet_ros.cli.main import main
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.messages.estimate import POSE_TYPE
+from pneunet_ros.messages.topics import PRESSURE_TYPE
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
-from recorded_runs import MS, pressure, readings, record, START, targets
+from support.made_recordings import header
+from support.recorded_datasets import MS, pressure, readings, record, START, targets
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -14,9 +14,9 @@ import time
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.message_parts import Output
-from pneunet_ros.messages import PRESSURE_TYPE
-from pneunet_ros.resources import shipped
+from pneunet_ros.core.share import shipped
+from pneunet_ros.messages.builders import Output
+from pneunet_ros.messages.topics import PRESSURE_TYPE
 import pytest
 
 # The wheels of ROS import a parser that is older than Python 3.11.
@@ -26,7 +26,7 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
+from support.dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / 'examples' / 'tip_controller.py'

@@ -4,9 +4,27 @@ from __future__ import annotations
 
 import csv
 
-from bags import PRESSURE
-from estimates import plain
-from filmed import (
+import numpy as np
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.camera_file import load_camera
+from pneunet_ros.messages.tracker import (
+    decode_camera_info,
+    decode_image,
+    TARGET_POINT,
+    TRACKER_OUTPUTS,
+)
+from pneunet_ros.offline.track import record_tracking, track_steps, TrackTally
+from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
+from pneunet_ros.tables.length_unit import length_unit
+from pneunet_ros.tables.target_table import write_table
+from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+import pytest
+from support.films import (
     ARM,
     COMPRESSED,
     encoded,
@@ -24,26 +42,8 @@ from filmed import (
     write_messages,
     write_video,
 )
-import numpy as np
-from pneunet_ros.camera_file import load_camera
-from pneunet_ros.image_sources import open_images, SourceRequest
-from pneunet_ros.length_unit import length_unit
-from pneunet_ros.message_store import ROSBAGS_TYPES
-from pneunet_ros.recording import open_recording
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.resources import shipped
-from pneunet_ros.shape import Refusal
-from pneunet_ros.target_table import write_table
-from pneunet_ros.track import record_tracking, track_steps, TrackTally
-from pneunet_ros.tracker import Tracker
-from pneunet_ros.tracker_messages import (
-    decode_camera_info,
-    decode_image,
-    TARGET_POINT,
-    TRACKER_OUTPUTS,
-)
-from pneunet_ros.tracker_state import TrackerState, Tracking
-import pytest
+from support.made_recordings import PRESSURE
+from support.random_estimates import plain
 
 TRACKER = Tracker(ARM, load_camera(shipped('config/camera.yaml')))
 TARGETS = ARM.target_arclength.size

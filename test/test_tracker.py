@@ -7,24 +7,25 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from pneunet_ros import load_model
-from pneunet_ros.camera_settings import (
+from pneunet_ros.core.arrays import same_values
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.image import ENCODINGS
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.share import shipped
+from pneunet_ros.lab.renderer import as_image, Renderer
+from pneunet_ros.lab.scene import Dots, Scene
+from pneunet_ros.vision.camera_settings import (
     CameraSettings,
     FixedBand,
     HomographyPlane,
     PosePlane,
 )
-from pneunet_ros.errors import ModelError
-from pneunet_ros.image import ENCODINGS
-from pneunet_ros.lab.motion import ArmMotion
-from pneunet_ros.lab.renderer import as_image, Renderer
-from pneunet_ros.lab.scene import Dots, Scene
-from pneunet_ros.resources import shipped
-from pneunet_ros.shape import Refusal, same_values
-from pneunet_ros.tracker import Tracker
-from pneunet_ros.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
 import pytest
 from scipy.spatial.transform import Rotation
-from views import FRAME_NS, lens_of, plain_camera, Score, View
+from support.moving_arm import motion_of
+from support.rendered_frames import FRAME_NS, lens_of, plain_camera, Score, View
 
 ARM = load_model(shipped('config/paper_arm.yaml'))
 TARGETS = ARM.target_arclength.size
@@ -39,7 +40,7 @@ class Film:
         self.camera = plain_camera() if camera is None else camera
         scene = Scene(camera=self.camera, noise=noise) if scene is None else scene
         self.renderer = Renderer(scene)
-        self.motion = ArmMotion(ARM, (0.0, 50e3))
+        self.motion = motion_of(ARM, (0.0, 50e3))
         self.rng = np.random.default_rng(11)
         self.tracker = Tracker(ARM, CameraSettings() if settings is None else settings)
         self.lens = lens_of(self.camera)

@@ -8,26 +8,14 @@ import struct
 import zlib
 
 import cv2
-from estimates import plain, rclpy_class, RclpyTypes
-from frames import (
-    compressed,
-    random_curve,
-    random_sightings,
-    random_tracking,
-    soft_picture,
-)
-from frames import (
-    TARGETS as COUNT,
-)
 from hypothesis import given, strategies
 import numpy as np
-from pneunet_ros.cdr_template import ClaimSerializer
-from pneunet_ros.compressed_image import LARGEST_AREA
-from pneunet_ros.errors import CameraError, MessageError, PneunetError
-from pneunet_ros.image import Image, LARGEST_SIDE
-from pneunet_ros.message_parts import CURVATURE_ROWS
-from pneunet_ros.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
-from pneunet_ros.tracker_messages import (
+from pneunet_ros.core.errors import CameraError, MessageError, PneunetError
+from pneunet_ros.core.image import Image, LARGEST_SIDE
+from pneunet_ros.messages.builders import CURVATURE_ROWS
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.compressed_image import LARGEST_AREA
+from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
     claims,
     COMPRESSED_TYPE,
@@ -44,7 +32,19 @@ from pneunet_ros.tracker_messages import (
     TRACKER_INPUTS,
     TRACKER_OUTPUTS,
 )
+from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 import pytest
+from support.random_estimates import plain, rclpy_class, RclpyTypes
+from support.random_frames import (
+    compressed,
+    random_curve,
+    random_sightings,
+    random_tracking,
+    soft_picture,
+)
+from support.random_frames import (
+    TARGETS as COUNT,
+)
 
 # The wheels of ROS import a parser that is older than Python 3.11.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")

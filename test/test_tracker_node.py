@@ -12,20 +12,13 @@ import sys
 import time
 from types import SimpleNamespace
 
-from estimates import plain
-import filmed
-from manuals import same_as_running
 import numpy as np
 from pneunet_ros import __version__
-from pneunet_ros.camera_file import load_camera
-from pneunet_ros.camera_settings import CameraSettings, HomographyPlane, PosePlane, RestPlane
-from pneunet_ros.cdr_template import ClaimSerializer
-from pneunet_ros.errors import MessageError
-from pneunet_ros.message_store import ROSBAGS_TYPES, serialize
-from pneunet_ros.overlay import curve_in_image, draw
-from pneunet_ros.resources import shipped
-from pneunet_ros.tracker import Tracker
-from pneunet_ros.tracker_messages import (
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.camera_file import load_camera
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
     claims,
     COMPRESSED_TYPE,
@@ -35,8 +28,20 @@ from pneunet_ros.tracker_messages import (
     IMAGE_TYPE,
     TARGET_POINT,
 )
-from pneunet_ros.tracker_state import TrackerState, Tracking
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
+from pneunet_ros.vision.camera_settings import (
+    CameraSettings,
+    HomographyPlane,
+    PosePlane,
+    RestPlane,
+)
+from pneunet_ros.vision.overlay import curve_in_image, draw
+from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
 import pytest
+from support import films as filmed
+from support.manuals import same_as_running
+from support.random_estimates import plain
 
 # The wheels of ROS import a parser that is older than Python 3.11.
 pytestmark = [
@@ -45,13 +50,13 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from dds_peer import CameraPeer, running_node, START_TIMEOUT, TIMEOUT  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES  # noqa: E402
 from pneunet_ros.nodes.ros_types import serialize as to_bytes  # noqa: E402
-from pneunet_ros.nodes.tracker import TrackerNode  # noqa: E402
+from pneunet_ros.nodes.tracker.node import TrackerNode  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
+from support.dds_peer import CameraPeer, running_node, START_TIMEOUT, TIMEOUT  # noqa: E402
 
 # The node that most tests share, and those with a node of their own, must not hear each other.
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
@@ -493,8 +498,8 @@ def test_a_new_start_knows_the_camera_whatever_the_plane_comes_from(method):
 NOTHING_IS_COMPILED_LATE = """
 import gc
 import cv2
-import filmed
-from manuals import same_as_running
+from support import films as filmed
+from support.manuals import same_as_running
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from pneunet_ros.cdr_template import ClaimSerializer

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from pneunet_ros.errors import ModelError, RequestError
-from pneunet_ros.units import (
+from pneunet_ros.core.errors import ModelError, RequestError
+from pneunet_ros.core.units import (
     check_quantities,
     kilopascals,
     millimeters,

@@ -11,10 +11,10 @@ import signal
 import time
 
 import numpy as np
-from pneunet_ros.cloud_points import cloud_points
-from pneunet_ros.message_parts import Output, POINTS_TYPE
-from pneunet_ros.messages import PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.resources import shipped
+from pneunet_ros.core.share import shipped
+from pneunet_ros.messages.builders import Output, POINTS_TYPE
+from pneunet_ros.messages.point_cloud import cloud_points
+from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
 import pytest
 
 # The wheels of ROS import a parser that is older than Python 3.11.
@@ -24,12 +24,12 @@ pytestmark = [
 ]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
-from dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.topics import latched_qos  # noqa: E402
 from sensor_msgs.msg import FluidPressure  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
+from support.dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
 
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
 OTHER_DOMAIN = (DOMAIN + 50) % 101 + 1

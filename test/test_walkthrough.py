@@ -6,7 +6,7 @@ from pathlib import Path
 import re
 import shlex
 
-from pneunet_ros.cli import main, VERBS
+from pneunet_ros.cli.main import main, VERBS
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,23 +12,28 @@ from collections.abc import Iterator
 from functools import cache
 import os
 from pathlib import Path
+import sys
 import tempfile
 from typing import Any
 
 import cv2
 import numpy as np
-from pneunet_ros.bag_folder import METADATA
+from pneunet_ros.core.share import shipped
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.files.model_file import load_model
 from pneunet_ros.lab.lens import looking_down
 from pneunet_ros.lab.motion import ArmMotion, up_and_down
 from pneunet_ros.lab.renderer import Renderer
 from pneunet_ros.lab.scene import Dots, Glint, hand, Label, Light, Occluder, Scene, Spot
 from pneunet_ros.lab.targets import Truth
-from pneunet_ros.message_store import ROSBAGS_TYPES
-from pneunet_ros.messages import PRESSURE_TYPE
-from pneunet_ros.model_file import load_model
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.resources import shipped
-from pneunet_ros.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.messages.topics import PRESSURE_TYPE
+from pneunet_ros.recordings.bag_folder import METADATA
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.recording_writer import write_recording
+
+# The tests know how a model's arm is put before the camera of the virtual lab.
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
+from support.moving_arm import motion_of
 
 NAME, TRUTH = 'camera_demo', 'truth.csv'
 IMAGE_TOPIC, IMAGE_TYPE = '/pneunet/image_raw/compressed', 'sensor_msgs/msg/CompressedImage'
@@ -101,7 +106,7 @@ def hand_at(stamp_ns: int) -> tuple[Occluder, ...]:
 @cache
 def motion() -> ArmMotion:
     """Return the arm of the paper, unloaded."""
-    return ArmMotion(load_model(shipped('config/paper_arm.yaml')), (0.0, TOP))
+    return motion_of(load_model(shipped('config/paper_arm.yaml')), (0.0, TOP))
 
 
 @cache

@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 import tempfile
 
-from pneunet_ros.cli import main as pneunet
+from pneunet_ros.cli.main import main as pneunet
 
 FOLDER = Path(__file__).resolve().parent
 NAMES = ('unloaded', 'loaded', 'heldout')  # in the order in which they were recorded

@@ -14,12 +14,12 @@ from pathlib import Path
 import tempfile
 from typing import Any
 
-from pneunet_ros.bag_folder import METADATA
-from pneunet_ros.frames import BASE_FRAME
-from pneunet_ros.message_store import ROSBAGS_TYPES
-from pneunet_ros.messages import PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.recording_writer import write_recording
-from pneunet_ros.units import NANOSECONDS_PER_SECOND, PASCALS_PER_KILOPASCAL
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, PASCALS_PER_KILOPASCAL
+from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recordings.bag_folder import METADATA
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.recording_writer import write_recording
 
 # Pressure (kPa), F_A along x and F_B along y (N): de Payrebrune & O'Reilly 2016, Table 1.
 TABLE_1 = (

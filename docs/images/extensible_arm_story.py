@@ -10,29 +10,34 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 import functools
 import math
+from pathlib import Path
+import sys
 
 import numpy as np
 from pneunet_ros import load_model
-from pneunet_ros.arm import Arm
 from pneunet_ros.calibration.calibration import calibrate, Calibration
-from pneunet_ros.calibration.disturbances import Disturbances
-from pneunet_ros.calibration.drive import drives_of
-from pneunet_ros.calibration.end_force import end_forces
-from pneunet_ros.calibration.fitted import Fit
-from pneunet_ros.calibration.response import Series, THETA
-from pneunet_ros.diagnosis.answer import Diagnosis, Estimated
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.tip_force import end_forces
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.share import shipped
+from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.diagnosis.result import Diagnosis, Estimated
+from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.chain_effects import LabExtensibility
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.lab_run import run_of, true_model
-from pneunet_ros.moment_law import PiecewiseLinearLaw
-from pneunet_ros.resources import shipped
-from pneunet_ros.run import Run
-from pneunet_ros.scenario_file import load_scenario
-from pneunet_ros.shape import Array
-from pneunet_ros.units import kilopascals, millimeters
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.disturbances import Disturbances
+from pneunet_ros.measurement.forward_model import Series, THETA
+from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.moment_law import PiecewiseLinearLaw
+
+# What the tests share knows the truth of the virtual lab as a model.
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
+from support.lab_run import run_of, true_model
 
 STIFFNESS = 25.0  # N, EA of the lab arm; invented
 RICHNESS = 1.0  # it stretches as rubber does, which no effect of the model knows

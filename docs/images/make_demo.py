@@ -6,7 +6,7 @@ from pathlib import Path
 import tempfile
 
 from PIL import Image  # comes with matplotlib
-from pneunet_ros.cli import main as pneunet
+from pneunet_ros.cli.main import main as pneunet
 
 PICTURE = Path(__file__).resolve().parent / 'demo.png'
 COLORS = 256

@@ -16,8 +16,8 @@ from extensible_arm_story import Forces, lines, Story, told, Z_95
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from pneunet_ros.diagnosis.answer import Side
-from pneunet_ros.units import kilopascals, millimeters
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.diagnosis.result import Side
 
 FOLDER = Path(__file__).resolve().parent
 TIP, ALL, AFTER, TRUE, CONTROL = '#d1603d', '#e0a030', '#1f5a96', '#222222', '#4c9a6a'

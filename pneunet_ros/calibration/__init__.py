@@ -1,1 +1,1 @@
-"""From recordings to a model with error bars: the two experiments of the paper, fitted jointly."""
+"""From recordings to a model with error bars."""

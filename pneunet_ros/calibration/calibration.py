@@ -9,27 +9,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from pneunet_ros.arm import Arm
-from pneunet_ros.calibration.drive import drives_of
-from pneunet_ros.calibration.fitted import Fit
-from pneunet_ros.calibration.knowledge import Knowledge, knowledge_of
-from pneunet_ros.calibration.law_unknowns import LAW_UNKNOWNS
-from pneunet_ros.calibration.low_rank import low_rank
-from pneunet_ros.calibration.noise_estimate import estimated_noise, NoiseEstimate
-from pneunet_ros.calibration.plausible import check_runs
-from pneunet_ros.calibration.same_arm import odd_recordings
-from pneunet_ros.calibration.stages import (
+from pneunet_ros.calibration.consistency import odd_recordings
+from pneunet_ros.calibration.experiments import (
     continued,
     LawScore,
     pressure_span,
     Progress,
     Stages,
 )
-from pneunet_ros.calibration.undetermined import undetermined
-from pneunet_ros.calibration.unknowns import Smoothness
-from pneunet_ros.errors import RequestError
-from pneunet_ros.moment_law import PiecewiseLinearLaw
-from pneunet_ros.run import Run
+from pneunet_ros.calibration.identifiability import undetermined
+from pneunet_ros.calibration.low_rank import low_rank
+from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
+from pneunet_ros.calibration.noise_estimate import estimated_noise, NoiseEstimate
+from pneunet_ros.calibration.parameters import Smoothness
+from pneunet_ros.calibration.posterior import Knowledge, knowledge_of
+from pneunet_ros.calibration.preconditions import check_runs
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

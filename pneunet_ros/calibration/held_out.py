@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.arm import Arm
-from pneunet_ros.calibration.drive import Drive, drives_of
-from pneunet_ros.calibration.response import Series
-from pneunet_ros.run import Run
-from pneunet_ros.shape import Array
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.forward_model import Series
+from pneunet_ros.measurement.inputs import Drive, drives_of
+from pneunet_ros.model.arm import Arm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.calibration.fitted import Fit
-from pneunet_ros.calibration.response import Series
-from pneunet_ros.noise import ModelCovariance, MOST_COLUMNS
-from pneunet_ros.shape import Array
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.forward_model import Series
+from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 
 FRAMES = 24  # of every run, spread over it
 DIGITS = 6

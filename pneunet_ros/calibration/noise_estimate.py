@@ -12,9 +12,9 @@ from dataclasses import dataclass, fields, replace
 import math
 
 import numpy as np
-from pneunet_ros.noise import SensorNoise
-from pneunet_ros.run import Run
-from pneunet_ros.shape import Array
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.model.uncertainty import SensorNoise
 
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 FEWEST = 20  # values for an estimate, and frames of a run to take them from

@@ -1,1 +1,1 @@
-"""Where simulation and measurement disagree, what is missing, and how sure that is."""
+"""Where model and recordings disagree, and which effect is missing."""

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.arm import Arm
-from pneunet_ros.calibration.fit import fit
-from pneunet_ros.calibration.fitted import Fit
 from pneunet_ros.calibration.low_rank import low_rank
-from pneunet_ros.diagnosis.answer import Estimated, NamedEffect, Shift
+from pneunet_ros.calibration.map_estimation import fit
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.refit import Refit, split
-from pneunet_ros.noise import ModelCovariance, MOST_COLUMNS
-from pneunet_ros.shape import Array
+from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 
 LAW_WORTH = 0.05  # of a size: what the plain law of an effect is worth; invented
 SETTLED = 0.3  # standard deviations of all: it starts where the joint fit has ended

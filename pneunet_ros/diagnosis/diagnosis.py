@@ -7,31 +7,24 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.arm import Arm
-from pneunet_ros.calibration.fitted import Fit
-from pneunet_ros.diagnosis.adequacy import Group
-from pneunet_ros.diagnosis.answer import Adequacy, Answer, Diagnosis, Evidence, Side
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.augmented import augmented, fitted, named, shifts
-from pneunet_ros.diagnosis.base import Each, FRAMES, refitted
-from pneunet_ros.diagnosis.candidates import Candidate
-from pneunet_ros.diagnosis.design import Design, Point
-from pneunet_ros.diagnosis.gap import closed, misfit, noise_floor, scores
+from pneunet_ros.diagnosis.base_fit import Each, FRAMES, refitted
+from pneunet_ros.diagnosis.detectability import cosines, detectable
+from pneunet_ros.diagnosis.evaluation import closed, misfit, noise_floor, scores
+from pneunet_ros.diagnosis.experiment_design import proposal
+from pneunet_ros.diagnosis.gaussian_model import Linear
 from pneunet_ros.diagnosis.hypothesis import hypotheses
-from pneunet_ros.diagnosis.linear import Linear
+from pneunet_ros.diagnosis.lack_of_fit import Group
+from pneunet_ros.diagnosis.linearization import Design, Point
 from pneunet_ros.diagnosis.localization import frames_of, heat_maps, sentence_of, shares
-from pneunet_ros.diagnosis.proposal import proposal
 from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.diagnosis.selection import (
-    LEAST_EVIDENCE,
-    LEVEL,
-    margin,
-    Record,
-    Selection,
-    Trial,
-)
-from pneunet_ros.diagnosis.separability import cosines, detectable
-from pneunet_ros.run import Run
-from pneunet_ros.units import millimeters
+from pneunet_ros.diagnosis.result import Adequacy, Answer, Diagnosis, Evidence, Side
+from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.selection import LEAST_EVIDENCE, LEVEL, margin, Record, Selection, Trial
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.model.arm import Arm
 
 SAME = 0.98  # cosine of effects that are one class on these recordings
 

@@ -12,11 +12,11 @@ import itertools
 
 import numpy as np
 from numpy.polynomial import legendre
-from pneunet_ros.arm import Arm
-from pneunet_ros.calibration.drive import Drive
-from pneunet_ros.run import Run
-from pneunet_ros.shape import Array
-from pneunet_ros.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.model.arm import Arm
 from scipy.signal import lfilter
 
 CURVATURE_MODES, STRETCH_MODES = 4, 3  # Legendre polynomials along the arm

@@ -7,9 +7,9 @@ import math
 from typing import Any
 
 import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, Load
-from pneunet_ros.shape import Array
 
 FIRST_SIZES = (0.05, 0.25, 0.8)  # of the prior range, where effects with a history are tried
 FIRST_SIZE = 5e-4  # of the prior range, for those linear in their size: the tangent

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.diagnosis.answer import Axis, HeatMap, Share
-from pneunet_ros.diagnosis.design import Design
-from pneunet_ros.diagnosis.linear import Linear
-from pneunet_ros.shape import Array, frozen_array
-from pneunet_ros.units import kilopascals, NANOSECONDS_PER_SECOND
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.units import kilopascals, NANOSECONDS_PER_SECOND
+from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.linearization import Design
+from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
 from scipy.stats import chi2
 
 BINS = {'arclength': 5, 'pressure': 5, 'force': 4, 'time': 4}

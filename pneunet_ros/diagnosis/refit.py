@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.diagnosis.design import Design, Point
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.diagnosis.gaussian_model import Linear
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.linear import Linear
+from pneunet_ros.diagnosis.linearization import Design, Point
 from pneunet_ros.effects.effect import Effect
-from pneunet_ros.shape import Array, frozen_array
 
 MOST_STEPS, MOST_HALVINGS = 5, 5
 SMALL = 0.1  # of the cost, that a step can gain at most

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from pneunet_ros.diagnosis.adequacy import Group, groups_of, Mapped
-from pneunet_ros.diagnosis.base import Each
-from pneunet_ros.diagnosis.candidates import Candidate, candidates, clean_score
-from pneunet_ros.diagnosis.design import Design
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.diagnosis.base_fit import Each
+from pneunet_ros.diagnosis.gaussian_model import Linear
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.linear import Linear
+from pneunet_ros.diagnosis.lack_of_fit import Group, groups_of, Mapped
+from pneunet_ros.diagnosis.linearization import Design
 from pneunet_ros.diagnosis.refit import finished, Refit, refit, Refitting, split
-from pneunet_ros.errors import ModelError
+from pneunet_ros.diagnosis.score_test import Candidate, candidates, clean_score
 
 MOST_EFFECTS = 3
 SHORTLIST = 5  # hypotheses that are refitted, in order of their score

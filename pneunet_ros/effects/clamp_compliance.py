@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import quantity
 from pneunet_ros.effects.effect import Effect, Place, Terms
-from pneunet_ros.shape import Array
-from pneunet_ros.units import quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from pneunet_ros.rod import (
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import check_quantities
+from pneunet_ros.solver.rod import (
     AXIAL_COMPLIANCE,
     CLAMP_ANGLE,
     CLAMP_COMPLIANCE,
@@ -30,8 +32,6 @@ from pneunet_ros.rod import (
     REST_STRAIN,
     RIGIDITY,
 )
-from pneunet_ros.shape import Array
-from pneunet_ros.units import check_quantities
 
 Place = Literal['sensing', 'actuation', 'material', 'mechanics']
 History = tuple[float, ...]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import quantity
 from pneunet_ros.effects.effect import Effect, Place, Terms
-from pneunet_ros.shape import Array
-from pneunet_ros.units import quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

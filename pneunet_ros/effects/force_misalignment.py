@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import math
 from typing import ClassVar
 
+from pneunet_ros.core.frames import rotate
+from pneunet_ros.core.units import quantity
 from pneunet_ros.effects.effect import Effect, Load, Place
-from pneunet_ros.frames import rotate
-from pneunet_ros.units import quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
+from pneunet_ros.core.units import quantity
 from pneunet_ros.effects.effect import Effect, History, Place, PressureScale
-from pneunet_ros.units import quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

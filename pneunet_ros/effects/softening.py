@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import quantity
 from pneunet_ros.effects.effect import Effect, History, Place, PressureScale, Terms
-from pneunet_ros.shape import Array
-from pneunet_ros.units import quantity
 
 NOISE_BAND = 8.0  # sigma between the largest and the smallest of ten thousand readings at rest
 

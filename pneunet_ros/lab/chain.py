@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import Array, freeze, frozen_array
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain_kernels import equilibria
-from pneunet_ros.shape import Array, freeze, frozen_array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,11 +7,11 @@ import math
 from typing import ClassVar
 
 import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import quantity
 from pneunet_ros.lab.chain import Chain
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import LabEffect
-from pneunet_ros.shape import Array
-from pneunet_ros.units import quantity
 
 CLAMP_YIELD = 0.1  # rad, at which a rich clamp is twice as stiff
 

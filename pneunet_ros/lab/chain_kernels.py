@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.shape import Array
-from pneunet_ros.solver.compiled import kernel
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.jit import kernel
 
 SETTLED = 1e-11  # rad, of the last step
 NEAR = 1e-6  # rad, of a step that is taken whole

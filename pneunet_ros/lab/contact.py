@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain import Chain, Lying, lying
-from pneunet_ros.shape import Array
 
 SETTLED = 1e-10  # m, between how far the peg is pushed in and what its push says
 MOST_STEPS = 60

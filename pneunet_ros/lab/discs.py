@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.lab.lens import Camera
-from pneunet_ros.shape import Array
 
 Places = npt.NDArray[np.int64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from pneunet_ros.image import Bytes
+from pneunet_ros.core.image import Bytes
 from pneunet_ros.lab.chain import Lying
 from pneunet_ros.lab.lens import looking_down
 from pneunet_ros.lab.live import LiveLab

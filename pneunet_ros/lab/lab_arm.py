@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import legendre
 import numpy.typing as npt
-from pneunet_ros.errors import RequestError
-from pneunet_ros.shape import Array, freeze, frozen_array
-from pneunet_ros.units import check_quantities, quantity
+from pneunet_ros.core.arrays import Array, freeze, frozen_array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import check_quantities, quantity
 
 VARIATION = 0.15  # largest share by which a seed changes a parameter of the arm
 

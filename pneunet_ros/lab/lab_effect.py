@@ -10,11 +10,11 @@ import abc
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.lab.chain import Chain
 from pneunet_ros.lab.lab_arm import LabArm
-from pneunet_ros.shape import Array
-from pneunet_ros.units import check_quantities, quantity
 
 Past = tuple[float, ...]  # what an effect remembers
 RICHNESS = quantity(

@@ -15,12 +15,7 @@ from pneunet_ros.lab.chain_effects import (
     LabStiffening,
 )
 from pneunet_ros.lab.lab_effect import LabEffect
-from pneunet_ros.lab.memory_effects import (
-    LabCreep,
-    LabHysteresis,
-    LabPressureLag,
-    LabSoftening,
-)
+from pneunet_ros.lab.memory_effects import LabCreep, LabHysteresis, LabPressureLag, LabSoftening
 from pneunet_ros.lab.reading_effects import (
     LabCameraRotation,
     LabCameraScale,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.lab.lab_effect import Past
 from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.shape import Array
 
 Stamps = npt.NDArray[np.int64]
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from pneunet_ros.errors import CameraError
-from pneunet_ros.shape import Array, frozen_array
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.errors import CameraError
 
 # Distortion model -> how many coefficients it may have (k1 k2 p1 p2 k3 | k4 k5 k6).
 MODELS = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8)}

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain import Lying
 from pneunet_ros.lab.contact import leaning
 from pneunet_ros.lab.lab_effect import Course, Past
@@ -26,7 +27,6 @@ from pneunet_ros.lab.simulated import (
     STEP,
 )
 from pneunet_ros.lab.valve import Valve
-from pneunet_ros.shape import Array, freeze
 
 MIDDLE = 0.5  # share of the time of a recording at which rich cameras see live
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from pneunet_ros.core.arrays import freeze
+from pneunet_ros.core.units import quantity
 from pneunet_ros.lab.history_kernels import lagging, largest_so_far, playing, relaxing
 from pneunet_ros.lab.lab_effect import Course, LabEffect, Past
-from pneunet_ros.shape import freeze
-from pneunet_ros.units import quantity
 
 RECOVERY_TIME = 120.0  # s, in which a part of a rich Mullins effect is forgotten
 RECOVERING = 0.05  # that part; invented, in real rubber it is small at room temperature

@@ -1,23 +1,21 @@
 """An arm that bends with its pressure before the camera of the virtual lab.
 
-Shapes are solved once, at a grid of pressures, and interpolated from then on: thousands of images
+Shapes are taken once, at a grid of pressures, and interpolated from then on: thousands of images
 need no more solves. What is drawn is what the truth says, whatever the interpolation left.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import Any
 
 import numpy as np
-from pneunet_ros.arm import Arm
-from pneunet_ros.equilibrium import solve
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.scene import Body, Dots, Moment, Occluder
-from pneunet_ros.shape import Array, freeze
 from scipy.interpolate import CubicSpline
 
-STATIONS = 225  # of a solve, from which places between them are interpolated
 DRAWN_EVERY = 4  # station of them, for the outline of the arm
 GRID = 41  # pressures
 
@@ -29,33 +27,30 @@ class ArmMotion:
 
     def __init__(
         self,
-        arm: Arm,
+        shape_at: Callable[[float], Array],
+        arclength: Array,
+        target_arclength: Array,
         pressure_range: tuple[float, float],
-        force: tuple[float, float] = (0.0, 0.0),
         placement: Array | None = None,
     ) -> None:
-        """Solve the arm under a constant end force (N) at pressures (Pa) of the range.
+        """Take the shapes of an arm at pressures (Pa) of the range.
 
-        placement (targets, 2) m: how far every target is from where it should have been painted,
-        along the arm and across it (to the left), for good. Raises RequestError where the arm has
-        no equilibrium.
+        shape_at: pressure (Pa) -> x, y (m) and theta (rad), (3, stations), at stations of this
+        arclength (stations,) m. target_arclength (targets,) m. placement (targets, 2) m: how far
+        every target is from where it should have been painted, along the arm and across it (to
+        the left), for good.
         """
         self.pressure_range = pressure_range
         pressures = np.linspace(*pressure_range, GRID)
-        shapes = []
-        for pressure in pressures.tolist():
-            shape = solve(arm, pressure, force=force, stations=STATIONS)
-            if not shape.converged:
-                raise RequestError(f'the arm has no shape at {pressure:.6g} Pa: {shape.status}')
-            shapes.append([shape.x, shape.y, shape.theta])
-        along: Any = CubicSpline(shape.arclength, np.array(shapes), axis=2)
-        x, y, theta = along(arm.target_arclength).transpose(1, 0, 2)
+        shapes = np.array([shape_at(pressure) for pressure in pressures.tolist()])
+        along: Any = CubicSpline(arclength, shapes, axis=2)
+        x, y, theta = along(target_arclength).transpose(1, 0, 2)
         if placement is not None:
             ahead, aside = placement[:, 0], placement[:, 1]
             x = x + ahead * np.cos(theta) - aside * np.sin(theta)
             y = y + ahead * np.sin(theta) + aside * np.cos(theta)
         self._targets: Any = CubicSpline(pressures, np.stack([x, y], axis=1))
-        self._body: Any = CubicSpline(pressures, np.array(shapes)[:, :, ::DRAWN_EVERY])
+        self._body: Any = CubicSpline(pressures, shapes[:, :, ::DRAWN_EVERY])
 
     def targets(self, pressure: float) -> Array:
         """Return x and y (2, targets) m of the targets at a pressure (Pa) of the range."""

@@ -10,12 +10,12 @@ import math
 from typing import ClassVar
 
 import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.units import quantity
 from pneunet_ros.lab.chain import Chain, Peg
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import Course, LabEffect, Past
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
-from pneunet_ros.shape import Array, freeze
-from pneunet_ros.units import quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,9 +11,9 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.lab.timeline import Leg, share_of_time, Timeline, timeline
-from pneunet_ros.units import check_quantities, quantity
 
 SHORTEST = 0.2  # s
 Row = tuple[float, ...]

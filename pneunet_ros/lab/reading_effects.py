@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.units import quantity
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import LabEffect, rising
-from pneunet_ros.shape import Array, freeze
-from pneunet_ros.units import quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

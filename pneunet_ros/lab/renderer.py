@@ -10,7 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from pneunet_ros.image import Bytes, ENCODINGS, Image
+from pneunet_ros.core.image import Bytes, ENCODINGS, Image
 from pneunet_ros.lab.discs import flat_discs
 from pneunet_ros.lab.scene import Moment, Scene
 from pneunet_ros.lab.shading import (

@@ -9,13 +9,13 @@ import math
 from typing import Any
 
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import LabEffect
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Protocol
 from pneunet_ros.lab.sensors import LabNoise, Rates
-from pneunet_ros.units import check_quantities, quantity
 
 Changes = Mapping[str, Mapping[str, float]]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import math
 
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.lens import Camera
-from pneunet_ros.shape import Array, frozen_array
 
 
 def nothing() -> Array:

@@ -10,9 +10,9 @@ import zlib
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.errors import RequestError
-from pneunet_ros.shape import Array, freeze
-from pneunet_ros.units import check_quantities, NANOSECONDS_PER_SECOND, quantity
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import check_quantities, NANOSECONDS_PER_SECOND, quantity
 from scipy.interpolate import PchipInterpolator
 
 DRIFT_KNOTS = 9  # of the random walk that the drift is

@@ -7,9 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.lab.lens import Camera
 from pneunet_ros.lab.scene import Body, Glint, Label, Light, turned
-from pneunet_ros.shape import Array
 
 Grey = npt.NDArray[np.float32]
 Canvas = npt.NDArray[np.uint8]

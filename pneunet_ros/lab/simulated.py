@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain import Chain, Lying, middle_joints
 from pneunet_ros.lab.contact import leaning
 from pneunet_ros.lab.lab_effect import Course, Past
@@ -17,7 +18,6 @@ from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth, Sta
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.sensors import drifted, hidden, placed, regular, stamps, stream
 from pneunet_ros.lab.timeline import Timeline
-from pneunet_ros.shape import Array, freeze
 
 STEP = 0.002  # s, in which the past is followed
 MOST_STEPS_BETWEEN = 5000  # from one recording to the next

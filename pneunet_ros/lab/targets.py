@@ -7,11 +7,11 @@ import math
 from typing import Any
 
 import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.lab.discs import cover, Discs, optics, PARTS, see_discs, steps_of
 from pneunet_ros.lab.lens import Camera
 from pneunet_ros.lab.scene import Dots
 from pneunet_ros.lab.shading import Grey
-from pneunet_ros.shape import Array, freeze
 
 BLUR_REACH = 3.5  # sigmas
 BEYOND = 99.0  # px outside the image, where nothing is drawn any more

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.errors import RequestError
-from pneunet_ros.shape import Array, freeze, frozen_array
+from pneunet_ros.core.arrays import Array, freeze, frozen_array
+from pneunet_ros.core.errors import RequestError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

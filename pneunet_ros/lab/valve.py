@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from pneunet_ros.errors import RequestError
-from pneunet_ros.shape import Array, freeze
-from pneunet_ros.units import check_quantities, quantity
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import check_quantities, quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,12 +8,12 @@ import time
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from pneunet_ros.errors import PneunetError
+from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.nodes.health import Report
 from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.parameters import ParameterTable, without_effect
 from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher
-from pneunet_ros.shape import Refusal
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from pneunet_ros import __version__
-from pneunet_ros.arm import Arm
-from pneunet_ros.model_file import model_hash
+from pneunet_ros.files.model_file import model_hash
+from pneunet_ros.model.arm import Arm
 
 
 def model_info(arm: Arm, file: Path, **others: Any) -> str:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pneunet_ros.errors import RequestError
-from pneunet_ros.resources import shipped
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import shipped
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 

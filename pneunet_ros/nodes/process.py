@@ -10,7 +10,7 @@ import sys
 from types import FrameType
 from typing import Any
 
-from pneunet_ros.errors import PneunetError, RequestError
+from pneunet_ros.core.errors import PneunetError, RequestError
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args

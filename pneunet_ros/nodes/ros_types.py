@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy.typing as npt
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.errors import RequestError
 from rclpy.serialization import serialize_message
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import sys
 
 from pneunet_ros.nodes import process
-from pneunet_ros.nodes.estimator import EstimatorNode
-from pneunet_ros.nodes.tracker import TrackerNode
-from pneunet_ros.nodes.virtual_arm import VirtualArmNode
+from pneunet_ros.nodes.estimator.node import EstimatorNode
+from pneunet_ros.nodes.tracker.node import TrackerNode
+from pneunet_ros.nodes.virtual_arm.node import VirtualArmNode
 
 NODES = {'virtual_arm': VirtualArmNode, 'estimator': EstimatorNode, 'tracker': TrackerNode}
 DEFAULT = ('estimator', 'tracker')

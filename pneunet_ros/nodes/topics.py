@@ -11,7 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from pneunet_ros.errors import RequestError
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.nodes.ros_types import message_class
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.solver.compiled import inlined, kernel
+from pneunet_ros.core.jit import inlined, kernel
 from pneunet_ros.solver.panel import (
     C1,
     C2,

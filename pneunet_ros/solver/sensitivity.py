@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.jit import inlined, kernel
 from pneunet_ros.solver.collocation import load_panel, scale_of_moments
-from pneunet_ros.solver.compiled import inlined, kernel
 from pneunet_ros.solver.panel import (
     A1,
     A2,

@@ -1,0 +1,86 @@
+"""How well the truth itself says the held-out recordings, from the same noisy readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.lab.contact import leaning
+from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
+from pneunet_ros.lab.sensors import regular
+from pneunet_ros.lab.simulated import chain_of, read, unfolded
+from pneunet_ros.lab.timeline import Timeline
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.forward_model import Series
+from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.model.arm import Arm
+
+from blind.trials import Sealed
+
+
+def residual_of(run: Run, points: np.ndarray) -> np.ndarray:
+    """Return measured minus predicted (frames, 2, targets) m, less what registration could be."""
+    error = np.stack([run.x, run.y], axis=1) - points
+    return error - np.nanmean(error, axis=(0, 2), keepdims=True)
+
+
+def pooled_rms(errors: Sequence[np.ndarray]) -> float | None:
+    """Return the rms (m) per coordinate over runs, None where nothing was seen and solved."""
+    some = np.concatenate([error[np.isfinite(error)] for error in errors])
+    return float(np.sqrt(np.mean(some**2))) if some.size else None
+
+
+def plain_rms(arm: Arm, training: Sequence[Run], held_out: Sequence[Run]) -> float | None:
+    """Return the rms (m) that a model leaves held out, what came before being remembered."""
+    errors = []
+    drives = drives_of(arm, (*training, *held_out))[len(training) :]
+    for run, drive in zip(held_out, drives, strict=True):
+        series = Series(arm.target_arclength)
+        solved = series.solve(arm, drive)
+        errors.append(residual_of(run, np.where(solved[:, None, None], series.points, np.nan)))
+    return pooled_rms(errors)
+
+
+def lab_rms(sealed: Sealed, held_out: Sequence[Run]) -> float | None:
+    """Return the rms (m) that the lab's own arm leaves, driven by what the sensors read.
+
+    It knows all that is hidden, however rich, and nothing of noise and of painting.
+    """
+    start = len(sealed.recordings) - len(held_out)
+    errors = []
+    for place, run in enumerate(held_out, start=start):
+        recording = sealed.recordings[place]
+        before = sealed.recordings[place - 1].memory
+        kept = np.isfinite(recording.x).any(axis=1)  # as of `run_of`
+        errors.append(residual_of(run, driven(recording, before)[kept]))
+    return pooled_rms(errors)
+
+
+def driven(recording: LabRecording, before: LabMemory) -> np.ndarray:
+    """Return where the lab puts the targets (frames, 2, targets) m if the readings were true.
+
+    The noise of the readings is added to the true pressures and forces.
+    """
+    scenario, truth = recording.scenario, recording.truth
+    events = scenario.protocol.timeline()
+    times = regular(scenario.rates.pressure, events.duration)
+    pressure, force = events.pressure_at(times), events.force_at(times)
+    clean_pressure, clean_force = read(scenario, pressure, force)
+    if recording.loaded:
+        hanging = np.abs(force).max(axis=1) > 0.0
+        force = force + (recording.wrench_force - clean_force) * hanging[:, None]
+    noisy = Timeline(
+        time=times,
+        pressure=pressure + recording.pressure - clean_pressure,
+        force=force,
+        loaded=recording.loaded,
+    )
+    course, _ = unfolded(scenario, noisy, before)
+    chain = chain_of(scenario, course, truth.time, noisy.force_at(truth.time))
+    chain = replace(chain, moment=recording.moment)  # there is none: all of it is noise
+    x, y, _ = leaning(chain).points(scenario.arm.targets)
+    points, share = np.stack([x, y], axis=-1), truth.time / events.duration
+    for effect in scenario.effects:
+        points = effect.see(scenario.arm, points, share)
+    return np.moveaxis(points, -1, 1)

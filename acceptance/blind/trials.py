@@ -1,0 +1,190 @@
+"""From a block and a seed to a trial: recordings to diagnose, and apart from them the truth.
+
+The diagnosing function is given a `Trial`, which names nothing that is hidden in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from dataclasses import dataclass
+import itertools
+from pathlib import Path
+import sys
+import zlib
+
+import numpy as np
+from pneunet_ros import load_model
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
+from pneunet_ros.lab.outside_effects import OUTSIDE_EFFECTS
+from pneunet_ros.lab.scenario import Detail, lab_effect, Scenario
+from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.model.arm import Arm
+
+from blind.designs import DESIGNS, NOISE, PAUSE, RATES
+from blind.hidden import (
+    CONFUSABLE,
+    hidden_effect,
+    HIDEABLE,
+    MISMATCH,
+    NEED_LOADS,
+    outside_effect,
+    Parameters,
+    SIZES,
+)
+
+# What the tests share knows the truth of the virtual lab as a model.
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
+from support.lab_run import run_of, true_model
+
+# Seeds of development and of scoring never meet.
+DEVELOPMENT, SCORING = 1, 1_000_000
+BLOCKS = {
+    'nothing': 300,
+    'single': 2 * SIZES * len(HIDEABLE),
+    'pairs': 60,
+    'confusable': 60,
+    'outside': 60,
+    'unobservable': 50,
+}  # trials by default
+OUTSIDE = tuple(name for name in OUTSIDE_EFFECTS if name != 'harmless_mismatch')
+MOST_TRIES = 20  # of effects that an arm can stand
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Label:
+    """The truth of a trial: what is hidden, by name and parameters, and what belongs to it."""
+
+    block: str
+    seed: int
+    design: str
+    effects: Mapping[str, Parameters]
+    outside: Mapping[str, Parameters]
+    arm_seed: int
+    elements: int
+    slipping: tuple[int, ...] = ()  # recordings in which a base slips
+
+    @property
+    def key(self) -> str:
+        """Name of the trial, which tells nothing but block and seed."""
+        return f'{self.block}/{self.seed}'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trial:
+    """What a diagnosis is given."""
+
+    key: str
+    frame: Arm
+    training: tuple[Run, ...]
+    held_out: tuple[Run, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sealed:
+    """The label, the model that knows what the library can say of it, and how it was made."""
+
+    label: Label
+    arm: Arm
+    recordings: tuple[LabRecording, ...]
+
+
+def made(block: str, seed: int) -> tuple[Sealed, Trial]:
+    """Make a trial; effects that the arm cannot stand are drawn anew."""
+    for attempt in itertools.count():
+        random = np.random.default_rng([zlib.crc32(block.encode()), seed, attempt])
+        label = labelled(block, seed, random)
+        try:
+            return recorded(label)
+        except RequestError:
+            if attempt + 1 == MOST_TRIES:
+                raise
+    raise AssertionError
+
+
+def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
+    """Draw what is hidden in a trial. Seeds that follow each other go through all cases."""
+    effects: dict[str, Parameters] = {}
+    outside: dict[str, Parameters] = {}
+    slipping: tuple[int, ...] = ()
+    place = seed - 1 if seed < SCORING else seed - SCORING
+    names = list(HIDEABLE)
+    if block == 'single':
+        name = names[place // SIZES % len(names)]
+        effects[name] = hidden_effect(name, place % SIZES, random)
+    elif block == 'pairs':
+        apart = [
+            pair
+            for pair in itertools.combinations(names, 2)
+            if not any(set(pair) == set(other) for other in CONFUSABLE)
+        ]
+        pair = apart[int(random.integers(len(apart)))]
+        effects |= {name: hidden_effect(name, int(random.integers(3, 6)), random) for name in pair}
+    elif block == 'confusable':
+        # The one alone, the other alone, both.
+        first, second = CONFUSABLE[place // 3 % len(CONFUSABLE)]
+        pair = ((first,), (second,), (first, second))[place % 3]
+        effects |= {name: hidden_effect(name, int(random.integers(3, 6)), random) for name in pair}
+    elif block == 'outside':
+        name = OUTSIDE[place % len(OUTSIDE)]
+        outside[name] = outside_effect(name, random)
+        if name == 'slipping_base':
+            count = int(random.integers(2, 5))
+            slipping = tuple(sorted(random.choice(8, count, replace=False).tolist()))
+    elif block == 'unobservable':
+        name = NEED_LOADS[place % len(NEED_LOADS)]
+        effects[name] = hidden_effect(name, int(random.integers(2, 6)), random)
+    elif block != 'nothing':
+        raise RequestError(f'no block is called {block}; there are {", ".join(BLOCKS)}')
+    outside['harmless_mismatch'] = {'size': MISMATCH, 'phase': random.uniform(-3.0, 3.0)}
+    return Label(
+        block=block,
+        seed=seed,
+        design='free' if block == 'unobservable' else 'full',
+        effects=effects,
+        outside=outside,
+        arm_seed=int(random.integers(1, 2**31)),
+        elements=int(random.integers(160, 321)),
+        slipping=slipping,
+    )
+
+
+def recorded(label: Label) -> tuple[Sealed, Trial]:
+    """Let the virtual lab make the recordings of a label, one after the other."""
+    design = DESIGNS[label.design]
+    arm = varied(load_scenario(shipped('scenarios/random_mix.yaml')).arm, label.arm_seed)
+    hidden = label.effects | label.outside
+    effects = {name: lab_effect(name, values) for name, values in hidden.items()}
+    memory: LabMemory | None = None
+    recordings = []
+    for place, protocol in enumerate((*design.training, *design.held_out)):
+        scenario = Scenario(
+            name=f'recording_{place + 1}',
+            seed=zlib.crc32(f'{label.key}/{place}'.encode()),
+            start=place * (protocol.duration + PAUSE),
+            arm=arm,
+            effects=tuple(
+                effect
+                for name, effect in effects.items()
+                if name != 'slipping_base' or place in label.slipping
+            ),
+            protocol=protocol,
+            noise=NOISE,
+            rates=RATES,
+            detail=Detail(elements=float(label.elements)),
+        )
+        recordings.append(simulated(scenario, memory))
+        memory = recordings[-1].memory
+    runs = tuple(run_of(recording) for recording in recordings)
+    frame = dataclasses.replace(
+        load_model(shipped('config/paper_arm.yaml')), target_arclength=arm.targets
+    )
+    count = len(design.training)
+    trial = Trial(key=label.key, frame=frame, training=runs[:count], held_out=runs[count:])
+    model = true_model(recordings[0].scenario)
+    return Sealed(label=label, arm=model, recordings=tuple(recordings)), trial

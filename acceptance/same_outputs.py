@@ -1,0 +1,238 @@
+"""Does another checkout of the package give the same outputs? Record both, then compare.
+
+    python acceptance/same_outputs.py record BEFORE --pneunet OTHER/.venv/bin/pneunet
+    python acceptance/same_outputs.py record AFTER --pneunet .venv/bin/pneunet
+    python acceptance/same_outputs.py compare BEFORE AFTER [--relative 1e-9]
+
+Recorded: replays of all shipped recordings and of one with effects, a tracking, predictions, a
+calibration and a diagnosis of `bags/lab_day`, and the same of a simulated arm with creep. All
+commands run in the folder of this checkout, so that both packages are given the same files.
+Compared is every number of every message, model and JSON output; words are compared too, and
+differences in them are listed but do not fail, as words may be improved.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import get_typestore, Stores
+from ruamel.yaml import YAML
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+LAB_DAY = [f'bags/lab_day/{name}.mcap' for name in ('unloaded', 'loaded', 'heldout')]
+EFFECTS = (
+    '{extensibility: {axial_stiffness: 40.0}, gravity: {weight_x: 0.2, weight_y: -0.6}, '
+    'clamp_compliance: {compliance: 1.5}, load_offset: {offset: 0.002}, '
+    'pressure_elongation: {strain_per_pascal: 2.0e-7}, pressure_lag: {time_constant: 0.3}, '
+    'hysteresis: {width: 900.0}, creep: {amplitude: 0.1, time_constant: 8.0}, '
+    'softening: {loss: 0.1}, stiffening: {coefficient: 1.0e-4}, '
+    'force_misalignment: {angle: 0.03}, camera_scale: {factor: 1.01}, '
+    'camera_rotation: {angle: 0.01}, pressure_gain: {gain: 1.02}, pressure_offset: {offset: 50.0}}'
+)
+CREEP = ('--effect', 'creep.amplitude=0.12', '--effect', 'creep.time_constant=6')
+# What differs from run to run or from version to version, and means nothing here.
+UNSTABLE = ('solve_time', 'version', 'sha256', 'seconds', 'created', 'file', 'took', 'frames_per_')
+
+
+def commands(folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield (name, arguments of `pneunet`), in the order in which they must run."""
+    rich = folder / 'all_effects.yaml'
+    text = (CHECKOUT / 'config' / 'paper_arm.yaml').read_text(encoding='utf-8')
+    lines = [line for line in text.splitlines() if not line.startswith('effects:')]
+    rich.write_text('\n'.join([*lines, f'effects: {EFFECTS}', '']), encoding='utf-8')
+    for model in ('config/paper_arm.yaml', 'config/lab_arm.yaml', str(rich)):
+        stem = Path(model).stem
+        load = ['--pressure', '31000', '--force', '0.175', '0.07', '--model', model]
+        yield f'predict_{stem}', ['predict', *load, '--json']
+        tip = ['--pressure', '31000', '--tip', '0.1035', '0.0395', '--model', model]
+        yield f'predict_tip_{stem}', ['predict', *tip, '--json']
+        for bag in ('bags/table1', *LAB_DAY[1:]):
+            name = f'replay_{Path(bag).stem}_{stem}'
+            output = ['--output', str(folder / f'{name}.mcap')]
+            yield name, ['replay', bag, '--model', model, *output, '--json']
+    output = ['--output', str(folder / 'tracked.mcap')]
+    yield 'track', ['track', 'bags/camera_demo', *output, '--json']
+    for scenario, seed in (
+        ('unloaded_ramp', 1),
+        ('unloaded_staircase', 2),
+        ('force_sweeps', 3),
+        ('dead_weights', 4),
+        ('random_mix', 5),
+    ):
+        output = ['--output', str(folder / f'{scenario}.mcap'), '--seed', str(seed)]
+        yield f'simulate_{scenario}', ['simulate', scenario, *output, *CREEP, '--json']
+    free, loaded, held = ([item] for item in LAB_DAY)
+    made = [str(folder / f'{name}.mcap') for name in ('unloaded_ramp', 'unloaded_staircase')]
+    pulled = [str(folder / f'{name}.mcap') for name in ('force_sweeps', 'dead_weights')]
+    last = [str(folder / 'random_mix.mcap')]
+    for name, first, second, third in (
+        ('lab_day', free, loaded, held),
+        ('simulated', made, pulled, last),
+    ):
+        model = folder / f'{name}.yaml'
+        runs = ['--unloaded', *first, '--loaded', *second]
+        yield f'calibrate_{name}', ['calibrate', *runs, '--output', str(model), '--json']
+        train = ['--train', *first, *second, '--heldout', *third]
+        output = ['--output', str(folder / f'diagnosis_{name}')]
+        yield f'diagnose_{name}', ['diagnose', '--model', str(model), *train, *output, '--json']
+
+
+def record(folder: Path, pneunet: Path) -> None:
+    """Run all commands; what they print and write stays in the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    environment = {**os.environ, 'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
+    for name, arguments in commands(folder.resolve()):
+        begun = time.monotonic()
+        done = subprocess.run(
+            [str(pneunet), *arguments],
+            cwd=CHECKOUT,
+            capture_output=True,
+            text=True,
+            env=environment,
+            check=False,
+        )
+        (folder / f'{name}.out.json').write_text(done.stdout, encoding='utf-8')
+        print(f'{name}: exit code {done.returncode}, {time.monotonic() - begun:.1f} s', flush=True)
+        if done.returncode == 2:
+            raise SystemExit(done.stderr)
+
+
+def leaves(content: Any, path: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield (dotted path, number or word) of nested content."""
+    if isinstance(content, dict):
+        for key, value in content.items():
+            yield from leaves(value, f'{path}.{key}')
+    elif isinstance(content, list):
+        for place, value in enumerate(content):
+            yield from leaves(value, f'{path}.{place}')
+    else:
+        yield path, content
+
+
+def message_numbers(message: Any) -> Iterator[float | str]:
+    """Yield all numbers and words of a message, the bytes of a point cloud as they are."""
+    if isinstance(message, np.ndarray):
+        yield from message.ravel().tolist()
+    elif isinstance(message, (list, tuple)):
+        for item in message:
+            yield from message_numbers(item)
+    elif hasattr(message, '__dataclass_fields__'):
+        for name in message.__dataclass_fields__:
+            if name != '__msgtype__':
+                yield from message_numbers(getattr(message, name))
+    else:
+        yield message
+
+
+def points_of(message: Any) -> Any:
+    """Return the numbers of a point cloud; anything else as it is."""
+    if not hasattr(message, 'point_step'):
+        return message
+    types = {1: 'i1', 2: 'u1', 3: '<i2', 4: '<u2', 5: '<i4', 6: '<u4', 7: '<f4', 8: '<f8'}
+    layout = np.dtype(
+        {
+            'names': [item.name for item in message.fields],
+            'formats': [types[item.datatype] for item in message.fields],
+            'offsets': [item.offset for item in message.fields],
+            'itemsize': message.point_step,
+        }
+    )
+    table = np.frombuffer(message.data, dtype=layout)
+    return [message.header, *(table[name].astype(float) for name in layout.names or ())]
+
+
+def recording_leaves(path: Path) -> Iterator[tuple[str, Any]]:
+    """Yield (topic and place, number or word) of all messages of a recording."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with AnyReader([path], default_typestore=store) as reader:
+        for count, (connection, stamp, raw) in enumerate(reader.messages()):
+            message = points_of(reader.deserialize(raw, connection.msgtype))
+            yield f'{connection.topic}.{count}', stamp
+            for place, value in enumerate(message_numbers(message)):
+                yield f'{connection.topic}.{count}.{place}', value
+
+
+def file_leaves(path: Path) -> Iterator[tuple[str, Any]]:
+    """Yield what a recorded file holds."""
+    if path.suffix == '.mcap':
+        yield from recording_leaves(path)
+    elif path.suffix == '.json':
+        text = path.read_text(encoding='utf-8')
+        yield from leaves(json.loads(text) if text else None)
+    elif path.suffix in ('.yaml', '.yml'):
+        yield from leaves(YAML(typ='safe').load(path.read_text(encoding='utf-8')))
+
+
+def apart(one: Any, other: Any) -> float | None:
+    """Return how far two numbers are apart, relative to the larger; None: words that differ."""
+    numbers = (int, float)
+    if not isinstance(one, numbers) or not isinstance(other, numbers):
+        return 0.0 if one == other else None
+    if one == other or (one != one and other != other):
+        return 0.0
+    return abs(one - other) / max(abs(one), abs(other))
+
+
+def compare(before: Path, after: Path, relative: float) -> bool:
+    """Print a line per file; return whether all numbers agree."""
+    good = True
+    for path in sorted(before.rglob('*')):
+        name = path.relative_to(before)
+        if path.suffix not in ('.mcap', '.json', '.yaml') or name.name == 'all_effects.yaml':
+            continue
+        old, new = list(file_leaves(path)), list(file_leaves(after / name))
+        old, new = (
+            [item for item in items if not any(word in item[0] for word in UNSTABLE)]
+            for items in (old, new)
+        )
+        places = [item[0] for item in old] == [item[0] for item in new]
+        worst, where, words = 0.0, '', []
+        known = dict(new)
+        for place, value in old:
+            far = apart(value, known.get(place))
+            if far is None:
+                words.append(place)
+            elif far > worst:
+                worst, where = far, place
+        right = worst <= relative and places
+        good &= right
+        verdict = 'same' if right else 'DIFFERENT'
+        print(f'{verdict}  {name}: {len(old)} values, largest difference {worst:.2g} {where}')
+        if not places:
+            lost = sorted(set(dict(old)) ^ set(known))
+            print(f'    entries in one alone: {", ".join(lost[:8])}')
+        for place in words[:8]:
+            print(f'    words: {place}: {dict(old)[place]!r} -> {known.get(place)!r}')
+    return good
+
+
+def main() -> None:
+    """Record or compare."""
+    command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    what = command.add_subparsers(dest='what', required=True)
+    recorded = what.add_parser('record')
+    recorded.add_argument('folder', type=Path)
+    recorded.add_argument('--pneunet', type=Path, required=True, help='the command to run')
+    compared = what.add_parser('compare')
+    compared.add_argument('before', type=Path)
+    compared.add_argument('after', type=Path)
+    compared.add_argument('--relative', type=float, default=0.0, help='difference that is allowed')
+    given = command.parse_args()
+    if given.what == 'record':
+        record(given.folder, given.pneunet.absolute())
+    else:
+        sys.exit(0 if compare(given.before, given.after, given.relative) else 1)
+
+
+if __name__ == '__main__':
+    main()

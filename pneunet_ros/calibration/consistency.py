@@ -1,0 +1,88 @@
+"""Are these recordings of one arm? Unloaded and at one pressure it has one shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import itertools
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.measurement.dataset import Run
+
+SAME_PRESSURE = 0.01  # of the largest pressure
+ANOTHER_TIME = 0.2  # of a recording: frames as far apart show what the past does
+FEWEST_PAIRS = 5
+APART = 0.03  # of the length: what two arms differ by at least
+APART_UNKNOWN = 0.06  # where no recording shows what the past does
+TIMES_PAST = 3.0  # as much as the past does
+ODD, TIMES_OTHERS = 5.0, 5.0  # chi squared per coordinate, and that over the others'
+
+
+def check_same_arm(unloaded: Sequence[Run], length: float) -> None:
+    """Raise RecordingError, naming the two, where unloaded recordings are of different arms.
+
+    length (m) of the arm. Hysteresis and creep make one arm differ, too: how much is seen where a
+    recording comes back to a pressure.
+    """
+    top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
+    past = [apart(run, run, SAME_PRESSURE * top) for run in unloaded]
+    known = [item for item in past if item is not None]
+    limit = max(APART * length, TIMES_PAST * max(known)) if known else APART_UNKNOWN * length
+    for one, other in itertools.combinations(unloaded, 2):
+        distance = apart(one, other, SAME_PRESSURE * top)
+        if distance is not None and distance > limit:
+            raise RecordingError(
+                f'{one.name} and {other.name} contradict each other: at the same pressure and '
+                f'without a load the ends of the arm are {millimeters(distance):.2g} mm apart; '
+                'recordings of different arms, or of another pressure sensor, cannot be '
+                'calibrated together'
+            )
+
+
+def apart(one: Run, other: Run, tolerance: float) -> float | None:
+    """Return how far apart (m) the last target is at the same pressure; None: never the same.
+
+    Relative to the first target, so that the camera's place does not matter. Of a run with itself
+    only frames at different times count. tolerance in Pa.
+    """
+    first, second = chord(one), chord(other)
+    same = np.abs(np.subtract.outer(one.frame_pressure, other.frame_pressure)) < tolerance
+    if one is other:
+        same &= np.abs(np.subtract.outer(times(one), times(other))) > ANOTHER_TIME
+    distance = np.hypot(*(first[:, :, None] - second[:, None, :]))[same]
+    distance = distance[np.isfinite(distance)]
+    return float(np.percentile(distance, 90.0)) if distance.size >= FEWEST_PAIRS else None
+
+
+def chord(run: Run) -> Array:
+    """Return the way from the first to the last target that is ever seen (2, frames) m."""
+    ever = np.flatnonzero(run.seen.any(axis=0))
+    first, last = ever[0], ever[-1]
+    return np.stack([run.x[:, last] - run.x[:, first], run.y[:, last] - run.y[:, first]])
+
+
+def times(run: Run) -> npt.NDArray[np.float64]:
+    """Return the time of every frame as a share of the run, 0 to 1."""
+    span = max(int(run.stamp_ns[-1] - run.stamp_ns[0]), 1)
+    return np.asarray((run.stamp_ns - run.stamp_ns[0]) / span, np.float64)
+
+
+def odd_recordings(fit: Fit) -> list[str]:
+    """Return a sentence on each recording that the model says far worse than the others."""
+    chi = np.array(
+        [float(item.whitened.sum()) / max(int(item.freedom.sum()), 1) for item in fit.runs]
+    )
+    notes = []
+    for which, item in enumerate(fit.runs):
+        others = np.delete(chi, which)
+        if others.size and chi[which] > max(ODD, TIMES_OTHERS * float(np.median(others))):
+            notes.append(
+                f'{item.run.name} does not fit the others: chi squared per coordinate is '
+                f'{chi[which]:.3g}, theirs {np.median(others):.3g}; is it of the same arm, with '
+                'the same sensors?'
+            )
+    return notes

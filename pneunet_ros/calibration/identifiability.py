@@ -1,0 +1,52 @@
+"""What recordings could not determine, in sentences: kept at its prior, or one with another."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.calibration.result import Fit
+
+WELL_KNOWN = 0.5  # of the standard deviation before the recordings: more was not determined
+CONFOUNDED = 0.95  # correlation
+
+
+def undetermined(fit: Fit) -> list[str]:
+    """Return sentences on quantities that stayed at their prior and on pairs that go together."""
+    notes = []
+    names, change = fit.unknowns.quantities()
+    after = change @ fit.covariance @ change.T
+    before = change @ fit.unknowns.prior @ change.T
+    std = np.sqrt(np.diag(after))
+    kept = [
+        name
+        for name, now, then in zip(names, std, np.sqrt(np.diag(before)), strict=True)
+        if now > WELL_KNOWN * then
+    ]
+    if kept:
+        notes.append(
+            f'{len(kept)} of {len(names)} quantities are hardly determined by these recordings '
+            f'and stay near their prior, with its width: {", ".join(kept)}'
+        )
+    laws = [place for place, name in enumerate(names) if name.startswith('moment_law.')]
+    correlation = after / np.outer(std, std)
+    pairs = [
+        (names[i], names[j], correlation[i, j])
+        for i in laws
+        for j in laws
+        if i < j and abs(correlation[i, j]) > CONFOUNDED and not same_quantity(names[i], names[j])
+    ]
+    for one, other, value in pairs:
+        notes.append(f'{one} and {other} cannot be told apart here (correlation {value:.3f})')
+    if not fit.converged:
+        notes.append(f'the fit has not converged: {fit.status}')
+    elif fit.status != 'converged':
+        notes.append(
+            f'the fit has not quite settled ({fit.status}): the model cannot explain these '
+            'recordings; see what `pneunet diagnose` finds missing in it'
+        )
+    return notes
+
+
+def same_quantity(one: str, other: str) -> bool:
+    """Whether two names are one quantity at two pressures."""
+    first, second = one.split('.'), other.split('.')
+    return first[:2] == second[:2] and first[3:] == second[3:]

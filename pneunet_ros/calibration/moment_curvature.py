@@ -1,0 +1,216 @@
+"""The paper's analysis as a view: Eq 9 and Eq 10 from measured shapes, beside the fitted law.
+
+M_est(s) comes from measured targets and the load, kappa from the smoothed targets, and straight
+lines through M_est over kappa - kappa0 give alpha1,2 and the intercepts M_O1,2. These are views:
+differentiated curvature is correlated and smooth over l1, and M_O is not identifiable beside
+kappa0 (METHODS). What the model file holds is fitted to the targets themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import itertools
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.steady_states import Stance
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.solver.rod import RIGIDITY, START
+from pneunet_ros.vision.smoother import Smoother
+from scipy.interpolate import CubicSpline
+
+LEAST_TARGETS = 3  # in a section, for a line through it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Line:
+    """M = offset + rigidity (kappa - kappa0) on a section: N m and N m^2, with standard errors.
+
+    start, stop: the section (m).
+    """
+
+    start: float
+    stop: float
+    offset: float
+    offset_std: float
+    rigidity: float
+    rigidity_std: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MomentView:
+    """Eq 9 for one stance, along stations (m) between its first and last seen target.
+
+    moment: M_est (N m); curvature, intrinsic: kappa, measured, and kappa0 of the model (1/m, per
+    unstretched length); std: that of their difference. lines: Eq 10 through it, a line a section
+    of the fitted law; a section with too few targets has none.
+    """
+
+    stance: Stance
+    arclength: Array
+    moment: Array
+    curvature: Array
+    intrinsic: Array
+    std: Array
+    lines: tuple[Line | None, ...]
+
+    @property
+    def change(self) -> Array:
+        """Measured kappa - kappa0 (1/m)."""
+        return np.asarray(self.curvature - self.intrinsic)
+
+
+def moment_view(fit: Fit, smoother: Smoother, stance: Stance) -> MomentView | None:
+    """Return the view of one stance; None where too few targets were seen for a curve."""
+    arm = fit.arm
+    curve = smoother.smooth(stance.sightings(arm.sensors.target_std))
+    if curve is None or curve.arclength.size < 2:
+        return None
+    s = curve.arclength
+    # The smoothed curve ends at the last target: straight on from there to the free end.
+    left = arm.length - s[-1]
+    tip = (
+        curve.x[-1] + left * np.cos(curve.theta[-1]),
+        curve.y[-1] + left * np.sin(curve.theta[-1]),
+    )
+    f1, f2, moment = stance.drive.loads[0].tolist()
+    chamber = float(stance.drive.pressure[0])
+    stretch = np.hypot(np.gradient(curve.x, s), np.gradient(curve.y, s))
+    intrinsic = arm.intrinsic_curvature.at(chamber, s / arm.length)
+    spread = curvature_std(fit, np.array([chamber]), s / arm.length)[0]
+    view = MomentView(
+        stance=stance,
+        arclength=s,
+        moment=(tip[0] - curve.x) * f2 - (tip[1] - curve.y) * f1 + moment,
+        curvature=curve.curvature * stretch,
+        intrinsic=intrinsic,
+        std=np.hypot(curve.std_curvature, spread),
+        lines=(),
+    )
+    places = arm.target_arclength[np.isfinite(stance.x)]
+    return with_lines(view, law_starts(arm, chamber), places)
+
+
+def law_starts(arm: Arm, pressure: float) -> list[float]:
+    """Return where the sections of the moment law begin (m), and where the last ends."""
+    known = np.clip([pressure], *arm.pressure_range)
+    sections = arm.moment_law.sections(known, arm.length, arm.weight)[0]
+    return [*sections[:, START].tolist(), arm.length]
+
+
+def with_lines(view: MomentView, starts: Sequence[float], targets: Array) -> MomentView:
+    """Return a view with a line through each section; targets (m): those that were seen."""
+    lines = []
+    for start, stop in itertools.pairwise(starts):
+        inside = (view.arclength >= start) & (view.arclength < stop)
+        count = np.count_nonzero((targets >= start) & (targets < stop))
+        lines.append(line(view, inside, int(count), start, stop))
+    return MomentView(
+        stance=view.stance,
+        arclength=view.arclength,
+        moment=view.moment,
+        curvature=view.curvature,
+        intrinsic=view.intrinsic,
+        std=view.std,
+        lines=tuple(lines),
+    )
+
+
+def line(
+    view: MomentView, inside: npt.NDArray[np.bool_], targets: int, start: float, stop: float
+) -> Line | None:
+    """Return the line through some stations of a view; None where there are too few targets.
+
+    The error is in kappa, not in M_est, so kappa - kappa0 is regressed on the moment; the other
+    way round the rigidity would come out too small. Between targets stations tell nothing new:
+    standard errors count targets.
+    """
+    if targets < LEAST_TARGETS or np.count_nonzero(inside) < LEAST_TARGETS:
+        return None
+    moment, change = view.moment[inside], view.change[inside]
+    weight = targets / np.count_nonzero(inside) / view.std[inside] ** 2
+    design = np.column_stack([np.ones_like(moment), moment])
+    normal = design.T @ (weight[:, None] * design)
+    # Scaled, since a moment is small beside one.
+    size = np.sqrt(np.diag(normal))
+    if size[1] == 0.0 or np.linalg.cond(normal / np.outer(size, size)) > 1e10:
+        return None
+    covariance = np.linalg.inv(normal / np.outer(size, size)) / np.outer(size, size)
+    shift, compliance = (covariance @ (design.T @ (weight * change))).tolist()
+    if compliance == 0.0:
+        return None
+    slope = np.array([[-1.0 / compliance, shift / compliance**2], [0.0, -1.0 / compliance**2]])
+    errors = np.sqrt(np.diag(slope @ covariance @ slope.T))
+    return Line(
+        start=start,
+        stop=stop,
+        offset=-shift / compliance,
+        offset_std=float(errors[0]),
+        rigidity=1.0 / compliance,
+        rigidity_std=float(errors[1]),
+    )
+
+
+def curvature_std(fit: Fit, pressure: Array, share: Array) -> Array:
+    """Return the standard deviation (n, m) of kappa_p0 (1/m), pressures (n,) Pa x s / l (m,)."""
+    covariance = curvature_covariance(fit, pressure, share)
+    return np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+
+
+def curvature_weights(fit: Fit, pressure: Array, share: Array) -> Array:
+    """How kappa_p0 answers to the unknowns, (n, m, unknowns): pressures (n,) Pa, s / l (m,)."""
+    knots, cells = fit.unknowns.arclength, fit.unknowns.cells
+    rows = idle(pressure).row_weights(fit.arm)
+    basis = CubicSpline(knots, np.eye(knots.size))(share)
+    out = np.zeros((pressure.size, share.size, fit.values.size))
+    out[:, :, :cells] = np.einsum('pr,sk->psrk', rows, basis).reshape(*out.shape[:2], cells)
+    return out
+
+
+def curvature_covariance(fit: Fit, pressure: Array, share: Array) -> Array:
+    """Return the covariance (1/m^2) of kappa_p0 along s / l (m,), one per pressure: (n, m, m)."""
+    weights = curvature_weights(fit, pressure, share)
+    return np.asarray(weights @ fit.covariance @ weights.transpose(0, 2, 1))
+
+
+def idle(pressure: Array) -> Drive:
+    """Return a drive without load."""
+    return Drive(pressure=pressure, loads=np.zeros((pressure.size, 3)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LawView:
+    """The fitted moment law over pressure (n,) Pa, dimensionless, with standard deviations.
+
+    rigidity (n, sections): alpha; split (n,): l1 / l, None for a law of one section.
+    """
+
+    pressure: Array
+    rigidity: Array
+    rigidity_std: Array
+    split: Array | None
+    split_std: Array | None
+
+
+def law_view(fit: Fit, pressure: Array) -> LawView:
+    """Return the moment law of a fit at these pressures."""
+    arm, unknowns = fit.arm, fit.unknowns
+    sections = arm.moment_law.sections(pressure, arm.length, arm.weight)
+    std = np.zeros(sections.shape)
+    causes = unknowns.causes(fit.values, idle(pressure))[:, 3 + unknowns.arclength.size :]
+    variance = np.einsum('pcu,uv,pcv->pc', causes, fit.covariance, causes)
+    for place, (section, column) in enumerate(unknowns.columns.tolist()):
+        std[:, section, column] = np.sqrt(np.maximum(variance[:, place], 0.0))
+    scale = arm.weight * arm.length**2
+    two = sections.shape[1] > 1
+    return LawView(
+        pressure=pressure,
+        rigidity=sections[:, :, RIGIDITY] / scale,
+        rigidity_std=std[:, :, RIGIDITY] / scale,
+        split=sections[:, 1, START] / arm.length if two else None,
+        split_std=std[:, 1, START] / arm.length if two else None,
+    )

@@ -1,0 +1,190 @@
+"""The unknown constants of the moment laws, one class per law, as numbers in a vector."""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass, field
+import functools
+from typing import ClassVar
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
+from pneunet_ros.solver.rod import RIGIDITY, START
+from scipy.linalg import block_diag
+
+SPLIT_MEAN, SPLIT_STD = 0.12, 0.05  # l1 / l; the paper knows 0.10 to 0.15
+SPLIT_TREND_STD = 0.05  # over the whole range of pressure
+SPLIT_WAVE_STD = 0.012  # of a row beside the straight line
+SPLIT_LIMITS = (0.02, 0.9)
+BOW_STD = 0.03  # of alpha, in the middle of the range
+SPLIT_REACH = 0.5  # of the range: how far rows are alike; it may have kinks
+SPLIT_ROWS = 14
+KEPT = 64  # answers of laws to their unknowns
+ALPHAS = 6  # unknowns of both rigidities
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LawUnknowns(abc.ABC):
+    """Unknowns of one kind of moment law, with a prior that the data easily outweigh.
+
+    mean (n,) and prior (n, n) covariance; stiffness is a first guess of EI (N m^2).
+    """
+
+    kind: ClassVar[str]
+    columns: ClassVar[tuple[tuple[int, int], ...]]  # of the sections, that the unknowns move
+    stiffness: float
+    low: float
+    high: float
+    length: float
+    weight: float
+    mean: Array = field(init=False)
+    prior: Array = field(init=False)
+
+    @abc.abstractmethod
+    def law(self, values: Array) -> MomentLaw:
+        """Return the law with these constants; ModelError where they are none."""
+
+    def slopes(self, pressure: Array) -> Array:
+        """Return how the moved columns of sections change per unknown, (n, columns, unknowns).
+
+        All of these laws are linear in their unknowns, so it is the same for all values; pressure
+        (n,) Pa. The last answers are kept: recordings come again and again.
+        """
+        return slopes_at(self, pressure.tobytes())
+
+    @abc.abstractmethod
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """Return the numbers of the model file that move, and their change per unknown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PiecewiseUnknowns(LawUnknowns):
+    """Eq 10: a line in pressure and a small bow for alpha1 and for alpha2; l1 / l in rows.
+
+    The paper regresses the rigidities linearly in pressure; the bow keeps the errors of that line
+    honest. Unknowns per section: alpha at the lower and the upper end of the range, and how much
+    more it is in the middle than the line. The split may have kinks. M_O is zero: beside kappa0 it
+    cannot be identified.
+    """
+
+    kind: ClassVar[str] = PiecewiseLinearLaw.kind
+    columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY), (1, RIGIDITY), (1, START))
+    rows: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Set up rows and prior."""
+        rows = np.linspace(self.low, self.high, SPLIT_ROWS)
+        alpha = self.stiffness / (self.weight * self.length**2)
+        trend = (rows - rows.mean()) / (self.high - self.low)
+        wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / SPLIT_REACH)
+        split = (
+            SPLIT_STD**2 + SPLIT_TREND_STD**2 * np.outer(trend, trend) + SPLIT_WAVE_STD**2 * wave
+        )
+        prior = np.zeros((ALPHAS + SPLIT_ROWS,) * 2)
+        # alpha at either end: one of unknown size, and a change over the range
+        ends = 1.0 + 0.25 * np.array([[1, -1], [-1, 1]])
+        section = alpha**2 * block_diag(ends, BOW_STD**2)
+        prior[:ALPHAS, :ALPHAS] = np.kron(np.eye(2), section)
+        prior[ALPHAS:, ALPHAS:] = split
+        mean = np.array([alpha, alpha, 0.0] * 2 + [SPLIT_MEAN] * SPLIT_ROWS)
+        object.__setattr__(self, 'rows', frozen_array(rows))
+        object.__setattr__(self, 'mean', frozen_array(mean))
+        object.__setattr__(self, 'prior', frozen_array(prior))
+
+    @property
+    def weights(self) -> Array:
+        """How much each unknown of a section counts in the rows, (rows, 3)."""
+        up = (self.rows - self.low) / (self.high - self.low)
+        return np.column_stack([1.0 - up, up, 4.0 * up * (1.0 - up)])
+
+    def law(self, values: Array) -> PiecewiseLinearLaw:
+        """Eq 10 with these constants."""
+        return PiecewiseLinearLaw(
+            pressure=self.rows,
+            split=np.clip(values[ALPHAS:], *SPLIT_LIMITS),
+            rigidity=self.weights @ values[:ALPHAS].reshape(2, 3).T,
+            moment_offset=np.zeros((SPLIT_ROWS, 2)),
+        )
+
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """Rigidities and splits of all rows."""
+        names = [f'moment_law.rigidity.{row}.{i}' for row in range(SPLIT_ROWS) for i in range(2)]
+        names += [f'moment_law.split.{row}' for row in range(SPLIT_ROWS)]
+        change = np.zeros((3 * SPLIT_ROWS, ALPHAS + SPLIT_ROWS))
+        for i in range(2):
+            change[i : 2 * SPLIT_ROWS : 2, 3 * i : 3 * i + 3] = self.weights
+        change[2 * SPLIT_ROWS :, ALPHAS:] = np.eye(SPLIT_ROWS)
+        return tuple(names), change
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinearUnknowns(LawUnknowns):
+    """M = EI (kappa - kappa0): one stiffness."""
+
+    kind: ClassVar[str] = LinearLaw.kind
+    columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY),)
+
+    def __post_init__(self) -> None:
+        """Set up the prior."""
+        object.__setattr__(self, 'mean', frozen_array([self.stiffness]))
+        object.__setattr__(self, 'prior', frozen_array([[self.stiffness**2]]))
+
+    def law(self, values: Array) -> LinearLaw:
+        """Return the law with this stiffness."""
+        return LinearLaw(bending_stiffness=float(values[0]))
+
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """Return the stiffness."""
+        return ('moment_law.bending_stiffness',), np.eye(1)
+
+
+# Figure 1 of the paper, m
+PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.002, 't2': 0.008}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MajidiUnknowns(LawUnknowns):
+    """Eq 11 with the paper's section: one elastic modulus; kappa0 is fitted as for other laws."""
+
+    kind: ClassVar[str] = MajidiLaw.kind
+    columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY),)
+
+    def __post_init__(self) -> None:
+        """Set up the prior: the modulus that gives the guessed stiffness at no pressure."""
+        section = PAPER_SECTION
+        modulus = 12.0 * self.stiffness / (section['thickness'] ** 3 * section['width'])
+        object.__setattr__(self, 'mean', frozen_array([modulus]))
+        object.__setattr__(self, 'prior', frozen_array([[modulus**2]]))
+
+    def law(self, values: Array) -> MajidiLaw:
+        """Return the law with this modulus."""
+        return MajidiLaw(modulus=float(values[0]), **PAPER_SECTION)
+
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """Return the modulus."""
+        return ('moment_law.modulus',), np.eye(1)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def slopes_at(unknowns: LawUnknowns, pressures: bytes) -> Array:
+    """Return `LawUnknowns.slopes` at pressures given as the bytes of an array."""
+    pressure = np.frombuffer(pressures)
+    sections, columns = (list(item) for item in zip(*unknowns.columns, strict=True))
+    out = np.empty((pressure.size, len(columns), unknowns.mean.size))
+    for unknown in range(unknowns.mean.size):
+        step = 1e-3 * np.sqrt(unknowns.prior[unknown, unknown])
+        sides = []
+        for sign in (-1.0, 1.0):
+            moved = unknowns.mean.copy()
+            moved[unknown] += sign * step
+            law = unknowns.law(moved)
+            sides.append(law.sections(pressure, unknowns.length, unknowns.weight))
+        slope = (sides[1] - sides[0]) / (2.0 * step)
+        out[:, :, unknown] = slope[:, sections, columns]
+    return frozen_array(out)
+
+
+LAW_UNKNOWNS: dict[str, type[LawUnknowns]] = {
+    law.kind: law for law in (PiecewiseUnknowns, LinearUnknowns, MajidiUnknowns)
+}

@@ -1,0 +1,146 @@
+"""What is fitted, as one vector: the table of kappa_p0 and the constants of the moment law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from pneunet_ros.calibration.moment_law_parameters import LawUnknowns
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.measurement.forward_model import Columns
+from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.solver.rod import RIGIDITY
+
+NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Smoothness:
+    """What is believed of kappa_p0 before any recording, a Gaussian process over p and s.
+
+    amplitude (1/m) at the highest pressure of a part that is proportional to pressure, deviation
+    (1/m) of a part that is not; both smooth in s over `reach` (of the length).
+    """
+
+    amplitude: float
+    deviation: float
+    reach: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Known:
+    """What an earlier fit knew: the first unknowns, the targets' placement, and their covariance.
+
+    values (k,) and placement (2 targets,) m, tangents then normals; covariance (k + 2 targets, k +
+    2 targets) of both, in this order. Placement is part of it because the dots stay where they are
+    painted: what was wrongly taken for curvature would else be wrong again, and count twice.
+    """
+
+    values: Array
+    placement: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Unknowns:
+    """The unknowns: curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, then the law.
+
+    `frame` is an arm that has everything else; without `law` the arm keeps its own. known: mean
+    and covariance of the first unknowns from an earlier fit, in place of what is believed before.
+    """
+
+    frame: Arm
+    pressure: Array
+    arclength: Array
+    smoothness: Smoothness
+    law: LawUnknowns | None
+    known: Known | None = None
+    mean: Array = field(init=False)
+    prior: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Put the prior together."""
+        rows, knots = self.pressure, self.arclength
+        apart = np.subtract.outer(knots, knots) / self.smoothness.reach
+        along = np.exp(-0.5 * apart**2)
+        top = np.max(np.abs(rows))
+        apart = np.subtract.outer(rows, rows) / (0.5 * np.ptp(rows))
+        over = self.smoothness.amplitude**2 * np.outer(rows, rows) / top**2
+        over = over + self.smoothness.deviation**2 * np.exp(-0.5 * apart**2)
+        field_prior = np.kron(over, along)
+        field_prior += NUGGET * self.smoothness.amplitude**2 * np.eye(field_prior.shape[0])
+        mean, prior = np.zeros(field_prior.shape[0]), field_prior
+        if self.law is not None:
+            mean = np.concatenate([mean, self.law.mean])
+            size = prior.shape[0]
+            prior = np.zeros((mean.size, mean.size))
+            prior[:size, :size], prior[size:, size:] = field_prior, self.law.prior
+        if self.known is not None:
+            size = self.known.values.size
+            mean[:size] = self.known.values
+            prior[:size, :] = prior[:, :size] = 0.0
+            prior[:size, :size] = self.known.covariance[:size, :size]
+        object.__setattr__(self, 'mean', frozen_array(mean))
+        object.__setattr__(self, 'prior', frozen_array(prior))
+
+    @property
+    def cells(self) -> int:
+        """How many unknowns are cells of the curvature's table."""
+        return self.pressure.size * self.arclength.size
+
+    def arm(self, values: Array) -> Arm:
+        """Return the arm with these values; ModelError where there is none."""
+        table = values[: self.cells].reshape(self.pressure.size, self.arclength.size)
+        curvature = IntrinsicCurvature(
+            pressure=self.pressure, arclength=self.arclength, curvature=table
+        )
+        law = self.frame.moment_law if self.law is None else self.law.law(values[self.cells :])
+        return replace(self.frame, intrinsic_curvature=curvature, moment_law=law, covariance=None)
+
+    @property
+    def columns(self) -> Columns:
+        """Columns of the sections that the law moves, (k, 2)."""
+        columns = () if self.law is None else self.law.columns
+        return np.array(columns, dtype=np.int64).reshape(-1, 2)
+
+    def causes(self, values: Array, drive: Drive) -> Array:
+        """How much each cause of a response moves per unknown, (frames, causes, unknowns).
+
+        Causes: F1, F2, M, knots, then the columns of the law; see `response.Series.answer`.
+        """
+        frames, knots = drive.pressure.size, self.arclength.size
+        columns = self.columns.tolist()
+        out = np.zeros((frames, 3 + knots + len(columns), values.size))
+        arm = self.arm(values)
+        weights = drive.row_weights(arm)
+        for knot in range(knots):
+            out[:, 3 + knot, knot : self.cells : knots] = weights
+        if self.law is None:
+            return out
+        known = np.clip(drive.pressure, *arm.moment_law.pressure_range)
+        base = self.law.law(values[self.cells :]).sections(known, arm.length, arm.weight)
+        softened = np.ones_like(base)  # by the effects: the rigidity alone
+        rods = arm.rods(drive.pressure, drive.histories)
+        softened[:, :, RIGIDITY] = rods.sections[:, :, RIGIDITY] / base[:, :, RIGIDITY]
+        slope = self.law.slopes(known)
+        for place, (section, column) in enumerate(columns):
+            factor = softened[:, section, column]
+            out[:, 3 + knots + place, self.cells :] = slope[:, place] * factor[:, None]
+        return out
+
+    def quantities(self) -> tuple[tuple[str, ...], Array]:
+        """Return dotted names of the model's numbers and their change per unknown."""
+        names = [
+            f'intrinsic_curvature.curvature.{row}.{knot}'
+            for row in range(self.pressure.size)
+            for knot in range(self.arclength.size)
+        ]
+        if self.law is None:
+            return tuple(names), np.eye(self.cells)
+        more, change = self.law.quantities()
+        whole = np.zeros((self.cells + change.shape[0], self.mean.size))
+        whole[: self.cells, : self.cells] = np.eye(self.cells)
+        whole[self.cells :, self.cells :] = change
+        return (*names, *more), whole

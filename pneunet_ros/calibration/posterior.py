@@ -1,0 +1,58 @@
+"""What a calibration knows in full, so that another one can go on from it with new recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.calibration.parameters import Known
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.arrays import Array, frozen_array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Knowledge:
+    """Mean and covariance of all unknowns of a fit: the prior of the next one.
+
+    pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
+    (N m^2) of the moment law's unknowns over low to high (Pa), kind '' where none was fitted.
+    values, placement and covariance are those of `Known`.
+    """
+
+    pressure: Array
+    arclength: Array
+    kind: str
+    stiffness: float
+    low: float
+    high: float
+    values: Array
+    placement: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        """Check that the arrays belong together."""
+        for name in ('pressure', 'arclength', 'values', 'placement'):
+            values = getattr(self, name)
+            object.__setattr__(self, name, frozen_array(values, (np.size(values),)))
+        size = self.values.size + self.placement.size
+        object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
+
+    def known(self) -> Known:
+        """Return it as the beginning of a fit."""
+        return Known(values=self.values, placement=self.placement, covariance=self.covariance)
+
+
+def knowledge_of(fit: Fit, low: float, high: float) -> Knowledge:
+    """Return what a fit knows; low, high (Pa): the range of its moment law."""
+    law = fit.unknowns.law
+    return Knowledge(
+        pressure=fit.unknowns.pressure,
+        arclength=fit.unknowns.arclength,
+        kind='' if law is None else law.kind,
+        stiffness=0.0 if law is None else law.stiffness,
+        low=low,
+        high=high,
+        values=fit.values,
+        placement=fit.placement.ravel(),
+        covariance=fit.shared_covariance,
+    )

@@ -1,0 +1,154 @@
+"""Stances of a run: stretches in which pressure and load hardly change, averaged.
+
+A hold of a staircase is one long stance, a slow ramp many short ones. Mean targets belong to the
+mean load: what changes in a straight line meanwhile cancels. What the fit has found of the camera
+and of the painted places of targets is taken off: what is left is where the arm was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pneunet_ros.calibration.result import FittedRun
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.readings import TargetSightings, unseen_targets
+from pneunet_ros.measurement.forward_model import Series
+from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.model.arm import Arm
+
+SHARE_OF_SPAN = 0.01  # of the run's largest pressure or force, that a stance may span
+HOLD_SHARE = 0.3  # of the longest stance of a run, at least, for a hold
+FEWEST_HOLDS = 4
+NOISE_SPAN = 8.0  # standard deviations that readings of one value may span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stance:
+    """Some successive frames of a run under about the same load, as one.
+
+    pressure (Pa), force (2,) N and moment (N m) are means of the readings; drive, of one frame, is
+    what really acted. x, y (targets,) m are means over the frames in which a target was seen, less
+    the disturbances that the fit has found, `count` (targets,) how many frames those are; NaN for
+    a target never seen.
+    """
+
+    run: str
+    frames: int
+    pressure: float
+    force: Array
+    moment: float
+    drive: Drive
+    x: Array
+    y: Array
+    count: Array
+
+    def sightings(self, target_std: float) -> TargetSightings:
+        """Return the mean targets as the tracker would have seen them, with their mean's std."""
+        nothing = unseen_targets(0, self.x.size)
+        std = np.where(self.count > 0, target_std / np.sqrt(np.maximum(self.count, 1)), np.nan)
+        rest = {name: getattr(nothing, name) for name in ('u', 'v', 'area', 'major', 'minor')}
+        return TargetSightings(
+            stamp_ns=0, x=self.x, y=self.y, std=std, angle=nothing.angle, **rest
+        )
+
+
+def stances(fitted: FittedRun, arm: Arm) -> tuple[Stance, ...]:
+    """Return all stances of a run of a fit, in order of time; arm: the fitted one."""
+    noise, points = arm.sensors, arm_points(fitted, arm)
+    run = fitted.run
+    readings = np.column_stack([run.frame_pressure, run.force])
+    stds = np.array([noise.pressure_std, noise.force_std, noise.force_std])
+    largest = np.max(np.abs(readings), axis=0)
+    largest[1:] = largest[1:].max()
+    allowed = np.maximum(NOISE_SPAN * stds, SHARE_OF_SPAN * largest)
+    found, start = [], 0
+    low = high = readings[0]
+    for frame in range(1, len(readings) + 1):
+        if frame < len(readings):
+            low, high = np.minimum(low, readings[frame]), np.maximum(high, readings[frame])
+            if np.all(high - low <= allowed):
+                continue
+            low = high = readings[frame]
+        found.append(averaged(fitted, points, start, frame))
+        start = frame
+    return tuple(found)
+
+
+def arm_points(fitted: FittedRun, arm: Arm) -> Array:
+    """Return where the targets really were as far as is known, (frames, 2, targets) m."""
+    measured = np.stack([fitted.run.x, fitted.run.y], axis=1) - fitted.disturbance
+    # What effects of the camera do is linear about the base.
+    seen = np.stack(arm.see(np.array([1.0, 0.0]), np.array([0.0, 1.0])))
+    return np.asarray(np.matmul(np.linalg.inv(seen), measured))
+
+
+def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> Stance:
+    """Return frames start to stop - 1 as one; points (frames, 2, targets) m."""
+    run, some = fitted.run, slice(start, stop)
+    seen = run.seen[some]
+    count = seen.sum(axis=0).astype(np.float64)
+    means = [
+        np.where(seen, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
+        for values in (points[some, 0], points[some, 1])
+    ]
+    return Stance(
+        run=run.name,
+        frames=stop - start,
+        pressure=float(run.frame_pressure[some].mean()),
+        force=run.force[some].mean(axis=0),
+        moment=float(run.moment[some].mean()),
+        drive=replace(
+            fitted.drive.at(np.array([(start + stop) // 2])),
+            pressure=fitted.drive.pressure[some].mean(keepdims=True),
+            loads=fitted.drive.loads[some].mean(axis=0, keepdims=True),
+        ),
+        x=means[0],
+        y=means[1],
+        count=count,
+    )
+
+
+def held(found: Sequence[Stance]) -> list[Stance]:
+    """Leave out the short stances on the way between holds, where the holds span the pressures."""
+    longest = max((stance.frames for stance in found), default=0)
+    holds = [stance for stance in found if stance.frames >= HOLD_SHARE * longest]
+    span = np.ptp([stance.pressure for stance in found]) if found else 0.0
+    if len(holds) >= FEWEST_HOLDS and np.ptp([one.pressure for one in holds]) >= 0.8 * span:
+        return holds
+    return list(found)
+
+
+def spread(found: Sequence[Stance], count: int) -> list[Stance]:
+    """Choose at most so many stances, evenly over pressure; of neighbors the longest."""
+    if not found:
+        return []
+    places = np.array([stance.pressure for stance in found])
+    half = 0.5 * float(np.ptp(places)) / max(count - 1, 1)
+    chosen: list[int] = []
+    for wanted in np.linspace(places.min(), places.max(), count).tolist():
+        near = np.flatnonzero(np.abs(places - wanted) <= half).tolist()
+        free = [place for place in near if place not in chosen]
+        if free:
+            apart = np.abs(places - wanted)
+            chosen.append(max(free, key=lambda at: (found[at].frames, -apart[at])))
+    return sorted((found[at] for at in chosen), key=lambda stance: stance.pressure)
+
+
+def predicted(arm: Arm, some: Sequence[Stance], arclength: Array) -> Array:
+    """Return what the arm does under these loads, (stances, 6, arclength); NaN: no equilibrium.
+
+    Fields as of `solver.stations.at_stations`; arclength in m.
+    """
+    if not some:
+        return np.zeros((0, 6, arclength.size))
+    series, drives = Series(arclength), [stance.drive for stance in some]
+    past = [drive.histories for drive in drives if drive.histories is not None]
+    drive = Drive(
+        pressure=np.concatenate([drive.pressure for drive in drives]),
+        loads=np.concatenate([drive.loads for drive in drives]),
+        histories=tuple(map(np.concatenate, zip(*past, strict=True))) if past else None,
+    )
+    solved = series.solve(arm, drive)
+    return np.where(solved[:, None, None], series.fields, np.nan)

@@ -1,0 +1,1 @@
+"""The command `pneunet`, one file a verb."""

@@ -1,0 +1,190 @@
+"""`pneunet calibrate`: the two experiments of the paper -> a model file with error bars."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+import time
+
+from pneunet_ros import __version__
+from pneunet_ros.calibration.calibration import calibrate, Calibration
+from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
+from pneunet_ros.cli.calibrate_summary import numbers_of, show
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_overwrite,
+    add_settings,
+    add_topics,
+    DONE,
+    NEGATIVE,
+    output_console,
+    PAPER_ARM,
+    print_json,
+    progress_bar,
+    SENSOR_SETTINGS,
+    settings_of,
+    topics_of,
+    Verb,
+)
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.model_file import load_model, save_model
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.moment_law import PiecewiseLinearLaw
+from pneunet_ros.offline.calibration_files import (
+    described_arm,
+    inputs_of,
+    knowledge_file,
+    load_knowledge,
+    save_knowledge,
+)
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.reports.calibration.report import write_report
+from rich.progress import Progress
+
+TOPIC_NAMES = ('pressure', 'end_wrench', 'targets')
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    for name, meaning in (
+        ('unloaded', 'recordings of the arm with nothing attached: experiment 1, kappa_p0(p, s)'),
+        ('loaded', 'recordings under end load: experiment 2, the moment law'),
+    ):
+        parser.add_argument(
+            f'--{name}', type=Path, nargs='+', default=[], metavar='REC', help=meaning
+        )
+    parser.add_argument(
+        '--arm',
+        type=Path,
+        metavar='FILE',
+        help='model file whose arm block (length, weight, targets), effects and sensors are taken '
+        "for what the recordings cannot tell (default: the shipped model of the paper's arm)",
+    )
+    parser.add_argument(
+        '--output', type=Path, required=True, metavar='MODEL.yaml', help='write the model here'
+    )
+    parser.add_argument(
+        '--report', type=Path, metavar='DIR', help='write a report here: index.html and pictures'
+    )
+    parser.add_argument(
+        '--law',
+        choices=tuple(LAW_UNKNOWNS),
+        default=PiecewiseLinearLaw.kind,
+        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10)',
+    )
+    parser.add_argument(
+        '--continue',
+        dest='earlier',
+        type=Path,
+        metavar='MODEL.yaml',
+        help='go on from this calibration; its .knowledge.npz must stand beside it',
+    )
+    parser.add_argument('--name', help='of the model (default: the name of the output file)')
+    parser.add_argument(
+        '--no-compare',
+        action='store_true',
+        help='do not fit the other moment laws for comparison (about half the time)',
+    )
+    add_overwrite(parser)
+    add_topics(parser)
+    add_settings(parser, SENSOR_SETTINGS)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Read, fit, write."""
+    started = time.perf_counter()
+    frame = load_model(arguments.arm or arguments.earlier or shipped(PAPER_ARM))
+    earlier = None if arguments.earlier is None else load_knowledge(arguments.earlier)
+    check_outputs(arguments)
+    with progress_bar(shown=not arguments.json) as bar:
+        unloaded, sentences = read_all(arguments.unloaded, frame, arguments, bar)
+        loaded, more = read_all(arguments.loaded, frame, arguments, bar)
+        task = bar.add_task('fitting', total=None)
+        calibration = calibrate(
+            unloaded,
+            loaded,
+            frame,
+            kind=arguments.law,
+            compare=not arguments.no_compare,
+            earlier=earlier,
+            each=lambda stage, step, total: bar.update(
+                task, description=f'fitting {stage}, step {step}'
+            ),
+        )
+        provenance = provenance_of(arguments, calibration)
+        if calibration.joint.converged:
+            name = arguments.name or arguments.output.stem
+            arm = described_arm(calibration, name, frame, provenance)
+            calibration = replace(calibration, arm=arm)
+            save_model(arm, arguments.output, overwrite=arguments.overwrite)
+            save_knowledge(calibration.knowledge, arguments.output, overwrite=arguments.overwrite)
+        if arguments.report is not None:
+            bar.update(task, description='writing the report')
+            write_report(
+                calibration,
+                arguments.report,
+                provenance=provenance,
+                overwrite=arguments.overwrite,
+            )
+    summary = numbers_of(calibration) | {
+        'output': arguments.output if calibration.joint.converged else None,
+        'report': arguments.report,
+        'left_out': [*sentences, *more],
+        'seconds': time.perf_counter() - started,
+    }
+    if arguments.json:
+        print_json(summary | {'provenance': provenance})
+    else:
+        show(calibration, summary, output_console())
+    return DONE if calibration.joint.converged else NEGATIVE
+
+
+def check_outputs(arguments: Namespace) -> None:
+    """Refuse outputs that exist before a long computation, not after it."""
+    wanted = (arguments.output, knowledge_file(arguments.output), arguments.report)
+    for path in wanted:
+        if path is not None and path.exists() and not arguments.overwrite:
+            raise RecordingError(f'{path} exists already; use --overwrite to replace it')
+    if arguments.output.suffix not in ('.yaml', '.yml'):
+        raise RecordingError(f'{arguments.output} must end in .yaml: it becomes a model file')
+
+
+def read_all(
+    paths: Sequence[Path], frame: Arm, arguments: Namespace, bar: Progress
+) -> tuple[list[Run], list[str]]:
+    """Read the recordings of one experiment, and the sentences on what was left out of them."""
+    runs, sentences = [], []
+    topics = topics_of(arguments.topic, TOPIC_NAMES)
+    for path in bar.track(paths, description='reading'):
+        run, left_out = read_run(path, frame.target_arclength.size, topics, settings_of(arguments))
+        runs.append(run)
+        sentences += [f'{path.name}: {sentence}' for sentence in left_out]
+    return runs, sentences
+
+
+def provenance_of(arguments: Namespace, calibration: Calibration) -> dict[str, object]:
+    """Return from what and how the model was made; nothing in it is random, so no seed."""
+    joint = calibration.joint
+    roles = (('unloaded', arguments.unloaded), ('loaded', arguments.loaded))
+    return {
+        'source': f'pneunet calibrate {__version__}',
+        'recordings': inputs_of(roles),
+        'arm': (arguments.arm or arguments.earlier or Path(PAPER_ARM)).name,
+        'continued': None if arguments.earlier is None else arguments.earlier.name,
+        'chi_squared_per_coordinate': round(joint.chi_squared / joint.freedom, 4),
+        'coordinates': joint.freedom,
+        'covariance_share': round(calibration.captured, 4),
+    }
+
+
+VERB = Verb(
+    name='calibrate',
+    help="recordings without and with end load -> a model with error bars, the paper's way",
+    options=options,
+    run=run,
+)

@@ -1,0 +1,131 @@
+"""`pneunet check`: what recordings hold and lack, and what they can be used for."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from typing import Any
+
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_model,
+    add_settings,
+    add_topics,
+    DONE,
+    model_of,
+    output_console,
+    print_json,
+    SENSOR_SETTINGS,
+    settings_of,
+    topics_of,
+    Verb,
+)
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.offline.check import check_recording, CheckRequest
+from pneunet_ros.recordings.image_sources import TOPIC_NAMES
+from pneunet_ros.recordings.recorded_series import SERIES_TYPES
+from rich.console import Console
+from rich.table import Table
+
+HOLDS_SHOWN = 20
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        'recordings', nargs='+', type=Path, metavar='REC', help='.mcap files or rosbag2 folders'
+    )
+    add_model(parser)
+    add_topics(parser)
+    add_settings(parser, SENSOR_SETTINGS)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Check and tell."""
+    request = CheckRequest(
+        arm=model_of(arguments),
+        settings=settings_of(arguments),
+        overrides=topics_of(arguments.topic, [*SERIES_TYPES, *TOPIC_NAMES]),
+    )
+    found = [check_recording(path, request) for path in arguments.recordings]
+    if arguments.json:
+        print_json({'model': request.arm.name, 'recordings': found})
+        return DONE
+    console = output_console()
+    for one in found:
+        show(one, console)
+    return DONE
+
+
+def show(found: dict[str, Any], console: Console) -> None:
+    """Print what was found in one recording."""
+    table = Table(title=f'{found["recording"]}, {found["seconds"]:.4g} s')
+    for column in ('topic', 'type', 'count', 'rate', 'jitter', 'gaps', 'by'):
+        table.add_column(column, no_wrap=column == 'topic')
+    for topic in found['topics']:
+        timed = topic['rate'] is not None
+        gaps = f'{topic["gaps"]}, longest {topic["longest_gap"]:.3g} s' if topic['gaps'] else '0'
+        table.add_row(
+            topic['name'],
+            topic['type'],
+            str(topic['count']),
+            f'{topic["rate"]:.4g} Hz' if timed else '-',
+            f'{1e3 * topic["jitter"]:.3f} ms' if timed else '-',
+            gaps,
+            topic['stamps'],
+        )
+    console.print(table)
+    for line in [*sync_lines(found['sync']), *range_lines(found['ranges'])]:
+        console.print(line)
+    holds = found['holds']
+    told = ', '.join(
+        f'{hold["to"] - hold["from"]:.3g} s at {kilopascals(hold["pressure"]):.3g} kPa'
+        for hold in holds[:HOLDS_SHOWN]
+    )
+    more = ', ...' if len(holds) > HOLDS_SHOWN else ''
+    console.print(f'holds: {len(holds)}{": " if holds else ""}{told}{more}')
+    for name, use in found['uses'].items():
+        answer = 'yes' if use['usable'] else 'no'
+        console.print(f'{name}: {", ".join(part for part in (answer, use["reason"]) if part)}')
+    for sentence in found['sentences']:
+        console.print(f'note: {sentence}')
+
+
+def sync_lines(sync: dict[str, Any]) -> list[str]:
+    """Tell how other stamps lie to those of the pressure."""
+    return [
+        f'{name} to pressure: {100.0 * one["share"]:.4g} % within half a period, '
+        f'{1e3 * one["offset"]:.3g} ms later than the nearest, first one '
+        f'{one["starts"]:.3g} s later'
+        for name, one in sync.items()
+    ]
+
+
+def range_lines(ranges: dict[str, Any]) -> list[str]:
+    """Tell the ranges of readings."""
+    lines = []
+    units = {'pressure': ('kPa', 1e-3), 'force_x': ('N', 1.0), 'force_y': ('N', 1.0)}
+    units |= {'moment': ('mN m', 1e3), 'x': ('mm', 1e3), 'y': ('mm', 1e3)}
+    for name, (unit, factor) in units.items():
+        if name in ranges:
+            low, high = ranges[name]
+            lines.append(f'{name}: {factor * low:.4g} to {factor * high:.4g} {unit}')
+    if 'targets' in ranges:
+        frames, seen = ranges['frames'], ranges['seen_per_target'].tolist()
+        missing = ', '.join(
+            f'{target}: {frames - count}' for target, count in enumerate(seen) if count < frames
+        )
+        lines.append(
+            f'targets: {ranges["targets"]} in {frames} frames; '
+            + (f'not seen, by target: {missing}' if missing else 'all always seen')
+        )
+    return lines
+
+
+VERB = Verb(
+    name='check',
+    help='tell what recordings hold and lack, and what they can be used for',
+    options=options,
+    run=run,
+)

@@ -1,0 +1,145 @@
+"""`pneunet demo`: Table 1 of the paper through the estimator, as table, MCAP and picture."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+import math
+from pathlib import Path
+
+import numpy as np
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_model,
+    add_overwrite,
+    DONE,
+    model_of,
+    NEGATIVE,
+    output_console,
+    print_json,
+    progress_bar,
+    Verb,
+)
+from pneunet_ros.core.share import shipped
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.steady_estimates import held_estimates
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.offline.replay import input_topics, record_steps, Step
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
+from rich.table import Table
+
+RECORDING = 'bags/table1'
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    add_model(parser)
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('demo'),
+        metavar='DIR',
+        help='folder for table1.mcap and shapes.png (default: demo)',
+    )
+    add_overwrite(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Replay the shipped recording, print its holds, write recording and picture."""
+    arm = model_of(arguments)
+    estimator = Estimator(arm=arm)
+    recording = open_recording(shipped(RECORDING))
+    topics = input_topics(recording, estimator, {})
+    mcap, picture = arguments.output / 'table1.mcap', arguments.output / 'shapes.png'
+    estimates: list[ShapeEstimate] = []
+    with (
+        atomic_output(picture, overwrite=arguments.overwrite) as temporary,
+        write_recording(mcap, overwrite=arguments.overwrite) as writer,
+        progress_bar(shown=not arguments.json) as bar,
+    ):
+        task = bar.add_task('replaying Table 1', total=recording.count(topics))
+
+        def each(step: Step) -> None:
+            bar.advance(task)
+            if isinstance(step.outcome, ShapeEstimate):
+                estimates.append(step.outcome)
+
+        record_steps(writer, recording, estimator, topics, each)
+        holds = first_of_each_pressure(held_estimates(estimates))
+        from pneunet_ros.reports.demo_plot import draw_holds
+
+        title = f"Table 1 of the paper (pressures and end forces) through '{arm.name}'"
+        draw_holds(arm, holds, temporary, title)
+    rows = [row_of(hold) for hold in holds]
+    if arguments.json:
+        print_json({'holds': rows, 'estimates': len(estimates), 'files': [mcap, picture]})
+    else:
+        show(rows, len(estimates), mcap, picture)
+    return DONE if holds else NEGATIVE
+
+
+def first_of_each_pressure(holds: list[ShapeEstimate]) -> list[ShapeEstimate]:
+    """Keep the way up: the recording comes back through the same pressures."""
+    seen: dict[float, ShapeEstimate] = {}
+    for hold in holds:
+        seen.setdefault(hold.shape.pressure, hold)
+    return list(seen.values())
+
+
+def row_of(hold: ShapeEstimate) -> dict[str, float]:
+    """Return the numbers of one hold, SI."""
+    shape = hold.shape
+    x, y, theta = shape.tip
+    std_x, std_y = np.sqrt(np.diag(hold.tip_covariance))[:2].tolist()
+    largest = int(np.argmax(np.abs(shape.curvature)))
+    return {
+        'pressure': shape.pressure,
+        'force_x': shape.force[0],
+        'force_y': shape.force[1],
+        'tip_x': x,
+        'tip_y': y,
+        'tip_theta': theta,
+        'tip_std': math.hypot(std_x, std_y),
+        'largest_curvature': float(shape.curvature[largest]),
+        'residual': shape.residual,
+    }
+
+
+def show(rows: list[dict[str, float]], estimates: int, mcap: Path, picture: Path) -> None:
+    """Print the holds as a table."""
+    console = output_console()
+    table = Table(title=f'The {len(rows)} holds of Table 1, as the estimator sees the arm')
+    for name in (
+        'p (kPa)', 'F1 (N)', 'F2 (N)', 'tip x (mm)', 'tip y (mm)', 'heading (deg)',
+        'tip std (mm)', 'largest curvature (1/m)',
+    ):  # fmt: skip
+        table.add_column(name, justify='right')
+    for row in rows:
+        table.add_row(
+            f'{kilopascals(row["pressure"]):.1f}',
+            f'{row["force_x"]:.3f}',
+            f'{row["force_y"]:.3f}',
+            f'{millimeters(row["tip_x"]):.2f}',
+            f'{millimeters(row["tip_y"]):.2f}',
+            f'{math.degrees(row["tip_theta"]):.1f}',
+            f'{millimeters(row["tip_std"]):.2f}',
+            f'{row["largest_curvature"]:.1f}',
+        )
+    console.print(table)
+    console.print(
+        "Pressures and forces are the paper's; the arm's stiffness and curvature are a "
+        'representative set, no measurement.'
+    )
+    console.print(f'{estimates} estimates in {mcap} (Foxglove, PlotJuggler, ros2 bag play)')
+    console.print(f'picture in {picture}')
+
+
+VERB = Verb(
+    name='demo',
+    help="the first minute: the paper's load history through the estimator",
+    options=options,
+    run=run,
+)

@@ -1,0 +1,186 @@
+"""`pneunet diagnose`: where model and recordings disagree, what is missing, and with it added."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+import platform
+import time
+
+import numpy as np
+from pneunet_ros import __version__
+from pneunet_ros.cli.calibrate import read_all
+from pneunet_ros.cli.diagnose_summary import show
+from pneunet_ros.cli.simulate import seed
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_overwrite,
+    add_settings,
+    add_topics,
+    DONE,
+    NEGATIVE,
+    output_console,
+    print_json,
+    progress_bar,
+    SENSOR_SETTINGS,
+    Verb,
+)
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.executor import executor_of
+from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.diagnosis.result import Answer
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.model_file import load_model, model_hash
+from pneunet_ros.offline.calibration_files import inputs_of
+from pneunet_ros.reports.calibration.figure_data import Each
+from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
+from rich.progress import Progress
+import scipy
+
+CLEAR: tuple[Answer, ...] = ('none', 'named')  # answers that are no 'I cannot tell'
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.epilog = (
+        'Exit codes: 0 the answer is "none" or "named"; 1 done, and the answer is "inseparable", '
+        '"unknown" or "unobservable"; 2 request or file was wrong. '
+        'Files: report.html, model.yaml (with what was missing), diagnosis.json.'
+    )
+    parser.add_argument(
+        '--model',
+        type=Path,
+        required=True,
+        metavar='MODEL.yaml',
+        help='the calibrated model that is in question',
+    )
+    parser.add_argument(
+        '--train',
+        type=Path,
+        nargs='+',
+        required=True,
+        metavar='REC',
+        help='recordings, with and without load, in which the missing effect is looked for',
+    )
+    parser.add_argument(
+        '--heldout',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='REC',
+        help='other recordings, on which the gap before and after is measured (default: none, '
+        'and then the answer is not tested on anything new)',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        required=True,
+        metavar='DIR',
+        help='write report.html, model.yaml, diagnosis.json and the pictures into this folder',
+    )
+    parser.add_argument(
+        '--seed',
+        type=seed,
+        default=0,
+        metavar='N',
+        help='of the simulated clean data that set the thresholds (default: 0)',
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='simulate on the Dask cluster of this scheduler (default: here)',
+    )
+    add_overwrite(parser)
+    add_topics(parser)
+    add_settings(parser, SENSOR_SETTINGS)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Read, diagnose, write."""
+    started = time.perf_counter()
+    frame = load_model(arguments.model)
+    inputs = inputs_of((('training', arguments.train), ('heldout', arguments.heldout)))
+    check_distinct(inputs)
+    recordings = (*arguments.train, *arguments.heldout)
+    with (
+        atomic_output(
+            arguments.output,
+            overwrite=arguments.overwrite,
+            inputs=(arguments.model, *recordings),
+            replaceable=REPLACEABLE,
+        ) as folder,
+        progress_bar(shown=not arguments.json) as bar,
+    ):
+        training, sentences = read_all(arguments.train, frame, arguments, bar)
+        held_out, more = read_all(arguments.heldout, frame, arguments, bar)
+        each = told(bar)
+        with simulating(arguments.scheduler) as executor:
+            found = diagnose(
+                frame, training, held_out, seed=arguments.seed, executor=executor, each=each
+            )
+        content = write_diagnosis(
+            found,
+            folder,
+            frame=frame,
+            training=training,
+            held_out=held_out,
+            provenance={
+                'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},
+                'inputs': inputs,
+                'versions': versions(),
+            },
+            each=each,
+        )
+    if arguments.json:
+        seconds = time.perf_counter() - started
+        files = {'output': arguments.output, 'left_out': [*sentences, *more], 'seconds': seconds}
+        print_json(content | files)
+    else:
+        show(found, [*sentences, *more], arguments.output, output_console())
+    return DONE if found.answer in CLEAR else NEGATIVE
+
+
+def simulating(scheduler: str | None) -> AbstractContextManager[Executor | None]:
+    """Return where clean data are simulated: here, as it takes less than starting a process."""
+    return nullcontext() if scheduler is None else executor_of(scheduler=scheduler)
+
+
+def check_distinct(inputs: list[dict[str, str]]) -> None:
+    """Refuse a recording that is given twice: held out it would test nothing."""
+    seen: dict[str, dict[str, str]] = {}
+    for item in inputs:
+        other = seen.setdefault(item['sha256'], item)
+        if other is not item:
+            raise RequestError(
+                f'{item["file"]} ({item["role"]}) and {other["file"]} ({other["role"]}) are the '
+                'same recording: give each once'
+            )
+
+
+def told(bar: Progress) -> Each:
+    """Return what shows how far a diagnosis is; a total of 0 is not known."""
+    task = bar.add_task('diagnosing', total=None)
+    return lambda stage, done, total: bar.update(
+        task, description=stage, completed=done, total=total or None
+    )
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what the numbers depend on."""
+    return {
+        'pneunet_ros': __version__,
+        'python': platform.python_version(),
+        'numpy': np.__version__,
+        'scipy': scipy.__version__,
+    }
+
+
+VERB = Verb(
+    name='diagnose',
+    help='model and recordings -> what the model lacks, the model with it, and a report',
+    options=options,
+    run=run,
+)

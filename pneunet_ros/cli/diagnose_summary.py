@@ -1,0 +1,63 @@
+"""What a diagnosis came to, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.reports.diagnosis.error_figures import gap_sentence
+from pneunet_ros.reports.diagnosis.files import MODEL, NUMBERS, PAGE
+from pneunet_ros.reports.diagnosis.tables import (
+    ANSWERS,
+    detectable_table,
+    effect_table,
+    evidence_table,
+    gap_table,
+    Table,
+    unseen_sentence,
+    where_text,
+)
+import rich.box
+from rich.console import Console
+import rich.table
+from rich.text import Text
+
+
+def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console: Console) -> None:
+    """Print the answer first, then what it rests on."""
+    console.print(Text(diagnosis.sentence, style='bold'))
+    console.print(f'({ANSWERS[diagnosis.answer]})')
+    console.print(drawn(gap_table(diagnosis), 'Gap between model and measurement'))
+    if diagnosis.before.held_out is None:
+        console.print('no recording was held out: the gap was not tested on one')
+    else:
+        console.print(Text(gap_sentence(diagnosis)))
+    for table, title in (
+        (effect_table(diagnosis), 'What was added'),
+        (evidence_table(diagnosis), 'Evidence'),
+    ):
+        if table.rows:
+            console.print(drawn(table, title))
+    console.print(Text(where_text(diagnosis)))
+    if diagnosis.alternatives:
+        console.print(f'acts alike on these recordings: {", ".join(diagnosis.alternatives)}')
+    console.print(drawn(detectable_table(diagnosis), 'What these recordings could have shown'))
+    console.print(unseen_sentence(diagnosis))
+    if diagnosis.proposal:
+        console.print(Text(f'next recording: {diagnosis.proposal}'))
+    for sentence in (*left_out, *diagnosis.notes):
+        console.print(Text(f'note: {sentence}'))
+    for name in (PAGE, MODEL, NUMBERS):
+        console.print(f'wrote {directory / name}')
+
+
+def drawn(table: Table, title: str) -> rich.table.Table:
+    """Return a table for the terminal, which is too narrow for meanings."""
+    out = rich.table.Table(title=title, box=rich.box.SIMPLE_HEAD)
+    shown = [place for place, name in enumerate(table.columns) if name != 'meaning']
+    for place in shown:
+        out.add_column(table.columns[place], justify='right' if place in table.numbers else 'left')
+    for row in table.rows:
+        out.add_row(*(Text(row[place]) for place in shown))
+    return out

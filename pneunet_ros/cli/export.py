@@ -1,0 +1,129 @@
+"""`pneunet export`: a recording -> a table of readings, and of tips that were estimated."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+import math
+from pathlib import Path
+
+import numpy as np
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_overwrite,
+    add_settings,
+    add_topics,
+    DONE,
+    output_console,
+    print_json,
+    SENSOR_SETTINGS,
+    settings_of,
+    topics_of,
+    Verb,
+)
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.messages.builders import nanoseconds
+from pneunet_ros.messages.estimate import POSE_TYPE
+from pneunet_ros.offline.table_conversion import tabulate
+from pneunet_ros.recordings.recorded_series import find_series, read_series, SERIES_TYPES
+from pneunet_ros.recordings.recording import open_recording, Recording
+from pneunet_ros.tables.reading_table import columns
+from pneunet_ros.tables.table_writer import check_suffix, write_columns
+
+TIP = 'tip'
+TIP_COLUMNS = ('estimate_tip_x_m', 'estimate_tip_y_m', 'estimate_tip_theta_rad')
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        'recording', type=Path, metavar='REC', help='an .mcap file or a rosbag2 folder'
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='TABLE.csv',
+        required=True,
+        help='write the table here; .npz writes arrays by the same names',
+    )
+    add_overwrite(parser)
+    add_topics(parser)
+    add_settings(parser, SENSOR_SETTINGS)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Export and summarize."""
+    check_suffix(arguments.output)
+    overrides = topics_of(arguments.topic, [*SERIES_TYPES, TIP])
+    recording = open_recording(arguments.recording)
+    found = {
+        name: find_series(recording, name, overrides, required=False) for name in SERIES_TYPES
+    }
+    topics = {name: topic for name, topic in found.items() if topic is not None}
+    tip_topic = overrides.get(TIP)
+    if tip_topic is not None or recording.candidates(TIP, POSE_TYPE):
+        tip_topic = recording.find(TIP, POSE_TYPE, tip_topic)
+    if not topics and tip_topic is None:
+        raise RecordingError(
+            f'{arguments.recording} has nothing to export: no topic '
+            f'{", ".join(SERIES_TYPES)} or {TIP}; images are turned into targets by `track`'
+        )
+    series = read_series(recording, topics, settings_of(arguments))
+    sentences = [*recording.sentences]
+    for one in series.values():
+        sentences += one.sentences()
+    tips = {} if tip_topic is None else read_tips(recording, tip_topic)
+    table = tabulate(series, list(tips))
+    content = columns(table)
+    if tips:
+        values = np.full((len(table.stamp_ns), len(TIP_COLUMNS)), np.nan)
+        values[np.searchsorted(table.stamp_ns, list(tips))] = list(tips.values())
+        content |= dict(zip(TIP_COLUMNS, values.T, strict=True))
+    write_columns(
+        arguments.output,
+        content,
+        overwrite=arguments.overwrite,
+        inputs=[arguments.recording],
+    )
+    summary = {
+        'recording': arguments.recording,
+        'output': arguments.output,
+        'topics': topics | ({TIP: tip_topic} if tip_topic is not None else {}),
+        'rows': len(table.stamp_ns),
+        'columns': list(content),
+        'sentences': sentences,
+    }
+    if arguments.json:
+        print_json(summary)
+        return DONE
+    console = output_console()
+    console.print(f'{len(table.stamp_ns)} rows of {len(content)} columns: {", ".join(content)}')
+    for sentence in sentences:
+        console.print(f'note: {sentence}')
+    console.print(f'wrote {arguments.output}')
+    return DONE
+
+
+def read_tips(recording: Recording, topic: str) -> dict[int, Array]:
+    """Return x, y (m) and heading (rad) of the free end by stamp, as the estimator wrote them."""
+    tips = {}
+    for message in recording.messages([topic]):
+        pose = message.message.pose.pose
+        heading = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
+        try:
+            stamp_ns = nanoseconds(message.message.header.stamp)
+        except ValueError as error:
+            raise RecordingError(
+                f'{recording.path}: {topic} at log time {message.log_time_ns} ns: {error}'
+            ) from error
+        tips[stamp_ns] = np.array([pose.position.x, pose.position.y, heading])
+    return tips
+
+
+VERB = Verb(
+    name='export',
+    help='write the readings of a recording as a table, CSV or npz',
+    options=options,
+    run=run,
+)

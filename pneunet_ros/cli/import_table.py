@@ -1,0 +1,114 @@
+"""`pneunet import`: a CSV table with named unit columns -> recording."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable
+import math
+from pathlib import Path
+
+from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json, Verb
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.offline.table_conversion import record_table
+from pneunet_ros.recordings.recording_writer import write_recording
+from pneunet_ros.tables.columns import known_names
+from pneunet_ros.tables.table_reader import ImportRequest, read_table
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.epilog = (
+        f'Known columns: {known_names()}. Targets count from 0 at the clamp. Strings: a pulls '
+        'along x, b along y, each turned counter-clockwise by its angle. Empty cells: no reading, '
+        'target not seen.'
+    )
+    parser.add_argument('table', type=Path, metavar='TABLE.csv', help='comma-separated, UTF-8')
+    parser.add_argument(
+        '--output', type=Path, metavar='REC.mcap', required=True, help='write the recording here'
+    )
+    add_overwrite(parser)
+    lists = (
+        ('--select', 'COLUMN=VALUE', 'read only the rows that hold this text in this column'),
+        ('--rename', 'OLD=NEW', 'call a column by a name that is known'),
+        ('--offset', 'COLUMN=NUMBER', 'add to a column (new name), in its unit'),
+        ('--ignore', 'COLUMN', 'leave columns out'),
+    )
+    for option, form, meaning in lists:
+        parser.add_argument(
+            option, action='extend', nargs='+', default=[], metavar=form, help=meaning
+        )
+    parser.add_argument(
+        '--rate', type=float, metavar='HZ', help='rows per second of a table without time'
+    )
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Import and summarize."""
+    offsets = {
+        name: number(f'--offset {name}={text}', text)
+        for name, text in pairs_of('--offset', arguments.offset).items()
+    }
+    request = ImportRequest(
+        select=pairs_of('--select', arguments.select),
+        rename=pairs_of('--rename', arguments.rename),
+        ignore=arguments.ignore,
+        offsets=offsets,
+        rate=arguments.rate,
+    )
+    table, sentences = read_table(arguments.table, request)
+    with write_recording(
+        arguments.output, overwrite=arguments.overwrite, inputs=[arguments.table]
+    ) as writer:
+        topics = record_table(writer, table)
+    seconds = seconds_between(int(table.stamp_ns[0]), int(table.stamp_ns[-1]))
+    summary = {
+        'table': arguments.table,
+        'output': arguments.output,
+        'rows': len(table.stamp_ns),
+        'targets': table.x.shape[1],
+        'seconds': seconds,
+        'topics': topics,
+        'sentences': list(sentences),
+    }
+    if arguments.json:
+        print_json(summary)
+        return DONE
+    console = output_console()
+    counts = ', '.join(f'{count} of {name}' for name, count in topics.items())
+    console.print(f'{len(table.stamp_ns)} rows over {seconds:g} s: {counts}')
+    for sentence in sentences:
+        console.print(f'note: {sentence}')
+    console.print(f'wrote {arguments.output}')
+    return DONE
+
+
+def pairs_of(option: str, words: Iterable[str]) -> dict[str, str]:
+    """Return texts by name from words NAME=TEXT; raises RequestError for another form."""
+    pairs: dict[str, str] = {}
+    for word in words:
+        name, equals, text = word.partition('=')
+        if not equals or not name or not text or name in pairs:
+            raise RequestError(f'{option} {word} is not of the form NAME=TEXT, a name only once')
+        pairs[name] = text
+    return pairs
+
+
+def number(option: str, text: str) -> float:
+    """Return a finite number; raises RequestError that names the option."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RequestError(f'{option}: {text!r} is no number')
+    return value
+
+
+VERB = Verb(
+    name='import',
+    help='make a recording of a CSV table whose columns are named with their units',
+    options=options,
+    run=run,
+)

@@ -1,0 +1,192 @@
+"""`pneunet replay`: the estimator on a recording, without a ROS graph."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from contextlib import ExitStack
+import dataclasses
+from pathlib import Path
+import time
+
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_model,
+    add_overwrite,
+    add_settings,
+    add_topics,
+    DONE,
+    model_of,
+    NEGATIVE,
+    output_console,
+    print_json,
+    progress_bar,
+    settings_of,
+    topics_of,
+    Verb,
+)
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.files.model_file import model_hash
+from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
+from pneunet_ros.messages.readings import TARGETS_NAME
+from pneunet_ros.messages.topics import INPUTS
+from pneunet_ros.offline.replay import (
+    input_topics,
+    record_steps,
+    Step,
+    steps,
+    Tally,
+    targets_topic,
+)
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
+from rich.table import Table
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        'recording', type=Path, metavar='REC', help='an .mcap file or a rosbag2 folder'
+    )
+    add_model(parser)
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='OUT.mcap',
+        help='write inputs and all estimator topics here (default: print the summary only)',
+    )
+    parser.add_argument(
+        '--views',
+        action='store_true',
+        help='write markers (visualization_msgs) and the transform to the tip (/tf) as well',
+    )
+    add_overwrite(parser)
+    add_topics(parser)
+    add_settings(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Replay and summarize."""
+    arm = model_of(arguments)
+    estimator = Estimator(arm=arm, settings=settings_of(arguments))
+    names = [*(item.name for item in INPUTS), TARGETS_NAME]
+    overrides = topics_of(arguments.topic, names)
+    recording = open_recording(arguments.recording)
+    topics = input_topics(recording, estimator, overrides)
+    targets = targets_topic(recording, estimator, overrides)
+    pressure_topic = next(name for name, item in topics.items() if item.name == 'pressure')
+    tally = Tally()
+    begun = time.perf_counter()
+    with ExitStack() as stack:
+        bar = stack.enter_context(progress_bar(shown=not arguments.json))
+        task = bar.add_task(
+            'replaying', total=recording.count([*topics, *([targets] if targets else [])])
+        )
+
+        def each(step: Step) -> None:
+            tally.count(step, pressure_topic)
+            if tally.pressures % 200 == 0:
+                bar.update(task, completed=tally.messages)
+
+        if arguments.output is None:
+            for step in steps(recording, estimator, topics, targets):
+                each(step)
+        else:
+            writer = stack.enter_context(
+                write_recording(
+                    arguments.output, overwrite=arguments.overwrite, inputs=[arguments.recording]
+                )
+            )
+            views = (markers_output(lambda: arm), transform_output(TIP_FRAME))
+            shown = views if arguments.views else ()
+            record_steps(writer, recording, estimator, topics, each, shown, targets)
+    seconds = time.perf_counter() - begun
+    state = tally.state
+    summary = {
+        'recording': arguments.recording,
+        'output': arguments.output,
+        'model': arm.name,
+        'model_hash': model_hash(arm),
+        'topics': {item.name: name for name, item in topics.items()}
+        | ({} if targets is None else {TARGETS_NAME: targets}),
+        'pressure_readings': tally.pressures,
+        'estimates': 0 if state is None else state.estimates,
+        'rejected': {} if state is None else dict(state.rejected),
+        'resets': 0 if state is None else state.resets,
+        'worst_residual': tally.worst_residual,
+        'watch': None if targets is None else watch_summary(tally),
+        'seconds': seconds,
+        'sentences': list(recording.sentences),
+        'last_refusal': tally.refusal.sentence if tally.refusal else None,
+    }
+    if arguments.json:
+        print_json(summary)
+    else:
+        show(summary, tally)
+    return DONE if summary['estimates'] else NEGATIVE
+
+
+def watch_summary(tally: Tally) -> dict[str, object]:
+    """Return how the targets agreed with the estimates, where they did so worst."""
+    worst = tally.disagreement
+    return {
+        'targets_matched': tally.watch.matched,
+        'targets_unmatched': dict(tally.watch.unmatched),
+        'worst': None if worst is None else dataclasses.asdict(worst),
+    }
+
+
+def show(summary: dict[str, object], tally: Tally) -> None:
+    """Print the summary for people."""
+    console = output_console()
+    table = Table(title=f'{summary["recording"]} through {summary["model"]}', show_header=False)
+    table.add_column()
+    table.add_column()
+    table.add_row('pressure readings', str(summary['pressure_readings']))
+    table.add_row('estimates', str(summary['estimates']))
+    rejected = summary['rejected']
+    assert isinstance(rejected, dict)
+    table.add_row(
+        'rejected readings',
+        ', '.join(f'{count} {reason}' for reason, count in rejected.items()) or 'none',
+    )
+    table.add_row('worst residual', f'{summary["worst_residual"]:.1e} rad')
+    worst = tally.disagreement
+    if worst is not None:
+        table.add_row(
+            'measured targets',
+            f'at most {worst.rms:.3g} x their noise from the estimate '
+            f'(noise alone: less than {worst.limit:.3g})',
+        )
+    if tally.last is not None:
+        x, y, _ = tally.last.shape.tip
+        pressure = kilopascals(tally.last.shape.pressure)
+        table.add_row(
+            'last estimate',
+            f'{pressure:.2f} kPa, tip at ({millimeters(x):.2f}, {millimeters(y):.2f}) mm',
+        )
+    seconds = summary['seconds']
+    assert isinstance(seconds, float)
+    table.add_row('took', f'{seconds:.2f} s ({tally.pressures / seconds:.0f} readings/s)')
+    console.print(table)
+    sentences = summary['sentences']
+    assert isinstance(sentences, list)
+    if worst is not None and worst.beyond:
+        sentences = [*sentences, f'at stamp {worst.stamp_ns} ns {worst.sentence}']
+    if summary['last_refusal']:
+        sentences = [*sentences, f'last rejected reading: {summary["last_refusal"]}']
+    for sentence in sentences:
+        console.print(f'note: {sentence}')
+    if summary['output'] is None:
+        console.print('Nothing written; --output OUT.mcap writes inputs and all estimator topics.')
+    else:
+        console.print(f'wrote {summary["output"]}')
+
+
+VERB = Verb(
+    name='replay',
+    help='run the estimator on a recording of pressure and end wrench',
+    options=options,
+    run=run,
+)

@@ -1,0 +1,199 @@
+"""`pneunet simulate`: a scenario of the virtual lab -> a recording, and the truth beside it."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+import dataclasses
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_overwrite,
+    DONE,
+    output_console,
+    print_json,
+    progress_bar,
+    Verb,
+)
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.files.scenario_file import changes_of, FOLDER, load_scenario
+from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_recording import LabRecording
+from pneunet_ros.lab.scenario import described, Scenario
+from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.recordings.lab_files import memory_after, message_count, write_lab
+from rich.table import Table
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        'scenario',
+        metavar='SCENARIO',
+        help='a scenario file, YAML, or the name of a shipped one: unloaded_ramp, '
+        'unloaded_staircase, dead_weights, force_sweeps, strings, random_mix',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        required=True,
+        metavar='REC',
+        help='write the recording here, an .mcap file or a rosbag2 folder, and the truth beside '
+        'it: x.truth.npz for x.mcap',
+    )
+    add_overwrite(parser)
+    parser.add_argument(
+        '--seed', type=seed, metavar='N', help='of the noise of this recording, not of the arm'
+    )
+    parser.add_argument(
+        '--arm-seed',
+        type=seed,
+        metavar='N',
+        help='another arm of the same make: parameters up to 15 %% off, targets painted anew '
+        '(0: as the scenario describes it)',
+    )
+    parser.add_argument(
+        '--effect',
+        action='append',
+        default=[],
+        metavar='NAME.PARAMETER=VALUE',
+        help='set a parameter of an effect, e.g. gravity.weight_y=-1.5; `richness` is one, too; '
+        'may be repeated',
+    )
+    parser.add_argument(
+        '--after',
+        type=Path,
+        metavar='REC',
+        help='the arm remembers this earlier recording of the lab (default: a virgin arm at rest)',
+    )
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Simulate and write."""
+    scenario = load_scenario(scenario_file(arguments.scenario))
+    if arguments.arm_seed is not None:
+        scenario = dataclasses.replace(scenario, arm=varied(scenario.arm, arguments.arm_seed))
+    if arguments.seed is not None:
+        scenario = dataclasses.replace(scenario, seed=arguments.seed)
+    scenario = scenario.with_effects(changes_of(arguments.effect))
+    memory = memory_after(arguments.after) if arguments.after is not None else None
+    started = time.perf_counter()
+    recording = simulated(scenario, memory)
+    seconds = time.perf_counter() - started
+    with progress_bar(shown=not arguments.json) as bar:
+        task = bar.add_task('writing', total=message_count(recording))
+        truth = write_lab(
+            recording,
+            arguments.output,
+            overwrite=arguments.overwrite,
+            each=lambda: bar.advance(task),
+        )
+    summary = summary_of(recording) | {
+        'output': arguments.output,
+        'truth': truth,
+        'seconds': seconds,
+    }
+    if arguments.json:
+        print_json(summary | {'scenario': described(scenario)})
+    else:
+        show(scenario, summary)
+    return DONE
+
+
+def scenario_file(name: str) -> Path:
+    """Return the file of a scenario: a path, or the name of a shipped one."""
+    path = Path(name)
+    if path.is_file() or path.suffix:
+        return path
+    if name not in shipped_names():
+        raise RequestError(
+            f'{name} is no scenario file, nor a shipped scenario; shipped are '
+            f'{", ".join(shipped_names())}'
+        )
+    return shipped(f'{FOLDER}/{name}.yaml')
+
+
+def shipped_names() -> list[str]:
+    """List the shipped scenarios; what they share, their arm, is none."""
+    return sorted(file.stem for file in shipped(FOLDER).glob('*.yaml') if file.stem != 'lab_arm')
+
+
+def seed(text: str) -> int:
+    """Return a seed, a whole number from 0 on."""
+    if not text.isdecimal() or int(text) >= 2**63:
+        raise ArgumentTypeError(f'{text!r} is no whole number from 0 on')
+    return int(text)
+
+
+def summary_of(recording: LabRecording) -> dict[str, Any]:
+    """Return what a recording came to."""
+    truth, seen = recording.truth, np.isfinite(recording.x)
+    tip = np.hypot(np.ptp(truth.x[:, -1]), np.ptp(truth.y[:, -1]))
+    return {
+        'name': recording.scenario.name,
+        'arm': recording.scenario.arm.name,
+        'loaded': recording.loaded,
+        'duration': recording.memory.time - recording.scenario.start,
+        'frames': recording.stamp_ns.size,
+        'pressure_readings': recording.reading_stamp_ns.size,
+        'wrench_readings': recording.wrench_stamp_ns.size,
+        'targets': seen.shape[1],
+        'seen': float(seen.mean()),
+        'pressure_range': [truth.pressure.min(), truth.pressure.max()],
+        'force_range': [truth.force.min(axis=0), truth.force.max(axis=0)],
+        'tip_travel': float(tip),
+    }
+
+
+def show(scenario: Scenario, summary: dict[str, Any]) -> None:
+    """Print the summary for people."""
+    table = Table(title=f'{summary["name"]} on {summary["arm"]}', show_header=False)
+    table.add_column()
+    table.add_column()
+    low, high = (kilopascals(value) for value in summary['pressure_range'])
+    (low_x, low_y), (high_x, high_y) = summary['force_range']
+    table.add_row('protocol', f'{scenario.protocol.kind}, {summary["duration"]:g} s')
+    table.add_row('effects', ', '.join(effect_texts(scenario)) or 'none')
+    table.add_row('pressure', f'{low:.1f} to {high:.1f} kPa')
+    force = f'F1 {low_x:.3f} to {high_x:.3f} N, F2 {low_y:.3f} to {high_y:.3f} N'
+    table.add_row('end force', force if summary['loaded'] else 'none: unloaded')
+    table.add_row('frames', f'{summary["frames"]} with {summary["targets"]} targets')
+    table.add_row('targets seen', f'{100.0 * summary["seen"]:.1f} %')
+    readings = f'{summary["pressure_readings"]} of pressure'
+    if summary['loaded']:
+        readings += f', {summary["wrench_readings"]} of end wrench'
+    table.add_row('readings', readings)
+    table.add_row('tip travels over', f'{millimeters(summary["tip_travel"]):.1f} mm')
+    table.add_row('seeds', f'noise {scenario.seed}, arm {scenario.arm.seed}')
+    table.add_row('took', f'{summary["seconds"]:.2f} s')
+    console = output_console()
+    console.print(table)
+    for name in ('output', 'truth'):
+        console.print(f'wrote {summary[name]}')
+
+
+def effect_texts(scenario: Scenario) -> list[str]:
+    """Return every effect with the parameters that are not neutral."""
+    texts = []
+    for effect in scenario.effects:
+        set_ = [
+            f'{item.name}={getattr(effect, item.name):g}'
+            for item in dataclasses.fields(effect)
+            if getattr(effect, item.name) != item.default
+        ]
+        texts.append(f'{effect.name} ({", ".join(set_)})')
+    return texts
+
+
+VERB = Verb(
+    name='simulate',
+    help='make a recording in the virtual lab, with its truth in a file beside it',
+    options=options,
+    run=run,
+)

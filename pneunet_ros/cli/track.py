@@ -1,0 +1,237 @@
+"""`pneunet track`: camera images -> targets, measured centerline and curvature."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+from pneunet_ros.cli.track_summary import show, summary_of
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_model,
+    add_overwrite,
+    add_topics,
+    DONE,
+    model_of,
+    NEGATIVE,
+    print_json,
+    progress_bar,
+    topics_of,
+    Verb,
+)
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.camera_file import load_camera
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.offline.track import record_tracking, track_steps, TrackStep, TrackTally
+from pneunet_ros.recordings.image_files import FOLDER_RATE, NO_LENS
+from pneunet_ros.recordings.image_sources import open_images, SourceRequest, TOPIC_NAMES
+from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.recordings.recording_writer import write_recording
+from pneunet_ros.tables.length_unit import length_unit, LENGTHS, LengthUnit
+from pneunet_ros.tables.target_table import write_table
+from pneunet_ros.vision.camera_settings import CameraSettings, PosePlane
+from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker_state import Tracking
+
+CAMERA = 'config/camera.yaml'
+PREVIEWS = ('.png', '.mp4')
+Each = Callable[[TrackStep], None]
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        'source',
+        type=Path,
+        metavar='REC_OR_IMAGES',
+        help='an .mcap file, a rosbag2 folder, a video file, or a folder of images',
+    )
+    add_model(parser)
+    parser.add_argument(
+        '--camera',
+        type=Path,
+        metavar='FILE',
+        help='working plane, clamp and looks of targets, YAML (default: the shipped camera.yaml)',
+    )
+    parser.add_argument(
+        '--camera-info',
+        metavar='FILE',
+        help="lens, YAML as camera_calibration writes it, instead of the recording's camera_info; "
+        f'`{NO_LENS}`: the images are free of distortion',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='OUT.mcap',
+        help='write the tracker topics, and the other topics of a recording, here',
+    )
+    add_overwrite(parser)
+    parser.add_argument(
+        '--with-images', action='store_true', help='copy the images of a recording, too'
+    )
+    parser.add_argument(
+        '--preview',
+        type=Path,
+        metavar='FILE',
+        help='draw the overlay: some frames and plots (.png), or all frames as a video (.mp4)',
+    )
+    parser.add_argument(
+        '--table', type=Path, metavar='FILE.csv', help='write a line per target and frame'
+    )
+    parser.add_argument(
+        '--lengths',
+        choices=LENGTHS,
+        default='m',
+        help='unit of lengths in summary, table and plots: meters, or l, the length of the arm; '
+        'topics are always in SI (default: m)',
+    )
+    parser.add_argument(
+        '--rate',
+        type=float,
+        metavar='HZ',
+        help='frames per second of a video or a folder '
+        f'(default: what the video says; {FOLDER_RATE:g} for a folder)',
+    )
+    add_topics(parser, 'image_raw=/my/topic')
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Track and summarize."""
+    arm = model_of(arguments)
+    settings = load_camera(arguments.camera or shipped(CAMERA))
+    check_request(arguments, settings)
+    request = SourceRequest(
+        camera_info=arguments.camera_info,
+        rate=arguments.rate,
+        topics=topics_of(arguments.topic, TOPIC_NAMES),
+    )
+    stream = open_images(arguments.source, request)
+    tracker = Tracker(arm=arm, settings=settings)
+    unit = length_unit(arguments.lengths, arm.length)
+    tally = TrackTally(targets=arm.target_arclength.size)
+    sentences = stream.recording.sentences if stream.recording is not None else ()
+    with ExitStack() as stack:
+        writer = None
+        if arguments.output is not None:
+            writer = stack.enter_context(
+                write_recording(
+                    arguments.output, overwrite=arguments.overwrite, inputs=inputs(arguments)
+                )
+            )
+        views = [tally.count, *views_of(arguments, stack, stream, arm, unit)]
+        bar = stack.enter_context(progress_bar(shown=not arguments.json))
+        task = bar.add_task('tracking', total=stream.frames)
+        times = [time.perf_counter()]
+
+        def each(step: TrackStep) -> None:
+            for view in views:
+                view(step)
+            if step.frame:
+                times.append(time.perf_counter())
+                if tally.frames % 20 == 0:
+                    bar.update(task, completed=tally.frames)
+
+        if writer is None:
+            for step in track_steps(stream, tracker):
+                each(step)
+        else:
+            left_out = record_tracking(
+                writer, stream, tracker, BASE_FRAME, arguments.with_images, each
+            )
+            sentences = (*sentences, *left_out)
+        seconds = time.perf_counter() - times[0]
+    summary = summary_of(arguments, arm, stream, tally, unit)
+    # The median leaves out the first frames, in which kernels may have to be compiled.
+    rate = 1.0 / float(np.median(np.diff(times))) if tally.frames else 0.0
+    summary |= {'seconds': seconds, 'frames_per_second': rate, 'sentences': list(sentences)}
+    if arguments.json:
+        print_json(summary)
+    else:
+        show(summary, unit)
+    return DONE if tally.explained else NEGATIVE
+
+
+def check_request(arguments: Namespace, settings: CameraSettings) -> None:
+    """Refuse, before any work is done, what cannot go together."""
+    if arguments.preview is not None and arguments.preview.suffix.lower() not in PREVIEWS:
+        raise RequestError(f'--preview {arguments.preview} must end in {" or ".join(PREVIEWS)}')
+    if arguments.with_images and arguments.output is None:
+        raise RequestError('--with-images needs --output OUT.mcap, where the images go')
+    outputs = [arguments.output, arguments.table, arguments.preview]
+    places = [path.resolve() for path in outputs if path is not None]
+    if len(set(places)) < len(places):
+        raise RequestError('--output, --table and --preview must be different files')
+    if arguments.camera_info == NO_LENS and isinstance(settings.plane, PosePlane):
+        raise RequestError(
+            f'--camera-info {NO_LENS} does not give the focal length, which plane.method: pose '
+            'in the camera file needs: give --camera-info FILE.yaml'
+        )
+
+
+def inputs(arguments: Namespace) -> list[Path]:
+    """List what is read, which no output may replace."""
+    files = [arguments.source, arguments.model, arguments.camera]
+    if arguments.camera_info not in (None, NO_LENS):
+        files.append(Path(arguments.camera_info))
+    return [file for file in files if file is not None]
+
+
+def views_of(
+    arguments: Namespace, stack: ExitStack, stream: ImageStream, arm: Arm, unit: LengthUnit
+) -> list[Each]:
+    """Open the table and the preview that were asked for; each sees every step."""
+    options: dict[str, Any] = {'overwrite': arguments.overwrite, 'inputs': inputs(arguments)}
+    views: list[Each] = []
+    if arguments.table is not None:
+        table = stack.enter_context(write_table(arguments.table, unit, **options))
+
+        def tabulate(step: TrackStep) -> None:
+            if isinstance(step.outcome, Tracking):
+                table.write(step.outcome.sightings)
+
+        views.append(tabulate)
+    if arguments.preview is None:
+        return views
+    if arguments.preview.suffix.lower() == '.mp4':
+        from pneunet_ros.reports.tracking.preview_video import write_video
+
+        video = stack.enter_context(write_video(arguments.preview, stream.rate, **options))
+
+        def film(step: TrackStep) -> None:
+            if isinstance(step.outcome, Tracking) and isinstance(step.item.reading, Image):
+                video.add(step.item.reading, step.outcome, step.state)
+
+        return [*views, film]
+    from pneunet_ros.reports.tracking.preview import write_preview
+
+    title = f'{arguments.source} through {arm.name}'
+    preview = stack.enter_context(
+        write_preview(
+            arguments.preview, stream.frames, arm.target_arclength.size, title, unit, **options
+        )
+    )
+
+    def collect(step: TrackStep) -> None:
+        if step.frame:
+            image = step.item.reading if isinstance(step.item.reading, Image) else None
+            tracking = step.outcome if isinstance(step.outcome, Tracking) else None
+            preview.add(step.item.log_time_ns, image, tracking, step.state)
+
+    return [*views, collect]
+
+
+VERB = Verb(
+    name='track',
+    help='find the white targets in camera images: points, smoothed centerline, curvature',
+    options=options,
+    run=run,
+)

@@ -1,0 +1,89 @@
+"""What `pneunet track` came to: the numbers, and the table of them for people."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import Any
+
+from pneunet_ros.cli.verb import output_console
+from pneunet_ros.files.model_file import model_hash
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.offline.track import TrackTally
+from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.tables.length_unit import LengthUnit
+from rich.table import Table
+
+
+def summary_of(
+    arguments: Namespace, arm: Arm, stream: ImageStream, tally: TrackTally, unit: LengthUnit
+) -> dict[str, Any]:
+    """Return the numbers of the summary, lengths in `unit`."""
+    return {
+        'source': arguments.source,
+        'kind': stream.kind,
+        'output': arguments.output,
+        'table': arguments.table,
+        'preview': arguments.preview,
+        'model': arm.name,
+        'model_hash': model_hash(arm),
+        'topics': {'image_raw': stream.image_topic, 'camera_info': stream.lens_source},
+        'lengths': unit.name,
+        'frames': tally.frames,
+        'explained': tally.explained,
+        'reasons': dict(tally.reasons),
+        'resting': tally.resting,
+        'targets': tally.targets,
+        'seen': int(tally.seen.sum()),
+        'missing': int(tally.missing.sum()),
+        'seen_per_target': tally.seen.astype(int),
+        'missing_per_target': tally.missing.astype(int),
+        'curves': tally.curves,
+        'smoothing_rms': unit.per_meter * tally.rms,
+        'worst_smoothing_rms': unit.per_meter * tally.worst_rms,
+        'scale': unit.per_meter * tally.scale,
+        'last_sentences': tally.sentences,
+    }
+
+
+def show(summary: dict[str, Any], unit: LengthUnit) -> None:
+    """Print the summary for people."""
+    console = output_console()
+    table = Table(title=f'{summary["source"]} through {summary["model"]}', show_header=False)
+    table.add_column()
+    table.add_column()
+    frames, explained = summary['frames'], summary['explained']
+    table.add_row('images', f'{summary["kind"]}, {summary["topics"]["image_raw"]}')
+    table.add_row('lens', str(summary['topics']['camera_info']))
+    table.add_row('frames', str(frames))
+    table.add_row('explained', share(explained, frames))
+    reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
+    table.add_row('without targets', reasons or 'none')
+    table.add_row('targets seen', share(summary['seen'], explained * summary['targets']))
+    missing = summary['missing_per_target']
+    often = ', '.join(f'{id_}: {missing[id_]}' for id_ in missing.nonzero()[0].tolist())
+    table.add_row('frames missing, by target', often or 'none')
+    shown = unit.shown_per_meter / unit.per_meter
+    if explained:
+        table.add_row('scale', f'{shown * summary["scale"]:.4g} {unit.shown}/px')
+    if summary['curves']:
+        table.add_row(
+            'rms of smoothing',
+            f'{shown * summary["smoothing_rms"]:.3g} {unit.shown} '
+            f'(worst frame {shown * summary["worst_smoothing_rms"]:.3g} {unit.shown})',
+        )
+    seconds, rate = summary['seconds'], summary['frames_per_second']
+    table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
+    console.print(table)
+    last = [f'last {reason}: {text}' for reason, text in summary['last_sentences'].items()]
+    for sentence in [*summary['sentences'], *last]:
+        console.print(f'note: {sentence}')
+    written = [summary[name] for name in ('output', 'table', 'preview') if summary[name]]
+    for path in written:
+        console.print(f'wrote {path}')
+    if not written:
+        console.print('Nothing written; --output OUT.mcap writes the tracker topics.')
+
+
+def share(part: int, whole: int) -> str:
+    """Tell a number and what share of the whole it is."""
+    return f'{part} of {whole} ({100.0 * part / whole:.1f} %)' if whole else '0'

@@ -1,0 +1,150 @@
+"""What every verb has: how it is called, what it prints, and common options."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, BooleanOptionalAction, Namespace
+from collections.abc import Callable, Collection, Iterable
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+from typing import Any
+
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.files.json_text import json_text
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.model.arm import Arm
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+DONE, NEGATIVE, WRONG = 0, 1, 2  # exit codes
+PAPER_ARM = 'config/paper_arm.yaml'
+# The settings that say what a reading means, for verbs that read recordings without estimating.
+SENSOR_SETTINGS = (
+    'frame_id',
+    'wrench_required',
+    'pressure_reference',
+    'ambient_pressure',
+    'pressure_offset',
+    'wrench_sign',
+    'wrench_yaw',
+    'wrench_frame',
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verb:
+    """A verb: name, one line of help, options, and what it does; `run` gives the exit code."""
+
+    name: str
+    help: str
+    options: Callable[[ArgumentParser], None]
+    run: Callable[[Namespace], int]
+
+
+def output_console() -> Console:
+    """Where tables go; a pipe is as wide as the table needs."""
+    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+
+
+def progress_bar(shown: bool) -> Progress:
+    """Make a progress bar on stderr, for people only."""
+    hidden = not shown or not sys.stderr.isatty()
+    return Progress(
+        TextColumn('{task.description}'),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True, quiet=hidden),  # before 13.8 rich ends it with a newline
+        transient=True,
+        disable=hidden,
+    )
+
+
+def print_json(content: dict[str, Any]) -> None:
+    """Print one JSON object, numbers to the last digit; what is no number is null."""
+    sys.stdout.write(json_text(content))
+
+
+def add_json(parser: ArgumentParser) -> None:
+    """Every verb takes --json."""
+    parser.add_argument(
+        '--json', action='store_true', help='print one JSON object on stdout and nothing else'
+    )
+
+
+def add_model(parser: ArgumentParser) -> None:
+    """Add the option for the model file."""
+    parser.add_argument(
+        '--model',
+        type=Path,
+        metavar='FILE',
+        help="model file, YAML (default: the shipped model of the paper's arm)",
+    )
+
+
+def model_of(arguments: Namespace) -> Arm:
+    """Return the model that was asked for."""
+    return load_model(arguments.model or shipped(PAPER_ARM))
+
+
+def add_overwrite(parser: ArgumentParser) -> None:
+    """Existing outputs are refused without this."""
+    parser.add_argument(
+        '--overwrite', action='store_true', help='replace outputs that exist (default: refuse)'
+    )
+
+
+def add_settings(parser: ArgumentParser, names: Collection[str] | None = None) -> None:
+    """Add the settings of the estimator, or those of these names, as options."""
+    group = parser.add_argument_group('sensors and stack (as the parameters of the node)')
+    for item in dataclasses.fields(EstimatorSettings):
+        if names is not None and item.name not in names:
+            continue
+        meaning, unit = item.metadata['meaning'], item.metadata.get('unit')
+        shown = f' {unit}' if unit else ''
+        option: dict[str, Any] = {'help': f'{meaning} (default: {item.default}{shown})'}
+        if isinstance(item.default, bool):
+            option['action'] = BooleanOptionalAction
+        else:
+            option['type'] = type(item.default)
+            option['choices'] = item.metadata.get('choices') or None
+            if not option['choices']:
+                option['metavar'] = (unit or item.name.split('_')[-1]).upper()
+        group.add_argument(
+            f'--{item.name.replace("_", "-")}', dest=item.name, default=item.default, **option
+        )
+
+
+def settings_of(arguments: Namespace) -> EstimatorSettings:
+    """Return the settings that were asked for."""
+    names = [item.name for item in dataclasses.fields(EstimatorSettings)]
+    given = {name: getattr(arguments, name) for name in names if hasattr(arguments, name)}
+    return EstimatorSettings(**given)
+
+
+def add_topics(parser: ArgumentParser, example: str = 'pressure=/my/pressure') -> None:
+    """Topics of other names than usual."""
+    parser.add_argument(
+        '--topic',
+        action='append',
+        default=[],
+        metavar='NAME=TOPIC',
+        help=f'read this topic instead, e.g. {example}; may be repeated',
+    )
+
+
+def topics_of(pairs: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+    """Full topic name by last name; RequestError on another form."""
+    chosen: dict[str, str] = {}
+    known = tuple(known)
+    for pair in pairs:
+        name, equals, topic = pair.partition('=')
+        if not equals or not topic or name not in known:
+            raise RequestError(
+                f'--topic {pair} is not of the form NAME=TOPIC with NAME one of {", ".join(known)}'
+            )
+        chosen[name] = topic
+    return chosen

@@ -1,0 +1,102 @@
+"""What we claim: a shape, an estimate with its uncertainty, or a refusal with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.errors import ModelError, PneunetError, RequestError
+
+Array = npt.NDArray[np.float64]
+
+
+def frozen_array(value: npt.ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
+    """Return a read-only float64 array; raises RequestError when `shape` is given and differs."""
+    array = np.asarray(value, dtype=np.float64, order='C')
+    if array is value and array.shape == shape and not array.flags.writeable:
+        return array
+    if shape is not None and array.shape != shape:
+        raise RequestError(f'an array of shape {shape} was expected, got {array.shape}')
+    if array.flags.writeable:
+        if array is value:
+            array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
+def freeze(array: Array) -> Array:
+    """Make an array that is this function's caller's own read-only, without a copy."""
+    array.flags.writeable = False
+    return array
+
+
+def same_values(left: Any, right: Any) -> bool:
+    """Whether two claims are equal field by field, arrays to the last bit (NaN equals NaN)."""
+    if type(left) is not type(right):
+        return False
+    if isinstance(left, np.ndarray):
+        return bool(np.array_equal(left, right, equal_nan=True))
+    if hasattr(left, '__dataclass_fields__'):
+        return all(
+            same_values(getattr(left, field.name), getattr(right, field.name))
+            for field in fields(left)
+        )
+    return bool(left == right)
+
+
+LARGEST = 1e30  # no table of an arm holds more; splines of it would overflow
+
+
+def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], Array]:
+    """Rows below `at` in a table over pressure, and the weight of the row above.
+
+    pressure (rows,) Pa increasing, at (...) Pa; returns the row index and the weight, each (...).
+    """
+    at = np.asarray(at, dtype=np.float64)
+    row = np.clip(np.searchsorted(pressure, at, side='right') - 1, 0, pressure.size - 2)
+    return row, (at - pressure[row]) / (pressure[row + 1] - pressure[row])
+
+
+def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
+    """Return a table's pressure column: two or more rows, finite, increasing; else ModelError."""
+    column = table_array(pressure, f'{where}.pressure', 1)
+    if column.size < 2 or not np.all(np.diff(column) > 0.0):
+        raise ModelError(
+            f'{where}.pressure must hold at least two strictly increasing values in Pa'
+        )
+    return column
+
+
+def only_numbers(values: Any) -> bool:
+    """Whether a nested list or an array holds numbers alone: no texts, no booleans."""
+    if isinstance(values, np.ndarray):
+        return values.dtype.kind in 'iuf'
+    if isinstance(values, (list, tuple)):
+        return all(only_numbers(value) for value in values)
+    return isinstance(values, (int, float, np.number)) and not isinstance(values, bool)
+
+
+def table_array(
+    values: npt.ArrayLike,
+    where: str,
+    dimensions: int,
+    error: type[PneunetError] = ModelError,
+) -> Array:
+    """Return a read-only table of finite numbers with so many dimensions; else raise the error."""
+    sentence = f'{where} must be a table of numbers with rows of equal length'
+    if not only_numbers(values):
+        raise error(sentence)
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (ValueError, OverflowError):
+        raise error(sentence) from None
+    if array.ndim != dimensions:
+        kind = ['a number', 'a list of numbers', 'a list of rows of numbers'][dimensions]
+        raise error(f'{where} must be {kind}, got an array of shape {array.shape}')
+    if not np.all(np.isfinite(array)):
+        raise error(f'{where} holds NaN or infinity')
+    if np.any(np.abs(array) > LARGEST):
+        raise error(f'{where} holds a number larger than {LARGEST:g}')
+    return frozen_array(array)

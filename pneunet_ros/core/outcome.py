@@ -1,0 +1,18 @@
+"""What is given instead of an answer: a refusal with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """A reading that gave no estimate: `reason` is a key for counting, `sentence` for a person.
+
+    `error` tells that the estimator has stopped giving estimates, not just dropped one reading.
+    """
+
+    stamp_ns: int
+    reason: str
+    sentence: str
+    error: bool

@@ -1,0 +1,77 @@
+"""What the sensors said: immutable, SI, stamped in integer nanoseconds of the message header.
+
+A reading is kept as it came. What it means (gauge or absolute, sign and yaw of a force sensor,
+sensing effects of the model) is the estimator's business.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze, frozen_array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureReading:
+    """A pressure reading: Pa as the sensor reports it; `variance` in Pa^2, 0 = unknown."""
+
+    stamp_ns: int
+    pressure: float
+    variance: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrenchReading:
+    """An end load reading: force (N) and moment about z (N m) in the frame `frame_id`."""
+
+    stamp_ns: int
+    force_x: float
+    force_y: float
+    moment: float
+    frame_id: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TargetSightings:
+    """Where the white targets on the arm were seen: an entry per target, in order along the arm.
+
+    x, y, std (targets,) m in the base frame, std per axis; u, v px in the image as it came; area
+    px^2, largest and smallest axis major, minor (px) and angle (rad, of the major axis in the
+    image from +u towards +v) of the white area. NaN in all of them where a target was not seen.
+    """
+
+    stamp_ns: int
+    x: Array
+    y: Array
+    std: Array
+    u: Array
+    v: Array
+    area: Array
+    major: Array
+    minor: Array
+    angle: Array
+
+    def __post_init__(self) -> None:
+        """Check that there is one entry per target."""
+        shape = (len(self.x),)
+        for name in ('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle'):
+            given = getattr(self, name)
+            values = frozen_array(given, shape)
+            if values is not given:
+                object.__setattr__(self, name, values)
+
+    @property
+    def seen(self) -> int:
+        """How many targets were seen."""
+        return int(np.count_nonzero(np.isfinite(self.x)))
+
+
+def unseen_targets(stamp_ns: int, count: int) -> TargetSightings:
+    """Return the sightings of a frame in which none of so many targets is seen."""
+    nothing = freeze(np.full(count, np.nan))
+    values = dict.fromkeys(('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle'), nothing)
+    return TargetSightings(stamp_ns=stamp_ns, **values)
+
+
+Reading = PressureReading | WrenchReading

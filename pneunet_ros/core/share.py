@@ -1,0 +1,37 @@
+"""Where the files that are shipped with the package are: model files, recordings, launch files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import sys
+
+from pneunet_ros.core.errors import PneunetError
+
+SHARE = Path('share', 'pneunet_ros')
+
+
+def shipped(relative: str) -> Path:
+    """Find a shipped file or folder, say 'config/paper_arm.yaml', in a checkout or installed."""
+    folders = list(dict.fromkeys(_folders()))
+    for folder in folders:
+        if (folder / relative).exists():
+            return folder / relative
+    raise PneunetError(
+        f'the shipped file {relative} is missing; looked in {", ".join(map(str, folders))}; '
+        'install pneunet_ros again'
+    )
+
+
+def _folders() -> Iterator[Path]:
+    """Where shipped files may be: the checkout, the prefix of this package, other prefixes."""
+    package = Path(__file__).resolve().parent.parent
+    if (package.parent / 'package.xml').is_file():
+        yield package.parent
+    # <prefix>/lib/python3.x/site-packages/pneunet_ros, or <target>/pneunet_ros
+    yield from (parent / SHARE for parent in package.parents[:4] if (parent / SHARE).is_dir())
+    yield Path(sys.prefix) / SHARE
+    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
+        if prefix:
+            yield Path(prefix) / SHARE

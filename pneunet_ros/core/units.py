@@ -1,0 +1,97 @@
+"""SI inside; the only conversions, and `quantity`, which gives a dataclass field its unit.
+
+A field made by `quantity` carries unit, bounds, source and meaning in its metadata. The same
+declaration serves validation, the model file, `--help`, ROS parameter descriptions and the table
+of effects.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from pneunet_ros.core.errors import ModelError, PneunetError
+
+NANOSECONDS_PER_SECOND = 1_000_000_000
+PASCALS_PER_KILOPASCAL = 1000.0
+STANDARD_ATMOSPHERE = 101_325.0  # Pa
+
+# How much of the SI unit a unit is, by what is measured: the units in names of table columns.
+SI_PER_UNIT: dict[str, dict[str, float]] = {
+    'time': {'s': 1.0, 'ms': 1e-3, 'us': 1e-6},
+    'pressure': {
+        'pa': 1.0,
+        'hpa': 100.0,
+        'kpa': 1000.0,
+        'mbar': 100.0,
+        'bar': 1e5,
+        'psi': 6894.757293168,
+    },
+    'force': {'n': 1.0, 'mn': 1e-3, 'gf': 9.80665e-3},
+    'moment': {'n_m': 1.0, 'n_mm': 1e-3, 'mn_m': 1e-3},
+    'length': {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6},
+    'angle': {'rad': 1.0, 'deg': math.pi / 180.0},
+}
+
+
+def kilopascals(pressure: float) -> float:
+    """Pressure in kPa from Pa."""
+    return pressure / PASCALS_PER_KILOPASCAL
+
+
+def millimeters(length: float) -> float:
+    """Length in mm from m."""
+    return length * 1000.0
+
+
+def seconds_between(earlier_ns: int, later_ns: int) -> float:
+    """Seconds from one stamp to another, exact also for large stamps."""
+    return (later_ns - earlier_ns) / NANOSECONDS_PER_SECOND
+
+
+def quantity(
+    default: Any = dataclasses.MISSING,
+    *,
+    unit: str,
+    meaning: str = '',
+    bounds: tuple[float, float] = (-math.inf, math.inf),
+    prior: tuple[float, float] | None = None,
+    source: str = '',
+    shape: bool = False,
+) -> Any:
+    """Declare a dataclass field that is a physical quantity.
+
+    unit: SI unit, '-' for none. bounds: closed interval of allowed values. prior: interval in
+    which the value is expected before any data. source: where the default or the bounds come from.
+    shape: it says how something goes on, not how much of it there is.
+    """
+    metadata = {
+        'unit': unit,
+        'meaning': meaning,
+        'bounds': bounds,
+        'prior': prior or bounds,
+        'source': source,
+        'shape': shape,
+    }
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def quantities(owner: Any) -> tuple[dataclasses.Field[Any], ...]:
+    """Return the fields of a dataclass that were declared by `quantity`, in order."""
+    return tuple(field for field in dataclasses.fields(owner) if 'unit' in field.metadata)
+
+
+def check_quantities(owner: Any, where: str, error: type[PneunetError] = ModelError) -> None:
+    """Refuse a value that is no number, NaN, or outside the bounds of its declaration.
+
+    Infinity passes where a bound is infinite (a rod of infinite axial stiffness is inextensible).
+    """
+    for field in quantities(owner):
+        value = getattr(owner, field.name)
+        low, high = field.metadata['bounds']
+        name = f'{where}.{field.name}' if where else field.name
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise error(f'{name} must be a number in {field.metadata["unit"]}, not {value!r}')
+        if not low <= value <= high:
+            raise error(f'{name} = {value} is not within [{low}, {high}] {field.metadata["unit"]}')

@@ -1,0 +1,75 @@
+"""The gap between a model and recordings, in meters, and the floor that noise puts under it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.calibration.held_out import Score, score
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.linearization import Design
+from pneunet_ros.diagnosis.result import Misfit
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.forward_model import Series
+from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import SensorNoise
+
+
+def scores(arm: Arm, runs: Sequence[Run]) -> tuple[Score, ...]:
+    """Score every run; what the arm remembers is carried on from run to run by their stamps."""
+    pairs = zip(runs, drives_of(arm, runs), strict=True)
+    return tuple(score(arm, run, drive) for run, drive in pairs)
+
+
+def misfit(found: Sequence[Score], linear: Linear, which: range, design: Design) -> Misfit:
+    """Return what scores of runs come to; chi squared is that of the linear problem's runs.
+
+    Whitened residuals at the fit to the training runs: nothing is fitted to held-out ones.
+    """
+    squares = np.concatenate([item.error[np.isfinite(item.error)] ** 2 for item in found])
+    apart = np.concatenate([distances(item.error) for item in found])
+    residual = linear.residuals
+    chi = sum(float(residual[place] @ residual[place]) for place in which)
+    count = sum(2 * int(design.blocks[place].run.seen.sum()) for place in which)
+    return Misfit(
+        rms=float(np.sqrt(squares.mean())) if squares.size else float('nan'),
+        p95=float(np.percentile(apart, 95.0)) if apart.size else float('nan'),
+        chi_squared=chi / max(count, 1),
+    )
+
+
+def distances(error: Array) -> Array:
+    """Return the length of errors (frames, 2, targets) where they are known."""
+    apart = np.hypot(error[:, 0], error[:, 1]).ravel()
+    return apart[np.isfinite(apart)]
+
+
+def noise_floor(arm: Arm, runs: Sequence[Run], noise: SensorNoise) -> float:
+    """Return the rms (m) that a perfect model would have: white noise, placement, readings."""
+    squares, count = 0.0, 0
+    stds = np.array([noise.force_std, noise.force_std, noise.moment_std])
+    for run, drive in zip(runs, drives_of(arm, runs), strict=True):
+        series = Series(arm.target_arclength)
+        seen = run.seen & series.solve(arm, drive)[:, None]
+        points = series.points.copy()
+        # A load of exactly zero is none, and has no error.
+        attached = np.any(drive.loads != 0.0, axis=1)[:, None]
+        moved = np.sum((series.load_answer(arm, drive) * stds) ** 2, axis=2) * attached
+        series.solve(arm, replace(drive, pressure=drive.pressure + noise.pressure_std))
+        moved += (series.points - points).reshape(moved.shape) ** 2
+        both = np.concatenate([seen, seen], axis=1)
+        squares += float(moved[both & np.isfinite(moved)].sum())
+        squares += int(both.sum()) * (noise.target_std**2 + noise.placement_std**2)
+        count += int(both.sum())
+    return float(np.sqrt(squares / max(count, 1)))
+
+
+def closed(before: float, after: float, floor: float) -> float | None:
+    """Return the share of the removable gap that is closed; None where there was none."""
+    removable = before**2 - floor**2
+    if removable <= 0.0:
+        return None
+    return 1.0 - (after**2 - floor**2) / removable

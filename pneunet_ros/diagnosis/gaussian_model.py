@@ -1,0 +1,117 @@
+"""Linear algebra of hypotheses: what remains of a direction once the base model is refitted.
+
+All unknowns are scaled to unit prior. With columns X, residual r and position x of the unknowns
+(prior mean 0), V = 1 + X X^T is the covariance of residuals; z = E^T V^-1 r and C = E^T V^-1 E are
+the score of further columns E and its covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from scipy.linalg import cho_factor, cho_solve
+
+SEEN = 0.3  # of one unit: smaller parts of a field are not seen in these recordings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Linear:
+    """Runs as one linear problem: columns per run (rows, n), residuals (rows,), position (n,)."""
+
+    columns: tuple[Array, ...]
+    residuals: tuple[Array, ...]
+    position: Array
+    grams: tuple[Array, ...]
+    pulls: tuple[Array, ...]
+    squares: tuple[float, ...]
+    factor: tuple[Array, bool]
+    step: Array
+
+    @classmethod
+    def of(
+        cls,
+        columns: Sequence[Array],
+        residuals: Sequence[Array],
+        position: Array,
+        grams: Sequence[Array] = (),
+    ) -> Linear:
+        """Set the problem up and solve it; grams: column^T column per run, where known."""
+        grams = tuple(grams) or tuple(item.T @ item for item in columns)
+        pulls = tuple(item.T @ rest for item, rest in zip(columns, residuals, strict=True))
+        factor = cho_factor(sum(grams, np.eye(position.size)))
+        return cls(
+            columns=tuple(columns),
+            residuals=tuple(residuals),
+            position=position,
+            grams=grams,
+            pulls=pulls,
+            squares=tuple(float(rest @ rest) for rest in residuals),
+            factor=factor,
+            step=cho_solve(factor, sum(pulls, np.zeros(position.size)) - position),
+        )
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the unknowns, (n, n)."""
+        inverse: Array = cho_solve(self.factor, np.eye(self.position.size))
+        return inverse
+
+    def step_without(self, fixed: Sequence[int]) -> tuple[Array, float]:
+        """Return the best step with some unknowns kept, and by how much it lowers the cost."""
+        pull = sum(self.pulls, np.zeros(self.position.size)) - self.position
+        if not fixed:
+            return self.step, 0.5 * float(pull @ self.step)
+        free = np.setdiff1d(np.arange(pull.size), fixed)
+        precision = sum(self.grams, np.eye(pull.size))[np.ix_(free, free)]
+        step = np.zeros(pull.size)
+        step[free] = np.linalg.solve(precision, pull[free])
+        return step, 0.5 * float(pull @ step)
+
+    def solved(self, right: Array) -> Array:
+        """Return the covariance of the unknowns times something (n, k)."""
+        value: Array = cho_solve(self.factor, right)
+        return value
+
+    def best_residuals(self) -> tuple[Array, ...]:
+        """Residuals (rows,) of each run after the best step."""
+        pairs = zip(self.columns, self.residuals, strict=True)
+        return tuple(rest - item @ self.step for item, rest in pairs)
+
+    def inner(self, left: Sequence[Array], right: Sequence[Array]) -> Array:
+        """Return left^T V^-1 right for columns per run."""
+        plain = sum(a.T @ b for a, b in zip(left, right, strict=True))
+        over = sum(x.T @ a for x, a in zip(self.columns, left, strict=True))
+        other = (
+            over
+            if right is left
+            else sum(x.T @ b for x, b in zip(self.columns, right, strict=True))
+        )
+        value: Array = plain - np.asarray(over).T @ cho_solve(self.factor, np.asarray(other))
+        return value
+
+    def score(self, further: Sequence[Array]) -> Array:
+        """Return z of further columns (rows, k) per run."""
+        parts = zip(further, self.best_residuals(), strict=True)
+        value: Array = np.asarray(sum(item.T @ rest for item, rest in parts))
+        return value
+
+    def log_probability(self, without: int | None = None) -> float:
+        """Log of the probability of the runs, or of all but one, up to a constant of them all."""
+        kept = [which for which in range(len(self.grams)) if which != without]
+        size = self.position.size
+        precision = np.eye(size) + sum(
+            (self.grams[which] for which in kept), np.zeros((size,) * 2)
+        )
+        pull = sum((self.pulls[which] for which in kept), np.zeros(size)) - self.position
+        lower, _ = factor = cho_factor(precision, lower=True)
+        whole = sum(self.squares[which] for which in kept) + float(self.position @ self.position)
+        determinant = 2.0 * float(np.log(np.diag(lower)).sum())
+        return -0.5 * (whole - float(pull @ cho_solve(factor, pull)) + determinant)
+
+    def evidence(self) -> float:
+        """Log probability of every run predicted from the others, summed."""
+        whole = self.log_probability()
+        return sum(whole - self.log_probability(which) for which in range(len(self.grams)))

@@ -1,0 +1,252 @@
+"""Recordings linearized around a fit: how whitened points answer to all that could move them.
+
+The camera's path and the errors of readings are integrated out run by run. What is left unknown,
+each scaled so that its prior is normal with unit variance: the base model, the placement of the
+targets, and a field of harmless departures that no model is free of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pneunet_ros.calibration.map_estimation import Posterior
+from pneunet_ros.calibration.parameters import Unknowns
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Surroundings
+from pneunet_ros.effects.effect import Effect
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.forward_model import Series, THETA
+from pneunet_ros.measurement.inputs import Drive, drives_of
+from pneunet_ros.measurement.pressure_filter import calm
+from pneunet_ros.measurement.whitening import Whitening
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import SensorNoise
+
+TOLERANCE = 0.001  # of the length: rms of departures that matter to nobody; invented
+MOST_LOST = 0.02  # of the frames
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Block:
+    """One run: whitened columns, and what whitens more of them.
+
+    base (rows, n): model and placement, scaled; path (rows, k): what was integrated out; fields:
+    generic ones, not whitened; measured (frames, 2, targets) m.
+    """
+
+    run: Run
+    drive: Drive
+    series: Series
+    whitening: Whitening
+    directions: Array
+    shrink: Array
+    base: Array
+    path: Array
+    fields: Fields
+
+    def white(self, columns: Array) -> Array:
+        """Whiten columns (frames, 2 targets, n) m, (rows, n)."""
+        flat = self.whitening(columns).reshape(-1, columns.shape[2])
+        return self.filtered(flat)
+
+    def filtered(self, flat: Array) -> Array:
+        """Integrate out the path in whitened columns (rows, n)."""
+        along = self.directions.T @ flat
+        along *= self.shrink[:, None]
+        filtered: Array = flat - self.directions @ along
+        return filtered
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Point:
+    """Where recordings are linearized: values of the base model's unknowns, placement, effects.
+
+    placement (2, targets) m; effects come beside those of the model.
+    """
+
+    unknowns: Unknowns
+    values: Array
+    placement: Array
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def arm(self) -> Arm:
+        """The arm there."""
+        return self.with_effects().arm(self.values)
+
+    def with_effects(self) -> Unknowns:
+        """Return the unknowns of an arm that has the effects, too."""
+        frame = self.unknowns.frame
+        return replace(
+            self.unknowns, frame=replace(frame, effects=(*frame.effects, *self.effects))
+        )
+
+
+class Design:
+    """All runs around one point. `training` says how many of the runs, the first, are to fit."""
+
+    def __init__(
+        self,
+        point: Point,
+        runs: Sequence[Run],
+        training: int,
+        noise: SensorNoise,
+        acted: dict[tuple[Effect, ...], list[Drive]] | None = None,
+    ) -> None:
+        self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
+        # What acted does not depend on the base model: one table for all points.
+        self.acted = {} if acted is None else acted
+        self.calm = [calm(run) for run in self.runs]
+        pairs = zip(self.runs, self.calm, strict=True)
+        self.unrest = [run.frame_pressure - quiet.frame_pressure for run, quiet in pairs]
+        unknowns = point.with_effects()
+        arm = unknowns.arm(point.values)
+        self.length = arm.length
+        posterior = Posterior(unknowns, self.runs, noise, arm.target_arclength)
+        self.size, targets = posterior.size, arm.target_arclength.size
+        shared = self.size + 2 * targets
+        values = posterior.mean.copy()
+        values[:shared] = np.concatenate([point.values, point.placement.ravel()])
+        self.scale = posterior.scale[:shared, :shared]
+        self.mean = posterior.mean[:shared]
+        self.position = np.linalg.solve(self.scale, values[:shared] - self.mean)
+        drives = self.drives(arm)
+        around = Surroundings.of(arm, self.runs, drives)
+        self.blocks = [
+            self.block(posterior, which, arm, drive, values, around)
+            for which, drive in enumerate(drives)
+        ]
+        self.tolerance = self.tolerances()
+        self.fixed = [
+            np.concatenate(
+                [block.base, block.white(block.fields.generic * self.tolerance)], axis=1
+            )
+            for block in self.blocks
+        ]
+        self.grams = [item.T @ item for item in self.fixed]
+
+    def at(self, point: Point, runs: Sequence[Run] | None = None) -> Design:
+        """Return the same runs, or these, around another point."""
+        acted = self.acted if runs is None else None
+        return Design(point, runs or self.runs, self.training, self.noise, acted)
+
+    def of_training(self) -> Design:
+        """Return the training runs alone, around the same point."""
+        return self.at(self.point, self.runs[: self.training])
+
+    def block(
+        self,
+        posterior: Posterior,
+        which: int,
+        arm: Arm,
+        drive: Drive,
+        values: Array,
+        around: Surroundings,
+    ) -> Block:
+        """Linearize one run."""
+        size = self.size
+        fitted, beside = posterior.one(which, arm, drive, values[size:])
+        jacobian = posterior.jacobian(which, fitted, arm, values[:size], beside)
+        whitening = posterior.whitenings[which]
+        assert whitening is not None
+        targets = arm.target_arclength.size
+        own = size + posterior.disturbances.of_run(which)
+        scale = posterior.scale
+        white = whitening(jacobian).reshape(-1, jacobian.shape[2])
+        first = white[:, :size] @ scale[:size, :size]
+        placed = (
+            white[:, size : size + 2 * targets]
+            @ scale[np.ix_(own, own)][: 2 * targets, : 2 * targets]
+        )
+        path = (
+            white[:, size + 2 * targets :] @ scale[np.ix_(own, own)][2 * targets :, 2 * targets :]
+        )
+        directions, shrink = filter_of(path)
+        unknowns = self.point.unknowns
+        knots = jacobian[:, :, : unknowns.cells]
+        knots = knots.reshape(*knots.shape[:2], unknowns.pressure.size, -1).sum(axis=2)
+        block = Block(
+            run=self.runs[which],
+            drive=drive,
+            series=posterior.series[which],
+            whitening=whitening,
+            directions=directions,
+            shrink=shrink,
+            base=np.zeros((0, 0)),
+            path=path,
+            fields=fields_of(around, which, knots, fitted.fields[:, THETA]),
+        )
+        return replace(block, base=block.filtered(np.concatenate([first, placed], axis=1)))
+
+    def tolerances(self) -> Array:
+        """Return the size of every generic field that is harmless, (fields,).
+
+        Together they move the points by TOLERANCE of the length, root mean square.
+        """
+        squares = sum(np.sum(block.fields.generic**2, axis=(0, 1)) for block in self.blocks)
+        rows = sum(
+            block.fields.generic.shape[0] * block.fields.generic.shape[1] for block in self.blocks
+        )
+        rms = np.sqrt(np.asarray(squares) / rows)
+        each = TOLERANCE * self.length / np.sqrt(rms.size)
+        return np.where(rms > 0.0, each / np.maximum(rms, 1e-300), 0.0)
+
+    def residual(
+        self, values: Array, effects: Sequence[Effect], which: range
+    ) -> list[Array] | None:
+        """Return whitened residuals (rows,) of runs for a model; None where it has no shape.
+
+        Placement and departures are not taken off; effects come beside those of the model.
+        """
+        try:
+            arm = replace(self.point, values=values, effects=tuple(effects)).arm
+            points = self.points(arm, which)
+        except ModelError:  # a rigidity through zero
+            return None
+        if points is None:
+            return None
+        out = []
+        for place, predicted in zip(which, points, strict=True):
+            block = self.blocks[place]
+            apart = np.stack([block.run.x, block.run.y], axis=1) - predicted
+            out.append(block.white(apart.reshape(len(apart), -1, 1))[:, 0])
+        return out
+
+    def drives(self, arm: Arm) -> list[Drive]:
+        """Return what acted on an arm in all runs; the noise of a reading has no past."""
+        key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting))
+        if key not in self.acted:
+            drives = drives_of(arm, self.calm)
+            self.acted[key] = [
+                replace(drive, pressure=drive.pressure + more)
+                for drive, more in zip(drives, self.unrest, strict=True)
+            ]
+        return self.acted[key]
+
+    def points(self, arm: Arm, which: range) -> list[Array] | None:
+        """Return the measured points (frames, 2, targets) m of an arm; None where it has none."""
+        out = []
+        drives = self.drives(arm)
+        for place in which:
+            drive = drives[place]
+            block = self.blocks[place]
+            solved = block.series.solve(arm, drive)
+            lost = block.whitening.mask.any(axis=1) & ~solved
+            if lost.mean() > MOST_LOST:
+                return None
+            # A frame without equilibrium says nothing: as if the model were right there.
+            here = np.stack([block.run.x, block.run.y], axis=1)
+            out.append(np.where(lost[:, None, None], here, block.series.points))
+        return out
+
+
+def filter_of(columns: Array) -> tuple[Array, Array]:
+    """Return directions (rows, k) and shares (k,) that integrate columns of unit prior out."""
+    gram = columns.T @ columns
+    sizes, turned = np.linalg.eigh(gram)
+    kept = sizes > 1e-9 * max(float(sizes[-1]), 1e-300)
+    directions = columns @ (turned[:, kept] / np.sqrt(sizes[kept]))
+    return directions, 1.0 - 1.0 / np.sqrt(1.0 + sizes[kept])

@@ -1,0 +1,34 @@
+"""A shape predicted from readings, with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.model.shape import Shape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ShapeEstimate:
+    """A shape predicted from readings, with its uncertainty.
+
+    `jacobian` (3, 4): d(x, y, theta of the tip) / d(pressure in the chamber, F1, F2, M).
+    `tip_covariance` (3, 3) of (x, y, theta). `std_x`, `std_y` (m) and `std_curvature` (1/m) per
+    station. `stamp_ns` is the pressure reading's; `warnings` are sentences about what limits the
+    estimate.
+    """
+
+    stamp_ns: int
+    shape: Shape
+    chamber_pressure: float
+    jacobian: Array
+    tip_covariance: Array
+    std_x: Array
+    std_y: Array
+    std_curvature: Array
+    wrench_age: float | None
+    warnings: tuple[str, ...]
+
+
+Outcome = ShapeEstimate | Refusal | None

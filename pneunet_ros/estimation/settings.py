@@ -1,0 +1,65 @@
+"""The settings of an estimator: what it must know of sensors and stack around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.settings import check_settings, setting
+from pneunet_ros.core.units import quantity, STANDARD_ATMOSPHERE
+from pneunet_ros.model.equilibrium import DEFAULT_STATIONS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatorSettings:
+    """What the estimator must know of sensors and stack around it; never physics of the arm."""
+
+    frame_id: str = setting(BASE_FRAME, 'frame of all outputs, at the clamp')
+    stations: int = setting(DEFAULT_STATIONS, 'number of stations along the arm', bounds=(2, 2000))
+    wrench_required: bool = setting(
+        True, 'estimate only with a fresh end wrench; false: no wrench topic, the arm is unloaded'
+    )
+    wrench_timeout: float = quantity(
+        0.5, unit='s', meaning='largest age of the end wrench that is used', bounds=(1e-3, 3600.0)
+    )
+    input_timeout: float = quantity(
+        0.5, unit='s', meaning='silence of the pressure that is an error', bounds=(1e-3, 3600.0)
+    )
+    pressure_reference: str = setting(
+        'gauge', 'what the pressure sensor reports', ('gauge', 'absolute')
+    )
+    ambient_pressure: float = quantity(
+        STANDARD_ATMOSPHERE,
+        unit='Pa',
+        meaning='subtracted where the pressure is absolute',
+        bounds=(3e4, 1.2e5),
+    )
+    pressure_offset: float = quantity(
+        0.0, unit='Pa', meaning='added to every pressure reading', bounds=(-1e6, 1e6)
+    )
+    wrench_sign: int = setting(
+        1, '-1 where the sensor reports the force of the arm on it', (1, -1)
+    )
+    wrench_yaw: float = quantity(
+        0.0,
+        unit='rad',
+        meaning='angle of the wrench axes in the base frame, counter-clockwise',
+        bounds=(-7.0, 7.0),
+    )
+    wrench_frame: str = setting('', 'frame id, beside frame_id, that wrench messages may carry')
+    watch_targets: bool = setting(
+        True, 'compare measured targets, where there are any, with the estimate'
+    )
+    watch_time: float = quantity(
+        2.0,
+        unit='s',
+        meaning='time over which the disagreement of targets and estimate is averaged',
+        bounds=(0.1, 3600.0),
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their declaration."""
+        check_settings(self)
+        if not self.frame_id:
+            raise RequestError('frame_id must not be empty')

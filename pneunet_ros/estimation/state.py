@@ -1,0 +1,94 @@
+"""What an estimator remembers from one reading to the next, and which readings it admits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+import math
+from types import MappingProxyType
+
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
+from pneunet_ros.core.stamps import counted, stamp_fault, STARTS_ANEW
+from pneunet_ros.effects.effect import History
+from pneunet_ros.solver.solution import SolverNodes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EstimatorState:
+    """All that an estimator remembers from one reading to the next."""
+
+    pressure_stamp_ns: int | None = None
+    wrench: WrenchReading | None = None
+    history: tuple[History, ...] | None = None
+    solution: SolverNodes | None = None
+    estimates: int = 0
+    resets: int = 0
+    rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+    def with_wrench(self, wrench: WrenchReading) -> EstimatorState:
+        """After an end wrench, in the base frame."""
+        return replace(self, wrench=wrench)
+
+    def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
+        """After a pressure reading without an estimate: there is no branch to follow any more."""
+        return EstimatorState(
+            pressure_stamp_ns=stamp_ns,
+            wrench=self.wrench,
+            history=history,
+            estimates=self.estimates,
+            resets=self.resets,
+            rejected=self.rejected,
+        )
+
+    def with_estimate(
+        self, stamp_ns: int, history: tuple[History, ...], solution: SolverNodes
+    ) -> EstimatorState:
+        """After an estimate, whose branch the next one follows."""
+        return EstimatorState(
+            pressure_stamp_ns=stamp_ns,
+            wrench=self.wrench,
+            history=history,
+            solution=solution,
+            estimates=self.estimates + 1,
+            resets=self.resets,
+            rejected=self.rejected,
+        )
+
+    def fresh(self) -> EstimatorState:
+        """Forget all readings and start anew; only the counts go on."""
+        return EstimatorState(
+            estimates=self.estimates, resets=self.resets + 1, rejected=self.rejected
+        )
+
+    def counting(self, reason: str) -> EstimatorState:
+        """Count one more rejected reading."""
+        return replace(self, rejected=counted(self.rejected, reason))
+
+
+def admitted(
+    state: EstimatorState, reading: Reading
+) -> tuple[EstimatorState, Refusal | None, str]:
+    """Whether a reading may be used: finite, stamped, and later than the last one of its kind.
+
+    A stamp that jumps back by more than a second (a looping bag, a restarted simulation) starts
+    anew: the third value says so.
+    """
+    what = 'pressure' if isinstance(reading, PressureReading) else 'end wrench'
+    last = state.pressure_stamp_ns
+    if isinstance(reading, WrenchReading):
+        last = None if state.wrench is None else state.wrench.stamp_ns
+        values: tuple[float, ...] = (reading.force_x, reading.force_y, reading.moment)
+    else:
+        values = (reading.pressure, reading.variance)
+    stamp_ns = reading.stamp_ns
+    if not all(math.isfinite(value) for value in values):
+        reason, sentence = 'not_finite', f'{what} reading holds NaN or infinity'
+    else:
+        reason, sentence = stamp_fault(f'{what} reading', last, stamp_ns)
+    if reason == STARTS_ANEW:
+        return state.fresh(), None, sentence
+    if reason:
+        refusal = Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)
+        return state, refusal, ''
+    return state, None, ''

@@ -1,0 +1,1 @@
+"""YAML, npz and JSON files, read and written whole."""

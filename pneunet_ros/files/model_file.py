@@ -1,0 +1,189 @@
+"""The model file: YAML in SI <-> an immutable `Arm`; an unknown key is an error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+import hashlib
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.units import quantities
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.effect import Effect
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.yaml_file import given, YamlFile
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.model.moment_law import law_fields, MOMENT_LAWS, MomentLaw
+from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
+from ruamel.yaml import YAML
+
+SCHEMA_VERSION = 1
+TOP = (
+    'schema_version',
+    'name',
+    'arm',
+    'intrinsic_curvature',
+    'moment_law',
+    'effects',
+    'sensors',
+    'covariance',
+    'sources',
+    'provenance',
+)
+OPTIONAL = {'effects', 'covariance', 'sources', 'provenance'}
+MODEL_FILE = YamlFile(kind='model file', error=ModelError, number_name='a number in SI units')
+
+
+def load_model(path: str | Path) -> Arm:
+    """Read a model file; ModelError names the file, the key and what is allowed there."""
+    return MODEL_FILE.load(path, arm_from_mapping)
+
+
+def save_model(arm: Arm, path: str | Path, overwrite: bool = False) -> None:
+    """Write a model file, whole or not at all; an existing file is refused without `overwrite`."""
+    yaml = YAML(typ='safe', pure=True)
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.width = 99
+    stream = io.StringIO()
+    yaml.dump(mapping_from_arm(arm), stream)
+    with atomic_output(Path(path), overwrite=overwrite) as temporary:
+        temporary.write_text(stream.getvalue(), encoding='utf-8')
+
+
+def model_hash(arm: Arm) -> str:
+    """Identity of a model: SHA-256 over its content, whatever the layout of the file."""
+    canonical = json.dumps(mapping_from_arm(arm), sort_keys=True, default=str)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def arm_from_mapping(content: Any) -> Arm:
+    """Build the arm from the content of a model file."""
+    top = MODEL_FILE.block(content, '', TOP, OPTIONAL)
+    MODEL_FILE.check_version(top['schema_version'], SCHEMA_VERSION)
+    arm_keys = ('length', 'weight', 'clamp_angle', 'target_arclength')
+    arm = MODEL_FILE.block(top['arm'], 'arm', arm_keys, {'clamp_angle', 'target_arclength'})
+    curvature_keys = ('pressure', 'arclength', 'curvature')
+    curvature = MODEL_FILE.block(top['intrinsic_curvature'], 'intrinsic_curvature', curvature_keys)
+    if not isinstance(top['name'], str) or not top['name']:
+        raise ModelError(f'name must be a text, not {top["name"]!r}')
+    covariance = top.get('covariance')
+    return Arm(
+        name=top['name'],
+        **{
+            key: MODEL_FILE.number(value, f'arm.{key}')
+            for key, value in arm.items()
+            if key != arm_keys[3]
+        },
+        target_arclength=given(arm.get('target_arclength'), []),
+        intrinsic_curvature=IntrinsicCurvature(**curvature),
+        moment_law=law_from_mapping(top['moment_law']),
+        effects=effects_from_mapping(given(top.get('effects'), {})),
+        sensors=SensorNoise(**MODEL_FILE.numbers_of(SensorNoise, top['sensors'], 'sensors')),
+        covariance=None if covariance is None else covariance_from_mapping(covariance),
+        sources=texts(given(top.get('sources'), {}), 'sources'),
+        provenance=tree(given(top.get('provenance'), {}), 'provenance'),
+    )
+
+
+def mapping_from_arm(arm: Arm) -> dict[str, Any]:
+    """Return the content of a model file, in the order of its documentation."""
+    law = arm.moment_law
+    return {
+        'schema_version': SCHEMA_VERSION,
+        'name': arm.name,
+        'arm': {
+            'length': arm.length,
+            'weight': arm.weight,
+            'clamp_angle': arm.clamp_angle,
+            'target_arclength': arm.target_arclength.tolist(),
+        },
+        'intrinsic_curvature': {
+            key: getattr(arm.intrinsic_curvature, key).tolist()
+            for key in ('pressure', 'arclength', 'curvature')
+        },
+        'moment_law': {'kind': law.kind}
+        | {key: plain(getattr(law, key)) for key in law_fields(type(law))},
+        'effects': {
+            effect.name: {item.name: getattr(effect, item.name) for item in quantities(effect)}
+            for effect in arm.effects
+        },
+        'sensors': {item.name: getattr(arm.sensors, item.name) for item in fields(arm.sensors)},
+        'covariance': None
+        if arm.covariance is None
+        else {
+            'quantities': list(arm.covariance.quantities),
+            'factor': arm.covariance.factor.tolist(),
+        },
+        'sources': dict(arm.sources),
+        'provenance': dict(arm.provenance),
+    }
+
+
+def law_from_mapping(content: Any) -> MomentLaw:
+    """Build the moment law that `kind` names."""
+    kinds = ', '.join(MOMENT_LAWS)
+    kind = MODEL_FILE.mapping(content, 'moment_law').get('kind')
+    if not isinstance(kind, str) or kind not in MOMENT_LAWS:
+        raise ModelError(f'moment_law.kind must be one of {kinds}, not {kind!r}')
+    law = MOMENT_LAWS[kind]
+    values = MODEL_FILE.block(content, 'moment_law', ('kind', *law_fields(law)))
+    del values['kind']
+    scalar = {item.name for item in quantities(law)}
+    return law(
+        **{
+            key: MODEL_FILE.number(value, f'moment_law.{key}') if key in scalar else value
+            for key, value in values.items()
+        }
+    )
+
+
+def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
+    """Build the effects that the file names, with their parameters."""
+    named = MODEL_FILE.block(content, 'effects', tuple(EFFECTS), set(EFFECTS))
+    return tuple(
+        EFFECTS[name](**MODEL_FILE.numbers_of(EFFECTS[name], given(values, {}), f'effects.{name}'))
+        for name, values in named.items()
+    )
+
+
+def covariance_from_mapping(content: Any) -> ModelCovariance:
+    """Build the low-rank covariance."""
+    values = MODEL_FILE.block(content, 'covariance', ('quantities', 'factor'))
+    names = values['quantities']
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ModelError('covariance.quantities must be a list of dotted names')
+    return ModelCovariance(quantities=tuple(names), factor=values['factor'])
+
+
+def texts(content: Any, where: str) -> dict[str, str]:
+    """Return a mapping of names to texts."""
+    values = MODEL_FILE.mapping(content, where)
+    for key, value in values.items():
+        if not isinstance(value, str):
+            raise ModelError(f'{where}.{key} must be a text, not {value!r}')
+    return values
+
+
+def tree(content: Any, where: str) -> dict[str, Any]:
+    """Return a mapping with text keys, and so are all mappings inside."""
+    values = MODEL_FILE.mapping(content, where)
+    inside: list[Any] = list(values.values())
+    while inside:
+        value = inside.pop()
+        if isinstance(value, Mapping):
+            inside.extend(MODEL_FILE.mapping(value, where).values())
+        elif isinstance(value, list):
+            inside.extend(value)
+    return values
+
+
+def plain(value: Any) -> Any:
+    """Return an array as nested lists, anything else as it is."""
+    return value.tolist() if isinstance(value, np.ndarray) else value

@@ -1,0 +1,165 @@
+"""The scenario file of the virtual lab: YAML in SI -> `Scenario`; an unknown key is an error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from pneunet_ros.core.arrays import table_array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.files.yaml_file import given, YamlFile
+from pneunet_ros.lab.lab_arm import LabArm, varied
+from pneunet_ros.lab.lab_effect import LabEffect
+from pneunet_ros.lab.outside_effects import ALL_EFFECTS
+from pneunet_ros.lab.protocols import Protocol, PROTOCOLS, SlowRamp
+from pneunet_ros.lab.scenario import Detail, Scenario
+from pneunet_ros.lab.sensors import LabNoise, Rates
+
+SCHEMA_VERSION = 1
+FOLDER = 'scenarios'  # of the shipped ones
+NEEDED = ('schema_version', 'name', 'arm', 'protocol')
+OPTIONAL = ('seed', 'start', 'arm_seed', 'effects', 'richness', 'noise', 'rates', 'detail')
+ARM_KEYS = (
+    'schema_version',
+    'name',
+    'length',
+    'weight',
+    'clamp_angle',
+    'targets',
+    'intrinsic_curvature',
+    'moment_law',
+)
+FILE = YamlFile(kind='scenario file', error=RequestError, number_name='a number in SI units')
+ARM_FILE = YamlFile(kind='lab arm file', error=RequestError, number_name='a number in SI units')
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Read a scenario file; RequestError names the file, the key and what is allowed there."""
+    path = Path(path)
+    return FILE.load(path, lambda content: scenario_from_mapping(content, path.parent))
+
+
+def load_lab(path: str | Path) -> Scenario:
+    """Read a scenario file, or the file of an arm alone: then the arm with the lab's defaults."""
+    path = Path(path)
+    return FILE.load(path, lambda content: lab_from_mapping(content, path.parent))
+
+
+def lab_from_mapping(content: Any, folder: Path) -> Scenario:
+    """Build a scenario from the content of its file or of that of an arm, which has no `arm`."""
+    if isinstance(content, dict) and 'arm' not in content and 'protocol' not in content:
+        arm = arm_from_mapping(content, '')
+        return Scenario(name=arm.name, arm=arm, protocol=SlowRamp())
+    return scenario_from_mapping(content, folder)
+
+
+def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
+    """Build a scenario from the content of its file; its arm may be a file in that folder."""
+    top = FILE.block(content, '', (*NEEDED, *OPTIONAL), set(OPTIONAL))
+    FILE.check_version(top['schema_version'], SCHEMA_VERSION)
+    arm = top['arm']
+    if isinstance(arm, str):
+        if not arm or Path(arm).name != arm or arm == '..':
+            raise RequestError(
+                f'arm must be a block, or the name of a file beside it, not {arm!r}'
+            )
+        arm = ARM_FILE.load(folder / arm, lambda content: arm_from_mapping(content, ''))
+    else:
+        arm = arm_from_mapping(arm, 'arm')
+    richness = FILE.number(given(top.get('richness'), 0.0), 'richness')
+    return Scenario(
+        name=text(top['name'], 'name'),
+        seed=whole(given(top.get('seed'), 0), 'seed'),
+        start=FILE.number(given(top.get('start'), 0.0), 'start'),
+        arm=varied(arm, whole(given(top.get('arm_seed'), 0), 'arm_seed')),
+        effects=effects_from_mapping(given(top.get('effects'), {}), richness),
+        protocol=protocol_from_mapping(top['protocol']),
+        noise=LabNoise(**FILE.numbers_of(LabNoise, given(top.get('noise'), {}), 'noise')),
+        rates=Rates(**FILE.numbers_of(Rates, given(top.get('rates'), {}), 'rates')),
+        detail=Detail(**FILE.numbers_of(Detail, given(top.get('detail'), {}), 'detail')),
+    )
+
+
+def arm_from_mapping(content: Any, where: str) -> LabArm:
+    """Build the arm of the lab from its file, or from the block `arm` of a scenario."""
+    optional = {'schema_version', 'clamp_angle'} if where else {'clamp_angle'}
+    values = FILE.block(content, where, ARM_KEYS, optional)
+    FILE.check_version(values.get('schema_version', SCHEMA_VERSION), SCHEMA_VERSION)
+    prefix = f'{where}.' if where else ''
+    curvature, law = (f'{prefix}{name}' for name in ('intrinsic_curvature', 'moment_law'))
+    kappa = FILE.block(values['intrinsic_curvature'], curvature, ('pressure', 'modes'))
+    moment = FILE.block(values['moment_law'], law, ('pressure', 'split', 'rigidity'))
+    return LabArm(
+        name=text(values['name'], f'{prefix}name'),
+        length=FILE.number(values['length'], f'{prefix}length'),
+        weight=FILE.number(values['weight'], f'{prefix}weight'),
+        clamp_angle=FILE.number(values.get('clamp_angle', 0.0), f'{prefix}clamp_angle'),
+        targets=table_array(values['targets'], f'{prefix}targets', 1, RequestError),
+        curvature_pressure=table_array(
+            kappa['pressure'], f'{curvature}.pressure', 1, RequestError
+        ),
+        modes=table_array(kappa['modes'], f'{curvature}.modes', 2, RequestError),
+        law_pressure=table_array(moment['pressure'], f'{law}.pressure', 1, RequestError),
+        split=table_array(moment['split'], f'{law}.split', 1, RequestError),
+        rigidity=table_array(moment['rigidity'], f'{law}.rigidity', 2, RequestError),
+    )
+
+
+def effects_from_mapping(content: Any, richness: float) -> tuple[LabEffect, ...]:
+    """Build the effects of a scenario; those that do not say how rich they are get `richness`."""
+    effects = FILE.block(content, 'effects', tuple(ALL_EFFECTS), set(ALL_EFFECTS))
+    built = []
+    for name, parameters in effects.items():
+        kind = ALL_EFFECTS[name]
+        numbers = FILE.numbers_of(kind, given(parameters, {}), f'effects.{name}')
+        built.append(kind(**({'richness': richness} | numbers)))
+    return tuple(built)
+
+
+def protocol_from_mapping(content: Any) -> Protocol:
+    """Build the protocol of a scenario."""
+    values = FILE.mapping(content, 'protocol')
+    kind = PROTOCOLS.get(str(values.get('kind')))
+    if kind is None:
+        raise RequestError(f'protocol.kind must be one of {", ".join(PROTOCOLS)}')
+    lists = kind.lists()
+    numbers: dict[str, Any] = {**FILE.numbers_of(kind, content, 'protocol', ('kind', *lists))}
+    numbers |= {
+        name: tuple(table_array(values[name], f'protocol.{name}', 1, RequestError).tolist())
+        for name in lists
+        if name in values
+    }
+    return kind(**numbers)
+
+
+def changes_of(pairs: Iterable[str]) -> dict[str, dict[str, float]]:
+    """Return parameters of effects by effect, from texts such as `gravity.weight_y=-1.5`."""
+    changes: dict[str, dict[str, float]] = {}
+    for pair in pairs:
+        name, equals, value = pair.partition('=')
+        effect, dot, parameter = name.partition('.')
+        try:
+            number = float(value)
+        except ValueError:
+            number = float('nan')
+        if not (equals and dot and parameter) or number != number:
+            raise RequestError(
+                f'--effect {pair} is not of the form NAME.PARAMETER=VALUE with a number as value'
+            )
+        changes.setdefault(effect, {})[parameter] = number
+    return changes
+
+
+def text(value: Any, where: str) -> str:
+    """Return a text of the file."""
+    if not isinstance(value, str) or not value:
+        raise RequestError(f'{where} must be a text, not {value!r}')
+    return value
+
+
+def whole(value: Any, where: str) -> int:
+    """Return a whole number of the file that can be a seed."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
+        raise RequestError(f'{where} must be a whole number from 0 on, not {value!r}')
+    return value

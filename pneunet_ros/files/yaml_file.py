@@ -1,0 +1,166 @@
+"""YAML files of people: read safely, and every mistake is one sentence that says where it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, MISSING
+from itertools import accumulate
+import math
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.units import quantities
+from ruamel.yaml import YAML
+from ruamel.yaml.constructor import ConstructorError, SafeConstructor
+from ruamel.yaml.error import YAMLError
+
+LARGEST_FILE = 1_000_000  # bytes
+LARGEST_CONTENT = 1_000_000  # values, counted as often as aliases repeat them
+DEEPEST = 100  # brackets within brackets
+LARGEST_INTEGER = 10**1000  # Python refuses to write out much longer ones, even in a sentence
+LONGEST_SENTENCE = 600  # characters
+
+Built = TypeVar('Built')
+
+
+class PlainConstructor(SafeConstructor):
+    """Plain values alone: lists of merge keys would grow without bound, and nobody needs one."""
+
+    def flatten_mapping(self, node: Any) -> None:
+        """Refuse merge keys."""
+        for key, _ in node.value:
+            if key.tag == 'tag:yaml.org,2002:merge':
+                raise ConstructorError(
+                    problem='merge keys (<<) are not read here: write the values out',
+                    problem_mark=key.start_mark,
+                )
+        super().flatten_mapping(node)
+
+    def construct_yaml_int(self, node: Any) -> int:
+        """Refuse integers that no sentence could name."""
+        number: int = super().construct_yaml_int(node)
+        if abs(number) > LARGEST_INTEGER:
+            raise ConstructorError(
+                problem='an integer of more than 1000 digits', problem_mark=node.start_mark
+            )
+        return number
+
+
+PlainConstructor.add_constructor('tag:yaml.org,2002:int', PlainConstructor.construct_yaml_int)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class YamlFile:
+    """A kind of file, as sentences call it, the error they are raised as, and its numbers."""
+
+    kind: str
+    error: type[PneunetError]
+    number_name: str = 'a number'
+
+    def load(self, path: str | Path, build: Callable[[Any], Built]) -> Built:
+        """Build something from the content of a file; the error names the file and the key."""
+        path = Path(path)
+        try:
+            with path.open('rb') as stream:  # a device may have no end
+                data = stream.read(LARGEST_FILE + 1)
+            if len(data) > LARGEST_FILE:
+                raise self.error(
+                    f'{path} is larger than {LARGEST_FILE // 1_000_000} MB: no {self.kind}'
+                )
+            text = data.decode('utf-8')
+        except (OSError, ValueError) as error:
+            raise self.error(f'cannot read the {self.kind} {path}: {error}') from None
+        if depth_of(text) > DEEPEST:
+            raise self.error(f'{path} is not valid YAML: more than {DEEPEST} brackets are open')
+        try:
+            yaml = YAML(typ='safe', pure=True)
+            yaml.Constructor = PlainConstructor
+            content = yaml.load(text)
+        except (YAMLError, ValueError, LookupError, TypeError, RecursionError) as error:
+            raise self.error(f'{path} is not valid YAML: {one_line(error)}') from None
+        try:
+            if size_of(content, {}) > LARGEST_CONTENT:
+                raise self.error(f'aliases make it more than {LARGEST_CONTENT:,} values')
+            return build(content)
+        except self.error as error:
+            raise self.error(f'{path}: {one_line(error)}') from None
+
+    def mapping(self, content: Any, where: str) -> dict[str, Any]:
+        """Return a mapping with text keys, or raise the error."""
+        if not isinstance(content, Mapping) or not all(isinstance(key, str) for key in content):
+            raise self.error(f'{where or "the file"} must be a mapping of names to values')
+        return dict(content)
+
+    def block(
+        self, content: Any, where: str, known: tuple[str, ...], optional: set[str] | None = None
+    ) -> dict[str, Any]:
+        """Return a mapping that holds all known keys (but the optional ones) and no other."""
+        values = self.mapping(content, where)
+        prefix = f'{where}.' if where else ''
+        for key in values:
+            if key not in known:
+                raise self.error(f'unknown key {prefix}{key}; known here: {", ".join(known)}')
+        missing = [key for key in known if key not in values and key not in (optional or set())]
+        if missing:
+            raise self.error(f'{prefix}{missing[0]} is missing; needed here: {", ".join(known)}')
+        return values
+
+    def check_version(self, given: Any, known: int) -> None:
+        """Refuse a file that was written for another version of its layout."""
+        if isinstance(given, bool) or given != known:
+            raise self.error(f'schema_version {given!r} is not known; known: {known}')
+
+    def numbers_of(
+        self, owner: type, content: Any, where: str, others: tuple[str, ...] = ()
+    ) -> dict[str, float]:
+        """Return the quantities of a dataclass from a mapping; those with a default are optional.
+
+        `others` are keys that the mapping may hold beside them; they are left out.
+        """
+        declared = quantities(owner)
+        optional = {item.name for item in declared if item.default is not MISSING}
+        names = (*others, *(item.name for item in declared))
+        values = self.block(content, where, names, {*optional, *others})
+        return {
+            key: self.number(value, f'{where}.{key}')
+            for key, value in values.items()
+            if key not in others
+        }
+
+    def number(self, value: Any, where: str) -> float:
+        """Return a number of the file."""
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
+            raise self.error(f'{where} must be {self.number_name}, not {value!r}')
+        try:
+            return float(value)
+        except OverflowError:
+            raise self.error(f'{where} is too large for {self.number_name}') from None
+
+
+def one_line(error: Exception) -> str:
+    """Return the text of an error, in one line of bounded length."""
+    words = ' '.join(str(error).split())
+    return words if len(words) <= LONGEST_SENTENCE else f'{words[:LONGEST_SENTENCE]} ...'
+
+
+def depth_of(text: str) -> int:
+    """Return how many brackets are open at most; the parser takes forever where they are many."""
+    steps = ((mark in '[{') - (mark in ']}') for mark in text if mark in '[]{}')
+    return max(accumulate(steps), default=0)
+
+
+def size_of(content: Any, known: dict[int, float]) -> float:
+    """How many values this is with all aliases written out; infinite where it holds itself."""
+    if not isinstance(content, (dict, list)):
+        return 1.0
+    if id(content) not in known:
+        known[id(content)] = math.inf
+        values = content.values() if isinstance(content, dict) else content
+        known[id(content)] = 1.0 + sum(size_of(value, known) for value in values)
+    return known[id(content)]
+
+
+def given(value: Any, otherwise: Any) -> Any:
+    """Return what a file says at a key, or what an empty place stands for."""
+    return otherwise if value is None else value

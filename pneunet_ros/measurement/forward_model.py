@@ -1,0 +1,205 @@
+"""What the model says of a recording: where the targets are in every frame, and how that answers.
+
+The answer is taken for every column of the record of the rod (loads, knots of the curvature's
+table, rigidities, split, ...); the answer to a parameter is the chain rule over them. The solver
+is the same as live; frames start from their own last solution.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.solver import collocation
+from pneunet_ros.solver.boundary_value_problem import (
+    Attempt,
+    DECAY_PER_PANEL,
+    FINEST_DETAIL,
+    MOST_PANELS,
+    TURN_PER_PANEL,
+)
+from pneunet_ros.solver.frame_series import answers, follow
+from pneunet_ros.solver.rod import RIGIDITY, Rods
+from scipy.interpolate import CubicSpline
+
+Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
+
+X, Y, THETA, CURVATURE, INTRINSIC_CURVATURE, MOMENT = range(6)  # fields at stations
+
+
+class Series:
+    """The shapes of an arm in the frames of a run, kept as starts for the next, changed arm."""
+
+    __slots__ = (
+        'arclength',
+        'counts',
+        'detail',
+        'fields',
+        'known',
+        'nodes',
+        'points',
+        'solved',
+        'stable',
+    )
+
+    def __init__(self, arclength: Array) -> None:
+        self.arclength = arclength
+        self.counts = np.zeros(0, dtype=np.int64)
+
+    def solve(self, arm: Arm, drive: Drive) -> npt.NDArray[np.bool_]:
+        """Solve all frames; return which have a shape.
+
+        Fills `fields` (frames, 6, stations) and `points` (frames, 2, stations), where the stations
+        are measured by a camera of which only the effects of the arm are known.
+        """
+        rods = arm.rods(drive.pressure, drive.histories)
+        counts = mesh_counts(rods, drive.loads)
+        if self.counts.size != counts.size or np.any(counts > self.counts):
+            self.start_anew(counts, len(drive.pressure))
+        self.settle(arm, rods, drive.loads)
+        self.points = np.stack(arm.see(self.fields[:, X], self.fields[:, Y]), axis=1)
+        return self.solved
+
+    def settle(self, arm: Arm, rods: Rods, loads: Array) -> None:
+        """Solve on a mesh that carries the solutions; what is too fine for any is not solved."""
+        while True:
+            self.sweep(arm, rods, loads)
+            if not np.any(self.detail[self.solved] > FINEST_DETAIL * arm.length):
+                return
+            if 2 * int(self.counts.sum()) > MOST_PANELS:
+                self.solved &= self.detail <= FINEST_DETAIL * arm.length
+                return
+            self.start_anew(2 * self.counts, len(loads))
+
+    def start_anew(self, counts: npt.NDArray[np.int64], frames: int) -> None:
+        """Take another mesh."""
+        self.counts = counts
+        self.nodes = np.zeros((frames, int(counts.sum()) + 1, collocation.NODE_WIDTH))
+        self.known = np.zeros(frames, dtype=np.bool_)
+        self.fields = np.empty((frames, 6, self.arclength.size))
+        self.detail = np.zeros(frames)
+        self.stable = np.zeros(frames, dtype=np.bool_)
+
+    def sweep(self, arm: Arm, rods: Rods, loads: Array) -> None:
+        """Solve the frames one after the other; one that Newton's method misses is solved cold."""
+        frames = len(loads)
+        beyond = np.array([arm.beyond_range(value) for value in rods.pressure.tolist()])
+        self.solved = beyond <= EXTRAPOLATION
+        first = 0
+        while first < frames:
+            first = follow(
+                rods.length,
+                rods.sections,
+                rods.clamp,
+                rods.knots,
+                rods.turning,
+                loads,
+                self.counts,
+                self.known,
+                collocation.TOLERANCE,
+                first,
+                self.nodes,
+                self.arclength,
+                self.fields,
+                self.detail,
+            )
+            if first == frames:
+                return
+            attempt = Attempt(
+                rods.one(first),
+                (float(loads[first, 0]), float(loads[first, 1])),
+                float(loads[first, 2]),
+                collocation.TOLERANCE,
+            )
+            attempt.mesh(self.counts)
+            if attempt.cold():
+                self.nodes[first] = attempt.nodes
+                self.known[first] = True
+                continue
+            self.solved[first] = False
+            self.fields[first] = np.nan
+            self.detail[first] = 0.0
+            self.known[first] = False
+            if first + 1 < frames and not self.known[first + 1]:
+                collocation.unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
+            first += 1
+
+    def some(self, frames: npt.NDArray[np.int64]) -> Series:
+        """Return the series of some of the frames, with their solutions."""
+        series = Series(self.arclength)
+        series.start_anew(self.counts, frames.size)
+        series.nodes[:], series.known[:] = self.nodes[frames], self.known[frames]
+        return series
+
+    def load_answer(self, arm: Arm, drive: Drive) -> Array:
+        """How points (frames, 2 stations) answer to F1, F2 and M, (frames, 2 stations, 3)."""
+        none = np.zeros((0, 2), dtype=np.int64)
+        answer = self.answered(arm, drive, none, knot_turning(arm)[:0])
+        return answer[:, :, :2].reshape(len(answer), answer.shape[1], -1).transpose(0, 2, 1)
+
+    def answer(self, arm: Arm, drive: Drive, columns: Columns) -> Array:
+        """Return the linear answer of the solved frames, (frames, causes, 6, stations).
+
+        x and y as measured; causes: F1, F2, M, the knots of the curvature's table, then these
+        columns of sections.
+        """
+        return self.answered(arm, drive, columns, knot_turning(arm))
+
+    def answered(self, arm: Arm, drive: Drive, columns: Columns, unit: Array) -> Array:
+        """Return the answer to loads, knots of this turning and columns, as `answer` does."""
+        rods, loads = arm.rods(drive.pressure, drive.histories), drive.loads
+        size = np.abs(rods.sections[:, columns[:, 0], columns[:, 1]]).mean(axis=0)
+        steps = 1e-4 * np.where(size > 0.0, size, 1.0)
+        causes = 3 + unit.shape[0] + len(columns)
+        out = np.empty((len(loads), causes, 6, self.arclength.size))
+        answers(
+            rods.length,
+            rods.sections,
+            rods.clamp,
+            rods.knots,
+            rods.turning,
+            loads,
+            self.counts,
+            self.nodes,
+            unit,
+            columns,
+            steps,
+            self.arclength,
+            out,
+            self.stable,
+        )
+        # Stability is defined for positive rigidity alone.
+        self.stable |= np.any(rods.sections[:, :, RIGIDITY] < 0.0, axis=1)
+        out[:, :, X], out[:, :, Y] = arm.see(out[:, :, X], out[:, :, Y])  # it is linear
+        return out
+
+
+def mesh_counts(rods: Rods, loads: Array) -> npt.NDArray[np.int64]:
+    """Return the panels per section that every one of the rods needs."""
+    ends = np.column_stack([rods.clamp, loads])
+    counts: npt.NDArray[np.int64] = np.max(
+        [
+            collocation.panel_counts(
+                rods.length,
+                rods.sections[rod],
+                rods.turning[rod],
+                ends[rod],
+                DECAY_PER_PANEL,
+                TURN_PER_PANEL,
+                MOST_PANELS,
+            )
+            for rod in range(len(loads))
+        ],
+        axis=0,
+    )
+    return counts
+
+
+def knot_turning(arm: Arm) -> Array:
+    """Return the turning (knots, pieces, 5) of a curvature of 1/m at one knot and 0 at others."""
+    shares = arm.intrinsic_curvature.arclength
+    spline = CubicSpline(shares, np.eye(shares.size), axis=1)
+    powers = np.moveaxis(spline.antiderivative().c[::-1], (0, 1, 2), (2, 1, 0))
+    return np.ascontiguousarray(powers * arm.length ** (1.0 - np.arange(5.0)))

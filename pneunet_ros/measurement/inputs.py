@@ -1,0 +1,108 @@
+"""What acted on the arm in the frames of recordings: readings, sensing effects and history."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, pressure_rows
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.effects.effect import History, Load
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.model.arm import Arm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drive:
+    """What really acted on the arm at the frames of a run.
+
+    pressure (frames,) Pa in the chamber; loads (frames, 3): F1, F2 (N), M (N m); histories: per
+    acting effect one row per frame, None where there is no effect with a history.
+    """
+
+    pressure: Array
+    loads: Array
+    histories: tuple[Array, ...] | None = None
+
+    def at(self, frames: npt.NDArray[np.int64]) -> Drive:
+        """Return the same for some of the frames."""
+        past = self.histories
+        return Drive(
+            pressure=self.pressure[frames],
+            loads=self.loads[frames],
+            histories=None if past is None else tuple(one[frames] for one in past),
+        )
+
+    def with_loads(self, loads: Array) -> Drive:
+        """Return the same under other loads."""
+        return replace(self, loads=loads)
+
+    def row_weights(self, arm: Arm) -> Array:
+        """How much every row of the table of kappa_p0 counts in every frame, (frames, rows)."""
+        rows, frames = arm.intrinsic_curvature.pressure, np.arange(self.pressure.size)
+        row, above = pressure_rows(rows, self.pressure)
+        weights = np.zeros((self.pressure.size, rows.size))
+        weights[frames, row] = 1.0 - above
+        weights[frames, row + 1] = above
+        for place in () if self.histories is None else arm.recalling:
+            assert self.histories is not None
+            terms = arm.acting[place].recall(self.histories[place], arm.scale)
+            if terms.late_weights is not None:
+                weights = (
+                    1.0 - terms.late_share
+                ) * weights + terms.late_share * terms.late_weights
+        return weights
+
+
+def drives_of(arm: Arm, runs: Sequence[Run]) -> tuple[Drive, ...]:
+    """Return what acted in each run; history is carried from one to the next by their stamps.
+
+    The arm is taken to have rested at the first pressure before the first run, and to have held
+    still between two.
+    """
+    if not arm.acting:
+        return tuple(steady_drive(arm, run) for run in runs)
+    order = sorted(range(len(runs)), key=lambda which: int(runs[which].reading_stamp_ns[0]))
+    drives: dict[int, Drive] = {}
+    history: tuple[History, ...] | None = None
+    before = 0
+    for which in order:
+        run = runs[which]
+        chamber, histories = np.empty(len(run.pressure)), []
+        for place, (stamp, pressure) in enumerate(
+            zip(run.reading_stamp_ns.tolist(), run.pressure.tolist(), strict=True)
+        ):
+            sensed = arm.sense(Load(pressure=pressure)).pressure
+            if history is None:
+                history, before = arm.initial_history(sensed), stamp
+            seconds = max(seconds_between(before, stamp), 0.0)
+            history, chamber[place] = arm.actuate(history, seconds, sensed)
+            histories.append(history)
+            before = stamp
+        steady = steady_drive(arm, run)
+        drives[which] = Drive(
+            pressure=chamber[run.reading],
+            loads=steady.loads,
+            histories=tuple(
+                np.array([histories[reading][place] for reading in run.reading.tolist()])
+                for place in range(len(arm.acting))
+            ),
+        )
+    return tuple(drives[which] for which in range(len(runs)))
+
+
+def steady_drive(arm: Arm, run: Run) -> Drive:
+    """Return what acted by the readings alone, without history."""
+    loads = np.column_stack([run.force, run.moment])
+    if not arm.sensing:
+        return Drive(pressure=run.frame_pressure, loads=loads)
+    true = [
+        arm.sense(Load(pressure=p, force_x=f1, force_y=f2, moment=m))
+        for p, (f1, f2, m) in zip(run.frame_pressure.tolist(), loads.tolist(), strict=True)
+    ]
+    return Drive(
+        pressure=np.array([load.pressure for load in true]),
+        loads=np.array([[load.force_x, load.force_y, load.moment] for load in true]),
+    )

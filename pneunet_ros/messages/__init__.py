@@ -1,0 +1,1 @@
+"""ROS messages by field name, without ROS."""

@@ -1,0 +1,170 @@
+"""What messages of all topics are made of: a topic, a header, a path, points, an array.
+
+Nothing of ROS is imported: the classes come through `MessageTypes`. A live node (rclpy classes)
+and a recording (classes of rosbags) run the same lines, so what is published and what is written
+is equal to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+
+PATH_TYPE = 'nav_msgs/msg/Path'
+ARRAY_TYPE = 'std_msgs/msg/Float64MultiArray'
+POINTS_TYPE = 'sensor_msgs/msg/PointCloud2'
+UNREADABLE = 'unreadable'  # reason of a refusal: a message is not what its topic promises
+# What fields raise that are not there, of another kind, or infinite where integers are due.
+UNFIT = (AttributeError, TypeError, ValueError, OverflowError)
+
+# The rows of a curvature along the arm, estimated or measured.
+CURVATURE_ROWS = ('arclength', 'curvature', 'intrinsic_curvature', 'moment', 'std_curvature')
+
+_POINT_FIELD_DATATYPE = {'<i4': 5, '<f4': 7, '<f8': 8}
+
+
+class Stamped(Protocol):
+    """What belongs to one moment: a claim, as a reading gave it."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """The stamp of the reading it comes from."""
+
+
+Said = TypeVar('Said')  # what a sensor said
+Claim = TypeVar('Claim', bound=Stamped)  # what is claimed
+
+
+class MessageTypes(Protocol):
+    """The message classes of one ROS binding."""
+
+    def __call__(self, type_name: str, /) -> Callable[..., Any]:
+        """Return the class of a type such as 'nav_msgs/msg/Path'; it takes fields as keywords."""
+
+    def sequence(self, values: npt.NDArray[Any], /) -> Any:
+        """Return what a field of variable length takes for a contiguous array of numbers."""
+
+    def __hash__(self) -> int:
+        """Tell bindings apart, so that constant parts of messages are made once for each."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Input(Generic[Said]):
+    """A topic that is read: its last name, its type, and how a message becomes a reading."""
+
+    direction: ClassVar[Literal['in', 'out']] = 'in'
+    name: str
+    type: str
+    decode: Callable[[Any], Said]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Output(Generic[Claim]):
+    """A topic that is written: its name, its type, and how a claim becomes a message.
+
+    `encode(claim, frame_id, types)` builds the message. `numbers(claim)`, where given, are all the
+    numbers in it but stamps, row by row as they stand in the serialized message: with them
+    `cdr_template` fills it in place.
+    """
+
+    direction: ClassVar[Literal['in', 'out']] = 'out'
+    name: str
+    type: str
+    encode: Callable[[Claim, str, MessageTypes], Any]
+    numbers: Callable[[Claim], npt.NDArray[Any]] | None = None
+
+
+def nanoseconds(stamp: Any) -> int:
+    """Return the stamp of a header as one number; ValueError where it is none."""
+    seconds, rest = int(stamp.sec), int(stamp.nanosec)
+    if not 0 <= rest < NANOSECONDS_PER_SECOND:
+        raise ValueError(f'nanosec = {rest} of its stamp is not within [0, 999999999]')
+    return seconds * NANOSECONDS_PER_SECOND + rest
+
+
+def header(stamp_ns: int, frame_id: str, types: MessageTypes) -> Any:
+    """Build a Header."""
+    seconds, rest = divmod(int(stamp_ns), NANOSECONDS_PER_SECOND)
+    stamp = types('builtin_interfaces/msg/Time')(sec=seconds, nanosec=rest)
+    return types('std_msgs/msg/Header')(stamp=stamp, frame_id=frame_id)
+
+
+def pose_rows(x: Array, y: Array, theta: Array) -> Array:
+    """Return a row per point of a curve: position (3) and heading quaternion (x, y, z, w)."""
+    rows = np.zeros((x.size, 7))
+    rows[:, 0] = x
+    rows[:, 1] = y
+    half = 0.5 * theta
+    rows[:, 5] = np.sin(half)
+    rows[:, 6] = np.cos(half)
+    return rows
+
+
+def path(rows: Array, heading: Any, types: MessageTypes) -> Any:
+    """Build a Path of the rows of `pose_rows`, all poses with the header `heading`."""
+    stamped, pose = types('geometry_msgs/msg/PoseStamped'), types('geometry_msgs/msg/Pose')
+    point, quaternion = types('geometry_msgs/msg/Point'), types('geometry_msgs/msg/Quaternion')
+    poses = [
+        stamped(
+            header=heading,
+            pose=pose(
+                position=point(x=x, y=y, z=z), orientation=quaternion(x=qx, y=qy, z=qz, w=qw)
+            ),
+        )
+        for x, y, z, qx, qy, qz, qw in rows.tolist()
+    ]
+    return types(PATH_TYPE)(header=heading, poses=poses)
+
+
+def multi_array(values: Array, labels: tuple[str, str], types: MessageTypes) -> Any:
+    """Build a 2-D Float64MultiArray; a stride counts all elements from its dimension on."""
+    dimension = types('std_msgs/msg/MultiArrayDimension')
+    rows, columns = values.shape
+    layout = types('std_msgs/msg/MultiArrayLayout')(
+        dim=[
+            dimension(label=labels[0], size=rows, stride=rows * columns),
+            dimension(label=labels[1], size=columns, stride=columns),
+        ],
+        data_offset=0,
+    )
+    return types(ARRAY_TYPE)(layout=layout, data=types.sequence(values.ravel()))
+
+
+def point_cloud(
+    points: npt.NDArray[Any], heading: Any, types: MessageTypes, *, is_dense: bool
+) -> Any:
+    """Build a PointCloud2 of a row of records of numbers; is_dense: there is no NaN in them."""
+    return types(POINTS_TYPE)(
+        header=heading,
+        height=1,
+        width=points.size,
+        fields=list(_point_fields(points.dtype, types)),
+        is_bigendian=False,
+        point_step=points.dtype.itemsize,
+        row_step=points.nbytes,
+        data=types.sequence(points.view(np.uint8)),
+        is_dense=is_dense,
+    )
+
+
+@cache
+def _point_fields(point: np.dtype[Any], types: MessageTypes) -> tuple[Any, ...]:
+    """Describe a record of numbers by PointFields."""
+    make = types('sensor_msgs/msg/PointField')
+    assert point.fields is not None
+    return tuple(
+        make(
+            name=name,
+            offset=int(point.fields[name][1]),
+            datatype=_POINT_FIELD_DATATYPE[point.fields[name][0].str],
+            count=1,
+        )
+        for name in point.names or ()
+    )

@@ -1,0 +1,137 @@
+"""Jpeg and png, decoded to grey levels, or refused with a sentence: also where they are damaged.
+
+The decoder fills up a jpeg that is damaged, and looks at the size of an image only when it has
+made room for it. So the header is read here first, and what the decoder complains of is caught.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+import re
+import struct
+import tempfile
+from typing import Any
+
+import cv2
+import numpy as np
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.image import Bytes, LARGEST_SIDE
+
+LARGEST_AREA = 64_000_000  # px; 64 MB of grey levels
+POSSIBLE = 'possible are jpeg and png with 8 bits per channel'
+
+JPEG, JPEG_END = b'\xff\xd8\xff', b'\xff\xd9'
+PNG, PNG_END = b'\x89PNG\r\n\x1a\n', b'\0\0\0\0IEND\xaeB`\x82'
+# Markers of a jpeg: beginnings of a frame, those without content, the beginning of its pixels.
+FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+BARE, SCAN = frozenset({0x01, *range(0xD0, 0xD8)}), 0xDA
+
+# Grey as it was stored: a turn that a camera app noted in the file is not in camera_info either.
+_FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+_BY_DECODERS = re.compile(
+    rb'(?m)^.*(?:JPEG|JFIF|SOS|progression|Adobe|libpng|grfmt_|loadsave|imdecode_).*\n*'
+)
+_DAMAGE = re.compile(rb'(?:Corrupt JPEG data|Premature end of JPEG|libpng error).*')
+
+
+def decode_compressed(data: Bytes) -> Bytes:
+    """Return the grey levels (height, width) of a jpeg or png, recognized by how it begins.
+
+    Raises MessageError for other formats, more than 8 bits per channel, sides above LARGEST_SIDE
+    or an area above LARGEST_AREA, and for an image that is cut off or damaged.
+    """
+    head = data[: len(PNG)].tobytes()
+    # Some cameras fill their messages up with zeros.
+    tail = data[-4096:].tobytes().rstrip(b'\0')
+    if head.startswith(JPEG):
+        kind, (width, height), whole = 'jpeg', jpeg_size(data), tail.endswith(JPEG_END)
+    elif head == PNG:
+        kind, (width, height), whole = 'png', png_size(data), tail.endswith(PNG_END)
+    else:
+        raise MessageError(f'a compressed image is neither jpeg nor png; {POSSIBLE}')
+    if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
+        raise MessageError(
+            f'a {kind} of {width} x {height} pixels cannot be used; '
+            f'sides go from 1 to {LARGEST_SIDE}'
+        )
+    if width * height > LARGEST_AREA:
+        raise MessageError(
+            f'a {kind} of {width} x {height} pixels cannot be used; '
+            f'{LARGEST_AREA / 1e6:g} megapixels are possible'
+        )
+    if not whole:
+        raise MessageError(f'a {kind} is cut off after {data.size} bytes')
+    grey, complaint = decode_heard(data, _FLAGS)
+    damage = _DAMAGE.search(complaint)
+    if damage:
+        raise MessageError(f'a {kind} is damaged: {damage.group().decode(errors="replace")}')
+    if grey is None or grey.shape != (height, width):
+        raise MessageError(f'a {kind} of {width} x {height} pixels is damaged')
+    return np.asarray(grey, np.uint8)
+
+
+def decode_heard(data: Bytes, flags: int) -> tuple[Any, bytes]:
+    """Return what OpenCV makes of an image file, None where nothing, and what its decoders said.
+
+    Nothing of the latter is printed.
+    """
+    with tempfile.TemporaryFile() as said:
+        with _stderr_into(said.fileno()):
+            try:
+                pixels = cv2.imdecode(data, flags)
+            except cv2.error:
+                pixels = None
+        said.seek(0)
+        return pixels, _of_decoders(said.read())
+
+
+def jpeg_size(data: Bytes) -> tuple[int, int]:
+    """Width and height by the header of a jpeg; MessageError where it has none."""
+    raw, place = data.data, 2
+    while place + 4 <= len(raw) and raw[place] == 0xFF:
+        marker = raw[place + 1]
+        if marker == 0xFF or marker in BARE:
+            place += 1 if marker == 0xFF else 2
+            continue
+        if marker in FRAMES and place + 9 <= len(raw):
+            bits, height, width = struct.unpack_from('>BHH', raw, place + 4)
+            if bits != 8:
+                raise MessageError(f'a jpeg has {bits} bits per channel; {POSSIBLE}')
+            return width, height
+        if marker == SCAN:
+            break
+        place += 2 + int.from_bytes(raw[place + 2 : place + 4], 'big')
+    raise MessageError(f'a jpeg of {len(raw)} bytes has no size in its header: it is damaged')
+
+
+def png_size(data: Bytes) -> tuple[int, int]:
+    """Width and height by the header of a png; MessageError where it has none, or is deep."""
+    raw = data[8:25].tobytes()
+    if len(raw) < 17 or raw[4:8] != b'IHDR':
+        raise MessageError(f'a png of {data.size} bytes has no header: it is damaged')
+    width, height, bits = struct.unpack('>IIB', raw[8:])
+    if bits > 8:
+        raise MessageError(f'a png has {bits} bits per channel, as depth images have; {POSSIBLE}')
+    return width, height
+
+
+@contextmanager
+def _stderr_into(file: int) -> Iterator[None]:
+    """Let what libraries of C write to stderr go to a file; there is no other way to hear it."""
+    stderr = os.dup(2)
+    os.dup2(file, 2)
+    try:
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+
+
+def _of_decoders(said: bytes) -> bytes:
+    """Return the lines of the decoders; what others said in the meantime is passed on."""
+    others = _BY_DECODERS.sub(b'', said)
+    if others:
+        os.write(2, others)
+    return b''.join(_BY_DECODERS.findall(said))

@@ -1,0 +1,30 @@
+"""From messages of `targets` to the watch: the same lines live and in a replay."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.estimation.consistency import watched, WatchState
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.messages.builders import UNREADABLE
+from pneunet_ros.messages.readings import decode_targets
+
+
+def watched_message(
+    state: WatchState, estimator: Estimator, message: Any
+) -> tuple[WatchState, Refusal | None]:
+    """Take a message of targets, or say why it cannot be compared with anything.
+
+    With an arm whose model has no targets there is nothing to compare.
+    """
+    targets = estimator.arm.target_arclength.size
+    if not targets:
+        return state, None
+    try:
+        sightings = decode_targets(message, estimator.settings.frame_id, targets)
+    except MessageError as error:
+        refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
+        return state.missing(UNREADABLE), refusal
+    return watched(state, estimator, sightings)

@@ -1,0 +1,67 @@
+"""The points of a PointCloud2 as a table of numbers, however their fields are laid out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.messages.builders import POINTS_TYPE, UNFIT
+
+# Kinds of numbers by the `datatype` of a PointField.
+_KINDS = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
+
+
+def cloud_points(message: Any) -> npt.NDArray[Any]:
+    """Return the points of a PointCloud2, one record per point, a field of it by its name.
+
+    Fields may stand in any order and anywhere in a point, in either byte order; fields of more
+    than one number are left out. Raises MessageError where the message contradicts itself.
+    """
+    try:
+        order = '>' if message.is_bigendian else '<'
+        height, width = int(message.height), int(message.width)
+        point_step, row_step = int(message.point_step), int(message.row_step)
+        data = np.frombuffer(message.data, np.uint8)
+        fields = [
+            (str(item.name), f'{order}{_KINDS[item.datatype]}', int(item.offset))
+            for item in message.fields
+            if item.datatype in _KINDS and item.count == 1
+        ]
+    except UNFIT as error:
+        raise MessageError(f'a message is no usable {POINTS_TYPE}: {error}') from error
+    names = [name for name, _, _ in fields]
+    if len(set(names)) < len(names):
+        raise MessageError(f'a point names a field twice: {", ".join(names)}')
+    for name, kind, offset in fields:
+        if not 0 <= offset <= point_step - np.dtype(kind).itemsize:
+            raise MessageError(f'the field {name} does not lie within the {point_step} bytes')
+    needed = (height - 1) * row_step + width * point_step if height and width else 0
+    if row_step < width * point_step and height > 1:
+        raise MessageError(f'rows of {row_step} bytes cannot hold {width} points')
+    if data.size < needed:
+        raise MessageError(
+            f'{data.size} bytes cannot hold {height} x {width} points of {point_step} bytes'
+        )
+    if not needed:
+        return np.empty(0, point_type(fields, max(point_step, 1)))
+    rows = np.ndarray(
+        (height, width),
+        point_type(fields, point_step),
+        np.ascontiguousarray(data),
+        strides=(row_step, point_step),
+    )
+    return rows.reshape(-1)
+
+
+def point_type(fields: list[tuple[str, str, int]], size: int) -> np.dtype[Any]:
+    """Return the record of fields (name, kind, offset) in a point of so many bytes."""
+    return np.dtype(
+        {
+            'names': [name for name, _, _ in fields],
+            'formats': [kind for _, kind, _ in fields],
+            'offsets': [offset for _, _, offset in fields],
+            'itemsize': size,
+        }
+    )

@@ -1,0 +1,1 @@
+"""An actuator and its statics: curvature, moment law, arm, equilibrium, inverse problem."""

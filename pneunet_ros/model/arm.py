@@ -1,0 +1,212 @@
+"""The arm: length, curvature, moment law and effects, summed into the record of a rod."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, frozen_array, table_array
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.units import check_quantities, quantity
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.effect import Effect, History, Load, PressureScale
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.model.moment_law import MomentLaw
+from pneunet_ros.model.parameter_path import Move, moved, unknown_quantity
+from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
+from pneunet_ros.solver.rod import CLAMP_ANGLE, CLAMP_WIDTH, Rods, RodTable, SECTION_WIDTH
+
+EXTRAPOLATION = 0.05  # of the calibrated range, beyond either end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Arm:
+    """A pneu-net arm as a rod: the whole content of a model file.
+
+    `target_arclength` (targets,) m is the place of every white target; `effects` are in the order
+    of the table of effects; `sources` says where each number comes from. `pressure_range` (Pa) is
+    where both intrinsic curvature and moment law are calibrated; `sensing`, `seeing` and `acting`
+    are the effects that change what a reading means, where points are seen, and those that have a
+    history; `recalling` are the places in `acting` of those whose history changes the rod.
+    """
+
+    name: str
+    length: float = quantity(unit='m', meaning='length of the material line', bounds=(1e-4, 10.0))
+    weight: float = quantity(unit='N', meaning='mg, the scale of forces', bounds=(1e-6, 1e4))
+    clamp_angle: float = quantity(0.0, unit='rad', meaning='theta(0)', bounds=(-7.0, 7.0))
+    target_arclength: Array = field(default_factory=lambda: np.zeros(0))
+    intrinsic_curvature: IntrinsicCurvature
+    moment_law: MomentLaw
+    effects: tuple[Effect, ...] = ()
+    sensors: SensorNoise
+    covariance: ModelCovariance | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    sensing: tuple[Effect, ...] = field(init=False, repr=False)
+    seeing: tuple[Effect, ...] = field(init=False, repr=False)
+    acting: tuple[Effect, ...] = field(init=False, repr=False)
+    recalling: tuple[int, ...] = field(init=False, repr=False)
+    scale: PressureScale = field(init=False, repr=False)
+    knots: Array = field(init=False, repr=False)
+    table: RodTable = field(init=False, repr=False)
+    pressure_range: tuple[float, float] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the numbers and put the effects into the order of the table."""
+        check_quantities(self, 'arm')
+        targets = table_array(self.target_arclength, 'arm.target_arclength', 1)
+        inside = targets.size == 0 or (
+            targets[0] >= 0.0 and targets[-1] <= self.length * (1 + 1e-9)
+        )
+        if not inside or not np.all(np.diff(targets) > 0.0):
+            raise ModelError(
+                f'arm.target_arclength must increase within 0 and the length {self.length} m'
+            )
+        names = [effect.name for effect in self.effects]
+        if len(set(names)) != len(names):
+            raise ModelError(f'an effect is given twice: {", ".join(names)}')
+        order = list(EFFECTS)
+        effects = tuple(sorted(self.effects, key=lambda effect: order.index(effect.name)))
+        object.__setattr__(self, 'target_arclength', targets)
+        object.__setattr__(self, 'effects', effects)
+        for place, verb in (('sensing', 'sense'), ('seeing', 'see'), ('acting', 'actuate')):
+            speaking = [item for item in effects if overrides(item, verb)]
+            object.__setattr__(self, place, tuple(speaking))
+        recalling = [i for i, item in enumerate(self.acting) if overrides(item, 'recall')]
+        object.__setattr__(self, 'recalling', tuple(recalling))
+        object.__setattr__(self, 'sources', MappingProxyType(dict(self.sources)))
+        object.__setattr__(self, 'provenance', MappingProxyType(dict(self.provenance)))
+        object.__setattr__(
+            self, 'knots', frozen_array(self.length * self.intrinsic_curvature.arclength)
+        )
+        low, high = self.moment_law.pressure_range
+        rows = self.intrinsic_curvature.pressure
+        low, high = max(low, float(rows[0])), min(high, float(rows[-1]))
+        scale = PressureScale(rows=tuple(rows.tolist()), top=high, std=self.sensors.pressure_std)
+        object.__setattr__(self, 'scale', scale)
+        object.__setattr__(self, 'pressure_range', (low, high))
+        if not low < high:
+            raise ModelError(
+                'intrinsic_curvature and moment_law have no pressure in common; '
+                'their pressure tables must overlap'
+            )
+        object.__setattr__(self, 'table', self.tabulated())
+        if self.covariance is not None:
+            self.changed(dict.fromkeys(self.covariance.quantities, 0.0))  # do they all exist?
+
+    def beyond_range(self, pressure: float) -> float:
+        """How far a pressure is outside the calibrated range, as a share of it; 0 inside."""
+        low, high = self.pressure_range
+        return max(low - pressure, pressure - high, 0.0) / (high - low)
+
+    def sense(self, load: Load) -> Load:
+        """Return the true load behind readings of pressure and wrench."""
+        for effect in self.sensing:
+            load = effect.sense(load)
+        return load
+
+    def see(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return where points that truly are at x, y (m, base frame) are measured."""
+        for effect in self.seeing:
+            x, y = effect.see(x, y)
+        return x, y
+
+    def initial_history(self, pressure: float) -> tuple[History, ...]:
+        """History of an arm that has rested at this pressure (Pa), one tuple per acting effect."""
+        return tuple(effect.initial(pressure, self.scale) for effect in self.acting)
+
+    def actuate(
+        self, history: tuple[History, ...], seconds: float, pressure: float
+    ) -> tuple[tuple[History, ...], float]:
+        """History and chamber pressure (Pa), `seconds` after the call that gave the history."""
+        following = []
+        for effect, state in zip(self.acting, history, strict=True):
+            state, pressure = effect.actuate(state, seconds, pressure, self.scale)
+            following.append(state)
+        return tuple(following), pressure
+
+    def follows(self, history: tuple[History, ...]) -> bool:
+        """Whether the chamber answers to a small change of the pressure at the sensor."""
+        return all(
+            effect.follows(state) for effect, state in zip(self.acting, history, strict=True)
+        )
+
+    def tabulated(self) -> RodTable:
+        """Every pressure at which curvature or law has a row, with the record of the rod there.
+
+        The first and last row stand where extrapolation ends. Beyond its own table the law stays
+        as it is there: a line through rigidities may pass through zero, and l1 leave the arm.
+        """
+        law, (low, high) = self.moment_law, self.pressure_range
+        margin = EXTRAPOLATION * (high - low)
+        ends = np.array([low - margin, high + margin])
+        rows = np.union1d(self.intrinsic_curvature.pressure, law.table_pressures)
+        rows = np.union1d(rows[(rows > ends[0]) & (rows < ends[1])], ends)
+        known = np.clip(rows, *law.pressure_range)
+        base = law.sections(known, self.length, self.weight)
+        sections = np.zeros((rows.size, base.shape[1], SECTION_WIDTH))
+        sections[:, :, :3] = base
+        turning = self.intrinsic_curvature.turning_of(rows, self.length)
+        return RodTable(
+            pressure=frozen_array(rows),
+            sections=frozen_array(sections),
+            turning=frozen_array(turning),
+        )
+
+    def rods(
+        self, pressure: Array, history: tuple[History, ...] | tuple[Array, ...] | None = None
+    ) -> Rods:
+        """Return the record of the rod at each of these chamber pressures (n,) Pa.
+
+        history: that of `actuate`, the same at all of the pressures; or per acting effect an array
+        (n, numbers), one history per pressure. None: an arm that has rested for ever at each.
+        """
+        sections, turning = self.table.at(pressure)
+        clamp = np.zeros((pressure.size, CLAMP_WIDTH))
+        clamp[:, CLAMP_ANGLE] = self.clamp_angle
+        for effect in self.effects:
+            effect.terms(pressure).add_to(sections, clamp)
+        if history is not None:
+            for place in self.recalling:
+                past = np.asarray(history[place])
+                terms = self.acting[place].recall(past, self.scale)
+                terms.add_to(sections, clamp)
+                if terms.late_weights is not None:
+                    late = self.intrinsic_curvature.mixed_turning(terms.late_weights, self.length)
+                    turning *= 1.0 - terms.late_share
+                    turning += terms.late_share * late
+        return Rods(
+            length=self.length,
+            pressure=pressure,
+            sections=sections,
+            clamp=clamp,
+            knots=self.knots,
+            turning=turning,
+        )
+
+    def changed(self, changes: Mapping[str, float]) -> Arm:
+        """Return this arm with quantities of the model file moved; ModelError for an unknown one.
+
+        changes: dotted path, such as `moment_law.rigidity.0.1` or `arm.length`, to an amount in
+        SI.
+        """
+        moves = []
+        for name, amount in changes.items():
+            first, *rest = name.split('.')
+            if first == 'arm' and rest and rest[0] in ('length', 'weight', 'clamp_angle'):
+                moves.append(Move(path=tuple(rest), amount=amount, name=name))
+            elif first in ('intrinsic_curvature', 'moment_law', 'effects', 'sensors'):
+                moves.append(Move(path=(first, *rest), amount=amount, name=name))
+            else:
+                raise ModelError(unknown_quantity(name))
+        arm: Arm = moved(dataclasses.replace(self, covariance=None), moves)
+        return arm
+
+
+def overrides(effect: Effect, verb: str) -> bool:
+    """Return whether an effect speaks in the place of this method."""
+    return getattr(type(effect), verb) is not getattr(Effect, verb)

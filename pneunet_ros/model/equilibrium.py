@@ -1,0 +1,282 @@
+"""Equilibrium of the rod (Eq 4): from load to shape, and how the shape answers to small changes.
+
+A solve that fails is a value: a `Shape` of NaN with a status sentence and the residual that was
+left. `solve` takes what the sensors read, held steady: sensing effects of the model apply, history
+does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import functools
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze, frozen_array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.effects.effect import History, Load
+from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.model.shape import Shape
+from pneunet_ros.solver import collocation
+from pneunet_ros.solver.boundary_value_problem import Attempt
+from pneunet_ros.solver.interpolation import at_stations, station_changes
+from pneunet_ros.solver.rod import REST_STRAIN, RIGIDITY, Rods
+from pneunet_ros.solver.sensitivity import LOADS, sensitivities
+from pneunet_ros.solver.solution import SolverNodes
+
+DEFAULT_STATIONS = 57
+SHORTEST = 0.05  # of the length, of an arm shortened by rest strain
+NO_PANELS = np.zeros((0, 0, collocation.PANEL_WIDTH))
+NO_ENDS = np.zeros((0, 6))
+PRESSURE_STEP = 1e-5  # of the calibrated range, for the change of the record with pressure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Change:
+    """A small change of the record of a rod: two records and how far apart their cause is."""
+
+    before: Rods
+    after: Rods
+    distance: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Response:
+    """How a solved rod answers to unit changes of F1, F2, M and of further causes, in that order.
+
+    tip (causes, 3): x, y, theta of the free end. stations (causes, 6, stations): x, y, theta,
+    curvature, intrinsic curvature, moment at fixed material arclength. stable: see Shape.
+    """
+
+    tip: Array
+    stations: Array
+    stable: bool | None
+
+
+def solve(
+    arm: Arm,
+    pressure: float,
+    force: tuple[float, float] = (0.0, 0.0),
+    moment: float = 0.0,
+    start: Shape | None = None,
+    stations: int = DEFAULT_STATIONS,
+) -> Shape:
+    """Predict the shape of the arm at a gauge pressure (Pa) under end force (N) and moment (N m).
+
+    `start` is a neighboring shape whose branch is followed; without it the shape grows from the
+    unloaded arm. Returns a Shape at `stations` equally spaced stations. Raises RequestError for a
+    value that is no finite number.
+    """
+    check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
+    load = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))
+    rods = arm.rods(np.array([steady_pressure(arm, load.pressure)]))
+    known = start.solution if start is not None else None
+    return solve_rod(arm, rods, load, known, station_arclength(arm.length, stations))
+
+
+def steady_pressure(arm: Arm, pressure: float) -> float:
+    """Chamber pressure (Pa) of an arm that has rested at this sensed pressure."""
+    return arm.actuate(arm.initial_history(pressure), 0.0, pressure)[1]
+
+
+def check_finite(**values: float) -> None:
+    """Refuse NaN, infinity and what is no number, by name."""
+    for name, value in values.items():
+        if not isinstance(value, (int, float, np.number)) or not math.isfinite(value):
+            raise RequestError(f'{name} must be a finite number, not {value!r}')
+
+
+@functools.lru_cache(maxsize=64)
+def station_arclength(length: float, count: int) -> Array:
+    """Equally spaced stations (m) from the clamp to the free end."""
+    if count < 2:
+        raise RequestError(f'at least 2 stations are needed (clamp and free end), not {count}')
+    return frozen_array(np.linspace(0.0, length, count))
+
+
+def solve_rod(
+    arm: Arm,
+    rods: Rods,
+    load: Load,
+    start: SolverNodes | None,
+    arclength: Array,
+    tolerance: float = collocation.TOLERANCE,
+    quick: bool = False,
+) -> Shape:
+    """Shape of the first of these records, taken at the chamber pressure, under a true load."""
+    chamber = float(rods.pressure[0])
+    beyond = arm.beyond_range(chamber)
+    if beyond > EXTRAPOLATION:
+        return failed(arm, load, arclength, out_of_range(arm, chamber), math.nan, 0)
+    if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > SHORTEST:
+        sentence = 'rest strain shortens the arm to less than 5 % of its length'
+        return failed(arm, load, arclength, sentence, math.nan, 0)
+    attempt = Attempt(rods, (load.force_x, load.force_y), load.moment, tolerance)
+    reason = attempt.solve(start, quick)
+    if reason:
+        return failed(arm, load, arclength, reason, attempt.residual, attempt.iterations)
+    values = np.empty((6, arclength.size))
+    at_stations(attempt.panels, attempt.nodes, rods.knots, rods.turning[0], arclength, values)
+    freeze(values)
+    solution = attempt.solution()
+    stable = None
+    words = ['converged']
+    if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
+        stable = is_stable(solution)
+        if not (stable or quick) and start is not None and is_stable(start):
+            # The stable branch has ended, or was lost in one large step: the arm is elsewhere.
+            anew = solve_rod(arm, rods, load, None, arclength, tolerance)
+            if anew.stable:
+                return anew
+        words.append('stable' if stable else 'unstable under dead load')
+    else:
+        words.append('stability not defined (negative rigidity)')
+    if beyond > 0.0:
+        words.append(f'extrapolated {100.0 * beyond:.1f} % beyond the calibrated pressures')
+    return Shape(
+        arclength=arclength,
+        x=values[0],
+        y=values[1],
+        theta=values[2],
+        curvature=values[3],
+        intrinsic_curvature=values[4],
+        moment=values[5],
+        force=(load.force_x, load.force_y),
+        end_moment=load.moment,
+        pressure=load.pressure,
+        converged=True,
+        status=', '.join(words),
+        residual=attempt.residual,
+        iterations=attempt.iterations,
+        stable=stable,
+        extrapolated=beyond > 0.0,
+        solution=solution,
+    )
+
+
+def failed(
+    arm: Arm, load: Load, arclength: Array, sentence: str, residual: float, iterations: int
+) -> Shape:
+    """Return the value of a solve that gave no shape."""
+    nothing = frozen_array(np.full(arclength.size, np.nan))
+    return Shape(
+        arclength=arclength,
+        x=nothing,
+        y=nothing,
+        theta=nothing,
+        curvature=nothing,
+        intrinsic_curvature=nothing,
+        moment=nothing,
+        force=(load.force_x, load.force_y),
+        end_moment=load.moment,
+        pressure=load.pressure,
+        converged=False,
+        status=sentence,
+        residual=residual,
+        iterations=iterations,
+        stable=None,
+        extrapolated=arm.beyond_range(load.pressure) > 0.0,
+        solution=None,
+    )
+
+
+def out_of_range(arm: Arm, pressure: float) -> str:
+    """Return the sentence for a pressure at which the model says nothing."""
+    low, high = (kilopascals(value) for value in arm.pressure_range)
+    return (
+        f'pressure {kilopascals(pressure):.4g} kPa is outside the calibrated range '
+        f'{low:.4g} to {high:.4g} kPa by more than {100.0 * EXTRAPOLATION:.0f} % of it'
+    )
+
+
+def linearized(
+    solution: SolverNodes, panel_changes: Array, end_changes: Array
+) -> tuple[Array, Array, bool]:
+    """Return changes of nodes and tip per cause (F1, F2, M, further), and whether it is stable."""
+    causes = LOADS + panel_changes.shape[0]
+    nodes = np.empty((causes, *solution.nodes.shape))
+    tip = np.empty((causes, 3))
+    stable = sensitivities(
+        solution.panels, solution.ends, solution.nodes, panel_changes, end_changes, nodes, tip
+    )
+    return nodes, tip, bool(stable)
+
+
+def is_stable(solution: SolverNodes) -> bool:
+    """Whether a rod of positive rigidity is at a minimum of energy under dead load."""
+    return linearized(solution, NO_PANELS, NO_ENDS)[2]
+
+
+def respond(
+    solution: SolverNodes, rods: Rods, changes: tuple[Change, ...], arclength: Array
+) -> Response:
+    """Linear answer of a solved rod to the loads and to changes of its record, at stations (m)."""
+    panel_changes = np.empty((len(changes), *solution.panels.shape))
+    end_changes = np.zeros((len(changes), 6))
+    turning_changes = np.empty((len(changes), *rods.turning.shape[1:]))
+    for index, change in enumerate(changes):
+        after, before = change.after, change.before
+        scale = 1.0 / change.distance
+        panel_changes[index] = scale * (panels_of(after, solution) - panels_of(before, solution))
+        end_changes[index, :3] = scale * (after.clamp[0] - before.clamp[0])
+        turning_changes[index] = scale * (after.turning[0] - before.turning[0])
+    nodes, tip, stable = linearized(solution, panel_changes, end_changes)
+    out = np.empty((tip.shape[0], 6, arclength.size))
+    station_changes(
+        solution.panels,
+        solution.nodes,
+        rods.knots,
+        rods.turning[0],
+        panel_changes,
+        turning_changes,
+        nodes,
+        arclength,
+        out,
+    )
+    positive = min(solution.panels[:, 1].tolist()) > 0.0
+    return Response(tip=tip, stations=out, stable=stable if positive else None)
+
+
+def panels_of(rods: Rods, solution: SolverNodes) -> Array:
+    """Return the panels of another record on the mesh of a solution, under the same load."""
+    panels = np.empty_like(solution.panels)
+    collocation.prepare(
+        rods.length,
+        rods.sections[0],
+        rods.knots,
+        rods.turning[0],
+        solution.ends.copy(),
+        np.array(solution.counts),
+        panels,
+    )
+    return panels
+
+
+def with_pressure_change(
+    arm: Arm, chamber_pressure: float, history: tuple[History, ...] | None = None
+) -> tuple[Rods, Change]:
+    """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal."""
+    step = PRESSURE_STEP * (arm.pressure_range[1] - arm.pressure_range[0])
+    pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
+    rods = arm.rods(np.array(pressures), history)
+    return rods.one(0), Change(before=rods.one(1), after=rods.one(2), distance=2.0 * step)
+
+
+def tip_jacobian(arm: Arm, shape: Shape) -> Array:
+    """d(x, y, theta) of the tip / d(chamber pressure, F1, F2, M), (3, 4) SI, of an arm at rest."""
+    if shape.solution is None:
+        raise RequestError(f'no Jacobian without a shape: {shape.status}')
+    rested = arm.initial_history(shape.pressure)
+    history, chamber = arm.actuate(rested, 0.0, shape.pressure)
+    rods, change = with_pressure_change(arm, chamber, history)
+    response = respond(shape.solution, rods, (change,), shape.arclength[-1:])
+    return jacobian_of(arm, response, history)
+
+
+def jacobian_of(arm: Arm, response: Response, history: tuple[History, ...]) -> Array:
+    """Return the tip's Jacobian from a response whose first cause after the loads is pressure."""
+    jacobian = response.tip[[LOADS, 0, 1, 2]].T
+    if not arm.follows(history):  # the play takes up what the pressure changes
+        jacobian[:, 0] = 0.0
+    return freeze(jacobian)

@@ -1,0 +1,85 @@
+"""The intrinsic curvature kappa_p0(p, s) of the pressurized, unloaded arm (Eqs 5-6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import (
+    Array,
+    checked_pressures,
+    freeze,
+    frozen_array,
+    pressure_rows,
+    table_array,
+)
+from pneunet_ros.core.errors import ModelError
+from scipy.interpolate import CubicSpline
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IntrinsicCurvature:
+    """Table of kappa_p0: linear in p between rows, C2 cubic spline (not-a-knot) in s.
+
+    pressure (rows,) Pa; arclength (columns,) as s / l from 0 to 1; curvature (rows, columns) 1/m.
+    `turning` (rows, columns - 1, 5) holds the antiderivative in s / l, piece by piece, as
+    ascending powers of the distance from the piece's start: the angle that the unloaded arm has
+    turned, per unit length.
+    """
+
+    pressure: Array
+    arclength: Array
+    curvature: Array
+    turning: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check the table and integrate it."""
+        where = 'intrinsic_curvature'
+        pressure = checked_pressures(self.pressure, where)
+        arclength = table_array(self.arclength, f'{where}.arclength', 1)
+        curvature = table_array(self.curvature, f'{where}.curvature', 2)
+        inside = arclength.size >= 2 and arclength[0] == 0.0 and arclength[-1] == 1.0
+        if not inside or not np.all(np.diff(arclength) > 0.0):
+            raise ModelError(f'{where}.arclength must increase from 0.0 to 1.0 (s / l)')
+        expected = (pressure.size, arclength.size)
+        if curvature.shape != expected:
+            raise ModelError(
+                f'{where}.curvature must have a row per pressure and a column per arclength, '
+                f'{expected[0]} x {expected[1]}, not {curvature.shape[0]} x {curvature.shape[1]}'
+            )
+        spline = CubicSpline(arclength, curvature, axis=1)
+        integral = spline.antiderivative()
+        turning = np.moveaxis(integral.c[::-1], (0, 1, 2), (2, 1, 0))
+        object.__setattr__(self, 'pressure', pressure)
+        object.__setattr__(self, 'arclength', arclength)
+        object.__setattr__(self, 'curvature', curvature)
+        object.__setattr__(self, 'turning', frozen_array(turning))
+
+    def turning_of(self, pressure: Array, length: float) -> Array:
+        """Pieces of the turning angle over arclength in m; (pressures, columns - 1, 5)."""
+        row, weight = pressure_rows(self.pressure, pressure)
+        weight = weight[:, None, None]
+        per_length = (1.0 - weight) * self.turning[row] + weight * self.turning[row + 1]
+        return over_meters(per_length, length)
+
+    def mixed_turning(self, weights: Array, length: float) -> Array:
+        """Pieces of mixtures of the rows, weights (n, rows) or (rows,), over arclength in m.
+
+        (n, columns - 1, 5), n = 1 for one mixture.
+        """
+        rows = self.turning.reshape(self.pressure.size, -1)
+        mixed = (weights @ rows).reshape(-1, *self.turning.shape[1:])
+        return over_meters(mixed, length)
+
+    def at(self, pressure: float, arclength: npt.ArrayLike) -> Array:
+        """kappa_p0 (1/m) at one pressure (Pa) and any s / l."""
+        row, weight = pressure_rows(self.pressure, pressure)
+        values = (1.0 - weight) * self.curvature[row] + weight * self.curvature[row + 1]
+        return freeze(np.asarray(CubicSpline(self.arclength, values)(np.asarray(arclength))))
+
+
+def over_meters(per_length: Array, length: float) -> Array:
+    """Return turning (..., 5) over arclength in m from that over s / l, per unit length."""
+    # kappa = sum c_k u^(k-1) k with u = s / l, so theta = l sum c_k (s / l)^k
+    return per_length * (length ** (1.0 - np.arange(5.0)))

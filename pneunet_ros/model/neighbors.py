@@ -1,0 +1,28 @@
+"""The arms beside an arm, along each column of its covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.model.arm import Arm
+
+COLUMN_STEP = 0.01  # of a column of the model's covariance, for its derivative
+
+
+def neighbors(arm: Arm, column: Mapping[str, float]) -> tuple[Arm, Arm, float]:
+    """Return the arm before and after along a column of its covariance, and how far apart.
+
+    A side on which a quantity would leave its bounds is the arm itself.
+    """
+    sides, distance = [arm, arm], 0.0
+    for side, sign in enumerate((-1.0, 1.0)):
+        try:
+            step = {name: sign * COLUMN_STEP * std for name, std in column.items()}
+            sides[side] = arm.changed(step)
+            distance += COLUMN_STEP
+        except ModelError as error:
+            reason = error
+    if distance == 0.0:
+        raise ModelError(f'covariance: a column leads out of bounds either way: {reason}')
+    return sides[0], sides[1], distance

@@ -1,0 +1,74 @@
+"""Numbers of a model by their dotted paths, and how they are moved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import ModelError
+
+
+def unknown_quantity(name: str) -> str:
+    """Return the sentence for a name that leads to no number of the model."""
+    return (
+        f'the model has no quantity {name}; names look like arm.length, '
+        'intrinsic_curvature.curvature.3.5, moment_law.rigidity.0.1, effects.gravity.weight_y'
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Move:
+    """By how much the number at a path inside something is moved; `name` is for sentences."""
+
+    path: tuple[str, ...]
+    amount: float
+    name: str
+
+    def inside(self) -> Move:
+        """Return the move as seen from one step further inside."""
+        return Move(path=self.path[1:], amount=self.amount, name=self.name)
+
+
+def moved(owner: Any, moves: Sequence[Move]) -> Any:
+    """Return a copy of `owner` in which the numbers at these paths are larger by their amounts."""
+    if not moves:
+        return owner
+    ended = next((move for move in moves if not move.path), None)
+    if ended is not None:
+        if isinstance(owner, bool) or not isinstance(owner, (int, float)):
+            raise ModelError(unknown_quantity(ended.name))
+        return float(owner) + sum(move.amount for move in moves)
+    if isinstance(owner, np.ndarray):
+        return moved_table(owner, moves)
+    apart: dict[str, list[Move]] = {}
+    for move in moves:
+        apart.setdefault(move.path[0], []).append(move.inside())
+    known: list[str] = []
+    if isinstance(owner, tuple):
+        known = [effect.name for effect in owner]
+    elif dataclasses.is_dataclass(owner):
+        known = [item.name for item in dataclasses.fields(owner) if item.init]
+    for key, inside in apart.items():
+        if key not in known:
+            raise ModelError(unknown_quantity(inside[0].name))
+    if isinstance(owner, tuple):
+        return tuple(moved(effect, apart.get(effect.name, [])) for effect in owner)
+    changes = {key: moved(getattr(owner, key), inside) for key, inside in apart.items()}
+    return dataclasses.replace(owner, **changes)
+
+
+def moved_table(table: Array, moves: Sequence[Move]) -> Array:
+    """Return a copy of a table in which the cells at these paths are larger."""
+    copy = np.array(table)
+    for move in moves:
+        if not all(item.isdecimal() for item in move.path) or len(move.path) != copy.ndim:
+            raise ModelError(unknown_quantity(move.name))
+        try:
+            copy[tuple(int(item) for item in move.path)] += move.amount
+        except IndexError:
+            raise ModelError(unknown_quantity(move.name)) from None
+    return copy

@@ -1,0 +1,67 @@
+"""How uncertain sensors and model are: a sigma per sensor, a low-rank covariance of the model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, table_array
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.units import check_quantities, quantity
+
+MOST_COLUMNS = 12
+_POSITIVE = (0.0, 1e9)  # finite: what is not measured at all has no sigma
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorNoise:
+    """One standard deviation of every sensor, SI."""
+
+    pressure_std: float = quantity(unit='Pa', meaning='pressure reading', bounds=_POSITIVE)
+    force_std: float = quantity(unit='N', meaning='each force component', bounds=_POSITIVE)
+    moment_std: float = quantity(unit='N m', meaning='end moment', bounds=_POSITIVE)
+    target_std: float = quantity(unit='m', meaning='target position, white', bounds=_POSITIVE)
+    placement_std: float = quantity(
+        0.0, unit='m', meaning='painted place of a target, turns with the arm', bounds=_POSITIVE
+    )
+    registration_std: float = quantity(
+        0.0, unit='m', meaning='place of the camera, per recording', bounds=_POSITIVE
+    )
+    drift_std: float = quantity(
+        0.0, unit='m', meaning='slow drift of the camera', bounds=_POSITIVE
+    )
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_quantities(self, 'sensors')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelCovariance:
+    """Covariance C = factor factor^T of model quantities, named by dotted paths.
+
+    quantities: names such as `moment_law.rigidity.0.1` or `effects.extensibility.axial_stiffness`;
+    factor (quantities, columns), SI, at most 12 columns.
+    """
+
+    quantities: tuple[str, ...]
+    factor: Array
+
+    def __post_init__(self) -> None:
+        """Check the size of the factor."""
+        factor = table_array(self.factor, 'covariance.factor', 2)
+        if factor.shape[0] != len(self.quantities) or not 1 <= factor.shape[1] <= MOST_COLUMNS:
+            raise ModelError(
+                f'covariance.factor must have a row for each of {len(self.quantities)} quantities '
+                f'and 1 to {MOST_COLUMNS} columns, not {factor.shape[0]} x {factor.shape[1]}'
+            )
+        if len(set(self.quantities)) != len(self.quantities):
+            raise ModelError('covariance.quantities names a quantity twice')
+        object.__setattr__(self, 'factor', factor)
+
+    def columns(self) -> tuple[dict[str, float], ...]:
+        """Per column, how much every quantity moves together in one standard deviation."""
+        return tuple(
+            dict(zip(self.quantities, column.tolist(), strict=True))
+            for column in np.asarray(self.factor).T
+        )

@@ -1,0 +1,124 @@
+"""What the parameters of the estimator ask for, made ready to be used or refused as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.settings import check_settings, setting
+from pneunet_ros.core.units import quantity
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.messages.builders import Output
+from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
+from pneunet_ros.nodes.estimator.info import estimator_info
+from pneunet_ros.nodes.model_info import model_label
+from pneunet_ros.nodes.parameters import model_path, ParameterTable, SHIPPED_MODEL
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeSettings:
+    """What the node must know beside the settings of the estimator."""
+
+    model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')
+    centerline_rate: float = quantity(
+        30.0,
+        unit='Hz',
+        meaning='largest rate of centerline and of markers; 0: every estimate',
+        bounds=(0.0, 1000.0),
+    )
+    publish_markers: bool = setting(
+        False, 'publish the topic markers: the arm, its targets and the end force, for displays'
+    )
+    publish_tf: bool = setting(False, 'publish the transform from frame_id to tip_frame on /tf')
+    tip_frame: str = setting(TIP_FRAME, 'frame of the free end, on /tf')
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their declaration."""
+        check_settings(self)
+        if not self.tip_frame:
+            raise RequestError('tip_frame must not be empty')
+
+    def views(self, arm: ArmInUse) -> tuple[Output[ShapeEstimate], ...]:
+        """Return the outputs for the eye that were asked for."""
+        outputs = []
+        if self.publish_tf:
+            outputs.append(transform_output(self.tip_frame))
+        if self.publish_markers:
+            outputs.append(markers_output(arm))
+        return tuple(outputs)
+
+
+PARAMETERS = ParameterTable(
+    owners=(NodeSettings, EstimatorSettings),
+    read_only=frozenset(
+        {
+            'frame_id',
+            'publish_markers',
+            'publish_tf',
+            'stations',
+            'tip_frame',
+            'watch_targets',
+            'wrench_required',
+        }
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimatorConfiguration:
+    """An estimator with the settings of its node, ready for use."""
+
+    node: NodeSettings
+    estimator: Estimator
+
+    @property
+    def model(self) -> str:
+        """Name and short hash of the model in use."""
+        return model_label(self.estimator.arm)
+
+    def info(self) -> str:
+        """Return what the topic model_info says."""
+        return estimator_info(self.estimator, model_path(self.node.model_file))
+
+    def take_over(self, state: EstimatorState, before: EstimatorConfiguration) -> EstimatorState:
+        """Return what remains valid of a state of the configuration used before."""
+        new, old = self.estimator, before.estimator
+        if new.arm is not old.arm:
+            return state.fresh()
+        if wrench_meaning(new.settings) != wrench_meaning(old.settings):
+            return replace(state, wrench=None)
+        return state
+
+
+def same_meaning(new: EstimatorConfiguration, old: EstimatorConfiguration) -> bool:
+    """Whether estimates of two configurations can be watched as one."""
+    return new.estimator.arm is old.estimator.arm and (
+        new.estimator.settings == old.estimator.settings
+    )
+
+
+def configured_estimator(
+    values: Mapping[str, Any], current: EstimatorConfiguration | None
+) -> EstimatorConfiguration:
+    """Make ready what the values of all parameters ask for.
+
+    The model file is read unless `current` already has the model of it. Raises PneunetError with
+    what is wrong.
+    """
+    node, settings = PARAMETERS.settings(values)
+    if current is not None and node.model_file == current.node.model_file:
+        arm = current.estimator.arm
+    else:
+        arm = load_model(model_path(node.model_file))
+    return EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))
+
+
+def wrench_meaning(settings: EstimatorSettings) -> tuple[int, float, str]:
+    """Return the settings by which a wrench message is taken."""
+    return settings.wrench_sign, settings.wrench_yaw, settings.wrench_frame

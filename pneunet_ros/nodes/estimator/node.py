@@ -1,0 +1,204 @@
+"""The node `estimator`: pressure and end wrench -> shape of the arm, with its uncertainty.
+
+All that is made of a reading is made by `pneunet_ros.estimation.estimator`; here are topics,
+parameters, services, diagnostics and the log.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+import time
+from typing import Any
+
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import PressureReading
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.estimation.consistency import remembered, WatchState
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.pressure_tare import pressure_zero
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.messages.builders import POINTS_TYPE, UNREADABLE
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.consistency import watched_message
+from pneunet_ros.messages.readings import TARGETS_NAME
+from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.nodes import process
+from pneunet_ros.nodes.configured_node import ConfiguredNode
+from pneunet_ros.nodes.estimator.configuration import (
+    configured_estimator,
+    EstimatorConfiguration,
+    PARAMETERS,
+    same_meaning,
+)
+from pneunet_ros.nodes.estimator.health import EstimatorHealth
+from pneunet_ros.nodes.estimator.publisher import EstimatePublisher
+from pneunet_ros.nodes.estimator.warm_up import warm_up
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
+from pneunet_ros.nodes.topics import input_qos, subscription
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+USAGE = """usage: estimator [--ros-args ...]
+
+Estimates the shape of a pneu-net arm from the topics pressure and end_wrench. All settings are
+ROS parameters, as in
+
+  estimator --ros-args -p model_file:=/path/to/model.yaml
+  estimator --ros-args --params-file config/estimator.yaml
+"""
+ZERO_SPAN = 1.0  # s of pressure readings that ~/zero_pressure looks at
+ZERO_READINGS = 1000  # of which it keeps no more than the last so many
+
+
+class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
+    """Feeds readings to an `Estimator` and publishes what it gives in the same callback."""
+
+    def __init__(self) -> None:
+        """Declare all parameters, get everything warm, and only then open the topics."""
+        super().__init__('estimator', PARAMETERS, configured_estimator)
+        self.state = EstimatorState()
+        self.watch = WatchState()
+        self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)
+
+        settings = self.configuration.estimator.settings
+        serializer = ClaimSerializer(
+            types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
+        )
+        self.get_logger().info('preparing the solver; the very first time it is compiled')
+        trouble = warm_up(self.configuration.estimator, serializer)
+        if trouble:
+            self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')
+
+        node = self.configuration.node
+        views = node.views(lambda: self.configuration.estimator.arm)
+        self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, views)
+        self.open_services()
+        self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
+
+        self.health = EstimatorHealth(self.resolve_topic_name('pressure'), time.monotonic())
+        # Of two readings that are both there, the executor takes that of the first subscription.
+        if settings.wrench_required:
+            subscription(self, WRENCH_TYPE, 'end_wrench', self.take_wrench, input_qos())
+        subscription(self, PRESSURE_TYPE, 'pressure', self.take_pressure, input_qos())
+        # Behind them both: what is compared may wait, what is estimated not.
+        if settings.watch_targets:
+            subscription(self, POINTS_TYPE, TARGETS_NAME, self.take_targets, input_qos())
+        self.tell_ready()
+
+    def take_wrench(self, message: Any) -> None:
+        """Take a wrench message."""
+        try:
+            reading = decode_wrench(message)
+        except MessageError as error:
+            self.refuse_message(error)
+            return
+        resets = self.state.resets
+        self.state, refusal = self.configuration.estimator.step(self.state, reading)
+        self.note_reset(resets)
+        assert not isinstance(refusal, ShapeEstimate)
+        self.health.took_wrench(refusal, time.monotonic())
+        if refusal is not None:
+            self.log_refusal(refusal)
+
+    def take_pressure(self, message: Any, info: dict[str, int]) -> None:
+        """Take a pressure message and publish the shape at it."""
+        try:
+            reading = decode_pressure(message)
+        except MessageError as error:
+            self.refuse_message(error)
+            return
+        resets = self.state.resets
+        begin = time.monotonic()
+        self.state, outcome = self.configuration.estimator.step(self.state, reading)
+        end = time.monotonic()
+        assert outcome is not None
+        if isinstance(outcome, ShapeEstimate):
+            self.outputs.publish(outcome, end)
+            self.health.published(1e-9 * (time.time_ns() - info['received_timestamp']))
+        self.health.took_pressure(outcome, end, end - begin)
+        estimator = self.configuration.estimator
+        if estimator.settings.watch_targets:
+            self.note_watch(remembered(self.watch, estimator, reading, self.state, outcome))
+        self.note_reset(resets)
+        if isinstance(outcome, Refusal):
+            self.log_refusal(outcome)
+            if not outcome.error:
+                return
+        self.recent.append(reading)
+
+    def take_targets(self, message: Any) -> None:
+        """Take a frame of measured targets and compare it with the estimates."""
+        watch, refusal = watched_message(self.watch, self.configuration.estimator, message)
+        self.note_watch(watch)
+        if refusal is not None:
+            self.health.refused(refusal)
+            self.log_refusal(refusal)
+
+    def note_watch(self, watch: WatchState) -> None:
+        """Keep what is known of targets, and when a frame was last compared."""
+        if watch.running is not self.watch.running:
+            self.health.compared_targets(time.monotonic())
+        self.watch = watch
+
+    def refuse_message(self, error: MessageError) -> None:
+        """Count a message that could not be decoded."""
+        refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
+        self.state = self.state.counting(UNREADABLE)
+        self.health.refused(refusal)
+        self.log_refusal(refusal)
+
+    def note_reset(self, resets: int) -> None:
+        """Say in the log when the estimator started anew because time jumped back."""
+        if self.state.resets > resets:
+            self.recent.clear()
+            sentence = 'time jumped back: the estimator has started anew'
+            self.log.warn('reset', sentence, time.monotonic())
+
+    def diagnose(self) -> None:
+        """Publish how the estimator is doing."""
+        now = time.monotonic()
+        settings = self.configuration.estimator.settings
+        report = self.health.report(self.state, settings, now, self.watch)
+        self.publish_report('shape', report)
+        found = self.health.disagreement(settings, self.watch, now)
+        if found is not None and found.beyond:
+            self.log.warn('disagreement', found.sentence, now)
+        if self.health.silence(now) > settings.input_timeout:
+            self.log.warn('silence', report.message, now)
+
+    def forget(self) -> str:
+        """Forget all readings."""
+        self.state, self.watch = self.state.fresh(), self.watch.fresh()
+        self.recent.clear()
+        return 'the estimator starts anew'
+
+    def zero_pressure(self, request: Any, response: Any) -> Any:
+        """Serve ~/zero_pressure: the arm is vented, so what the sensor reads now is zero."""
+        estimator = self.configuration.estimator
+        readings: tuple[PressureReading, ...] = ()
+        if self.health.silence(time.monotonic()) <= estimator.settings.input_timeout:
+            last = self.recent[-1].stamp_ns if self.recent else 0
+            readings = tuple(
+                reading
+                for reading in self.recent
+                if seconds_between(reading.stamp_ns, last) <= ZERO_SPAN
+            )
+        offset, response.message = pressure_zero(estimator, readings)
+        if offset is not None:
+            (result,) = self.set_parameters([Parameter('pressure_offset', value=offset)])
+            response.success = result.successful
+            response.message = response.message if result.successful else result.reason
+        return response
+
+    def take_over(self, configuration: EstimatorConfiguration) -> None:
+        """Keep what remains valid of the state, and use the new rate."""
+        self.state = configuration.take_over(self.state, self.configuration)
+        if not same_meaning(configuration, self.configuration):
+            self.watch = self.watch.fresh()
+        self.outputs.centerline_rate = configuration.node.centerline_rate
+
+
+def main() -> int:
+    """Run the node until a signal comes; the console script `estimator`."""
+    return process.run(EstimatorNode, USAGE)

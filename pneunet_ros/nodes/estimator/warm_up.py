@@ -1,0 +1,55 @@
+"""What is slow the first time, done before the first reading: kernels and message templates."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.predicted_targets import expected_targets, Moment
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.topics import OUTPUTS
+from pneunet_ros.solver.boundary_value_problem import Attempt
+from pneunet_ros.solver.collocation import TOLERANCE
+
+
+def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
+    """Run every kernel and every encoder once; returns why the model gave no estimate, or ''.
+
+    A kernel that is compiled or loaded at its first use would hold up the readings of a running
+    arm, so the ones for hard cases are run as well.
+    """
+    arm = estimator.arm
+    low, high = arm.pressure_range
+    middle = 0.5 * (low + high)
+    Attempt(arm.rods(np.array([middle])), (0.0, 0.0), 0.0, TOLERANCE).continued()
+    last = PressureReading(stamp_ns=2, pressure=sensed(estimator, middle + 0.01 * (high - low)))
+    readings = (
+        WrenchReading(
+            stamp_ns=1,
+            force_x=0.0,
+            force_y=0.1 * arm.weight,
+            moment=0.0,
+            frame_id=estimator.settings.frame_id,
+        ),
+        PressureReading(stamp_ns=1, pressure=sensed(estimator, middle)),
+        last,
+    )
+    state, outcome = EstimatorState(), None
+    for reading in readings:
+        state, outcome = estimator.step(state, reading)
+    if not isinstance(outcome, ShapeEstimate):
+        return '' if outcome is None else outcome.sentence
+    for topic in OUTPUTS:
+        serializer.bytes_of(topic, outcome)
+    if estimator.settings.watch_targets:
+        expected_targets(estimator, Moment(reading=last, state=state, estimate=outcome))
+    return ''
+
+
+def sensed(estimator: Estimator, pressure: float) -> float:
+    """Return what the sensor reports at a gauge pressure (Pa)."""
+    settings = estimator.settings
+    absolute = settings.pressure_reference == 'absolute'
+    return pressure - settings.pressure_offset + absolute * settings.ambient_pressure

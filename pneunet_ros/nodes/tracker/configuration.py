@@ -1,0 +1,101 @@
+"""What the parameters of the tracker ask for, made ready to be used or refused as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.settings import check_settings, setting
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.camera_file import load_camera
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.nodes.model_info import model_info, model_label
+from pneunet_ros.nodes.parameters import model_path, ParameterTable, SHIPPED_MODEL
+from pneunet_ros.vision.tracker import Tracker
+
+SHIPPED_CAMERA = 'config/camera.yaml'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackerSettings:
+    """What the node must know beside model and camera."""
+
+    model_file: str = setting(
+        '', f'model file of the arm, with its targets; empty: the shipped {SHIPPED_MODEL}'
+    )
+    camera_file: str = setting(
+        '', f'file of camera, plane and targets; empty: the shipped {SHIPPED_CAMERA}'
+    )
+    frame_id: str = setting(BASE_FRAME, 'frame of all outputs but image_annotated, at the clamp')
+    image_transport: str = setting(
+        'raw',
+        'which topic images come on: image_raw, or image_raw/compressed',
+        ('raw', 'compressed'),
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their declaration."""
+        check_settings(self)
+        if not self.frame_id:
+            raise RequestError('frame_id must not be empty')
+
+    @property
+    def camera_path(self) -> Path:
+        """Where the camera file is."""
+        return Path(self.camera_file) if self.camera_file else shipped(SHIPPED_CAMERA)
+
+
+PARAMETERS = ParameterTable(
+    owners=(TrackerSettings,), read_only=frozenset({'frame_id', 'image_transport'})
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackerConfiguration:
+    """A tracker with the settings of its node, ready for use."""
+
+    node: TrackerSettings
+    tracker: Tracker
+
+    @property
+    def model(self) -> str:
+        """Name and short hash of the model in use."""
+        return model_label(self.tracker.arm)
+
+    def info(self) -> str:
+        """Return what the topic model_info says."""
+        arm = self.tracker.arm
+        return model_info(
+            arm,
+            model_path(self.node.model_file),
+            camera_file=str(self.node.camera_path),
+            plane=self.tracker.settings.plane.method,
+            targets=len(arm.target_arclength),
+            frame_id=self.node.frame_id,
+        )
+
+
+def configured_tracker(
+    values: Mapping[str, Any], current: TrackerConfiguration | None
+) -> TrackerConfiguration:
+    """Make ready what the values of all parameters ask for.
+
+    Files are read unless `current` already has their content. Raises PneunetError with what is
+    wrong.
+    """
+    (node,) = PARAMETERS.settings(values)
+    if current is not None and node == current.node:
+        return current
+    arm, settings = None, None
+    if current is not None and node.model_file == current.node.model_file:
+        arm = current.tracker.arm
+    if current is not None and node.camera_file == current.node.camera_file:
+        settings = current.tracker.settings
+    tracker = Tracker(
+        arm or load_model(model_path(node.model_file)), settings or load_camera(node.camera_path)
+    )
+    return TrackerConfiguration(node=node, tracker=tracker)

@@ -1,0 +1,177 @@
+"""The node `tracker`: camera images -> targets and centerline of the arm, measured.
+
+All that is made of an image is made by `pneunet_ros.vision.tracker`; here are topics, parameters,
+services, diagnostics and the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import time
+from typing import Any
+
+from pneunet_ros.core.errors import CameraError, MessageError
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.messages.builders import UNREADABLE
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.tracker import (
+    CAMERA_INFO_TYPE,
+    claims,
+    COMPRESSED_TYPE,
+    decode_camera_info,
+    decode_compressed_image,
+    decode_image,
+    encode_picture,
+    IMAGE_TYPE,
+    TARGETS,
+    TRACKER_OUTPUTS,
+)
+from pneunet_ros.nodes import process
+from pneunet_ros.nodes.configured_node import ConfiguredNode
+from pneunet_ros.nodes.following import FollowingSubscription
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
+from pneunet_ros.nodes.topics import output_qos, publisher
+from pneunet_ros.nodes.tracker.configuration import (
+    configured_tracker,
+    PARAMETERS,
+    TrackerConfiguration,
+)
+from pneunet_ros.nodes.tracker.health import IMAGE_TIMEOUT, TrackerHealth
+from pneunet_ros.nodes.tracker.warm_up import warm_up
+from pneunet_ros.vision.overlay import curve_in_image, draw
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+
+USAGE = """usage: tracker [--ros-args ...]
+
+Measures the targets on a pneu-net arm, and its centerline, in the images of a camera. All settings
+are ROS parameters, as in
+
+  tracker --ros-args -p camera_file:=/path/to/camera.yaml -p image_transport:=compressed
+  tracker --ros-args --params-file config/tracker.yaml
+"""
+FOLLOW_PERIOD = 0.5  # s; how soon another quality of service of the camera is noticed
+WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a refusal, beside those of the tracker
+
+
+class TrackerNode(ConfiguredNode[TrackerConfiguration]):
+    """Feeds images to a `Tracker` and publishes what it gives in the same callback."""
+
+    def __init__(self) -> None:
+        """Declare all parameters, get everything warm, and only then open the topics."""
+        super().__init__('tracker', PARAMETERS, configured_tracker)
+        self.state = TrackerState()
+        self.get_logger().info('preparing the kernels; the very first time they are compiled')
+        self.serializer = ClaimSerializer(
+            types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id
+        )
+        trouble = warm_up(self.configuration.tracker, self.serializer)
+        if trouble:
+            self.get_logger().warning(f'a drawn arm was not tracked to begin with: {trouble}')
+
+        self.outputs = {
+            output.name: publisher(self, output.type, output.name, output_qos())
+            for output in TRACKER_OUTPUTS
+        }
+        self.annotated = publisher(self, IMAGE_TYPE, 'image_annotated', output_qos())
+        self.open_services()
+        self.decode: Callable[[Any], Image]
+        # Renaming the image renames what is made of it, as everywhere in ROS.
+        topic, kind, self.decode = self.resolve_topic_name('image_raw'), IMAGE_TYPE, decode_image
+        if self.configuration.node.image_transport == 'compressed':
+            topic, kind = f'{topic}/compressed', COMPRESSED_TYPE
+            self.decode = decode_compressed_image
+        self.inputs = (
+            FollowingSubscription(self, CAMERA_INFO_TYPE, 'camera_info', self.take_camera_info),
+            FollowingSubscription(self, kind, topic, self.take_image),
+        )
+        self.health = TrackerHealth(self.inputs[1].topic, time.monotonic())
+        self.every(FOLLOW_PERIOD, self.follow)
+        self.tell_ready()
+
+    def take_camera_info(self, message: Any) -> None:
+        """Take a camera_info message, which holds from now on."""
+        try:
+            lens = decode_camera_info(message)
+        except MessageError as error:
+            self.refuse(UNREADABLE, error)
+        except CameraError as error:
+            self.refuse(WRONG_CAMERA_INFO, error)
+        else:
+            self.state, _ = self.configuration.tracker.step(self.state, lens)
+
+    def take_image(self, message: Any, info: dict[str, int]) -> None:
+        """Take an image message and publish the targets in it."""
+        try:
+            image = self.decode(message)
+        except MessageError as error:
+            self.refuse(UNREADABLE, error)
+            return
+        resets = self.state.resets
+        self.state, outcome = self.configuration.tracker.step(self.state, image)
+        if self.state.resets > resets:
+            sentence = 'time jumped back: the tracker has started anew'
+            self.log.warn('reset', sentence, time.monotonic())
+        assert outcome is not None
+        if isinstance(outcome, Tracking):
+            self.publish(outcome)
+            self.health.published(1e-9 * (time.time_ns() - info['received_timestamp']))
+            if self.annotated.get_subscription_count():
+                self.annotate(image, outcome)
+        else:
+            self.log_refusal(outcome)
+        self.health.took_image(outcome, time.monotonic())
+
+    def publish(self, tracking: Tracking) -> None:
+        """Publish the targets of a frame, and of its curve what somebody listens to."""
+        for output, claim in claims(tracking):
+            out = self.outputs[output.name]
+            if output is TARGETS or out.get_subscription_count():
+                out.publish(self.serializer.bytes_of(output, claim))
+
+    def annotate(self, image: Image, tracking: Tracking) -> None:
+        """Publish the image with what was made of it."""
+        curve, plane, lens = None, self.state.plane, self.state.lens
+        if tracking.curve is not None and plane is not None and lens is not None:
+            curve = curve_in_image(tracking.curve, plane, lens)
+        picture = draw(image, tracking, curve)
+        self.annotated.publish(
+            encode_picture(picture, image.stamp_ns, image.frame_id, RCLPY_TYPES)
+        )
+
+    def refuse(self, reason: str, error: Exception) -> None:
+        """Count a message that could not be decoded."""
+        refusal = Refusal(
+            stamp_ns=0, reason=reason, sentence=str(error), error=reason == WRONG_CAMERA_INFO
+        )
+        self.state = self.state.counting(reason)
+        self.health.refused(refusal)
+        self.log_refusal(refusal)
+
+    def follow(self) -> None:
+        """Subscribe as the publishers of now offer it."""
+        for subscription in self.inputs:
+            subscription.follow()
+
+    def diagnose(self) -> None:
+        """Publish how the tracker is doing."""
+        now = time.monotonic()
+        report = self.health.report(self.state, now)
+        self.publish_report('targets', report)
+        if self.health.silence(now) > IMAGE_TIMEOUT:
+            self.log.warn('silence', report.message, now)
+
+    def forget(self) -> str:
+        """Forget all images; what is known of the camera remains."""
+        self.state = self.configuration.tracker.started_anew(self.state)
+        return 'the tracker starts anew'
+
+    def take_over(self, configuration: TrackerConfiguration) -> None:
+        """Start anew if anything is another one; what is known of the camera remains."""
+        if configuration.tracker is not self.configuration.tracker:
+            self.state = configuration.tracker.started_anew(self.state)
+
+
+def main() -> int:
+    """Run the node until a signal comes; the console script `tracker`."""
+    return process.run(TrackerNode, USAGE)

@@ -1,0 +1,76 @@
+"""What is slow the first time, done before the first image: kernels, smoother, messages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from pneunet_ros.core.image import Image
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.tracker import claims
+from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera_settings import CameraSettings, FixedBand, RestPlane
+from pneunet_ros.vision.overlay import curve_in_image, draw
+from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+
+
+def warm_up(tracker: Tracker, serializer: ClaimSerializer) -> str:
+    """Run every kernel and every encoder once; returns why targets were not seen, or ''.
+
+    The arm is drawn at rest, so whatever way its camera learns where the plane is, here it is by
+    the arm at rest.
+    """
+    resting = replace(
+        tracker.settings,
+        plane=RestPlane(),
+        clamp_pixel=None,
+        rest_frames=1,
+    )
+    drawn = Tracker(tracker.arm, resting)
+    image, lens = drawn_arm(drawn.arm.target_arclength, resting)
+    state, _ = drawn.step(TrackerState(), lens)
+    outcome = None
+    for stamp_ns in (1, 2, 3):
+        state, outcome = drawn.step(state, replace(image, stamp_ns=stamp_ns))
+    if not isinstance(outcome, Tracking):
+        return '' if outcome is None else outcome.sentence
+    if outcome.curve is not None and state.plane is not None:
+        draw(image, outcome, curve_in_image(outcome.curve, state.plane, lens))
+    for output, claim in claims(outcome):
+        serializer.bytes_of(output, claim)
+    return outcome.sentence
+
+
+def drawn_arm(arclength: np.ndarray, settings: CameraSettings) -> tuple[Image, Lens]:
+    """Draw white dots in a row, the first on the left, of a size that can be a target."""
+    area = min(max(2.0 * settings.area.smallest, 50.0), 0.5 * settings.area.largest)
+    radius = math.sqrt(area / math.pi)
+    places = np.asarray(arclength) - arclength[0]
+    pixels_per_meter = 5.0 * radius / float(np.diff(places).min())
+    margin = 10.0 * radius
+    u = margin + places * pixels_per_meter
+    width, height = math.ceil(u[-1] + margin), math.ceil(2.0 * margin)
+    across, down = np.arange(width) - u[:, None], np.arange(height) - 0.5 * height
+    distance = np.sqrt(across[:, None, :] ** 2 + down[None, :, None] ** 2).min(axis=0)
+    band = settings.grey_band
+    white = band.high if isinstance(band, FixedBand) else 255.0
+    grey = np.clip(radius + 0.5 - distance, 0.0, 1.0) * white
+    lens = Lens(
+        width=width,
+        height=height,
+        model='plumb_bob',
+        matrix=np.array([[width, 0.0, width / 2], [0.0, width, height / 2], [0.0, 0.0, 1.0]]),
+        distortion=np.zeros(5),
+    )
+    image = Image(
+        stamp_ns=1,
+        frame_id='camera',
+        width=width,
+        height=height,
+        step=width,
+        encoding='mono8',
+        data=np.rint(grey).astype(np.uint8).ravel(),
+    )
+    return image, lens

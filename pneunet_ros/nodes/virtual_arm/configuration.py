@@ -1,0 +1,108 @@
+"""What the parameters of the virtual arm ask for, made ready to be used or refused as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from dataclasses import dataclass
+import json
+from pathlib import Path
+from typing import Any
+
+from pneunet_ros import __version__
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.settings import check_settings, setting
+from pneunet_ros.core.share import shipped
+from pneunet_ros.core.units import quantity
+from pneunet_ros.files.scenario_file import changes_of, load_lab
+from pneunet_ros.lab.live import LiveLab
+from pneunet_ros.lab.scenario import described
+from pneunet_ros.lab.sensors import noiseless
+from pneunet_ros.lab.valve import Valve
+from pneunet_ros.nodes.parameters import ParameterTable
+
+SHIPPED_ARM = 'scenarios/lab_arm.yaml'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VirtualArmSettings:
+    """What is tried out, and how it is measured."""
+
+    scenario_file: str = setting(
+        '', f'file of a lab arm, or of a scenario with one; empty: the shipped {SHIPPED_ARM}'
+    )
+    effects: str = setting(
+        '',
+        'hidden effects beside those of the file, NAME.PARAMETER=VALUE, with blanks between them',
+    )
+    seed: int = setting(0, 'of the noise', bounds=(0, 2**31 - 1))
+    noise: bool = setting(True, 'whether sensors are noisy and targets painted a little off')
+    rate: float = quantity(
+        100.0, unit='Hz', meaning='of pressure and end_wrench', bounds=(1.0, 1000.0)
+    )
+    frame_rate: float = quantity(
+        10.0, unit='Hz', meaning='of targets or images', bounds=(0.1, 100.0)
+    )
+    camera: str = setting(
+        'targets',
+        'what the camera gives: targets, as a tracker would; images, for the tracker; or none',
+        ('targets', 'images', 'none'),
+    )
+    frame_id: str = setting(BASE_FRAME, 'frame of end_wrench, targets and true_tip, at the clamp')
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their declaration."""
+        check_settings(self)
+        if not self.frame_id:
+            raise RequestError('frame_id must not be empty')
+
+    @property
+    def path(self) -> Path:
+        """Where the file of the arm or the scenario is."""
+        return Path(self.scenario_file) if self.scenario_file else shipped(SHIPPED_ARM)
+
+
+PARAMETERS = ParameterTable(
+    owners=(VirtualArmSettings, Valve),
+    read_only=frozenset({'seed', 'rate', 'frame_rate', 'camera', 'frame_id'}),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VirtualArmConfiguration:
+    """A live lab with the settings of its node, ready for use."""
+
+    node: VirtualArmSettings
+    lab: LiveLab
+
+    @property
+    def model(self) -> str:
+        """Name of the arm."""
+        return f'{self.lab.scenario.arm.name}, virtual'
+
+    def info(self) -> str:
+        """Return what the topic lab_info says: the truth."""
+        about = described(self.lab.scenario)
+        wanted = {name: about[name] for name in ('arm', 'effects', 'noise', 'seed')}
+        return json.dumps({'file': str(self.node.path), **wanted, 'version': __version__})
+
+
+def configured_virtual_arm(
+    values: Mapping[str, Any], current: VirtualArmConfiguration | None
+) -> VirtualArmConfiguration:
+    """Make ready what the values of all parameters ask for.
+
+    With `current`, the arm of the same file stays the same one. Raises PneunetError with what is
+    wrong.
+    """
+    node, valve = PARAMETERS.settings(values)
+    scenario = load_lab(node.path)
+    arm, noise = scenario.arm, scenario.noise
+    if current is not None and node.scenario_file == current.node.scenario_file:
+        arm = current.lab.scenario.arm
+    if not node.noise:
+        noise = noiseless()
+    scenario = dataclasses.replace(scenario, arm=arm, noise=noise, seed=node.seed)
+    scenario = scenario.with_effects(changes_of(node.effects.split()))
+    return VirtualArmConfiguration(node=node, lab=LiveLab(scenario=scenario, valve=valve))

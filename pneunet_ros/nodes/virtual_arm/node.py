@@ -1,0 +1,259 @@
+"""The node `virtual_arm`: commands in, and what the sensors of an arm say, from the virtual lab.
+
+All that the arm does is done by `pneunet_ros.lab.live`; here are topics, parameters, services,
+diagnostics and the log.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+import math
+import time
+from typing import Any, ClassVar
+
+import numpy as np
+from pneunet_ros.core.errors import MessageError, RequestError
+from pneunet_ros.core.frames import heading_quaternion
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.lab.chain import Lying
+from pneunet_ros.lab.film import Film, SCENE
+from pneunet_ros.lab.live import LiveLab, Load
+from pneunet_ros.messages.builders import header, POINTS_TYPE, UNREADABLE
+from pneunet_ros.messages.camera import camera_info_message, grey_image_message
+from pneunet_ros.messages.readings import pressure_message, targets_message, wrench_message
+from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, IMAGE_TYPE
+from pneunet_ros.nodes import process
+from pneunet_ros.nodes.configured_node import ConfiguredNode
+from pneunet_ros.nodes.health import counted, Level, Report, texts
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES
+from pneunet_ros.nodes.topics import input_qos, output_qos, publisher, subscription
+from pneunet_ros.nodes.virtual_arm.configuration import (
+    configured_virtual_arm,
+    PARAMETERS,
+    VirtualArmConfiguration,
+)
+
+USAGE = """usage: virtual_arm [--ros-args ...]
+
+Plays a pneu-net arm with its valve, sensors and camera: try the whole stack without hardware. The
+pressure is commanded on the topic pressure_command. All settings are ROS parameters, as in
+
+  virtual_arm --ros-args -p camera:=images
+  virtual_arm --ros-args -p effects:="hysteresis.width=4000 gravity.weight_y=-1.0"
+"""
+TIP_TYPE = 'geometry_msgs/msg/PoseStamped'
+PRESSURE_FRAME, CAMERA_FRAME = 'pressure_sensor', 'camera'
+NOT_FINITE, WRONG_FRAME = 'not_finite', 'wrong_frame'
+
+
+class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
+    """Leads a `LiveLab` through real time by the steady clock; stamps are those of ROS."""
+
+    INFO_TOPIC: ClassVar[str] = 'lab_info'
+
+    def __init__(self) -> None:
+        """Declare all parameters, get everything warm, and only then open the topics."""
+        super().__init__('virtual_arm', PARAMETERS, configured_virtual_arm)
+        settings = self.configuration.node
+        self.get_logger().info('preparing the lab; the very first time it is compiled')
+        self.random = np.random.default_rng(settings.seed)
+        self.command = 0.0
+        self.load = Load()
+        self.begun = time.monotonic()
+        self.film = self.camera(self.configuration.lab)
+        self.warm_up()
+        self.state = self.configuration.lab.begin(self.now())
+        self.rejected: Counter[str] = Counter()
+        self.trouble: Refusal | None = None
+        self.readings, self.reported = 0, time.monotonic()
+
+        self.pressures = publisher(self, PRESSURE_TYPE, 'pressure', output_qos())
+        self.wrenches = publisher(self, WRENCH_TYPE, 'end_wrench', output_qos())
+        self.tips = publisher(self, TIP_TYPE, 'true_tip', output_qos())
+        self.every(1.0 / settings.rate, self.measure)
+        if settings.camera == 'targets':
+            self.targets = publisher(self, POINTS_TYPE, 'targets', output_qos())
+            self.every(1.0 / settings.frame_rate, self.show_targets)
+        elif settings.camera == 'images':
+            self.infos = publisher(self, CAMERA_INFO_TYPE, 'camera_info', output_qos())
+            self.images = publisher(self, IMAGE_TYPE, 'image_raw', output_qos())
+            self.every(1.0 / settings.frame_rate, self.show_image)
+        self.open_services()
+        for kind, topic, take in (
+            (PRESSURE_TYPE, 'pressure_command', self.take_command),
+            (WRENCH_TYPE, 'force_command', self.take_load),
+        ):
+            subscription(self, kind, topic, take, input_qos())
+        self.tell_ready()
+
+    def now(self) -> float:
+        """Return the time of the lab (s)."""
+        return time.monotonic() - self.begun
+
+    def warm_up(self) -> None:
+        """Run every kernel once, before somebody waits."""
+        lab = self.configuration.lab
+        load = Load(force_x=0.1 * lab.scenario.arm.weight)
+        state, shape = lab.shape(lab.step(lab.begin(), 0.01, 1e3, load))
+        _, shape = lab.shape(lab.step(state, 0.02, 1e3))
+        lab.reading(state, self.random)
+        lab.sighted(shape, self.random)
+        if self.film is not None:
+            self.film.image(shape, self.random)
+
+    def camera(self, lab: LiveLab) -> Film | None:
+        """Return the camera, where there are images."""
+        return Film(lab) if self.configuration.node.camera == 'images' else None
+
+    def take_command(self, message: Any) -> None:
+        """Take a commanded pressure; its stamp is not looked at."""
+        try:
+            command = decode_pressure(message).pressure
+        except MessageError as error:
+            self.refuse(UNREADABLE, str(error))
+            return
+        if not math.isfinite(command):
+            self.refuse(NOT_FINITE, f'a commanded pressure of {command} is refused')
+            return
+        low, high = self.configuration.lab.scenario.arm.pressure_range
+        self.command = min(max(command, low), high)
+        if self.command != command:
+            sentence = f'the valve goes from {low:g} to {high:g} Pa, not to {command:g} Pa'
+            self.log.warn('range', sentence, time.monotonic())
+
+    def take_load(self, message: Any) -> None:
+        """Take a load that is put on the free end from now on."""
+        try:
+            wanted = decode_wrench(message)
+        except MessageError as error:
+            self.refuse(UNREADABLE, str(error))
+            return
+        frame_id = self.configuration.node.frame_id
+        if wanted.frame_id not in ('', frame_id):
+            self.refuse(WRONG_FRAME, f'a force in {wanted.frame_id!r} must be in {frame_id!r}')
+            return
+        try:
+            self.load = Load(force_x=wanted.force_x, force_y=wanted.force_y, moment=wanted.moment)
+        except RequestError as error:
+            self.refuse(NOT_FINITE, str(error))
+
+    def refuse(self, reason: str, sentence: str) -> None:
+        """Count a command that changes nothing."""
+        self.rejected[reason] += 1
+        self.log_refusal(Refusal(stamp_ns=0, reason=reason, sentence=sentence, error=False))
+
+    def advance(self) -> int:
+        """Bring the arm to the present; returns the stamp (ns) of it."""
+        lab = self.configuration.lab
+        self.state = lab.step(self.state, self.now(), self.command, self.load)
+        stamp_ns: int = self.get_clock().now().nanoseconds
+        return stamp_ns
+
+    def measure(self) -> None:
+        """Publish the readings of wrench and pressure, and the truth while somebody looks."""
+        stamp_ns = self.advance()
+        reading = self.configuration.lab.reading(self.state, self.random)
+        wrench = WrenchReading(
+            stamp_ns=stamp_ns,
+            force_x=reading.load.force_x,
+            force_y=reading.load.force_y,
+            moment=reading.load.moment,
+            frame_id=self.configuration.node.frame_id,
+        )
+        pressure = PressureReading(stamp_ns=stamp_ns, pressure=reading.pressure)
+        # The wrench first: the pressure makes the estimate.
+        self.wrenches.publish(wrench_message(wrench, RCLPY_TYPES))
+        self.pressures.publish(pressure_message(pressure, PRESSURE_FRAME, RCLPY_TYPES))
+        self.readings += 1
+        if self.tips.get_subscription_count():
+            self.with_shape(lambda shape: self.tips.publish(self.tip(shape, stamp_ns)))
+
+    def with_shape(self, use: Callable[[Lying], None]) -> None:
+        """Do something with the shape of the arm, if it has one."""
+        try:
+            self.state, shape = self.configuration.lab.shape(self.state)
+        except RequestError as error:
+            self.trouble = Refusal(
+                stamp_ns=0, reason='no_equilibrium', sentence=str(error), error=True
+            )
+            self.log_refusal(self.trouble)
+        else:
+            use(shape)
+
+    def tip(self, shape: Lying, stamp_ns: int) -> Any:
+        """Return the pose of the true free end."""
+        length = self.configuration.lab.scenario.arm.length
+        x, y, theta = (float(rows[0, 0]) for rows in shape.points([length]))
+        tip = RCLPY_TYPES(TIP_TYPE)(
+            header=header(stamp_ns, self.configuration.node.frame_id, RCLPY_TYPES)
+        )
+        tip.pose.position.x, tip.pose.position.y = x, y
+        tip.pose.orientation.z, tip.pose.orientation.w = heading_quaternion(theta)
+        return tip
+
+    def show_targets(self) -> None:
+        """Publish the targets as a tracker measures them."""
+        stamp_ns = self.advance()
+        lab, frame_id = self.configuration.lab, self.configuration.node.frame_id
+
+        def show(shape: Lying) -> None:
+            x, y = lab.sighted(shape, self.random).T
+            std = lab.scenario.noise.target_std
+            self.targets.publish(targets_message(stamp_ns, x, y, frame_id, RCLPY_TYPES, std))
+
+        self.with_shape(show)
+
+    def show_image(self) -> None:
+        """Publish an image of the arm, the camera first."""
+        stamp_ns = self.advance()
+
+        def show(shape: Lying) -> None:
+            assert self.film is not None
+            grey = self.film.image(shape, self.random)
+            end = (stamp_ns, CAMERA_FRAME, RCLPY_TYPES)
+            self.infos.publish(camera_info_message(SCENE.camera, *end))
+            self.images.publish(grey_image_message(grey, *end))
+
+        self.with_shape(show)
+
+    def diagnose(self) -> None:
+        """Publish how the arm is doing."""
+        now = time.monotonic()
+        rate = self.readings / max(now - self.reported, 1e-9)
+        values = {
+            'rate_hz': rate,
+            'command_pa': self.command,
+            'pressure_pa': self.state.pressure,
+            'force_x_n': self.load.force_x,
+            'force_y_n': self.load.force_y,
+            'moment_nm': self.load.moment,
+        }
+        level, message = Level.OK, f'a virtual arm at {rate:.3g} Hz'
+        if self.trouble is not None:
+            level, message = Level.ERROR, self.trouble.sentence
+        self.readings, self.reported, self.trouble = 0, now, None
+        said = texts(values) | counted('rejected', self.rejected)
+        self.publish_report('arm', Report(level=level, message=message, values=said))
+
+    def forget(self) -> str:
+        """Put a virgin arm in its place, vented and without a load."""
+        self.command, self.load = 0.0, Load()
+        self.state = self.configuration.lab.begin(self.now())
+        return 'a virgin arm, vented and without a load'
+
+    def take_over(self, configuration: VirtualArmConfiguration) -> None:
+        """Go on with other effects, or with another arm, which is a virgin one."""
+        lab = configuration.lab
+        self.film = self.camera(lab)
+        if lab.scenario.arm is self.configuration.lab.scenario.arm:
+            self.state = lab.taking_over(self.state)
+        else:
+            self.state = lab.begin(self.now())
+
+
+def main() -> int:
+    """Run the node until a signal comes; the console script `virtual_arm`."""
+    return process.run(VirtualArmNode, USAGE)

@@ -1,0 +1,1 @@
+"""The work of the nodes on files: replay, track, check."""

@@ -1,0 +1,99 @@
+"""Calibrations as files: where a model comes from, and the knowledge that lets one go on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields, replace
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
+from pneunet_ros.calibration.posterior import Knowledge
+from pneunet_ros.core.errors import ModelError, PneunetError
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
+from pneunet_ros.files.yaml_file import one_line
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.recordings.bag_folder import mcap_files
+
+KNOWLEDGE_SUFFIX = '.knowledge.npz'
+PIECE = 1 << 20  # bytes read at a time
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a recording: of its file, or of the MCAP files of a rosbag2 folder."""
+    digest = hashlib.sha256()
+    for file in mcap_files(path):
+        with file.open('rb') as stream:
+            while piece := stream.read(PIECE):
+                digest.update(piece)
+    return digest.hexdigest()
+
+
+def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:
+    """Return file, hash and role of every recording."""
+    return [
+        {'file': path.name, 'sha256': file_hash(path), 'role': role}
+        for role, paths in roles
+        for path in paths
+    ]
+
+
+def described_arm(
+    calibration: Calibration, name: str, frame: Arm, provenance: dict[str, Any]
+) -> Arm:
+    """Return the calibrated arm with its name and where each of its numbers comes from."""
+    arm, joint = calibration.arm, calibration.joint
+    sources = {key: text for key, text in frame.sources.items() if key.startswith('arm.')}
+    fitted = f'fitted to {len(joint.runs)} recordings'
+    sources['intrinsic_curvature'] = fitted
+    if joint.unknowns.law is not None:
+        sources['moment_law'] = fitted
+        sources['moment_law.moment_offset'] = (
+            'fixed at zero: beside kappa_p0 it cannot be identified'
+        )
+    else:
+        sources['moment_law'] = f'not fitted, there was no loaded recording; as in {frame.name}'
+    for key, text in calibration.noise.sources.items():
+        sources[f'sensors.{key}'] = text
+    return replace(arm, name=name, sources=sources, provenance=provenance)
+
+
+def knowledge_file(model: Path) -> Path:
+    """Return where the knowledge of a calibrated model stands: arm.knowledge.npz by arm.yaml."""
+    return model.with_name(f'{model.stem}{KNOWLEDGE_SUFFIX}')
+
+
+def save_knowledge(knowledge: Knowledge, model: Path, *, overwrite: bool) -> None:
+    """Write the knowledge beside its model file."""
+    with atomic_output(knowledge_file(model), overwrite=overwrite) as temporary:
+        arrays = {
+            item.name: np.asarray(getattr(knowledge, item.name)) for item in fields(knowledge)
+        }
+        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+
+
+def load_knowledge(model: Path) -> Knowledge:
+    """Read the knowledge beside a model file; ModelError where there is none or it is damaged."""
+    path = knowledge_file(model)
+    try:
+        values = read_arrays(path, [item.name for item in fields(Knowledge)])
+        kind = values.pop('kind')
+        for name, array in values.items():
+            if array.dtype.kind not in 'iuf' or not np.isfinite(array).all():
+                raise ValueError(f'{name} holds what is no number')
+        for name in ('stiffness', 'low', 'high'):
+            values[name] = float(values[name])
+        if kind.shape or str(kind) not in ('', *LAW_UNKNOWNS):
+            raise ValueError(f'the kind of its moment law is none of {", ".join(LAW_UNKNOWNS)}')
+        return Knowledge(**values, kind=str(kind))
+    except FileNotFoundError:
+        raise ModelError(
+            f'{path} is missing: `pneunet calibrate` writes it beside a model, and it is needed '
+            'to continue; calibrate anew with all recordings'
+        ) from None
+    except (*DAMAGED_ARCHIVE, PneunetError) as error:
+        raise ModelError(f'{path} is damaged: {one_line(error)}; calibrate anew') from None

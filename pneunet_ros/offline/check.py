@@ -1,0 +1,270 @@
+"""What a recording holds and lacks: topics, times, how they fit together, ranges, uses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from pneunet_ros.calibration.preconditions import (
+    check_runs,
+    check_targets,
+    check_units,
+    SMALLEST_FORCE,
+)
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.units import kilopascals, seconds_between
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.steady_estimates import held_spans
+from pneunet_ros.measurement.dataset import Run, Stamps
+from pneunet_ros.messages.readings import TARGETS_NAME
+from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.offline.replay import input_topics
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.recordings.image_sources import find_image_topic, find_info_topic, IMAGE_TYPES
+from pneunet_ros.recordings.recorded_series import (
+    find_series,
+    nearest,
+    read_series,
+    Series,
+    SERIES_TYPES,
+)
+from pneunet_ros.recordings.recording import open_recording, Recording
+
+GAP = 2.5  # median periods without a message
+STILL = 8.0  # standard deviations of a reading, over which it spreads while it stands still
+STILL_SHARE = 0.005  # of the calibrated range of pressure, the same
+FEW_PASCALS = 0.01  # of the range: a pressure that never exceeds this share is of another unit
+LIKE_AIR = 0.8  # of the ambient pressure: a pressure that is never lower is absolute
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CheckRequest:
+    """What recordings are checked against: the arm, how readings are meant, names of topics."""
+
+    arm: Arm
+    settings: EstimatorSettings = field(default_factory=EstimatorSettings)
+    overrides: Mapping[str, str] = field(default_factory=dict)
+
+
+def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
+    """Return what there is to know about a recording, as JSON carries it, SI.
+
+    Raises RecordingError only where the file cannot be read at all; what is wrong with its content
+    is said in `sentences`, and in the reasons under `uses`.
+    """
+    recording = open_recording(path)
+    sentences = [*recording.sentences]
+    series: dict[str, Series] = {}
+    for name in SERIES_TYPES:
+        try:
+            topic = find_series(recording, name, request.overrides, required=False)
+            if topic is not None:
+                series |= read_series(recording, {name: topic}, request.settings)
+        except RecordingError as error:
+            sentences.append(str(error))
+    for one in series.values():
+        sentences += one.sentences()
+    series = {name: one for name, one in series.items() if len(one.stamp_ns)}
+    sentences += doubts(series, request)
+    return {
+        'recording': path,
+        'seconds': seconds_between(recording.start_ns, recording.end_ns),
+        'topics': topics_of(recording, series),
+        'sync': {name: sync(series, name) for name in series if name != 'pressure'}
+        if 'pressure' in series
+        else {},
+        'ranges': ranges(series),
+        'holds': holds(series, request.arm),
+        'uses': uses(recording, request),
+        'sentences': sentences,
+    }
+
+
+def topics_of(recording: Recording, series: Mapping[str, Series]) -> list[dict[str, Any]]:
+    """Return type, count, rate (Hz), jitter and gaps of every topic.
+
+    Times are those of the header for readings, and of the log for all else.
+    """
+    logged: dict[str, list[int]] = {topic.name: [] for topic in recording.topics}
+    for message in recording.raw_messages(tuple(logged)):
+        logged[message.topic].append(message.log_time_ns)
+    stamped = {one.topic: one.stamp_ns for one in series.values()}
+    return [
+        {
+            'name': topic.name,
+            'type': topic.type,
+            'count': len(logged[topic.name]),
+            'stamps': 'header' if topic.name in stamped else 'log',
+            **timing(stamped.get(topic.name, np.array(logged[topic.name], dtype=np.int64))),
+        }
+        for topic in recording.topics
+    ]
+
+
+def timing(stamp_ns: Stamps) -> dict[str, Any]:
+    """Return rate (Hz) by the median period, jitter (s, standard deviation) and gaps."""
+    apart = np.diff(stamp_ns) * 1e-9
+    if not apart.size or float(np.median(apart)) <= 0.0:
+        return {'rate': None, 'jitter': None, 'gaps': 0, 'longest_gap': None}
+    period = float(np.median(apart))
+    steady = apart[apart <= GAP * period]
+    return {
+        'rate': 1.0 / period,
+        'jitter': float(np.std(steady)),
+        'gaps': int(np.count_nonzero(apart > GAP * period)),
+        'longest_gap': float(np.max(apart)),
+    }
+
+
+def sync(series: Mapping[str, Series], name: str) -> dict[str, Any]:
+    """Return how the stamps of a topic lie to those of the pressure.
+
+    share: of them that have a pressure reading within half its period. offset: median time (s) to
+    the nearest one, positive where the pressure is earlier; starts: how much later it begins.
+    """
+    stamps, pressure = series[name].stamp_ns, series['pressure']
+    found, matched = nearest(stamps, pressure)
+    return {
+        'share': float(np.mean(matched)),
+        'offset': float(np.median(stamps - pressure.stamp_ns[found])) * 1e-9,
+        'starts': seconds_between(int(pressure.stamp_ns[0]), int(stamps[0])),
+    }
+
+
+def ranges(series: Mapping[str, Series]) -> dict[str, Any]:
+    """Return smallest and largest reading, and in how many frames each target was seen."""
+    found: dict[str, Any] = {}
+    if 'pressure' in series:
+        found['pressure'] = limits(series['pressure'].values)
+    if 'end_wrench' in series:
+        wrench = series['end_wrench'].values
+        for place, name in enumerate(('force_x', 'force_y', 'moment')):
+            found[name] = limits(wrench[:, place])
+    if TARGETS_NAME in series:
+        places = series[TARGETS_NAME].values
+        found['targets'] = places.shape[2]
+        found['frames'] = len(places)
+        found['seen_per_target'] = np.isfinite(places[:, 0]).sum(axis=0)
+        if np.isfinite(places).any():
+            found['x'], found['y'] = limits(places[:, 0]), limits(places[:, 1])
+    return found
+
+
+def limits(values: Array) -> list[float]:
+    """Return the smallest and the largest of values, some of which may be NaN."""
+    return [float(np.nanmin(values)), float(np.nanmax(values))]
+
+
+def holds(series: Mapping[str, Series], arm: Arm) -> list[dict[str, float]]:
+    """Return the stretches in which pressure and end load stand still, as far as noise tells."""
+    if 'pressure' not in series:
+        return []
+    pressure = series['pressure']
+    low, high = arm.pressure_range
+    values = pressure.values
+    still = [max(STILL * arm.sensors.pressure_std, STILL_SHARE * (high - low))]
+    if 'end_wrench' in series:
+        found, _ = nearest(pressure.stamp_ns, series['end_wrench'])
+        values = np.column_stack([values, series['end_wrench'].values[found, :2]])
+        still += [max(STILL * arm.sensors.force_std, SMALLEST_FORCE)] * 2
+    start = int(pressure.stamp_ns[0])
+    return [
+        {
+            'from': seconds_between(start, int(pressure.stamp_ns[first])),
+            'to': seconds_between(start, int(pressure.stamp_ns[last])),
+            'pressure': float(np.mean(pressure.values[first : last + 1])),
+        }
+        for first, last in held_spans(pressure.stamp_ns, values, np.array(still))
+    ]
+
+
+def doubts(series: Mapping[str, Series], request: CheckRequest) -> list[str]:
+    """Return sentences about pressures that do not look like gauge pressures of this arm."""
+    if 'pressure' not in series:
+        return []
+    arm, settings = request.arm, request.settings
+    topic, values = series['pressure'].topic, series['pressure'].values[:, 0]
+    lowest, highest = limits(values)
+    low, high = arm.pressure_range
+    if lowest > LIKE_AIR * settings.ambient_pressure and lowest > high:
+        return [f'{topic}: never below {kilopascals(lowest):.4g} kPa: if it is absolute, say so']
+    if 0.0 < highest < FEW_PASCALS * high:
+        return [f'{topic}: never above {highest:.3g} Pa: is it in another unit than Pa?']
+    outside = [arm.beyond_range(value) > EXTRAPOLATION for value in values.tolist()]
+    beyond = float(np.mean(outside))
+    if beyond == 0.0:
+        return []
+    return [
+        f'{topic}: {100.0 * beyond:.3g} % of the readings are outside the calibrated range of '
+        f'{arm.name}, {kilopascals(low):g} to {kilopascals(high):g} kPa, by more than '
+        f'{100.0 * EXTRAPOLATION:g} % of it'
+    ]
+
+
+def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any]]:
+    """Return for each use whether the recording serves it, and why not or how."""
+    run: list[Run] = []
+    settings, overrides = request.settings, request.overrides
+
+    def needs(name: str) -> None:
+        """Refuse shortly where a topic is simply not there."""
+        if find_series(recording, name, overrides, required=False) is None:
+            raise RecordingError(f'there is no topic {name} of type {SERIES_TYPES[name]}')
+
+    def reads_as_run() -> Run:
+        """Read it once; raises each time where it cannot be read."""
+        if not run:
+            needs('pressure')
+            needs(TARGETS_NAME)
+            targets = request.arm.target_arclength.size
+            run.append(read_run(recording.path, targets, overrides, settings)[0])
+        return run[0]
+
+    def replays() -> str:
+        needs('pressure')
+        loaded = find_series(recording, 'end_wrench', overrides, required=False) is not None
+        asked = replace(settings, wrench_required=loaded and settings.wrench_required)
+        input_topics(recording, Estimator(arm=request.arm, settings=asked), overrides)
+        return '' if loaded else 'with --no-wrench-required: there is no end_wrench'
+
+    def tracks() -> str:
+        there = {topic.type for topic in recording.topics}
+        if 'image_raw' not in overrides and not there & set(IMAGE_TYPES.values()):
+            raise RecordingError('there are no images')
+        topic = find_image_topic(recording, overrides.get('image_raw'))
+        find_info_topic(recording, topic, overrides.get('camera_info'))
+        return ''
+
+    def calibrates_unloaded() -> str:
+        check_runs([reads_as_run()], [], request.arm)
+        return ''
+
+    def calibrates_loaded() -> str:
+        one = reads_as_run()
+        check_targets(one, request.arm)
+        check_units(one, request.arm)
+        largest = float(np.max(np.hypot(*one.force.T)))
+        if largest < SMALLEST_FORCE:
+            raise RecordingError(
+                f'{one.name} has no end force above {SMALLEST_FORCE} N: it is an unloaded one'
+            )
+        return ''
+
+    asked: dict[str, Callable[[], str]] = {
+        'replay': replays,
+        'track': tracks,
+        'calibrate unloaded': calibrates_unloaded,
+        'calibrate loaded': calibrates_loaded,
+    }
+    return {name: _answer(attempt) for name, attempt in asked.items()}
+
+
+def _answer(attempt: Callable[[], str]) -> dict[str, Any]:
+    try:
+        return {'usable': True, 'reason': attempt()}
+    except PneunetError as error:
+        return {'usable': False, 'reason': str(error)}

@@ -1,0 +1,173 @@
+"""Replay: recording -> `Estimator.step` -> recording, through the messages and step of live."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import PressureReading, Reading
+from pneunet_ros.estimation.consistency import Disagreement, remembered, WatchState
+from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.messages.builders import Input, Output, UNREADABLE
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.consistency import watched_message
+from pneunet_ros.messages.readings import TARGETS_NAME
+from pneunet_ros.messages.topics import INPUTS, OUTPUTS
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
+from pneunet_ros.recordings.recorded_series import find_series
+from pneunet_ros.recordings.recording import RecordedMessage, Recording
+from pneunet_ros.recordings.recording_writer import RecordingWriter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step:
+    """One recorded message with what the estimator made of it and remembers afterwards.
+
+    watch: what is remembered of measured targets.
+    """
+
+    message: RecordedMessage
+    outcome: Outcome
+    state: EstimatorState
+    watch: WatchState = field(default_factory=WatchState)
+
+
+def input_topics(
+    recording: Recording, estimator: Estimator, overrides: Mapping[str, str]
+) -> dict[str, Input[Reading]]:
+    """Return the topics of a recording that the estimator reads, the wrench first.
+
+    overrides: full topic name by last name, as `--topic pressure=/my/name` gives them. Raises
+    RecordingError where a topic is missing or there are two candidates.
+    """
+    needed = [
+        item
+        for item in sorted(INPUTS, key=lambda item: item.name)
+        if item.name != 'end_wrench' or estimator.settings.wrench_required
+    ]
+    return {
+        recording.find(item.name, item.type, overrides.get(item.name)): item for item in needed
+    }
+
+
+def targets_topic(
+    recording: Recording, estimator: Estimator, overrides: Mapping[str, str]
+) -> str | None:
+    """Return the topic of targets to watch; None where there is none, or it is not asked for.
+
+    Raises RecordingError where there are two candidates.
+    """
+    if not (estimator.settings.watch_targets and estimator.arm.target_arclength.size):
+        return None
+    return find_series(recording, TARGETS_NAME, overrides, required=False)
+
+
+def steps(
+    recording: Recording,
+    estimator: Estimator,
+    topics: Mapping[str, Input[Reading]],
+    targets: str | None = None,
+) -> Iterator[Step]:
+    """Feed the recorded readings to the estimator in the order of their log time.
+
+    targets: a topic of targets, to be compared with the estimates.
+    """
+    state, watch = EstimatorState(), WatchState()
+    for message in recording.messages([*topics, *([] if targets is None else [targets])]):
+        outcome: Outcome
+        if message.topic == targets:
+            watch, outcome = watched_message(watch, estimator, message.message)
+            yield Step(message=message, outcome=outcome, state=state, watch=watch)
+            continue
+        try:
+            reading = topics[message.topic].decode(message.message)
+        except MessageError as error:
+            outcome = Refusal(
+                stamp_ns=message.log_time_ns, reason=UNREADABLE, sentence=str(error), error=False
+            )
+            state = state.counting(UNREADABLE)
+        else:
+            state, outcome = estimator.step(state, reading)
+            if targets is not None and isinstance(reading, PressureReading):
+                watch = remembered(watch, estimator, reading, state, outcome)
+        yield Step(message=message, outcome=outcome, state=state, watch=watch)
+
+
+def estimate_topic(pressure_topic: str, name: str) -> str:
+    """Full name of an output topic: in the namespace of the pressure topic, unless absolute."""
+    if name.startswith('/'):
+        return name
+    return f'{pressure_topic.rsplit("/", 1)[0]}/{name}'
+
+
+def record_steps(
+    writer: RecordingWriter,
+    recording: Recording,
+    estimator: Estimator,
+    topics: Mapping[str, Input[Reading]],
+    each: Callable[[Step], None],
+    views: Sequence[Output[ShapeEstimate]] = (),
+    targets: str | None = None,
+) -> None:
+    """Write the inputs, unchanged, all outputs, and `views`; `each` sees every step.
+
+    targets: a topic of targets that is an input as well, to be compared with the estimates.
+    """
+    inputs = [*topics, *([] if targets is None else [targets])]
+    copies = {name: writer.add_copy(recording.topic(name)) for name in inputs}
+    pressure_topic = next(name for name, item in topics.items() if item.name == 'pressure')
+    outputs = [
+        (output, writer.add(estimate_topic(pressure_topic, output.name), output.type))
+        for output in (*OUTPUTS, *views)
+    ]
+    serializer = ClaimSerializer(
+        types=ROSBAGS_TYPES, serialize=serialize, frame_id=estimator.settings.frame_id
+    )
+    for step in steps(recording, estimator, topics, targets):
+        each(step)
+        message = step.message
+        writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
+        if isinstance(step.outcome, ShapeEstimate):
+            for output, connection in outputs:
+                raw = serializer.bytes_of(output, step.outcome)
+                writer.write_raw(connection, message.log_time_ns, raw)
+
+
+@dataclass(slots=True)
+class Tally:
+    """What a replay came to, counted step by step."""
+
+    messages: int = 0
+    pressures: int = 0
+    state: EstimatorState | None = None
+    last: ShapeEstimate | None = None
+    worst_residual: float = 0.0
+    refusal: Refusal | None = None
+    watch: WatchState = field(default_factory=WatchState)
+    disagreement: Disagreement | None = None
+
+    def count(self, step: Step, pressure_topic: str) -> None:
+        """Take one step into account."""
+        self.messages += 1
+        self.state = step.state
+        self.pressures += step.message.topic == pressure_topic
+        self.compare(step.watch)
+        if isinstance(step.outcome, Refusal):
+            self.refusal = step.outcome
+        elif step.outcome is not None:
+            self.last = step.outcome
+            self.worst_residual = max(self.worst_residual, step.outcome.shape.residual)
+
+    def compare(self, watch: WatchState) -> None:
+        """Keep the largest disagreement there was, one that is more than noise before all."""
+        if watch.running is not self.watch.running:
+            found = watch.disagreement()
+            if found is not None and (
+                self.disagreement is None or found.exceeds(self.disagreement)
+            ):
+                self.disagreement = found
+        self.watch = watch

@@ -1,0 +1,168 @@
+"""Track: images -> `Tracker.step` -> recording, through the messages and step of live."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.messages.builders import UNREADABLE
+from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.tracker import claims, TRACKER_OUTPUTS
+from pneunet_ros.recordings.image_sources import IMAGE_TYPES
+from pneunet_ros.recordings.image_stream import ImageStream, StreamItem
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
+from pneunet_ros.recordings.recording_writer import RecordingWriter
+from pneunet_ros.vision.rest_plane import RESTING
+from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackStep:
+    """One message of a stream with what the tracker made of it and remembers afterwards.
+
+    `frame` tells an image, readable or not, from all else.
+    """
+
+    item: StreamItem
+    frame: bool
+    outcome: Tracking | Refusal | None
+    state: TrackerState
+
+
+def track_steps(
+    stream: ImageStream, tracker: Tracker, others: Collection[str] = ()
+) -> Iterator[TrackStep]:
+    """Feed images and lenses to the tracker in the order of their log time.
+
+    Messages of the topics in `others` pass by, with the outcome None.
+    """
+    state = TrackerState()
+    for item in stream.read(others):
+        outcome: Tracking | Refusal | None = None
+        if isinstance(item.reading, PneunetError):
+            outcome = Refusal(
+                stamp_ns=item.log_time_ns,
+                reason=UNREADABLE,
+                sentence=str(item.reading),
+                error=False,
+            )
+            state = state.counting(UNREADABLE)
+        elif item.reading is not None:
+            state, outcome = tracker.step(state, item.reading)
+        frame = item.topic == stream.image_topic
+        yield TrackStep(item=item, frame=frame, outcome=outcome, state=state)
+
+
+def record_tracking(
+    writer: RecordingWriter,
+    stream: ImageStream,
+    tracker: Tracker,
+    frame_id: str,
+    with_images: bool,
+    each: Callable[[TrackStep], None],
+) -> tuple[str, ...]:
+    """Write all that the tracker claims, and the other topics of a recording unchanged.
+
+    with_images: copy images, too. `each` sees every step. Returns sentences about topics that were
+    left out.
+    """
+    outputs = {
+        output.name: writer.add(f'{stream.namespace}/{output.name}', output.type)
+        for output in TRACKER_OUTPUTS
+    }
+    copies, sentences = {}, []
+    for topic in stream.recording.topics if stream.recording is not None else ():
+        if topic.type in IMAGE_TYPES.values() and not with_images:
+            continue
+        if topic.name in {connection.topic for connection in outputs.values()}:
+            sentences.append(f'{topic.name} was there already and has been written anew')
+            continue
+        try:
+            copies[topic.name] = writer.add_copy(topic)
+        except RecordingError as error:
+            sentences.append(f'{topic.name} was not copied: {error}')
+    serializer = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
+    for step in track_steps(stream, tracker, copies):
+        each(step)
+        item = step.item
+        if item.topic in copies:
+            writer.write_raw(copies[item.topic], item.log_time_ns, item.raw)
+        if isinstance(step.outcome, Tracking):
+            for output, claim in claims(step.outcome):
+                raw = serializer.bytes_of(output, claim)
+                writer.write_raw(outputs[output.name], item.log_time_ns, raw)
+    return tuple(sentences)
+
+
+@dataclass(slots=True)
+class TrackTally:
+    """What tracking came to, counted step by step; a frame counts once, under one reason or none.
+
+    `seen` (targets,) counts the explained frames in which a target was seen; `sentences` holds the
+    last sentence of each reason.
+    """
+
+    targets: int
+    frames: int = 0
+    explained: int = 0
+    resting: int = 0
+    curves: int = 0
+    worst_rms: float = 0.0
+    reasons: Counter[str] = field(default_factory=Counter)
+    sentences: dict[str, str] = field(default_factory=dict)
+    seen: Array = field(init=False)
+    _squares: float = 0.0
+    _meters: float = 0.0
+    _pixels: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Start with no target seen."""
+        self.seen = np.zeros(self.targets)
+
+    def count(self, step: TrackStep) -> None:
+        """Take one step into account."""
+        outcome = step.outcome
+        self.frames += step.frame
+        if outcome is None:
+            return
+        if isinstance(outcome, Refusal) or outcome.reason:
+            self.sentences[outcome.reason] = outcome.sentence
+            self.resting += outcome.reason == RESTING
+            self.reasons[outcome.reason] += step.frame
+            return
+        self._count_explained(outcome)
+
+    def _count_explained(self, outcome: Tracking) -> None:
+        self.explained += 1
+        found = outcome.sightings
+        self.seen += np.isfinite(found.x)
+        lengths = np.hypot(np.diff(found.x), np.diff(found.y))
+        pixels = np.hypot(np.diff(found.u), np.diff(found.v))
+        self._meters += float(np.nansum(lengths))
+        self._pixels += float(np.nansum(pixels))
+        if outcome.curve is not None:
+            self.curves += 1
+            self._squares += outcome.curve.rms**2
+            self.worst_rms = max(self.worst_rms, outcome.curve.rms)
+
+    @property
+    def missing(self) -> Array:
+        """In how many explained frames each target was not seen (targets,)."""
+        return self.explained - self.seen
+
+    @property
+    def scale(self) -> float:
+        """Meters per pixel along the arm, on average; NaN where nothing was seen."""
+        return self._meters / self._pixels if self._pixels > 0.0 else math.nan
+
+    @property
+    def rms(self) -> float:
+        """Return the root mean square distance (m) of targets from the smoothed curves."""
+        return math.sqrt(self._squares / self.curves) if self.curves else math.nan

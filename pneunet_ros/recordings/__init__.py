@@ -1,0 +1,1 @@
+"""MCAP recordings, videos and folders of images."""

@@ -1,0 +1,56 @@
+"""A recording as a folder: rosbag2's `metadata.yaml` and the MCAP files it names."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.files.yaml_file import YamlFile
+
+METADATA = 'metadata.yaml'
+FOLDER_FILES = (METADATA, '*.mcap')  # patterns of all that belongs to such a folder
+LONGEST_NAME = 40  # characters of a way of storing, in a sentence
+FILE = YamlFile(kind='metadata of rosbag2', error=RecordingError)
+
+
+def mcap_files(path: Path) -> list[Path]:
+    """List the MCAP files of a recording in their order: `path` itself, or those of its folder.
+
+    Raises RecordingError when there is no recording, or one that is stored in another way.
+    """
+    if not path.exists():
+        raise RecordingError(f'{path} does not exist: an .mcap file or a rosbag2 folder is needed')
+    if not path.is_dir():
+        return [path]
+    if not (path / METADATA).exists():
+        loose = ', '.join(sorted(file.name for file in path.glob('*.mcap'))) or 'no .mcap file'
+        raise RecordingError(
+            f'{path} is a folder without {METADATA} (it holds {loose}): name an .mcap file '
+            'itself, or complete the folder with `ros2 bag reindex`'
+        )
+    names, storage, compression = FILE.load(path / METADATA, _described)
+    if storage != 'mcap' or compression.lower() not in ('', 'none'):
+        raise RecordingError(
+            f'{path} is stored as {storage} {compression}: turn it into plain mcap with '
+            '`ros2 bag convert`'
+        )
+    return [path / name for name in names]
+
+
+def _described(content: Any) -> tuple[list[str], str, str]:
+    """Return the names of the files, how they are stored, and how they are compressed."""
+    where = 'rosbag2_bagfile_information'
+    bag = FILE.mapping(FILE.mapping(content, '').get(where), where)
+    names, storage = bag.get('relative_file_paths'), bag.get('storage_identifier')
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise RecordingError(f'{where}.relative_file_paths must be a list of names of files')
+    # Old versions wrote the folder before the name.
+    names = [PurePosixPath(name).name for name in names]
+    if not all(names) or '..' in names:
+        raise RecordingError(f'{where}.relative_file_paths must name files of the folder')
+    return (
+        names,
+        str(storage)[:LONGEST_NAME],
+        str(bag.get('compression_mode') or '')[:LONGEST_NAME],
+    )

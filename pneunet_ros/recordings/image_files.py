@@ -1,0 +1,214 @@
+"""Images out of a video file or a folder: frames at a given rate, with a lens from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+import math
+import os
+from pathlib import Path
+import re
+from typing import Any
+
+import cv2
+import numpy as np
+from pneunet_ros.core.errors import MessageError, RecordingError, RequestError
+from pneunet_ros.core.image import Bytes, Image
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.files.camera_file import load_camera_info
+from pneunet_ros.messages.compressed_image import decode_compressed, decode_heard
+from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
+
+VIDEOS = ('.mp4', '.avi', '.mov', '.mkv')
+COMPRESSED = ('.png', '.jpg', '.jpeg')
+PICTURES = (*COMPRESSED, '.bmp', '.tif', '.tiff')
+LENS_FILES = ('camera_info.yaml', 'ost.yaml')  # looked for beside the images
+NO_LENS = 'none'  # what a person says instead of a file: the image is free of distortion
+FOLDER_RATE = 30.0  # Hz
+RATES = (1e-3, 1e5)  # Hz
+IMAGE_TOPIC = '/pneunet/image_raw'
+CAMERA_FRAME = 'camera'
+SILENT = 0  # log level of OpenCV
+_BROKEN_OFF = 0.9  # share of the frames a video promises, below which it says that some are lost
+
+# Read by OpenCV when it opens its first video: ffmpeg shall not print what an error will say.
+os.environ.setdefault('OPENCV_FFMPEG_LOGLEVEL', '-8')
+
+
+@contextmanager
+def silence() -> Iterator[None]:
+    """Keep OpenCV from printing what an error will say."""
+    change: Any = getattr(cv2, 'setLogLevel', None)  # OpenCV 4; in 5 it has moved
+    change = change or cv2.utils.logging.setLogLevel
+    before = change(SILENT)
+    try:
+        yield
+    finally:
+        change(before)
+
+
+def stamp_at(index: int, rate: float) -> int:
+    """Return the stamp (ns) of a frame; the first one is 1, as 0 stands for none."""
+    return 1 + round(index * NANOSECONDS_PER_SECOND / rate)
+
+
+def checked_rate(rate: float | None) -> float | None:
+    """Return the frames per second that were asked for; RequestError for what is none."""
+    if rate is not None and not RATES[0] <= rate <= RATES[1]:
+        raise RequestError(f'a rate of {rate} Hz cannot be; it goes from {RATES[0]} to {RATES[1]}')
+    return rate
+
+
+def picture_files(folder: Path) -> list[Path]:
+    """List the images of a folder in the order in which a person counts: 2 before 10."""
+    files = [
+        file
+        for file in folder.iterdir()
+        if file.suffix.lower() in PICTURES and not file.name.startswith('.')
+    ]
+    return sorted(files, key=_natural)
+
+
+def _natural(file: Path) -> tuple[tuple[int, int, str], ...]:
+    parts = re.split(r'([0-9]+)', file.name)
+    return tuple((1, int(part), part) if part.isdigit() else (0, 0, part) for part in parts)
+
+
+def folder_images(folder: Path, camera_info: str | None, rate: float | None) -> ImageStream:
+    """Read a folder of images, in natural order of their names, `rate` (30) of them a second.
+
+    camera_info: file with the lens, or 'none'; where it is None, a camera_info.yaml or ost.yaml in
+    the folder. Raises RecordingError without images and RequestError without a lens.
+    """
+    files = picture_files(folder)
+    if not files:
+        raise RecordingError(
+            f'{folder} holds neither a recording (metadata.yaml) nor images '
+            f'({", ".join(PICTURES)})'
+        )
+    if camera_info is None:
+        beside = [folder / name for name in LENS_FILES if (folder / name).is_file()]
+        camera_info = str(beside[0]) if beside else None
+    used = checked_rate(rate) or FOLDER_RATE
+
+    def items() -> Iterator[StreamItem]:
+        for index, file in enumerate(files):
+            stamp_ns = stamp_at(index, used)
+            yield StreamItem(stamp_ns, IMAGE_TOPIC, _picture(file, stamp_ns), b'')
+
+    return _stream('folder of images', folder, items, camera_info, len(files), used)
+
+
+def _picture(file: Path, stamp_ns: int) -> Image | MessageError:
+    try:
+        data = np.frombuffer(file.read_bytes(), np.uint8)
+        compressed = file.suffix.lower() in COMPRESSED
+        return _image(decode_compressed(data) if compressed else _decode_plain(data), stamp_ns)
+    except MessageError as error:
+        return MessageError(f'{file}: {error}')
+    except OSError as error:
+        return MessageError(f'{file} cannot be read: {error.strerror}')
+
+
+def _decode_plain(data: Bytes) -> Bytes:
+    """Return the grey levels (height, width) of a bmp or tiff."""
+    grey, complaint = decode_heard(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if grey is None or complaint:  # a tiff that is damaged is decoded all the same
+        raise MessageError('it is no image, or is damaged')
+    if grey.dtype != np.uint8:
+        raise MessageError(f'an image of {grey.dtype} cannot be read; 8 bits per channel are')
+    return np.asarray(grey, np.uint8)
+
+
+def video_images(path: Path, camera_info: str | None, rate: float | None) -> ImageStream:
+    """Read the frames of a video, `rate` a second (None: as many as it says itself).
+
+    camera_info: file with the lens, or 'none'. Raises RecordingError for what is no video and
+    RequestError without a lens.
+    """
+    checked_rate(rate)
+    if not path.is_file():
+        raise RecordingError(f'{path} does not exist: a video file is needed')
+    video = _opened(path)
+    own, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
+    readable, _ = video.read()
+    video.release()
+    if not readable:
+        raise RecordingError(f'{path} is a video without one frame that can be read')
+    if rate is None and not (math.isfinite(own) and RATES[0] <= own <= RATES[1]):
+        raise RequestError(f'{path} does not say how many frames it has a second: give --rate HZ')
+    used = own if rate is None else rate
+    frames = round(count) if math.isfinite(count) and count >= 1.0 else 1
+
+    def items() -> Iterator[StreamItem]:
+        video = _opened(path)
+        index = 0
+        while True:
+            readable, pixels = video.read()
+            if not readable:
+                break
+            stamp_ns = stamp_at(index, used)
+            yield StreamItem(
+                stamp_ns, IMAGE_TOPIC, _image(np.asarray(pixels, np.uint8), stamp_ns), b''
+            )
+            index += 1
+        video.release()
+        if index < _BROKEN_OFF * frames:
+            error = MessageError(f'{path} breaks off: {index} of {frames} frames can be read')
+            yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
+
+    return _stream('video', path, items, camera_info, frames, used)
+
+
+def _opened(path: Path) -> cv2.VideoCapture:
+    with silence():
+        video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if not video.isOpened():
+        raise RecordingError(
+            f'{path} cannot be read as a video: it is damaged, or of no known kind'
+        )
+    return video
+
+
+def _image(pixels: Bytes, stamp_ns: int) -> Image:
+    """Return decoded pixels, (height, width) grey or (height, width, 3) bgr, as an image."""
+    height, width = pixels.shape[:2]
+    colored = pixels.ndim == 3
+    return Image(
+        stamp_ns=stamp_ns,
+        frame_id=CAMERA_FRAME,
+        width=width,
+        height=height,
+        step=3 * width if colored else width,
+        encoding='bgr8' if colored else 'mono8',
+        data=np.ascontiguousarray(pixels).reshape(-1),
+    )
+
+
+def _stream(
+    kind: str,
+    path: Path,
+    items: Callable[[], Iterator[StreamItem]],
+    camera_info: str | None,
+    frames: int,
+    rate: float,
+) -> ImageStream:
+    if camera_info is None:
+        raise RequestError(
+            f'{path} says nothing of the camera: give --camera-info FILE.yaml (as made by '
+            f'camera_calibration) or --camera-info {NO_LENS} (images without distortion)'
+            + ('' if path.is_file() else f', or put {" or ".join(LENS_FILES)} into the folder')
+        )
+    lens = None if camera_info == NO_LENS else load_camera_info(Path(camera_info))
+
+    def read(_others: Collection[str]) -> Iterator[StreamItem]:
+        return with_lens(items(), lens)
+
+    return ImageStream(
+        kind=kind,
+        image_topic=IMAGE_TOPIC,
+        lens_source=camera_info,
+        frames=frames,
+        rate=rate,
+        read=read,
+    )

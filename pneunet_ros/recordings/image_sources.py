@@ -1,0 +1,201 @@
+"""Where images come from: a recording, a video or a folder, told apart by what is there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pneunet_ros.core.errors import CameraError, MessageError, RecordingError, RequestError
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.files.camera_file import load_camera_info
+from pneunet_ros.messages.tracker import (
+    CAMERA_INFO_TYPE,
+    COMPRESSED_TYPE,
+    IMAGE_TYPE,
+    TRACKER_INPUTS,
+)
+from pneunet_ros.recordings.bag_folder import METADATA
+from pneunet_ros.recordings.image_files import (
+    folder_images,
+    FOLDER_RATE,
+    NO_LENS,
+    video_images,
+    VIDEOS,
+)
+from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
+from pneunet_ros.recordings.message_store import deserialize, store_for
+from pneunet_ros.recordings.recording import open_recording, Recording
+from pneunet_ros.vision.camera_model import Lens
+
+IMAGE_TYPES = {'image_raw': IMAGE_TYPE, 'image_raw/compressed': COMPRESSED_TYPE}
+TOPIC_NAMES = ('image_raw', 'camera_info')  # what --topic may name
+BEHIND_STAMP = 12  # bytes: encapsulation, seconds, nanoseconds
+DECODERS = {item.type: item.decode for item in TRACKER_INPUTS}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceRequest:
+    """How a source is to be read.
+
+    camera_info: file with the lens, 'none' for images without distortion, None for what the source
+    says itself. rate: frames per second of a video or a folder. topics: full name of a topic by
+    one of TOPIC_NAMES, for a recording.
+    """
+
+    camera_info: str | None = None
+    rate: float | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceKind:
+    """A kind of source: whether a path is of it, and how such a path is opened."""
+
+    fits: Callable[[Path], bool]
+    open: Callable[[Path, SourceRequest], ImageStream]
+
+
+def open_images(path: Path, request: SourceRequest) -> ImageStream:
+    """Open whatever holds images; raises RecordingError, RequestError or CameraError."""
+    return next(kind for kind in SOURCES if kind.fits(path)).open(path, request)
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not (path / METADATA).exists() and not any(path.glob('*.mcap'))
+
+
+def _is_video(path: Path) -> bool:
+    return path.suffix.lower() in VIDEOS
+
+
+def _open_folder(path: Path, request: SourceRequest) -> ImageStream:
+    _refuse_topics(path, request)
+    return folder_images(path, request.camera_info, request.rate)
+
+
+def _open_video(path: Path, request: SourceRequest) -> ImageStream:
+    _refuse_topics(path, request)
+    return video_images(path, request.camera_info, request.rate)
+
+
+def _refuse_topics(path: Path, request: SourceRequest) -> None:
+    if request.topics:
+        raise RequestError(f'{path} is no recording and has no topics: leave out --topic')
+
+
+def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
+    recording = open_recording(path)
+    if request.rate is not None:
+        raise RequestError(
+            f'--rate is for videos and folders of images; {path} has its own stamps'
+        )
+    image_topic = find_image_topic(recording, request.topics.get('image_raw'))
+    info_topic = None
+    lens: Lens | None = None
+    if request.camera_info is None:
+        info_topic = find_info_topic(recording, image_topic, request.topics.get('camera_info'))
+    elif 'camera_info' in request.topics:
+        raise RequestError('give either --camera-info or --topic camera_info=, not both')
+    elif request.camera_info != NO_LENS:
+        lens = load_camera_info(Path(request.camera_info))
+
+    def read(others: Collection[str]) -> Iterator[StreamItem]:
+        items = _recorded(recording, image_topic, info_topic, others)
+        return items if info_topic is not None else with_lens(items, lens)
+
+    frames = recording.topic(image_topic).count
+    seconds = seconds_between(recording.start_ns, recording.end_ns)
+    return ImageStream(
+        kind='recording',
+        image_topic=image_topic,
+        lens_source=info_topic or str(request.camera_info),
+        frames=frames,
+        rate=(frames - 1) / seconds if frames > 1 and seconds > 0.0 else FOLDER_RATE,
+        read=read,
+        recording=recording,
+    )
+
+
+def find_image_topic(recording: Recording, override: str | None) -> str:
+    """Return the one topic with images, raw or compressed; `override`: its full name, if given.
+
+    Raises RecordingError that lists the candidates when there are several, and what is there when
+    there is none.
+    """
+    types = ' or '.join(IMAGE_TYPES.values())
+    if override is not None:
+        topic = recording.topic(override)
+        if topic.type not in IMAGE_TYPES.values():
+            raise RecordingError(
+                f'{recording.path}: --topic image_raw={override} names a topic of type '
+                f'{topic.type}, but {types} is needed'
+            )
+        return override
+    found = [
+        name for last, kind in IMAGE_TYPES.items() for name in recording.candidates(last, kind)
+    ]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise RecordingError(
+            f'{recording.path} has {len(found)} topics with images: {", ".join(found)}; choose '
+            f'one as in --topic image_raw={found[0]}'
+        )
+    there = ', '.join(f'{topic.name} ({topic.type})' for topic in recording.topics)
+    raise RecordingError(
+        f'{recording.path} has no topic {" or ".join(IMAGE_TYPES)} of type {types}; it holds '
+        f'{there or "no messages"}; name one of that type with --topic image_raw=/its/name'
+    )
+
+
+def find_info_topic(recording: Recording, image_topic: str, override: str | None) -> str:
+    """Return the topic of camera_info: of several, the one beside the images.
+
+    Raises RecordingError when there is none or it cannot be told which.
+    """
+    if override is None:
+        candidates = recording.candidates('camera_info', CAMERA_INFO_TYPE)
+        beside = image_topic.removesuffix('/compressed').rsplit('/', 1)[0] + '/camera_info'
+        if beside in candidates:
+            return beside
+        if not candidates:
+            raise RecordingError(
+                f'{recording.path} has no topic camera_info of type {CAMERA_INFO_TYPE}: give '
+                '--camera-info FILE.yaml (as made by camera_calibration), or --camera-info '
+                f'{NO_LENS} (images without distortion), or --topic camera_info=/its/name'
+            )
+    return recording.find('camera_info', CAMERA_INFO_TYPE, override)
+
+
+def _recorded(
+    recording: Recording, image_topic: str, info_topic: str | None, others: Collection[str]
+) -> Iterator[StreamItem]:
+    """Yield the messages of these topics; what cannot be decoded is an item that says so."""
+    read = [name for name in (info_topic, image_topic) if name is not None]
+    topics = {name: recording.topic(name) for name in read}
+    stores = {name: store_for(topic.type, topic.definition) for name, topic in topics.items()}
+    rest = [name for name in others if name not in topics]
+    same, lens = b'', None
+    for name, log_time_ns, raw in recording.raw_messages([*read, *rest]):
+        reading: Image | Lens | MessageError | CameraError | None = None
+        if name == info_topic and raw[BEHIND_STAMP:] == same:
+            reading = lens  # nothing but the stamp is new
+        elif name in topics:
+            kind = topics[name].type
+            try:
+                reading = DECODERS[kind](deserialize(raw, kind, stores[name]))
+            except (MessageError, CameraError) as error:
+                reading = error
+            if isinstance(reading, Lens):
+                same, lens = raw[BEHIND_STAMP:], reading
+        yield StreamItem(log_time_ns, name, reading, raw)
+
+
+# The first that fits opens a path; what is neither a folder of images nor a video is a recording.
+SOURCES = (
+    SourceKind(fits=_is_folder, open=_open_folder),
+    SourceKind(fits=_is_video, open=_open_video),
+    SourceKind(fits=lambda path: True, open=_open_recording),
+)

@@ -1,0 +1,74 @@
+"""Images as they came, whatever holds them: one form for recordings, videos and folders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.image import Image
+from pneunet_ros.recordings.recording import Recording
+from pneunet_ros.vision.camera_model import Lens
+
+
+class StreamItem(NamedTuple):
+    """One message of a stream: log time in ns, topic, what it says, serialized bytes.
+
+    `reading` is an error where a message of the image or camera_info topic cannot be used, and
+    None for any other topic. `raw` is empty where nothing was recorded.
+    """
+
+    log_time_ns: int
+    topic: str
+    reading: Image | Lens | PneunetError | None
+    raw: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImageStream:
+    """Where images come from, and how to read them.
+
+    `read(others)` yields image and camera_info, and of a recording also the topics named in
+    `others`, in log time order; of equal log times camera_info comes first. `image_topic` is the
+    name of the images' topic, or what it would be; `lens_source` tells where the lens comes from.
+    `frames` is how many images to expect and `rate` (Hz) about how many there are in a second.
+    """
+
+    kind: str
+    image_topic: str
+    lens_source: str
+    frames: int
+    rate: float
+    read: Callable[[Collection[str]], Iterator[StreamItem]]
+    recording: Recording | None = None
+
+    @property
+    def namespace(self) -> str:
+        """Namespace of the images' topic, in which the tracker's topics stand: '/pneunet'."""
+        return self.image_topic.removesuffix('/compressed').rsplit('/', 1)[0]
+
+
+def ideal_lens(width: int, height: int) -> Lens:
+    """Return a pinhole without distortion for images of this size; its focal length is made up."""
+    focal, center = float(max(width, height)), (0.5 * (width - 1), 0.5 * (height - 1))
+    return Lens(
+        width=width,
+        height=height,
+        model='plumb_bob',
+        matrix=np.array([[focal, 0.0, center[0]], [0.0, focal, center[1]], [0.0, 0.0, 1.0]]),
+        distortion=np.zeros(0),
+    )
+
+
+def with_lens(items: Iterator[StreamItem], lens: Lens | None) -> Iterator[StreamItem]:
+    """Put a lens before the first image: this one or, with None, the ideal one of its size."""
+    known = False
+    for item in items:
+        image = item.reading
+        if not known and isinstance(image, Image):
+            known = True
+            given = ideal_lens(image.width, image.height) if lens is None else lens
+            yield StreamItem(item.log_time_ns, '', given, b'')
+        yield item

@@ -1,0 +1,169 @@
+"""Recordings of the virtual lab as files: what sensors said as MCAP, the truth beside it, npz."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
+from pneunet_ros.files.yaml_file import one_line
+from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
+from pneunet_ros.lab.scenario import described
+from pneunet_ros.messages.builders import POINTS_TYPE
+from pneunet_ros.messages.readings import pressure_message, targets_message, wrench_message
+from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.recording_writer import write_recording
+
+NAMESPACE = '/pneunet'
+PRESSURE_FRAME = 'pressure_sensor'
+TRANSPORT_NS = 1_000_000  # from sensor to recorder
+TRACKING_NS = 20_000_000  # from exposure to recorder, with all that the tracker does
+
+Message = tuple[int, str, Any]  # log time, topic, message
+
+
+def truth_file(path: Path) -> Path:
+    """Return where the truth of a recording stands: x.truth.npz beside x.mcap or a folder x."""
+    return path.with_name(f'{path.name.removesuffix(".mcap")}.truth.npz')
+
+
+def write_lab(
+    recording: LabRecording, path: Path, *, overwrite: bool, each: Callable[[], None]
+) -> Path:
+    """Write a recording and, in a file of its own, its truth; returns the path of the truth.
+
+    Both stand there when both are complete. `each` is called after every message. Raises
+    RecordingError as `write_recording` does.
+    """
+    truth = truth_file(path)
+    with (
+        atomic_output(truth, overwrite=overwrite) as temporary,
+        write_recording(path, overwrite=overwrite) as writer,
+    ):
+        np.savez_compressed(temporary, allow_pickle=False, **truth_arrays(recording))
+        topics = {
+            name: writer.add(f'{NAMESPACE}/{name}', type_name)
+            for name, type_name in (
+                ('pressure', PRESSURE_TYPE),
+                ('end_wrench', WRENCH_TYPE),
+                ('targets', POINTS_TYPE),
+            )
+            if name != 'end_wrench' or recording.loaded
+        }
+        for log_time, name, message in messages(recording):
+            writer.write(topics[name], log_time, message)
+            each()
+    return truth
+
+
+def message_count(recording: LabRecording) -> int:
+    """Count the messages of a recording."""
+    stamps = recording.reading_stamp_ns, recording.wrench_stamp_ns, recording.stamp_ns
+    return sum(item.size for item in stamps)
+
+
+def messages(recording: LabRecording) -> Iterator[Message]:
+    """Yield the messages of a recording in the order of their log time, the wrench before all."""
+    order = [
+        (int(stamp) + delay, rank, index)
+        for rank, (stamps, delay) in enumerate(
+            (
+                (recording.wrench_stamp_ns, TRANSPORT_NS),
+                (recording.reading_stamp_ns, TRANSPORT_NS),
+                (recording.stamp_ns, TRACKING_NS),
+            )
+        )
+        for index, stamp in enumerate(stamps)
+    ]
+    makers = (
+        ('end_wrench', wrench_of),
+        ('pressure', pressure_of),
+        ('targets', targets_of),
+    )
+    for log_time, rank, index in sorted(order):
+        name, make = makers[rank]
+        yield log_time, name, make(recording, index)
+
+
+def pressure_of(recording: LabRecording, index: int) -> Any:
+    """Build the FluidPressure of a reading."""
+    reading = PressureReading(
+        stamp_ns=int(recording.reading_stamp_ns[index]),
+        pressure=float(recording.pressure[index]),
+    )
+    return pressure_message(reading, PRESSURE_FRAME, ROSBAGS_TYPES)
+
+
+def wrench_of(recording: LabRecording, index: int) -> Any:
+    """Build the WrenchStamped of a reading."""
+    force_x, force_y = recording.wrench_force[index].tolist()
+    reading = WrenchReading(
+        stamp_ns=int(recording.wrench_stamp_ns[index]),
+        force_x=force_x,
+        force_y=force_y,
+        moment=float(recording.wrench_moment[index]),
+        frame_id=BASE_FRAME,
+    )
+    return wrench_message(reading, ROSBAGS_TYPES)
+
+
+def targets_of(recording: LabRecording, index: int) -> Any:
+    """Build the PointCloud2 of a frame; the tracker knows the white part of its noise."""
+    return targets_message(
+        int(recording.stamp_ns[index]),
+        recording.x[index],
+        recording.y[index],
+        BASE_FRAME,
+        ROSBAGS_TYPES,
+        recording.scenario.noise.target_std,
+    )
+
+
+def truth_arrays(recording: LabRecording) -> dict[str, Any]:
+    """Return the content of the truth file: arrays of `LabTruth`, scenario and memory as JSON."""
+    truth, memory = recording.truth, recording.memory
+    remembered = {'time': memory.time, 'pressure': memory.pressure, 'past': dict(memory.past)}
+    return {
+        'stamp_ns': recording.stamp_ns,
+        **{item.name: getattr(truth, item.name) for item in fields(truth)},
+        'scenario': np.array(json.dumps(described(recording.scenario))),
+        'memory': np.array(json.dumps(remembered)),
+    }
+
+
+def memory_after(path: Path) -> LabMemory:
+    """Return what the arm remembers of a recording of the lab, from the truth beside it.
+
+    Raises RequestError where there is no such truth.
+    """
+    truth = truth_file(path)
+    try:
+        memory = json.loads(str(read_arrays(truth, ['memory'])['memory']))
+        past = {
+            name: tuple(_number(value) for value in values)
+            for name, values in memory['past'].items()
+        }
+        time, pressure = _number(memory['time']), _number(memory['pressure'])
+        return LabMemory(time=time, pressure=pressure, past=past)
+    except (*DAMAGED_ARCHIVE, AttributeError) as error:
+        raise RequestError(
+            f'--after {path}: {truth} is no truth of a recording of the lab '
+            f'({one_line(error)}); name a recording that `pneunet simulate` has written'
+        ) from None
+
+
+def _number(value: Any) -> float:
+    """Return a number of the truth; ValueError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise ValueError(f'{str(value)[:40]!r} is no number')
+    return float(value)

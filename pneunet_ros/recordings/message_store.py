@@ -1,0 +1,142 @@
+"""Message classes and serialization for recordings, by rosbags: ROS 2 Jazzy's types without ROS.
+
+Types of Jazzy are known beforehand; any other is learned from the definition a recording carries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+import re
+from typing import Any
+
+import numpy.typing as npt
+from pneunet_ros.core.errors import MessageError, RecordingError
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import (
+    get_types_from_idl,
+    get_types_from_msg,
+    get_typestore,
+    Stores,
+)
+from rosbags.typesys.store import Typestore
+
+SEPARATOR = '=' * 80 + '\n'  # between the definitions of a type and of those it depends on
+ENCAPSULATIONS = (b'\0\0', b'\0\1')  # plain CDR, big-endian and little-endian
+LARGEST_DEFINITION = 200_000  # characters
+LONGEST_ARRAYS = 10_000  # elements of fixed arrays that are no numbers, which become lines of code
+IDL_HEAD = f'{SEPARATOR}IDL: '  # how a definition in IDL begins
+
+
+class RosbagsTypes:
+    """The message classes of rosbags: plain dataclasses with numpy arrays."""
+
+    def __call__(self, type_name: str, /) -> Callable[..., Any]:
+        """Return the dataclass of a type of Jazzy."""
+        return jazzy().types[type_name]
+
+    def sequence(self, values: npt.NDArray[Any], /) -> Any:
+        """Return the array itself."""
+        return values
+
+
+ROSBAGS_TYPES = RosbagsTypes()
+
+
+@cache
+def jazzy() -> Typestore:
+    """Return the types of ROS 2 Jazzy; made on first use, which takes 0.2 s."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def serialize(message: Any, type_name: str) -> bytes:
+    """Return little-endian CDR of a message of `ROSBAGS_TYPES`; MessageError if unfit."""
+    try:
+        return bytes(jazzy().serialize_cdr(message, type_name, little_endian=True))
+    except Exception as error:
+        # Generated code meets unfit content with whatever its line raises.
+        raise MessageError(f'a {type_name} cannot be serialized: {error}') from error
+
+
+@cache
+def store_for(type_name: str, definition: str) -> Typestore:
+    """Return the types by which to read a topic: Jazzy's where they are the same, or its own.
+
+    definition: the schema of the recording, '' when it has none. Raises RecordingError when the
+    type is neither known nor can be learned.
+    """
+    store = jazzy()
+    if not definition:
+        if type_name not in store.fielddefs:
+            raise RecordingError(
+                f'{type_name} is no type of ROS 2 Jazzy and the recording does not define it'
+            )
+        return store
+    if len(definition) > LARGEST_DEFINITION:
+        raise RecordingError(
+            f'the definition of {type_name} in the recording has more than '
+            f'{LARGEST_DEFINITION} characters'
+        )
+    try:
+        types = _parsed(definition, type_name)
+        if all(store.fielddefs.get(name, ((), ()))[1] == types[name][1] for name in types):
+            return store
+        if sum(map(_code_length, types.values())) > LONGEST_ARRAYS:
+            raise RecordingError(
+                f'the definition of {type_name} in the recording has fixed arrays of more than '
+                f'{LONGEST_ARRAYS} elements that are no numbers'
+            )
+        own = get_typestore(Stores.ROS2_JAZZY)
+        for name in types:
+            own.fielddefs.pop(name, None)
+            own.types.pop(name, None)
+        own.register(types)
+        own.get_msgdef(type_name)
+        return own
+    except RecordingError:
+        raise
+    except Exception as error:
+        # The parser, the code made from a definition, and looking up what it lacks: all may fail.
+        raise RecordingError(
+            f'the definition of {type_name} in the recording is not complete or cannot be parsed'
+        ) from error
+
+
+def _parsed(definition: str, type_name: str) -> dict[str, Any]:
+    """Parse a definition and those it depends on, which stand behind it."""
+    if not definition.startswith(IDL_HEAD):
+        return dict(get_types_from_msg(definition, type_name))
+    if _nested(definition):
+        raise RecordingError(
+            f'the definition of {type_name} in the recording has parentheses in parentheses'
+        )
+    types: dict[str, Any] = {}
+    for part in definition.split(SEPARATOR)[1:]:
+        types.update(get_types_from_idl(part.partition('\n')[2]))
+    return types
+
+
+def _nested(definition: str) -> bool:
+    """Whether there are parentheses in parentheses, beside those in texts."""
+    return '((' in re.sub(r'[^()]', '', re.sub(r'"(?:\\"|[^"])*"', '', definition))
+
+
+def _code_length(parsed: Any) -> int:
+    """Count the elements of fixed arrays of a type for each of which there will be code."""
+    return sum(
+        content[1]
+        for _, (kind, content) in parsed[1]
+        if kind == Nodetype.ARRAY
+        and (content[0][0] == Nodetype.NAME or content[0][1][0] == 'string')
+    )
+
+
+def deserialize(raw: bytes, type_name: str, store: Typestore) -> Any:
+    """Return the message in serialized bytes; MessageError when they are no such message."""
+    if raw[:2] not in ENCAPSULATIONS:
+        raise MessageError('it does not begin as plain CDR')
+    try:
+        return store.deserialize_cdr(raw, type_name)
+    except Exception as error:
+        # Generated code meets unfit bytes with whatever its line raises.
+        raise MessageError(str(error) or 'its size is wrong') from error

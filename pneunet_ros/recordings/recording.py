@@ -1,0 +1,242 @@
+"""Recordings read: MCAP files and rosbag2 folders -> messages.
+
+Messages come in log time order without a recording being held in memory; what is missing or cut
+off is said in `Recording.sentences`. Writing is `recording_writer`'s.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from itertools import count
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from mcap.records import Channel
+from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.recordings.bag_folder import mcap_files
+from pneunet_ros.recordings.mcap_blocks import McapFile, read_block
+from pneunet_ros.recordings.mcap_file import open_mcap
+from pneunet_ros.recordings.message_store import deserialize, store_for
+
+SCHEMA_ENCODINGS = ('ros2msg', 'ros2idl')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedTopic:
+    """A topic of a recording: full name, type, number of messages, definition of the type."""
+
+    name: str
+    type: str
+    count: int
+    definition: str
+
+
+class RawMessage(NamedTuple):
+    """A message as it was recorded: name of its topic, log time in ns, serialized bytes."""
+
+    topic: str
+    log_time_ns: int
+    raw: bytes
+
+
+class RecordedMessage(NamedTuple):
+    """A message: name of its topic, log time in ns, content by field name, serialized bytes."""
+
+    topic: str
+    log_time_ns: int
+    message: Any
+    raw: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recording:
+    """A recording: its topics in order of their names, and sentences about what could not be read.
+
+    `start_ns` and `end_ns` are the first and last log time, both 0 without messages. `files` are
+    its files in order and `channels` the names of topics by channel id for each of them.
+    """
+
+    path: Path
+    topics: tuple[RecordedTopic, ...]
+    sentences: tuple[str, ...]
+    start_ns: int
+    end_ns: int
+    files: tuple[McapFile, ...]
+    channels: tuple[Mapping[int, str], ...]
+
+    def topic(self, name: str) -> RecordedTopic:
+        """Return the topic of this full name; raises RecordingError that lists what there is."""
+        for topic in self.topics:
+            if topic.name == name:
+                return topic
+        raise RecordingError(f'{self.path} has no topic {name}; it holds {self._contents()}')
+
+    def candidates(self, last_name: str, type_name: str) -> tuple[str, ...]:
+        """List the topics of this type with this last name, or names as 'image_raw/compressed'."""
+        return tuple(
+            topic.name
+            for topic in self.topics
+            if topic.type == type_name and f'/{topic.name}'.endswith(f'/{last_name}')
+        )
+
+    def find(self, last_name: str, type_name: str, override: str | None = None) -> str:
+        """Return the one topic of this type and last name; `override`: its full name, if given.
+
+        Raises RecordingError that lists the candidates when there are several, and the topics that
+        are there when there is none.
+        """
+        option = f'--topic {last_name}='
+        if override is not None:
+            chosen = self.topic(override)
+            if chosen.type != type_name:
+                raise RecordingError(
+                    f'{self.path}: {option}{override} names a topic of type {chosen.type}, '
+                    f'but {type_name} is needed'
+                )
+            return override
+        found = self.candidates(last_name, type_name)
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise RecordingError(
+                f'{self.path} has {len(found)} topics {last_name} of type {type_name}: '
+                f'{", ".join(found)}; choose one as in {option}{found[0]}'
+            )
+        raise RecordingError(
+            f'{self.path} has no topic {last_name} of type {type_name}; it holds '
+            f'{self._contents()}; name one of that type with {option}/its/name'
+        )
+
+    def count(self, topics: Iterable[str]) -> int:
+        """Count the messages these topics have together: the total for a progress bar."""
+        names = set(topics)
+        return sum(topic.count for topic in self.topics if topic.name in names)
+
+    def raw_messages(self, topics: Sequence[str]) -> Iterator[RawMessage]:
+        """Yield the messages of these topics in log time order, serialized.
+
+        Of equal log times, those of the topic that stands first in `topics` come first. Raises
+        RecordingError where a file turns out to be damaged.
+        """
+        rank = {name: place for place, name in enumerate(topics)}
+        order = count()
+        blocks = sorted(
+            (block.start_ns, place, number)
+            for place, file in enumerate(self.files)
+            for number, block in enumerate(file.blocks)
+            if any(self.channels[place].get(channel) in rank for channel in block.channels)
+        )
+        pending: list[tuple[int, int, int, RawMessage]] = []
+        with ExitStack() as stack:
+            streams = [stack.enter_context(_open(file.path)) for file in self.files]
+            for index, (_, place, number) in enumerate(blocks):
+                file, names = self.files[place], self.channels[place]
+                for channel, log_time, raw in read_block(
+                    file.path, streams[place], file.blocks[number]
+                ):
+                    name = names.get(channel)
+                    if name is not None and name in rank:
+                        message = RawMessage(name, log_time, raw)
+                        pending.append((log_time, rank[name], next(order), message))
+                pending.sort()
+                # The rest of the blocks starts at the next one: what is earlier is in order.
+                ready = len(pending)
+                if index + 1 < len(blocks):
+                    ready = bisect_left(pending, (blocks[index + 1][0],))
+                for entry in pending[:ready]:
+                    yield entry[3]
+                del pending[:ready]
+
+    def messages(self, topics: Sequence[str]) -> Iterator[RecordedMessage]:
+        """Yield the messages of these topics, decoded, in the order of `raw_messages`.
+
+        Raises RecordingError when a message is not of its topic's type or the type is not known.
+        """
+        types = {name: self.topic(name) for name in topics}
+        stores = {name: store_for(topic.type, topic.definition) for name, topic in types.items()}
+        for name, log_time, raw in self.raw_messages(topics):
+            try:
+                message = deserialize(raw, types[name].type, stores[name])
+            except MessageError as error:
+                raise RecordingError(
+                    f'{self.path}: the message of {name} at log time {log_time} ns is no '
+                    f'{types[name].type}: {error}'
+                ) from error
+            yield RecordedMessage(name, log_time, message, raw)
+
+    def _contents(self) -> str:
+        return ', '.join(f'{topic.name} ({topic.type})' for topic in self.topics) or 'no messages'
+
+
+def open_recording(path: str | Path) -> Recording:
+    """Open a bare .mcap file or a rosbag2 folder, and find out what it holds.
+
+    Raises RecordingError when there is none or its files are not MCAP. Files that are cut off are
+    read as far as they go, and channels that are no ROS 2 messages are left out; `sentences` says
+    so.
+    """
+    path = Path(path)
+    files = tuple(open_mcap(file) for file in mcap_files(path))
+    sentences = [file.damage for file in files if file.damage is not None]
+    topics: dict[str, RecordedTopic] = {}
+    channels: list[dict[int, str]] = []
+    for file in files:
+        names: dict[int, str] = {}
+        for key, channel in sorted(file.channels.items()):
+            topic = _recorded_topic(file, channel)
+            known = topics.get(channel.topic, topic)
+            if topic is None or known is None or known.type != topic.type:
+                sentences.append(_left_out(file, channel, known))
+                continue
+            if known is not topic:
+                topic = replace(known, count=known.count + topic.count)
+            topics[topic.name] = topic
+            names[key] = topic.name
+        channels.append(names)
+    blocks = [block for file in files for block in file.blocks if block.channels]
+    return Recording(
+        path=path,
+        topics=tuple(topics[name] for name in sorted(topics)),
+        sentences=tuple(sentences),
+        start_ns=min((block.start_ns for block in blocks), default=0),
+        end_ns=max((block.end_ns for block in blocks), default=0),
+        files=files,
+        channels=tuple(channels),
+    )
+
+
+def _recorded_topic(file: McapFile, channel: Channel) -> RecordedTopic | None:
+    """Describe the topic of a channel; None when it does not hold ROS 2 messages."""
+    schema = file.schemas.get(channel.schema_id)
+    if channel.message_encoding != 'cdr' or schema is None:
+        return None
+    if schema.encoding not in SCHEMA_ENCODINGS:
+        return None
+    return RecordedTopic(
+        name=channel.topic,
+        type=schema.name,
+        count=file.counts.get(channel.id, 0),
+        definition=schema.data.decode(errors='replace'),
+    )
+
+
+def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> str:
+    schema = file.schemas.get(channel.schema_id)
+    encodings = channel.message_encoding, schema.encoding if schema else ''
+    what = ' with '.join(encoding or 'nothing' for encoding in encodings)
+    if known is not None and schema is not None:
+        return (
+            f'{channel.topic} in {file.path} is read as {known.type} only; '
+            f'what was recorded of it as {schema.name} ({what}) is left out'
+        )
+    return f'{channel.topic} in {file.path} is left out: it holds no ROS 2 messages ({what})'
+
+
+def _open(path: Path) -> BinaryIO:
+    try:
+        return path.open('rb')
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be read: {error.strerror}') from error

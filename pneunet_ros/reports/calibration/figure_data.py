@@ -1,0 +1,87 @@
+"""What the pictures of a calibration show, worked out once: stances of its runs, their views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.calibration.moment_curvature import moment_view, MomentView
+from pneunet_ros.calibration.result import FittedRun
+from pneunet_ros.calibration.steady_states import held, spread, Stance, stances
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.reports.style import PressureColors
+from pneunet_ros.vision.smoother import FEWEST_TARGETS, smoother_for
+
+UNLOADED_SHOWN, LOADED_SHOWN = 10, 12  # stances, at most
+
+Each = Callable[[str, int, int], None]  # stage, how far, of how much
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FigureData:
+    """A calibration with what its pictures need.
+
+    free: stances without load; main: those of the loaded run that spans most pressure, all spread
+    over pressure. The views are theirs, less those that have too few targets for one.
+    """
+
+    calibration: Calibration
+    colors: PressureColors
+    free: tuple[Stance, ...]
+    free_views: tuple[MomentView, ...]
+    main: tuple[Stance, ...]
+    main_views: tuple[MomentView, ...]
+
+    @property
+    def loaded(self) -> tuple[FittedRun, ...]:
+        """The loaded runs of the joint fit."""
+        return tuple(item for item in self.calibration.joint.runs if item.run.loaded)
+
+
+def figure_data(calibration: Calibration, each: Each) -> FigureData:
+    """Work out what the pictures show."""
+    fit = calibration.joint
+    everything = [(item.run, stances(item, fit.arm)) for item in fit.runs]
+    free = [stance for run, some in everything if not run.loaded for stance in some]
+    loaded = [(run, some) for run, some in everything if run.loaded]
+    main: tuple[Stance, ...] = ()
+    if loaded:
+        _, main = max(loaded, key=lambda item: float(np.ptp(item[0].frame_pressure)))
+    groups = [spread(free, UNLOADED_SHOWN), spread(held(main), LOADED_SHOWN)]
+    pressures = [stance.pressure for group in groups for stance in group]
+    each('measured curvature', 0, 1)
+    views = views_of(calibration, groups)
+    each('measured curvature', 1, 1)
+    return FigureData(
+        calibration=calibration,
+        colors=PressureColors(low=min(pressures), high=max(pressures)),
+        free=tuple(groups[0]),
+        free_views=views[0],
+        main=tuple(groups[1]),
+        main_views=views[1],
+    )
+
+
+def views_of(
+    calibration: Calibration, groups: Sequence[Sequence[Stance]]
+) -> list[tuple[MomentView, ...]]:
+    """Return the views of the stances that have one, group by group."""
+    fit, arm = calibration.joint, calibration.joint.arm
+    if arm.target_arclength.size < FEWEST_TARGETS:
+        return [() for _ in groups]
+    # The placement that was found is taken off the targets, so no more of it is expected.
+    smoother = smoother_for(replace(arm, sensors=replace(arm.sensors, placement_std=0.0)))
+    found = [[moment_view(fit, smoother, stance) for stance in group] for group in groups]
+    return [tuple(view for view in group if view is not None) for group in found]
+
+
+def nearest_view(views: tuple[MomentView, ...], pressure: float) -> MomentView:
+    """Return the view at the pressure nearest to this one (Pa)."""
+    return min(views, key=lambda view: abs(view.stance.pressure - pressure))
+
+
+def stations_of(length: float, count: int = 113) -> Array:
+    """Return stations (m) for smooth lines."""
+    return np.linspace(0.0, length, count)

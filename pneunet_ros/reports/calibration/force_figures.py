@@ -1,0 +1,165 @@
+"""Figure 9 (c) of the paper: end forces found from targets against those that were read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from matplotlib.axes import Axes
+import numpy as np
+from pneunet_ros.calibration.tip_force import end_forces, EndForces
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.reports.calibration.figure_data import Each, FigureData
+from pneunet_ros.reports.style import BAND_SIGMAS, FIRST, legend, panels, Picture, picture, SECOND
+
+FRAMES = 60  # in all, of all loaded runs
+MILLI = 1000.0  # mN per N
+WIDEST = 3.0  # times the largest force: more uncertain ones are left out of the limits
+WAYS = (('all targets', False, FIRST), ('the tip alone', True, SECOND))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FoundForces:
+    """Forces of some frames: pressure (n,) Pa, read (n, 2) N with read_std, found by each way."""
+
+    pressure: Array
+    read: Array
+    read_std: float
+    ways: tuple[EndForces, ...]
+
+
+def found_forces(data: FigureData, each: Each) -> FoundForces:
+    """Find the end force of some frames of every loaded run, both ways."""
+    arm, loaded = data.calibration.arm, data.loaded
+    most = max(FRAMES // len(loaded), 2)
+    runs = [item.run.thinned(most) for item in loaded]
+    parts: list[list[EndForces]] = [[], []]
+    for place, run in enumerate(runs):
+        for way, (_, tip_only, _) in enumerate(WAYS):
+            each('end forces', 2 * place + way, 2 * len(runs))
+            parts[way].append(end_forces(arm, run, tip_only=tip_only))
+    return FoundForces(
+        pressure=np.concatenate([run.frame_pressure for run in runs]),
+        read=np.concatenate([run.force for run in runs]),
+        read_std=arm.sensors.force_std,
+        ways=tuple(
+            EndForces(
+                force=np.concatenate([one.force for one in some]),
+                covariance=np.concatenate([one.covariance for one in some]),
+            )
+            for some in parts
+        ),
+    )
+
+
+def end_force_picture(data: FigureData, each: Each) -> Picture:
+    """Figure 9 (c)."""
+    found = found_forces(data, each)
+    figure, axes = panels(2, rows=2, height=7.6)
+    largest = MILLI * float(np.max(np.abs(found.read)))
+    for component in range(2):
+        for (name, _, color), way in zip(WAYS, found.ways, strict=True):
+            draw_way(axes[component], axes[2 + component], found, way, component, name, color)
+        read = MILLI * found.read[:, component]
+        ends = np.array([read.min(), read.max()])
+        margin = 0.12 * max(float(np.ptp(ends)), 0.2 * largest)
+        ends = ends + margin * np.array([-1.0, 1.0])
+        axes[component].plot(ends, ends, color='0.4', linewidth=0.9, zorder=1)
+        label = f'F{component + 1}'
+        axes[component].set(
+            title=f'({"ac"[component]}) {label} along {"xy"[component]}',
+            xlabel=f'{label} read (mN)',
+            ylabel=f'{label} found (mN)',
+            xlim=ends,
+            ylim=ends + np.array([-0.25, 0.25]) * np.ptp(ends),
+        )
+        axes[2 + component].axhline(0.0, color='0.4', linewidth=0.9)
+        axes[2 + component].set(
+            title=f'({"bd"[component]}) error of {label}',
+            xlabel='pressure (kPa)',
+            ylabel=f'{label} found - read (mN)',
+        )
+        limit = limit_of(found, component)
+        axes[2 + component].set_ylim(-limit, limit)
+    legend(axes[1], loc='upper left')
+    return picture(
+        '09c_end_forces',
+        'End force found from targets',
+        f'Pressure known, force not: {" ".join(sentences(found))} Bars are 2 sigma; they should '
+        'reach the line in 19 of 20 cases. Bars of the tip alone are long where the arm is '
+        'nearly straight: one point can hardly tell how hard it is pulled (some bars are cut '
+        'off). Errors of the tip alone go together, since all rest on where that one target was '
+        'painted. Errors from all targets that keep their sign over a range of pressure, beyond '
+        'the bars, would mean that something is missing in the model.',
+        figure,
+        number='9 (c)',
+    )
+
+
+def draw_way(
+    against: Axes,
+    error: Axes,
+    found: FoundForces,
+    way: EndForces,
+    component: int,
+    name: str,
+    color: str,
+) -> None:
+    """Draw forces found against read, and their errors over pressure."""
+    sigma = way.sigma[:, component]
+    value = way.force[:, component]
+    x = MILLI * found.read[:, component], kilopascals(1.0) * found.pressure
+    y = MILLI * value, MILLI * (value - found.read[:, component])
+    whole = np.hypot(sigma, found.read_std)
+    all_targets = color == FIRST
+    for axes, at, what, std in zip((against, error), x, y, (sigma, whole), strict=True):
+        axes.errorbar(
+            at,
+            what,
+            yerr=BAND_SIGMAS * MILLI * std,
+            linestyle='',
+            marker='o',
+            markersize=3.6,
+            markerfacecolor=color if all_targets else 'white',
+            color=color,
+            elinewidth=1.4 if all_targets else 0.7,
+            alpha=0.9 if all_targets else 0.7,
+            zorder=4 if all_targets else 3,
+            label=f'from {name}',
+        )
+
+
+def limit_of(found: FoundForces, component: int) -> float:
+    """Return how far the axis of errors goes (mN): most bars of both ways inside."""
+    reach = [
+        np.abs(way.force[:, component] - found.read[:, component])
+        + BAND_SIGMAS * np.hypot(way.sigma[:, component], found.read_std)
+        for way in found.ways
+    ]
+    values = np.concatenate(reach)
+    values = values[np.isfinite(values)]
+    if values.size == 0:
+        return 1.0
+    largest = WIDEST * float(np.max(np.abs(found.read)))
+    return MILLI * 1.15 * min(float(np.quantile(values, 0.8)), largest)
+
+
+def sentences(found: FoundForces) -> list[str]:
+    """Say how well each way finds the force, and how often its interval holds the force read."""
+    said = []
+    for (name, _, _), way in zip(WAYS, found.ways, strict=True):
+        some = np.isfinite(way.force[:, 0])
+        if not some.any():
+            said.append(f'From {name} no force was found in any of {some.size} frames.')
+            continue
+        error = way.force[some] - found.read[some]
+        std = np.hypot(way.sigma[some], found.read_std)
+        inside = np.mean(np.abs(error) < 1.96 * std, axis=0)
+        median = MILLI * np.median(way.sigma[some], axis=0)
+        said.append(
+            f'From {name}, found in {np.count_nonzero(some)} of {some.size} frames: median sigma '
+            f'{median[0]:.2g} and {median[1]:.2g} mN of F1 and F2; '
+            f'{100 * inside[0]:.0f} % and {100 * inside[1]:.0f} % of the 95 % intervals hold '
+            'the force read.'
+        )
+    return said

@@ -1,0 +1,275 @@
+"""Figures 7 and 8 of the paper: the moment along the arm and against kappa - kappa0."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+import numpy as np
+from pneunet_ros.calibration.moment_curvature import law_view, LawView, Line, MomentView
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.reports.calibration.figure_data import FigureData, nearest_view
+from pneunet_ros.reports.calibration.shape_figures import load_label, run_label
+from pneunet_ros.reports.style import (
+    BAND_SIGMAS,
+    FIRST,
+    legend,
+    MEASURED,
+    panels,
+    Picture,
+    picture,
+    SECOND,
+)
+from pneunet_ros.solver.rod import RIGIDITY
+
+PAPER_PRESSURE = 53_800.0  # Pa, of Figure 8 (a)
+MILLI = 1000.0  # mN m per N m
+WORTH = 0.3  # relative standard error of a rigidity that is still shown
+SECTION_COLORS = (FIRST, SECOND)
+
+
+def moments(data: FigureData) -> Picture:
+    """Figure 7: M_est along the arm and against kappa - kappa0, per load."""
+    figure, (along, against) = panels(2)
+    for view in data.main_views:
+        color = data.colors(view.stance.pressure)
+        along.plot(view.arclength / data.calibration.arm.length, MILLI * view.moment, color=color)
+        against.plot(view.change, MILLI * view.moment, color=color, linewidth=1.4)
+        against.plot(
+            view.change[0], MILLI * view.moment[0], color=color, marker='s', markersize=4.5
+        )
+    along.set(
+        title='(a) moment along the arm',
+        xlabel='arclength s / l',
+        ylabel='moment M_est (mN m)',
+        xlim=(0.0, 1.0),
+    )
+    against.set(
+        title='(b) moment against change of curvature; square: clamp',
+        xlabel='measured kappa - kappa0 (1/m)',
+        ylabel='moment M_est (mN m)',
+    )
+    data.colors.bar(figure, against)
+    return picture(
+        '07_moments',
+        'Moment from measured shape and load',
+        f'{run_label(data)}. M_est is Eq 9: from measured targets and the end force, without any '
+        'model. If M = EI (kappa - kappa0) held, all curves of (b) would be one straight line '
+        'through zero; a bend near the clamp (square) is the second section of Eq 10. The '
+        'curvature is that of a smoothed curve, least certain at both ends of the arm.',
+        figure,
+        number='7',
+    )
+
+
+def one_moment(data: FigureData) -> Picture:
+    """Figure 8 (a): the two lines of Eq 10 at one pressure."""
+    arm = data.calibration.arm
+    view = nearest_view(data.main_views, PAPER_PRESSURE)
+    pressure = float(view.stance.drive.pressure[0])
+    figure, (lines, along) = panels(2)
+    sections = arm.moment_law.sections(
+        np.clip([pressure], *arm.pressure_range), arm.length, arm.weight
+    )[0]
+    for place, section in enumerate(sections):
+        start = section[0]
+        stop = sections[place + 1][0] if place + 1 < len(sections) else arm.length
+        inside = (view.arclength >= start) & (view.arclength <= stop)
+        color = SECTION_COLORS[place]
+        name = section_name(place, len(sections))
+        lines.errorbar(
+            view.change[inside],
+            MILLI * view.moment[inside],
+            xerr=BAND_SIGMAS * view.std[inside],
+            linestyle='',
+            marker='o',
+            markersize=3.5,
+            color=color,
+            elinewidth=0.6,
+            alpha=0.8,
+            label=f'measured, {name}',
+        )
+        moment = np.array([view.moment[inside].min(), view.moment[inside].max()])
+        moment = moment + 0.15 * np.ptp(moment) * np.array([-1.0, 1.0])
+        lines.plot(
+            moment / section[RIGIDITY],
+            MILLI * moment,
+            color=color,
+            linewidth=2.0,
+            label=f'fitted law, {name}',
+        )
+        seen = view.lines[place]
+        if seen is not None:
+            lines.plot(
+                (moment - seen.offset) / seen.rigidity,
+                MILLI * moment,
+                color=color,
+                linewidth=1.3,
+                linestyle='--',
+                label=f'line through the measured, {name}',
+            )
+        along.axvspan(start / arm.length, stop / arm.length, color=color, alpha=0.08, linewidth=0)
+    share = view.arclength / arm.length
+    width = BAND_SIGMAS * view.std
+    along.fill_between(
+        share, view.change - width, view.change + width, color=MEASURED, alpha=0.18, linewidth=0
+    )
+    along.plot(share, view.change, color=MEASURED, label='measured')
+    along.plot(
+        share,
+        view.moment / rigidity_along(sections, view.arclength),
+        color='#8a5aa8',
+        linestyle='--',
+        label='M_est / fitted rigidity',
+    )
+    lines.axhline(0.0, color='0.6', linewidth=0.7)
+    lines.axvline(0.0, color='0.6', linewidth=0.7)
+    lines.set(
+        title=f'(a) {load_label(view.stance)}',
+        xlabel='kappa - kappa0 (1/m)',
+        ylabel='moment M_est (mN m)',
+    )
+    legend(lines, loc='best')
+    along.set(
+        title='(b) the same along the arm; shaded: the sections',
+        xlabel='arclength s / l',
+        ylabel='kappa - kappa0 (1/m)',
+        xlim=(0.0, 1.0),
+    )
+    legend(along, loc='best')
+    return picture(
+        '08a_moment_law',
+        'The moment law at one pressure (Eq 10)',
+        f'Recording {view.stance.run}. {line_sentence(view, data)} Points scatter about the '
+        "lines of the fitted law by their bars. The dashed lines are the paper's way, straight "
+        'lines through measured points with an intercept of their own; they are a view: M_O '
+        'cannot be told from kappa0, and the smoothed curvature rounds off the step at l1.',
+        figure,
+        number='8 (a)',
+    )
+
+
+def line_sentence(view: MomentView, data: FigureData) -> str:
+    """Say what the lines of a view are, in the paper's units."""
+    arm = data.calibration.arm
+    scale, parts = arm.weight * arm.length, []
+    for place, item in enumerate(view.lines):
+        if item is None:
+            parts.append(f'section {place + 1}: too few targets for a line.')
+            continue
+        alpha, alpha_std = (
+            value / (scale * arm.length) for value in (item.rigidity, item.rigidity_std)
+        )
+        parts.append(
+            f'Section {place + 1}: alpha = {alpha:.4f} +- {alpha_std:.4f}, M_O = '
+            f'({item.offset / scale:.4f} +- {item.offset_std / scale:.4f}) mg l.'
+        )
+    return ' '.join(parts)
+
+
+def rigidity_along(sections: Array, arclength: Array) -> Array:
+    """Return the rigidity (N m^2) at arclengths (m)."""
+    which = np.searchsorted(sections[:, 0], arclength, side='right') - 1
+    return np.asarray(sections[which, RIGIDITY])
+
+
+def section_name(place: int, count: int) -> str:
+    """Name a section for a legend."""
+    if count == 1:
+        return 'whole arm'
+    return 's < l1' if place == 0 else 's > l1'
+
+
+def law(data: FigureData) -> Picture:
+    """Figure 8 (b): rigidities and l1 over pressure."""
+    arm, fit = data.calibration.arm, data.calibration.joint
+    low, high = data.colors.low, data.colors.high
+    pressure = np.linspace(low, high, 101)
+    known = np.clip(pressure, *arm.pressure_range)
+    fitted = law_view(fit, known)
+    two = fitted.split is not None
+    figure, axes = panels(2 if two else 1)
+    sections = fitted.rigidity.shape[1]
+    for place in range(sections):
+        color = SECTION_COLORS[place]
+        name = f'alpha{place + 1}' if two else 'alpha'
+        draw_law(axes[0], fitted, place, color, f'{name}, fitted, 2 sigma')
+        found = [
+            (view.stance.pressure, item)
+            for view in data.main_views
+            for item in [view.lines[place]]
+            if item is not None and worth(item)
+        ]
+        if found:
+            draw_found(axes[0], found, arm.weight * arm.length**2, color, name)
+    axes[0].set(
+        title='(a) rigidity alpha = B / (mg l^2)', xlabel='pressure (kPa)', ylabel='alpha (-)'
+    )
+    limits = [fitted.rigidity.min(), fitted.rigidity.max(), 0.0]
+    margin = 0.35 * (max(limits) - min(limits))
+    axes[0].set_ylim(min(limits) - 0.1 * margin, max(limits) + margin)
+    legend(axes[0], loc='lower left', ncols=2)
+    if fitted.split is not None and fitted.split_std is not None:
+        x = kilopascals(1.0) * pressure
+        width = BAND_SIGMAS * fitted.split_std
+        axes[1].fill_between(
+            x, fitted.split - width, fitted.split + width, color=MEASURED, alpha=0.18, linewidth=0
+        )
+        axes[1].plot(x, fitted.split, color=MEASURED, linewidth=1.8, label='fitted, 2 sigma')
+        axes[1].set(
+            title='(b) border of the sections l1 / l', xlabel='pressure (kPa)', ylabel='l1 / l (-)'
+        )
+        axes[1].set_ylim(bottom=0.0)
+        legend(axes[1], loc='lower right')
+    return picture(
+        '08b_law_over_pressure',
+        'Moment law over pressure',
+        "Bands are the fitted law, its rigidities straight lines in pressure, as the paper's "
+        "regressions. Hollow points are the paper's way: slopes of the lines of Figure 8 (a), one "
+        'per load, with two standard errors; dashed, their regression. alpha2 should follow the '
+        'band. alpha1 rests on the few targets of the first section and on curvature that is '
+        'rounded off at l1, which its bars do not know of: it scatters, and tends to be too '
+        'small. The fit, which needs no curvature, does not. Slopes less certain than '
+        f'{100 * WORTH:.0f} % are left out.',
+        figure,
+        number='8 (b)',
+    )
+
+
+def worth(item: Line) -> bool:
+    """Whether a line says something of the rigidity."""
+    return item.rigidity_std < WORTH * abs(item.rigidity)
+
+
+def draw_law(axes: Axes, fitted: LawView, place: int, color: str, label: str) -> None:
+    """Draw a fitted rigidity with its band."""
+    x = kilopascals(1.0) * fitted.pressure
+    value, width = fitted.rigidity[:, place], BAND_SIGMAS * fitted.rigidity_std[:, place]
+    axes.fill_between(x, value - width, value + width, color=color, alpha=0.25, linewidth=0)
+    axes.plot(x, value, color=color, linewidth=1.8, label=label)
+
+
+def draw_found(
+    axes: Axes, found: list[tuple[float, Line]], scale: float, color: str, name: str
+) -> None:
+    """Slopes of lines through measured points, and their regression in pressure."""
+    x = np.array([kilopascals(pressure) for pressure, _ in found])
+    value = np.array([item.rigidity for _, item in found]) / scale
+    std = np.array([item.rigidity_std for _, item in found]) / scale
+    axes.errorbar(
+        x,
+        value,
+        yerr=BAND_SIGMAS * std,
+        linestyle='',
+        marker='o',
+        markersize=4.5,
+        markerfacecolor='white',
+        color=color,
+        elinewidth=0.7,
+        alpha=0.75,
+        label=f'{name}, from lines',
+    )
+    if np.ptp(x) > 0.0 and x.size > 2:
+        # By relative errors: a standard error is about in proportion to its rigidity.
+        slope, level = np.polyfit(x, value, 1, w=np.abs(value) / std)
+        ends = np.array([x.min(), x.max()])
+        axes.plot(ends, level + slope * ends, color=color, linestyle='--', linewidth=1.2)

@@ -1,0 +1,108 @@
+"""The report of a calibration: one HTML page that needs nothing else, and its pictures as PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.reports.calibration.figure_data import Each
+from pneunet_ros.reports.calibration.figures import calibration_figures
+from pneunet_ros.reports.calibration.tables import (
+    curvature_table,
+    flat,
+    law_rows,
+    linearity_rows,
+    noise_rows,
+    number_rows,
+    Row,
+)
+from pneunet_ros.reports.page import rendered
+from pneunet_ros.reports.style import Picture
+
+PAGE = 'index.html'
+TEMPLATE = 'calibration_report.html.jinja'
+REPLACEABLE = (PAGE, 'figure_*.png')  # all that a folder of an earlier report holds
+
+
+def write_report(
+    calibration: Calibration,
+    directory: str | Path,
+    *,
+    provenance: Mapping[str, Any],
+    overwrite: bool = False,
+    each: Each = lambda stage, done, total: None,
+) -> Path:
+    """Write the report of a calibration into a folder, and return the path of its page.
+
+    The folder appears whole or not at all. provenance: what is known of the inputs, nested as it
+    pleases, shown as it is. Raises RecordingError when the folder exists (without `overwrite`), or
+    holds something other than an earlier report, or cannot be written.
+    """
+    with atomic_output(directory, overwrite=overwrite, replaceable=REPLACEABLE) as folder:
+        folder.mkdir()
+        pictures = calibration_figures(calibration, each)
+        for item in pictures:
+            (folder / item.file).write_bytes(item.png)
+        page = report_page(calibration, pictures, provenance)
+        (folder / PAGE).write_text(page, encoding='utf-8')
+    return Path(directory) / PAGE
+
+
+def report_page(
+    calibration: Calibration, pictures: Sequence[Picture], provenance: Mapping[str, Any]
+) -> str:
+    """Return the page, pictures inside."""
+    rows = number_rows(calibration)
+    return rendered(
+        TEMPLATE,
+        arm=calibration.arm,
+        summary=summary(calibration, rows),
+        notes=calibration.notes,
+        pictures=pictures,
+        law=law_rows(rows),
+        curvature=curvature_table(calibration, rows),
+        noise=noise_rows(calibration),
+        linearity=linearity_rows(calibration),
+        provenance=flat(provenance),
+    )
+
+
+def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, str]]:
+    """Return what one wants to know first, as pairs of a question and its answer."""
+    fit, free, arm = calibration.joint, calibration.free, calibration.arm
+    runs = [item.run for item in fit.runs]
+    loaded = sum(run.loaded for run in runs)
+    frames = sum(len(run.stamp_ns) for run in runs)
+    low, high = (kilopascals(value) for value in arm.pressure_range)
+    some = [item.residual[item.solved] for item in fit.runs]
+    squares = np.concatenate([(values[np.isfinite(values)]) ** 2 for values in some])
+    missing = sum(int(np.count_nonzero(~item.solved)) for item in fit.runs)
+    found = [
+        ('Recordings', f'{len(runs) - loaded} unloaded, {loaded} loaded; {frames} frames'),
+        ('Pressures', f'{low:.1f} to {high:.1f} kPa'),
+        ('Moment law', f'{arm.moment_law.kind}'),
+        ('Fit', f'{fit.status} after {fit.steps} steps'),
+        ('Chi squared per coordinate', f'{fit.chi_squared / fit.freedom:.3f}; 1 is expected'),
+        ('Residual', f'{millimeters(float(np.sqrt(squares.mean()))):.3f} mm rms per coordinate'),
+        ('Numbers determined', f'{sum(row.determined for row in rows)} of {len(rows)}'),
+        (
+            'Covariance in the model file',
+            f"has {100.0 * calibration.captured:.1f} % of the shape's variance",
+        ),
+    ]
+    if loaded:
+        first = f'{free.status}, chi squared per coordinate {free.chi_squared / free.freedom:.3f}'
+        found.insert(4, ('Fit of the unloaded recordings alone', first))
+    if missing:
+        found.append(('Frames without an equilibrium', f'{missing} of {frames}, not counted'))
+    if calibration.laws:
+        best = min(calibration.laws, key=lambda item: item.rms)
+        found.append(
+            ('Best on recordings left out', f'{best.kind}, {millimeters(best.rms):.3f} mm rms')
+        )
+    return found

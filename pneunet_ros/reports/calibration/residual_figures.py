@@ -1,0 +1,224 @@
+"""What a calibration leaves unexplained: over frames, over targets, over recordings, by law."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+import numpy as np
+from pneunet_ros.calibration.experiments import LawScore
+from pneunet_ros.calibration.result import Fit, FittedRun
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.measurement.forward_model import THETA
+from pneunet_ros.reports.calibration.figure_data import FigureData
+from pneunet_ros.reports.style import (
+    FIRST,
+    GREY,
+    legend,
+    MEASURED,
+    panels,
+    Picture,
+    picture,
+    SECOND,
+    short,
+)
+
+MICRO = 1e6  # um per m
+SMOOTHED = 15  # frames of the running mean
+LAW_COLORS = (FIRST, '#d1a13d', SECOND)
+
+
+def over_frames(data: FigureData) -> Picture:
+    """Whitened residuals of every frame, run after run."""
+    figure, (axes,) = panels(1, height=3.8)
+    start, edges = 0, []
+    for item in data.calibration.joint.runs:
+        size = whitened_size(item)
+        x = start + np.arange(size.size)
+        axes.plot(x, size, linestyle='', marker='.', markersize=2.5, color=FIRST, alpha=0.45)
+        axes.plot(x, running_mean(size), color=SECOND, linewidth=1.5)
+        edges.append((start, start + size.size, item.run))
+        start += size.size
+    for place, (left, right, run) in enumerate(edges):
+        axes.axvspan(left, right, color=GREY, alpha=0.07 * (place % 2), linewidth=0)
+        kind = 'loaded' if run.loaded else 'unloaded'
+        axes.text(
+            0.5 * (left + right),
+            0.97,
+            f'{short(run.name)}\n{kind}',
+            transform=axes.get_xaxis_transform(),
+            ha='center',
+            va='top',
+            fontsize=9,
+        )
+    axes.axhline(1.0, color=MEASURED, linewidth=0.9)
+    low, high = axes.get_ylim()
+    axes.set(xlabel='frame, recording after recording', ylabel='residual / expected')
+    axes.set(xlim=(0, start), ylim=(min(low, 0.0), max(1.25 * high, 2.0)))
+    fit = data.calibration.joint
+    return picture(
+        '12_residuals_over_frames',
+        'Residuals over frames',
+        'Root mean square residual of every frame beside what noise, placement, camera and '
+        'readings explain (dots; line: running mean). It should scatter about 1 without a trend: '
+        'a hump means that something in the arm is missing in the model, a constant level '
+        'other than 1 that the noise is another. Over all frames chi squared per coordinate is '
+        f'{fit.chi_squared / fit.freedom:.3f}.',
+        figure,
+    )
+
+
+def whitened_size(item: FittedRun) -> Array:
+    """Root mean square whitened residual of every frame that has one; 1 is expected."""
+    some = item.solved & (item.freedom > 0)
+    return np.asarray(np.sqrt(item.whitened[some] / item.freedom[some]))
+
+
+def running_mean(values: Array) -> Array:
+    """Return the mean over neighboring frames, fewer at the ends."""
+    kernel = np.ones(min(SMOOTHED, values.size))
+    weight = np.convolve(np.ones_like(values), kernel, mode='same')
+    return np.asarray(np.convolve(values, kernel, mode='same') / weight)
+
+
+def over_targets(data: FigureData) -> Picture:
+    """Placement found, and the mean residual that is left, per target."""
+    fit, noise = data.calibration.joint, data.calibration.noise.noise
+    share = data.calibration.arm.target_arclength / data.calibration.arm.length
+    left = mean_residuals(fit)
+    figure, axes = panels(2, height=3.8)
+    for one, name, placed, mean in zip(
+        axes, ('along the arm', 'across the arm'), fit.placement, left, strict=True
+    ):
+        one.axhspan(
+            -2.0 * MICRO * noise.placement_std,
+            2.0 * MICRO * noise.placement_std,
+            color=GREY,
+            alpha=0.12,
+            linewidth=0,
+            label='2 sigma of placement',
+        )
+        one.axhline(0.0, color='0.5', linewidth=0.8)
+        one.plot(
+            share, MICRO * placed, color=FIRST, marker='o', markersize=4, label='placement found'
+        )
+        one.plot(
+            share,
+            MICRO * mean,
+            color=SECOND,
+            marker='s',
+            markersize=3.5,
+            label='mean residual left',
+        )
+        one.set(title=name, xlabel='target, arclength s / l', ylabel='um', xlim=(-0.02, 1.02))
+    legend(axes[0], loc='best')
+    return picture(
+        '13_residuals_over_targets',
+        'Residuals over targets',
+        'How far each target was found beside the place that the arm file gives it, in the '
+        "arm's own directions, and what is left on average after that. Placement should stay "
+        'within the band without a pattern. What is left should be much smaller; errors of the '
+        'readings move the whole arm and leave a little that grows towards the tip.',
+        figure,
+    )
+
+
+def mean_residuals(fit: Fit) -> Array:
+    """Return the mean residual along and across the arm, (2, targets) m; NaN where never seen."""
+    parts = []
+    for item in fit.runs:
+        theta, residual = item.fields[:, THETA], item.residual[:]
+        along = np.cos(theta) * residual[:, 0] + np.sin(theta) * residual[:, 1]
+        across = -np.sin(theta) * residual[:, 0] + np.cos(theta) * residual[:, 1]
+        parts.append(np.stack([along, across], axis=1)[item.solved])
+    whole = np.concatenate(parts)
+    count = np.isfinite(whole).sum(axis=0)
+    total = np.where(np.isfinite(whole), whole, 0.0).sum(axis=0)
+    return np.asarray(total / np.where(count > 0, count, np.nan))
+
+
+def over_runs(data: FigureData) -> Picture:
+    """Root mean square residual of every recording beside the noise."""
+    runs = data.calibration.joint.runs
+    figure, (sizes, whitened) = panels(2, height=3.8)
+    names = [short(item.run.name) for item in runs]
+    rms = [MICRO * root_mean_square(item.residual[item.solved]) for item in runs]
+    white = [
+        float(np.sqrt(item.whitened[item.solved].sum() / max(item.freedom[item.solved].sum(), 1)))
+        for item in runs
+    ]
+    colors = [SECOND if item.run.loaded else FIRST for item in runs]
+    labeled_bars(sizes, names, rms, colors, '{:.0f}')
+    target = MICRO * data.calibration.noise.noise.target_std
+    sizes.axhline(target, color=MEASURED, linestyle='--', linewidth=1.0)
+    sizes.set(
+        title=f'(a) rms per coordinate; dashed: noise of targets, {target:.0f} um', ylabel='um'
+    )
+    labeled_bars(whitened, names, white, colors, '{:.2f}')
+    whitened.axhline(1.0, color=MEASURED, linestyle='--', linewidth=1.0)
+    whitened.set(title='(b) beside what is expected of it', ylabel='residual / expected')
+    return picture(
+        '14_residuals_over_recordings',
+        'Residuals over recordings',
+        'Blue: unloaded, red: loaded. (a) may lie above the noise of targets, since errors of the '
+        'pressure and force readings move the whole arm; (b) counts them and should be near 1 for '
+        'every recording. One bar that stands out: look at that recording, or its role.',
+        figure,
+    )
+
+
+def root_mean_square(values: Array) -> float:
+    """Return the root mean square of what is not NaN."""
+    some = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(some**2))) if some.size else float('nan')
+
+
+def law_comparison(data: FigureData) -> Picture:
+    """Moment laws on recordings left out of their fit."""
+    laws = data.calibration.laws
+    figure, (axes,) = panels(1, height=3.8)
+    names = [short(score.name) for score in laws[0].scores]
+    width = 0.8 / len(laws)
+    for place, item in enumerate(laws):
+        x = np.arange(len(names)) + (place - 0.5 * (len(laws) - 1)) * width
+        values = [millimeters(score.rms) for score in item.scores]
+        bars = axes.bar(
+            x,
+            values,
+            width=0.94 * width,
+            color=LAW_COLORS[place % len(LAW_COLORS)],
+            label=f'{item.kind}, all: {millimeters(item.rms):.3f} mm',
+        )
+        axes.bar_label(bars, labels=[f'{value:.3f}' for value in values], fontsize=9, padding=2)
+    axes.set_xticks(np.arange(len(names)), [f'without {name}' for name in names])
+    axes.set(ylabel='rms on the recording left out (mm)')
+    axes.margins(y=0.35)
+    axes.grid(visible=False, axis='x')
+    legend(axes, loc='upper center', ncols=len(laws))
+    return picture(
+        '15_laws',
+        'Moment laws on recordings left out',
+        f'Each law was fitted without one loaded recording and then predicted it: rms per '
+        f'coordinate, registration removed. {best_sentence(laws)}',
+        figure,
+    )
+
+
+def best_sentence(laws: tuple[LawScore, ...]) -> str:
+    """Say which law predicts best."""
+    ranked = sorted(laws, key=lambda item: item.rms)
+    first, second = ranked[0], ranked[1] if len(ranked) > 1 else ranked[0]
+    return (
+        f'The smaller the better: {first.kind} is best, the next one ({second.kind}) is '
+        f'{second.rms / first.rms:.2f} times as far off.'
+    )
+
+
+def labeled_bars(
+    axes: Axes, names: list[str], values: list[float], colors: list[str], form: str
+) -> None:
+    """Bars with their values on top."""
+    bars = axes.bar(np.arange(len(names)), values, color=colors, width=0.6)
+    axes.bar_label(bars, labels=[form.format(value) for value in values], fontsize=9, padding=2)
+    axes.set_xticks(np.arange(len(names)), names, rotation=20, ha='right')
+    axes.grid(visible=False, axis='x')
+    axes.margins(y=0.15)

@@ -1,0 +1,207 @@
+"""Figures 5, 6 and 9 of the paper: shapes and curvature, measured and fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+import numpy as np
+from pneunet_ros.calibration.moment_curvature import curvature_std, MomentView
+from pneunet_ros.calibration.steady_states import predicted, Stance
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.measurement.forward_model import CURVATURE, X, Y
+from pneunet_ros.reports.calibration.figure_data import FigureData, stations_of
+from pneunet_ros.reports.style import (
+    as_shapes,
+    BAND_SIGMAS,
+    Color,
+    legend,
+    panels,
+    Picture,
+    picture,
+)
+
+FORCE_SCALE = 100.0  # mm of arrow per newton
+COMPARED = 4  # loads whose predicted curvature is drawn beside the measured one
+STYLES = [
+    Line2D([], [], color='0.3', marker='o', linestyle='', markersize=4, label='measured'),
+    Line2D([], [], color='0.3', label='model'),
+]
+
+
+def free_shapes(data: FigureData) -> Picture:
+    """Figure 5: shapes and kappa_p0 of the unloaded arm."""
+    arm, fit = data.calibration.arm, data.calibration.joint
+    figure, (shapes, curvatures) = panels(2)
+    stations = stations_of(arm.length)
+    fields = predicted(arm, data.free, stations)
+    for stance, field in zip(data.free, fields, strict=True):
+        draw_shape(shapes, stance, field, data.colors(stance.pressure))
+    pressures = [stance.pressure for stance in data.free] or fit.unknowns.pressure.tolist()
+    share = stations / arm.length
+    for pressure in pressures:
+        color = data.colors(pressure)
+        value = arm.intrinsic_curvature.at(pressure, share)
+        std = BAND_SIGMAS * curvature_std(fit, np.array([pressure]), share)[0]
+        curvatures.fill_between(
+            share, value - std, value + std, color=color, alpha=0.25, linewidth=0.0
+        )
+        curvatures.plot(share, value, color=color, linewidth=1.6)
+    for view in data.free_views:
+        draw_measured(curvatures, view, arm.length, data.colors(view.stance.pressure))
+    as_shapes(shapes, '(a) shapes without load')
+    legend(shapes, handles=STYLES, loc='best')
+    as_curvatures(curvatures, '(b) intrinsic curvature kappa_p0 with 2-sigma band')
+    data.colors.bar(figure, curvatures)
+    return picture(
+        '05_unloaded',
+        'Unloaded arm: shapes and intrinsic curvature',
+        'Dots are measured: mean targets of stretches of constant pressure, and the curvature of '
+        'a smooth curve through them. Lines are the fitted model. Lines should pass through the '
+        'dots in (a); in (b) the model is fitted to the points of (a), not to the dots of (b), '
+        'which are smoothed and uncertain near both ends. A wide band says where the recordings '
+        'leave kappa_p0 open.',
+        figure,
+        number='5',
+    )
+
+
+def loaded_shapes(data: FigureData) -> Picture:
+    """Figure 6: shapes and curvature under load."""
+    arm = data.calibration.arm
+    figure, (shapes, curvatures) = panels(2)
+    fields = predicted(arm, data.main, stations_of(arm.length))
+    for stance, field in zip(data.main, fields, strict=True):
+        color = data.colors(stance.pressure)
+        draw_shape(shapes, stance, field, color)
+        draw_force(shapes, stance, field, color)
+    for view in data.main_views:
+        color = data.colors(view.stance.pressure)
+        share = view.arclength / arm.length
+        curvatures.plot(share, view.curvature, color=color, linewidth=1.4)
+    as_shapes(shapes, '(a) shapes under load, with the end force')
+    legend(shapes, handles=STYLES, loc='upper left')
+    as_curvatures(curvatures, '(b) measured curvature')
+    data.colors.bar(figure, curvatures)
+    return picture(
+        '06_loaded',
+        'Loaded arm: shapes and curvature',
+        f'{run_label(data)}: the same under an end force (arrows, {FORCE_SCALE:g} mm per N). '
+        'Lines of the model should pass through the dots. The curvature in (b) is measured alone; '
+        'where the moment law has two sections it should step near l1.',
+        figure,
+        number='6',
+    )
+
+
+def predicted_shapes(data: FigureData) -> Picture:
+    """Figure 9 (a), (b): shape and curvature from pressure and load."""
+    arm = data.calibration.arm
+    figure, (shapes, curvatures) = panels(2)
+    some = chosen(data.main_views)
+    stations = stations_of(arm.length)
+    share = stations / arm.length
+    fields = predicted(arm, [view.stance for view in some], stations)
+    for view, field in zip(some, fields, strict=True):
+        stance, color = view.stance, data.colors(view.stance.pressure)
+        draw_shape(shapes, stance, field, color)
+        curvatures.plot(share, field[CURVATURE], color=color, linewidth=1.6)
+        width = BAND_SIGMAS * view.std
+        measured = view.arclength / arm.length
+        curvatures.fill_between(
+            measured,
+            view.curvature - width,
+            view.curvature + width,
+            color=color,
+            alpha=0.2,
+            linewidth=0.0,
+        )
+        draw_measured(curvatures, view, arm.length, color)
+    as_shapes(shapes, '(a) shapes, load known')
+    labels = [
+        Line2D(
+            [],
+            [],
+            color=data.colors(view.stance.pressure),
+            label=load_label(view.stance),
+        )
+        for view in some
+    ]
+    legend(shapes, handles=[*STYLES, *labels], loc='best')
+    as_curvatures(curvatures, '(b) curvature; band: 2 sigma of the measured one')
+    return picture(
+        '09ab_predicted',
+        'Predicted from pressure and load: shape and curvature',
+        'Dots are measured, lines predicted by the model from pressure and end force alone. '
+        'Predicted curvature should stay within the band, except right at the step at l1, which '
+        'the smoothing of the measured curve rounds off.',
+        figure,
+        number='9 (a), (b)',
+    )
+
+
+def chosen(views: Sequence[MomentView]) -> list[MomentView]:
+    """Return a few of the views, evenly over their order."""
+    places = np.unique(np.linspace(0, len(views) - 1, COMPARED).round().astype(int))
+    return [views[place] for place in places.tolist()]
+
+
+def load_label(stance: Stance) -> str:
+    """Name a load: kPa, and F1, F2 in mN."""
+    f1, f2 = (round(1000.0 * value) for value in stance.force.tolist())
+    return f'{kilopascals(stance.pressure):.1f} kPa, F = ({f1}, {f2}) mN'
+
+
+def run_label(data: FigureData) -> str:
+    """Name the recording of Figures 6, 7 and 11."""
+    names = {stance.run for stance in data.main}
+    return f'Recording {", ".join(sorted(names))}'
+
+
+def draw_shape(axes: Axes, stance: Stance, field: Array, color: Color) -> None:
+    """Model as a line, mean targets as dots, mm."""
+    axes.plot(millimeters(1.0) * field[X], millimeters(1.0) * field[Y], color=color, linewidth=1.4)
+    axes.plot(
+        millimeters(1.0) * stance.x,
+        millimeters(1.0) * stance.y,
+        linestyle='',
+        marker='o',
+        markersize=3.2,
+        color=color,
+        markeredgewidth=0.0,
+    )
+
+
+def draw_force(axes: Axes, stance: Stance, field: Array, color: Color) -> None:
+    """Draw the end force as an arrow at the free end."""
+    tip = millimeters(1.0) * field[[X, Y], -1]
+    head = tip + FORCE_SCALE * stance.force
+    if not np.all(np.isfinite(head)):
+        return
+    axes.annotate(
+        '',
+        xy=(float(head[0]), float(head[1])),
+        xytext=(float(tip[0]), float(tip[1])),
+        arrowprops={'arrowstyle': '->', 'color': color, 'linewidth': 1.0, 'alpha': 0.7},
+    )
+    axes.update_datalim([head])
+
+
+def draw_measured(axes: Axes, view: MomentView, length: float, color: Color) -> None:
+    """Measured curvature as dots, at every other station."""
+    axes.plot(
+        view.arclength[::2] / length,
+        view.curvature[::2],
+        linestyle='',
+        marker='o',
+        markersize=2.6,
+        color=color,
+        markeredgewidth=0.0,
+    )
+
+
+def as_curvatures(axes: Axes, title: str) -> None:
+    """Label axes of curvature along the arm."""
+    axes.set(title=title, xlabel='arclength s / l', ylabel='curvature (1/m)', xlim=(0.0, 1.0))

@@ -1,0 +1,143 @@
+"""The tables of a calibration's report: numbers with their standard errors, noise, linearity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.calibration.identifiability import WELL_KNOWN
+from pneunet_ros.calibration.linearity import intrinsic_linearity
+from pneunet_ros.core.units import kilopascals, quantities
+from pneunet_ros.model.arm import Arm
+
+CURVATURE = 'intrinsic_curvature.curvature'
+# What the noise is shown in: SI unit -> unit for people, how many of it.
+SHOWN_UNITS = {'Pa': ('Pa', 1.0), 'N': ('mN', 1e3), 'N m': ('mN m', 1e3), 'm': ('um', 1e6)}
+DIGITS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A number of the model: what it is, its dotted name, value, errors before and after."""
+
+    meaning: str
+    name: str
+    value: float
+    std: float
+    prior_std: float
+
+    @property
+    def determined(self) -> bool:
+        """Whether the recordings told much more than was believed before."""
+        return self.std <= WELL_KNOWN * self.prior_std
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurvatureTable:
+    """kappa_p0: a column per pressure (kPa), a row per s / l, of (value, std, determined), 1/m."""
+
+    pressures: tuple[float, ...]
+    rows: tuple[tuple[float, tuple[tuple[float, float, bool], ...]], ...]
+
+
+def number_rows(calibration: Calibration) -> tuple[Row, ...]:
+    """Return all fitted numbers of the model, in the order of `Unknowns.quantities`."""
+    fit = calibration.joint
+    names, change = fit.unknowns.quantities()
+    values = change @ fit.values
+    stds = np.sqrt(np.diag(change @ fit.covariance @ change.T))
+    priors = np.sqrt(np.diag(change @ fit.unknowns.prior @ change.T))
+    return tuple(
+        Row(
+            meaning=meaning_of(name, calibration.arm),
+            name=name,
+            value=value,
+            std=std,
+            prior_std=prior,
+        )
+        for name, value, std, prior in zip(
+            names, values.tolist(), stds.tolist(), priors.tolist(), strict=True
+        )
+    )
+
+
+def law_rows(rows: tuple[Row, ...]) -> tuple[Row, ...]:
+    """Return those of the moment law."""
+    return tuple(row for row in rows if row.name.startswith('moment_law.'))
+
+
+def meaning_of(name: str, arm: Arm) -> str:
+    """Say what a dotted name is, in the paper's words."""
+    first, second, *place = name.split('.')
+    if f'{first}.{second}' == CURVATURE:
+        table = arm.intrinsic_curvature
+        pressure = kilopascals(float(table.pressure[int(place[0])]))
+        return f'kappa_p0 at {pressure:.1f} kPa, s / l = {table.arclength[int(place[1])]:.2f}'
+    if first != 'moment_law' or not place:
+        return {'bending_stiffness': 'EI (N m^2)', 'modulus': 'E (Pa)'}.get(second, name)
+    pressures = arm.moment_law.table_pressures
+    at = f'at {kilopascals(float(pressures[int(place[0])])):.1f} kPa'
+    if second == 'split':
+        return f'l1 / l {at}'
+    return f'alpha{int(place[1]) + 1} {at}'
+
+
+def curvature_table(calibration: Calibration, rows: tuple[Row, ...]) -> CurvatureTable:
+    """Return the rows of kappa_p0 as a table over pressure and arclength."""
+    unknowns = calibration.joint.unknowns
+    cells = {row.name: row for row in rows}
+    lines = []
+    for knot, share in enumerate(unknowns.arclength.tolist()):
+        found = [cells[f'{CURVATURE}.{place}.{knot}'] for place in range(unknowns.pressure.size)]
+        lines.append((share, tuple((row.value, row.std, row.determined) for row in found)))
+    return CurvatureTable(
+        pressures=tuple(kilopascals(value) for value in unknowns.pressure.tolist()),
+        rows=tuple(lines),
+    )
+
+
+def noise_rows(calibration: Calibration) -> list[dict[str, str]]:
+    """Return what each sensor's standard deviation is, and where that comes from."""
+    rows = []
+    for item in quantities(calibration.noise.noise):
+        unit, count = SHOWN_UNITS[item.metadata['unit']]
+        rows.append(
+            {
+                'name': item.name,
+                'meaning': item.metadata['meaning'],
+                'value': f'{count * getattr(calibration.noise.noise, item.name):.3g} {unit}',
+                'source': calibration.noise.sources.get(item.name, ''),
+            }
+        )
+    return rows
+
+
+def linearity_rows(calibration: Calibration) -> list[dict[str, str]]:
+    """Return how far kappa_p0 is from a straight line in pressure, a row per place."""
+    return [
+        {
+            'place': f'{item.place:g}',
+            'slope': f'{1000.0 * item.slope:.4f} ± {1000.0 * item.slope_std:.2g}',
+            'departure': f'{item.departure[item.largest]:+.3g}',
+            'pressure': f'{kilopascals(float(item.pressure[item.largest])):.1f}',
+            'sigmas': f'{item.sigmas:.1f}',
+        }
+        for item in intrinsic_linearity(calibration.joint)
+    ]
+
+
+def flat(provenance: Mapping[str, Any], above: str = '') -> list[tuple[str, str]]:
+    """Return a nested mapping as dotted names with their values as text, in its order."""
+    found: list[tuple[str, str]] = []
+    for key, value in provenance.items():
+        name = f'{above}.{key}' if above else str(key)
+        if isinstance(value, Mapping):
+            found += flat(value, name)
+        elif isinstance(value, (list, tuple)):
+            found += flat({str(place + 1): item for place, item in enumerate(value)}, name)
+        else:
+            found.append((name, str(value)))
+    return found

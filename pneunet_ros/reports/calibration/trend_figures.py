@@ -1,0 +1,170 @@
+"""Figures 10 and 11 of the paper: what the shape is sensitive to; what is linear in pressure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+import numpy as np
+from pneunet_ros.calibration.linearity import change_linearity, intrinsic_linearity, Linearity
+from pneunet_ros.calibration.sensitivity import FACTORS, Variation, variations
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.model.shape import Shape
+from pneunet_ros.reports.calibration.figure_data import FigureData, nearest_view
+from pneunet_ros.reports.calibration.shape_figures import load_label, run_label
+from pneunet_ros.reports.style import (
+    as_shapes,
+    BAND_SIGMAS,
+    legend,
+    MEASURED,
+    panels,
+    Picture,
+    picture,
+)
+
+PAPER_PRESSURE = 24_200.0  # Pa, of Figure 10
+MARKERS = ('v', 's', '^', 'o')  # of the four places, as in the paper
+PLACE_COLORS = ('#1f5a96', '#d1603d', '#4c9a6a', '#8a5aa8')
+CLEAR = 3.0  # standard errors: a departure that is more than chance
+
+
+def sensitivity(data: FigureData) -> Picture:
+    """Figure 10: one quantity at a time."""
+    stance = nearest_view(data.main_views, PAPER_PRESSURE).stance
+    found = variations(data.calibration.arm, stance)
+    nominal = found[0].shapes[FACTORS.index(1.0)]
+    figure, axes = panels(len(found), rows=2, height=6.4)
+    shapes, moved = axes[: len(found)], axes[len(found) :]
+    for place, variation in enumerate(found):
+        draw_variation(shapes[place], moved[place], variation, nominal)
+        shapes[place].plot(
+            millimeters(1.0) * stance.x,
+            millimeters(1.0) * stance.y,
+            linestyle='',
+            marker='o',
+            markersize=2.6,
+            color=MEASURED,
+            zorder=4,
+            label='measured',
+        )
+        as_shapes(shapes[place], f'({"abc"[place]}) {variation.name}')
+        legend(shapes[place], loc='best')
+        moved[place].set(
+            title=f'free end moves {travel(variation)} in all',
+            xlabel='arclength s / l',
+            ylabel='distance from the fitted (mm)',
+            xlim=(0.0, 1.0),
+        )
+    highest = max(one.get_ylim()[1] for one in moved)
+    for one in moved:
+        one.set_ylim(0.0, highest)
+    return picture(
+        '10_sensitivity',
+        'Sensitivity of the shape',
+        f'Predicted shapes at {load_label(stance)}, with one quantity changed at a time; dots are '
+        'measured. Below, how far each point of the arm moves from where the fitted model has it, '
+        'to one scale. The larger, the better recordings like this one determine that quantity, '
+        'and the more an error of it costs.',
+        figure,
+        number='10',
+    )
+
+
+def draw_variation(shapes: Axes, moved: Axes, variation: Variation, nominal: Shape) -> None:
+    """Draw the shapes of a variation, from dark to light, and how far each is from the nominal."""
+    colors = colormaps['plasma'](np.linspace(0.05, 0.8, len(variation.shapes)))
+    for rgba, label, shape in zip(colors, variation.labels, variation.shapes, strict=True):
+        color = tuple(rgba.tolist())
+        shapes.plot(
+            millimeters(1.0) * shape.x,
+            millimeters(1.0) * shape.y,
+            color=color,
+            linewidth=1.3,
+            label=label,
+        )
+        away = millimeters(1.0) * np.hypot(shape.x - nominal.x, shape.y - nominal.y)
+        moved.plot(shape.arclength / shape.arclength[-1], away, color=color, linewidth=1.5)
+
+
+def travel(variation: Variation) -> str:
+    """Say how far the free end moves."""
+    if not np.isfinite(variation.travel):
+        return 'with no equilibrium somewhere'
+    return f'{millimeters(variation.travel):.1f} mm'
+
+
+def linearity(data: FigureData) -> Picture:
+    """Figure 11: kappa0, and kappa - kappa0, over pressure at four places."""
+    free = intrinsic_linearity(data.calibration.joint)
+    loaded = change_linearity(data.main_views, data.calibration.arm.length)
+    figure, axes = panels(2 if loaded else 1)
+    draw_lines(axes[0], free)
+    axes[0].set(
+        title='(a) kappa0, rows of the fitted table',
+        xlabel='pressure (kPa)',
+        ylabel='kappa0 (1/m)',
+    )
+    if loaded:
+        draw_lines(axes[1], loaded)
+        axes[1].set(
+            title='(b) kappa - kappa0 under load, measured',
+            xlabel='pressure (kPa)',
+            ylabel='kappa - kappa0 (1/m)',
+        )
+    for one in axes:
+        legend(one, loc='best')
+    caption = (
+        'Points with 2 sigma at four places of the arm, and straight lines through them. '
+        f'kappa0: {verdict(free)}'
+    )
+    if loaded:
+        caption += (
+            f' kappa - kappa0 ({run_label(data)}): {verdict(loaded)} The load changes with '
+            'pressure as it did in the recording, so this need not be straight.'
+        )
+    return picture('11_linearity', 'Linear in pressure?', caption, figure, number='11')
+
+
+def draw_lines(axes: Axes, found: Sequence[Linearity]) -> None:
+    """Values with bars and straight lines."""
+    for place, item in enumerate(found):
+        color = PLACE_COLORS[place]
+        x = kilopascals(1.0) * item.pressure
+        axes.errorbar(
+            x,
+            item.value,
+            yerr=BAND_SIGMAS * item.std,
+            linestyle='',
+            marker=MARKERS[place],
+            markersize=5.0,
+            markerfacecolor='white',
+            color=color,
+            elinewidth=0.9,
+            label=f's / l = {item.place:g}',
+        )
+        ends = np.array([item.pressure.min(), item.pressure.max()])
+        axes.plot(
+            kilopascals(1.0) * ends,
+            item.intercept + item.slope * ends,
+            color=color,
+            linestyle='--',
+            linewidth=1.1,
+        )
+
+
+def verdict(found: Sequence[Linearity]) -> str:
+    """Say how far from a straight line the values are."""
+    if not found:
+        return 'too few pressures for a straight line.'
+    worst = max(found, key=lambda item: item.sigmas)
+    departure = abs(float(worst.departure[worst.largest]))
+    share = 100.0 * departure / max(float(np.max(np.abs(item.value))) for item in found)
+    said = (
+        f'the clearest departure is {departure:.2g} 1/m ({share:.1f} % of the largest value) at '
+        f's / l = {worst.place:g}, {kilopascals(float(worst.pressure[worst.largest])):.0f} kPa: '
+        f'{worst.sigmas:.1f} standard errors'
+    )
+    if worst.sigmas > CLEAR:
+        return f'{said}; it is not exactly linear, and these recordings show it.'
+    return f'{said}; nothing speaks against a straight line.'

@@ -1,0 +1,107 @@
+"""Pictures, where one looks rather than reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+import numpy as np
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.solver.rod import START
+
+COLORS = colormaps['viridis']
+FORCE_SCALE = 120.0  # mm of arrow per newton
+ELLIPSE_SIGMAS = 2.0
+
+
+def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str) -> None:
+    """Shapes, curvatures and moment law of estimates, colored by pressure, as a picture."""
+    pressures = [kilopascals(hold.shape.pressure) for hold in holds]
+    scale = Normalize(min(pressures, default=0.0), max(pressures, default=0.0) or 1.0)
+    figure = Figure(figsize=(15.0, 5.6), layout='constrained')
+    shapes, curvatures, moments = figure.subplots(1, 3, width_ratios=(1.25, 1.0, 1.0))
+    for hold, pressure in zip(holds, pressures, strict=True):
+        color = COLORS(scale(pressure))
+        draw_shape(shapes, hold, color)
+        share = hold.shape.arclength / arm.length
+        curvatures.plot(share, hold.shape.curvature, color=color, linewidth=1.8)
+        curvatures.plot(
+            share, hold.shape.intrinsic_curvature, color=color, linewidth=0.9, linestyle=':'
+        )
+        draw_moment(moments, arm, hold, color)
+    shapes.set(
+        title='Predicted shapes, end forces and 2-sigma tips',
+        xlabel='x (mm)',
+        ylabel='y (mm)',
+    )
+    shapes.set_aspect('equal', adjustable='datalim')
+    shapes.plot(0.0, 0.0, marker='s', color='black', markersize=8)
+    curvatures.set(
+        title='Curvature; dotted: intrinsic, unloaded',
+        xlabel='arclength s / l',
+        ylabel='curvature (1/m)',
+        xlim=(0.0, 1.0),
+    )
+    moments.set(
+        title='Moment law (Eq 10): dashed [0, l1), solid [l1, l]',
+        xlabel='curvature minus intrinsic curvature (1/m)',
+        ylabel='moment (mN m)',
+    )
+    for axes in (shapes, curvatures, moments):
+        axes.grid(color='0.9', linewidth=0.7)
+        axes.spines[['top', 'right']].set_visible(False)
+    figure.colorbar(
+        ScalarMappable(norm=scale, cmap=COLORS),
+        ax=moments,
+        label='pressure (kPa)',
+        fraction=0.05,
+        pad=0.02,
+    )
+    figure.suptitle(title, fontsize=14)
+    figure.savefig(path, dpi=130, format=path.suffix.lstrip('.') or 'png')
+
+
+def draw_shape(axes: Axes, estimate: ShapeEstimate, color: tuple[float, ...]) -> None:
+    """Centerline, end force as an arrow, and the ellipse of the tip's uncertainty."""
+    shape = estimate.shape
+    x, y = millimeters(1.0) * shape.x, millimeters(1.0) * shape.y
+    axes.plot(x, y, color=color, linewidth=2.2, solid_capstyle='round')
+    if np.hypot(*shape.force) > 0.0:
+        axes.annotate(
+            '',
+            xy=(x[-1] + FORCE_SCALE * shape.force[0], y[-1] + FORCE_SCALE * shape.force[1]),
+            xytext=(x[-1], y[-1]),
+            arrowprops={'arrowstyle': '->', 'color': color, 'linewidth': 1.0, 'alpha': 0.8},
+        )
+        axes.update_datalim([(x[-1] + FORCE_SCALE * shape.force[0], y[-1])])
+    values, vectors = np.linalg.eigh(estimate.tip_covariance[:2, :2])
+    angle = np.linspace(0.0, 2.0 * np.pi, 60)
+    circle = np.array([np.cos(angle), np.sin(angle)])
+    radii = ELLIPSE_SIGMAS * millimeters(1.0) * np.sqrt(np.maximum(values, 0.0))
+    ellipse = vectors @ (radii[:, None] * circle)
+    axes.plot(x[-1] + ellipse[0], y[-1] + ellipse[1], color=color, linewidth=1.0)
+
+
+def draw_moment(axes: Axes, arm: Arm, estimate: ShapeEstimate, color: tuple[float, ...]) -> None:
+    """Moment against change of curvature over the stations, one line per section of the law."""
+    shape = estimate.shape
+    sections = arm.rods(np.array([estimate.chamber_pressure])).sections[0]
+    change = shape.curvature - shape.intrinsic_curvature
+    for index, section in enumerate(sections):
+        stop = sections[index + 1, START] if index + 1 < len(sections) else arm.length
+        inside = (shape.arclength >= section[START]) & (shape.arclength <= stop)
+        style = '--' if index + 1 < len(sections) else '-'
+        axes.plot(
+            change[inside],
+            1000.0 * shape.moment[inside],
+            color=color,
+            linestyle=style,
+            linewidth=1.6,
+        )

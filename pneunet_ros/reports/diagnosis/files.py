@@ -1,0 +1,144 @@
+"""A diagnosis as files: `diagnosis.json`, the augmented `model.yaml`, and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.units import quantities
+from pneunet_ros.diagnosis.result import Diagnosis, Misfit
+from pneunet_ros.files.json_text import json_text, plain
+from pneunet_ros.files.model_file import save_model
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.reports.calibration.figure_data import Each
+from pneunet_ros.reports.diagnosis.report import diagnosis_figures, report_page
+from pneunet_ros.reports.diagnosis.tables import added_effects
+
+NUMBERS, MODEL, PAGE = 'diagnosis.json', 'model.yaml', 'report.html'
+REPLACEABLE = (NUMBERS, MODEL, PAGE, 'figure_*.png')  # all that a folder of an earlier one holds
+
+
+def write_diagnosis(
+    diagnosis: Diagnosis,
+    folder: Path,
+    *,
+    frame: Arm,
+    training: Sequence[Run],
+    held_out: Sequence[Run],
+    provenance: Mapping[str, Any],
+    each: Each = lambda stage, done, total: None,
+) -> dict[str, Any]:
+    """Write all files of a diagnosis into a new folder; return the content of its JSON.
+
+    frame: the model that was given; training, held_out: the runs as given to the diagnosis;
+    provenance: `inputs` (file, sha256 and role of each) and `versions`. The folder must not
+    exist; `output.atomic_output` makes it appear as a whole.
+    """
+    folder.mkdir()
+    pictures = diagnosis_figures(diagnosis, training, held_out, each)
+    for item in pictures.all:
+        (folder / item.file).write_bytes(item.png)
+    whole = {**provenance, 'seed': diagnosis.seed}
+    (folder / PAGE).write_text(report_page(diagnosis, pictures, whole), encoding='utf-8')
+    save_model(diagnosed_arm(diagnosis, frame, whole), folder / MODEL)
+    content = diagnosis_content(diagnosis, provenance)
+    (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')
+    return content
+
+
+def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
+    before, after = diagnosis.before, diagnosis.after
+    content = {
+        'answer': diagnosis.answer,
+        'sentence': diagnosis.sentence,
+        'effects': [asdict(effect) for effect in diagnosis.effects],
+        'alternatives': diagnosis.alternatives,
+        'where': [
+            {
+                'axis': item.axis,
+                'from': item.start,
+                'to': item.stop,
+                'share': item.share,
+                'p_value': item.p_value,
+                'sentence': item.sentence,
+            }
+            for item in diagnosis.where
+        ],
+        'where_sentence': diagnosis.where_sentence,
+        'gap': {
+            'training': {
+                'before': misfit_content(before.training),
+                'after': misfit_content(after.training),
+            },
+            'heldout': None
+            if before.held_out is None or after.held_out is None
+            else {
+                'before': misfit_content(before.held_out),
+                'after': misfit_content(after.held_out),
+            },
+            'noise_floor_m': diagnosis.noise_floor,
+            'closed': diagnosis.closed,
+        },
+        'adequacy': {
+            'before': asdict(diagnosis.adequacy_before),
+            'after': asdict(diagnosis.adequacy_after),
+        },
+        'detectable': {name: asdict(item) for name, item in diagnosis.detectable.items()},
+        'parameter_shift': {name: asdict(item) for name, item in diagnosis.shift.items()},
+        'evidence': [asdict(item) for item in diagnosis.evidence],
+        'cosines': [
+            {'effects': pair, 'cosine': value} for pair, value in diagnosis.cosines.items()
+        ],
+        'proposal': diagnosis.proposal,
+        'notes': diagnosis.notes,
+        **provenance,
+        'seed': diagnosis.seed,
+    }
+    found: dict[str, Any] = plain(content)
+    return found
+
+
+def misfit_content(misfit: Misfit) -> dict[str, float]:
+    """Return how far a model is from recordings, by the names of the contract."""
+    return {'rms_m': misfit.rms, 'p95_m': misfit.p95, 'chi2_per_dof': misfit.chi_squared}
+
+
+def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any]) -> Arm:
+    """Return the augmented arm with where its numbers come from, and where it is valid."""
+    arm, runs = diagnosis.after.arm, [item.run for item in diagnosis.after.fit.runs]
+    added = added_effects(diagnosis)
+    jointly = f', jointly with {", ".join(added)}' if added else ''
+    fitted = f'refitted by a diagnosis to {len(runs)} recordings{jointly}'
+    sources = dict(frame.sources) | {'intrinsic_curvature': fitted}
+    if any(run.loaded for run in runs):
+        sources['moment_law'] = fitted
+    for effect in arm.effects:
+        if effect.name in added:
+            names = [f'effects.{effect.name}.{item.name}' for item in quantities(effect)]
+            sources |= dict.fromkeys(names, 'diagnosed')
+    about = {
+        'source': f'pneunet diagnose {provenance["versions"]["pneunet_ros"]}',
+        'answer': diagnosis.answer,
+        'added': added,
+        'valid': valid_range(runs),
+        **provenance,
+    }
+    return replace(
+        arm, name='+'.join([frame.name, *added]), sources=sources, provenance=plain(about)
+    )
+
+
+def valid_range(runs: Sequence[Run]) -> dict[str, list[float]]:
+    """Return what the training recordings span: pressure (Pa), force (N), moment (N m)."""
+    spans = {
+        'pressure': np.concatenate([run.frame_pressure for run in runs]),
+        'force_x': np.concatenate([run.force[:, 0] for run in runs]),
+        'force_y': np.concatenate([run.force[:, 1] for run in runs]),
+        'moment': np.concatenate([run.moment for run in runs]),
+    }
+    return {name: [float(one.min()), float(one.max())] for name, one in spans.items()}

@@ -1,0 +1,125 @@
+"""Where model and measurement disagree: maps over the arm and what acted on it, and shares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, LinearSegmentedColormap, TwoSlopeNorm
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.diagnosis.result import AXES, Axis, Diagnosis, HeatMap, Share
+from pneunet_ros.reports.style import FIRST, panels, Picture, picture
+
+CLEAR = 0.01  # how often noise alone may do as much, for a share to stand out
+ALONE = 0.1  # s / l, width of the cell of a single target
+HIGHEST = 8.0  # times the noise: more is drawn alike
+WORDS: dict[Axis, tuple[str, float]] = {  # label and units shown per SI unit
+    'arclength': ('arclength s / l', 1.0),
+    'pressure': ('pressure (kPa)', kilopascals(1.0)),
+    'force': ('end force (mN)', 1000.0),
+    'time': ('time in the recording (s)', 1.0),
+    'direction': ('pressure', 1.0),
+}
+HEAT: Colormap = LinearSegmentedColormap.from_list(  # white in its middle, where the noise is
+    'heat',
+    [(0.0, '#c6d8e8'), (0.5, '#ffffff'), (0.66, '#f2b27c'), (0.83, '#d1603d'), (1.0, '#5f1020')],
+)
+
+
+def maps(diagnosis: Diagnosis) -> Picture:
+    """Heat maps of the whitened residual, before and after."""
+    some = diagnosis.heat_maps
+    figure, axes = panels(2, rows=len(some), height=0.8 + 2.3 * len(some))
+    seen = [one[np.isfinite(one)] for item in some for one in (item.before, item.after)]
+    largest = max((float(one.max()) for one in seen if one.size), default=2.0)
+    norm = TwoSlopeNorm(1.0, vmin=0.0, vmax=min(max(largest, 2.0), HIGHEST))
+    for row, item in enumerate(some):
+        for column, (values, when) in enumerate(((item.before, 'before'), (item.after, 'after'))):
+            draw_map(axes[2 * row + column], item, values, norm)
+            if row == 0:
+                axes[column].set_title(f'({"ab"[column]}) {when}')
+    mesh = axes[0].collections[0]
+    figure.colorbar(mesh, ax=axes, label='residual / noise', fraction=0.03, pad=0.01)
+    return picture(
+        '03_where',
+        'Residuals along the arm, over what acted on it',
+        'Root mean square residual of training recordings in units of the noise, along the arm '
+        '(across) and over what acted on it (up). White is what noise alone leaves, red what the '
+        'model cannot explain, light blue less than noise; grey was never measured. '
+        'On the right nothing red should be left.',
+        figure,
+    )
+
+
+def draw_map(axes: Axes, item: HeatMap, values: Array, norm: TwoSlopeNorm) -> None:
+    """Draw a map: arclength across, the other axis up."""
+    label, scale = WORDS[item.axis]
+    edges = scale * item.edges
+    if item.axis == 'direction':
+        edges = np.arange(len(item.edges), dtype=np.float64)
+        names = direction_names(len(edges) - 1)
+        axes.set_yticks(edges[:-1] + 0.5, names)
+    axes.pcolormesh(
+        borders(item.arclength), edges, np.ma.masked_invalid(values), cmap=HEAT, norm=norm
+    )
+    axes.set_facecolor('0.85')
+    axes.grid(visible=False)
+    axes.set(xlabel=WORDS['arclength'][0], ylabel=label)
+
+
+def direction_names(count: int) -> list[str]:
+    """Name the directions of pressure, from falling to rising."""
+    return ['falling', 'rising'] if count == 2 else ['falling', 'held', 'rising']
+
+
+def borders(places: Array) -> Array:
+    """Return the borders of cells around places that increase, one more than those."""
+    if places.size == 1:
+        return np.array([places[0] - 0.5 * ALONE, places[0] + 0.5 * ALONE])
+    middle = 0.5 * (places[1:] + places[:-1])
+    first, last = 2.0 * places[0] - middle[0], 2.0 * places[-1] - middle[-1]
+    return np.concatenate([[first], middle, [last]])
+
+
+def shares(diagnosis: Diagnosis) -> Picture:
+    """Shares of the misfit over every axis."""
+    some = [axis for axis in AXES if any(item.axis == axis for item in diagnosis.where)]
+    figure, axes = panels(len(some), height=3.2)
+    for one, axis in zip(axes, some, strict=True):
+        draw_shares(one, axis, [item for item in diagnosis.where if item.axis == axis])
+    axes[0].set_ylabel('share of the misfit (%)')
+    highest = max(one.get_ylim()[1] for one in axes)
+    for one in axes:
+        one.set_ylim(0.0, highest)
+    return picture(
+        '04_shares',
+        'Which share of the misfit lies where',
+        'What the model before leaves over, split along each axis. Blue bars hold more than '
+        f'noise alone puts there in {100 * (1.0 - CLEAR):.0f} of 100 cases, grey ones do not '
+        'stand out. A cause shows itself by the axis on which the bars are uneven: along force '
+        'what carries the load, along direction or time what remembers, along pressure alone '
+        'the inflation.',
+        figure,
+    )
+
+
+def draw_shares(axes: Axes, axis: Axis, some: Sequence[Share]) -> None:
+    """Draw the shares of one axis as bars."""
+    label, scale = WORDS[axis]
+    heights = [100.0 * item.share for item in some]
+    colors = [FIRST if item.p_value < CLEAR else '#b5b5b5' for item in some]
+    if axis == 'direction':
+        places = np.arange(len(some))
+        names = [
+            {-1: 'falling', 0: 'held', 1: 'rising'}[int(np.sign(item.start))] for item in some
+        ]
+        axes.bar(places, heights, 0.6, color=colors)
+        axes.set_xticks(places, names)
+    else:
+        left = scale * np.array([item.start for item in some])
+        width = scale * np.array([item.stop for item in some]) - left
+        axes.bar(left, heights, width, align='edge', color=colors, edgecolor='white')
+    axes.grid(visible=False, axis='x')
+    axes.set(xlabel=label)

@@ -1,0 +1,161 @@
+"""Moment against curvature while pressure rises and falls: loops tell what remembers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from matplotlib.axes import Axes
+import numpy as np
+from pneunet_ros.calibration.moment_curvature import moment_view
+from pneunet_ros.calibration.steady_states import arm_points, averaged
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.diagnosis.result import Diagnosis, Side
+from pneunet_ros.measurement.forward_model import CURVATURE, INTRINSIC_CURVATURE
+from pneunet_ros.reports.style import FIRST, GREY, legend, panels, Picture, picture, SECOND
+from pneunet_ros.vision.smoother import FEWEST_TARGETS, smoother_for
+
+FRAMES = 40  # of every recording, at most
+MIDDLE = (0.3, 0.8)  # s / l, over which curvature and moment are averaged
+TURN = 0.02  # of the largest pressure: so far back it has turned
+TURN_SIGMAS = 6.0  # of a pressure reading, at least
+DIRECTIONS = ((1.0, 'pressure rising', SECOND), (-1.0, 'pressure falling', FIRST))
+HELD = (0.0, 'pressure not moved', GREY)
+MILLI = 1000.0  # mN m per N m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Loop:
+    """The middle of the arm in some frames, one value a frame.
+
+    pressure (Pa) as read; direction -1, 0 or 1; moment (N m) from measured targets; change:
+    measured kappa - kappa0, and expected: that of the model (1/m).
+    """
+
+    pressure: Array
+    direction: Array
+    moment: Array
+    change: Array
+    expected: Array
+
+
+def loops(diagnosis: Diagnosis) -> Picture | None:
+    """Moment and curvature in the middle of the arm, by direction of pressure; None without."""
+    if diagnosis.before.arm.target_arclength.size < FEWEST_TARGETS:
+        return None
+    figure, axes = panels(2, rows=2, height=7.4)
+    for column, (side, when) in enumerate(
+        ((diagnosis.before, 'before'), (diagnosis.after, 'after'))
+    ):
+        found = loop_of(side)
+        if not found.pressure.size:
+            return None
+        draw(axes[column], found.change, MILLI * found.moment, found.direction)
+        axes[column].set(
+            title=f'({"ab"[column]}) {when}',
+            xlabel='measured kappa - kappa0 (1/m)',
+            ylabel='moment M_est (mN m)',
+        )
+        draw(
+            axes[2 + column],
+            kilopascals(1.0) * found.pressure,
+            found.change - found.expected,
+            found.direction,
+        )
+        axes[2 + column].axhline(0.0, color='0.4', linewidth=0.9, zorder=1)
+        axes[2 + column].set(
+            title=f'({"cd"[column]}) what the model leaves over, {when}',
+            xlabel='pressure (kPa)',
+            ylabel='measured - predicted curvature (1/m)',
+        )
+    for pair in (axes[:2], axes[2:]):
+        limits = [one.get_ylim() for one in pair]
+        for one in pair:
+            one.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+    legend(axes[0], loc='best')
+    return picture(
+        '05_loops',
+        'Moment and curvature, by direction of pressure',
+        f'Means over the middle of the arm (s / l from {MIDDLE[0]:g} to {MIDDLE[1]:g}) in frames '
+        'of all training recordings. (a), (b): moment from measured shape and end force, against '
+        'measured curvature less that of the unloaded arm; rising and falling pressure should '
+        'lie on one band. (c), (d): curvature that the model does not predict. Red and blue '
+        'apart, as a loop, mean that the past matters (play, lag, creep); a common trend means '
+        'another cause; after, all should scatter about zero.',
+        figure,
+    )
+
+
+def loop_of(side: Side) -> Loop:
+    """Return what the middle of the arm did in some frames of every training recording."""
+    fit = side.fit
+    arm = fit.arm
+    # The placement that was found is taken off the targets, so no more of it is expected.
+    smoother = smoother_for(replace(arm, sensors=replace(arm.sensors, placement_std=0.0)))
+    largest = max(float(np.abs(item.run.frame_pressure).max()) for item in fit.runs)
+    band = max(TURN * largest, TURN_SIGMAS * arm.sensors.pressure_std)
+    rows = []
+    for item in fit.runs:
+        points, pressure = arm_points(item, arm), item.run.frame_pressure
+        directions = directions_of(pressure, band)
+        frames = len(points)
+        for frame in np.unique(np.linspace(0, frames - 1, min(FRAMES, frames)).astype(int)):
+            view = moment_view(fit, smoother, averaged(item, points, frame, frame + 1))
+            if view is None:
+                continue
+            share = view.arclength / arm.length
+            middle = (share >= MIDDLE[0]) & (share <= MIDDLE[1])
+            if not middle.any() or not item.solved[frame]:
+                continue
+            expected = np.interp(
+                view.arclength[middle],
+                arm.target_arclength,
+                item.fields[frame, CURVATURE] - item.fields[frame, INTRINSIC_CURVATURE],
+            )
+            rows.append(
+                (
+                    view.stance.pressure,
+                    directions[frame],
+                    view.moment[middle].mean(),
+                    view.change[middle].mean(),
+                    expected.mean(),
+                )
+            )
+    columns = np.array(rows).reshape(-1, 5).T
+    names = ('pressure', 'direction', 'moment', 'change', 'expected')
+    return Loop(**dict(zip(names, columns, strict=True)))
+
+
+def directions_of(pressure: Array, band: float) -> Array:
+    """Return from where the pressure came, (frames,): 1 from below, -1 from above, 0 unmoved.
+
+    A hold keeps the direction in which it was reached: that is what the arm remembers. Pressure
+    has turned when it is `band` (Pa) back from its last extreme.
+    """
+    direction, extreme = 0.0, float(pressure[0])
+    out = np.zeros(pressure.size)
+    for frame, value in enumerate(pressure.tolist()):
+        if direction * (value - extreme) > 0.0:
+            extreme = value
+        elif abs(value - extreme) > band:
+            direction, extreme = float(np.sign(value - extreme)), value
+        out[frame] = direction
+    return out
+
+
+def draw(axes: Axes, x: Array, y: Array, direction: Array) -> None:
+    """Draw points in the color of their direction."""
+    for sign, label, color in (*DIRECTIONS, HELD):
+        some = direction == sign
+        if some.any():
+            axes.plot(
+                x[some],
+                y[some],
+                linestyle='',
+                marker='o',
+                markersize=3.4,
+                markeredgewidth=0.0,
+                alpha=0.75,
+                color=color,
+                label=label,
+            )

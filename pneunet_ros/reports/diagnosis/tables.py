@@ -1,0 +1,253 @@
+"""The tables of a diagnosis, as texts: gap, evidence, effects, what was hidden and what could be.
+
+They stand alike in the report and in the terminal.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from pneunet_ros.core.units import millimeters, quantities
+from pneunet_ros.diagnosis.result import Diagnosis, Evidence, Misfit, Shift
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.reports.calibration.tables import meaning_of
+from pneunet_ros.reports.diagnosis.words import chance, rounded, unit_text, with_error
+
+ANSWERS = {
+    'none': 'nothing is missing that these recordings could have shown',
+    'named': 'named: with it nothing is left to explain',
+    'inseparable': 'inseparable: these recordings cannot tell which of several',
+    'unknown': 'unknown: something is missing, and it is no effect of the library',
+    'unobservable': 'unobservable: these recordings could not have shown any effect',
+}
+ALIKE = 0.5  # cosine from which two effects are worth mentioning
+MOST_SHIFTS = 25  # quantities in the table of the report
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A table of texts; `numbers`: columns that are set flush right."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    numbers: tuple[int, ...] = ()
+
+
+def added_effects(diagnosis: Diagnosis) -> list[str]:
+    """Return the named effects that the augmented model has."""
+    there = {effect.name for effect in diagnosis.after.arm.effects}
+    return [effect.name for effect in diagnosis.effects if effect.name in there]
+
+
+def gap_table(diagnosis: Diagnosis) -> Table:
+    """Return the gap before and after, on training and held-out recordings."""
+    groups = [('training', diagnosis.before.training, diagnosis.after.training)]
+    if diagnosis.before.held_out is not None and diagnosis.after.held_out is not None:
+        groups.append(('held out', diagnosis.before.held_out, diagnosis.after.held_out))
+    rows = [
+        (name, when, *misfit_texts(misfit))
+        for name, before, after in groups
+        for when, misfit in (('before', before), ('after', after))
+    ]
+    floor = f'{millimeters(diagnosis.noise_floor):.3f}'
+    return Table(
+        columns=('recordings', 'model', 'rms (mm)', '95 % within (mm)', 'chi2 per coordinate'),
+        rows=(*rows, ('noise alone', '', floor, '', '1')),
+        numbers=(2, 3, 4),
+    )
+
+
+def misfit_texts(misfit: Misfit) -> tuple[str, str, str]:
+    """Return rms and 95th percentile (mm), and chi squared."""
+    rms, p95 = millimeters(misfit.rms), millimeters(misfit.p95)
+    return f'{rms:.3f}', f'{p95:.3f}', f'{misfit.chi_squared:.3g}'
+
+
+def effect_table(diagnosis: Diagnosis) -> Table:
+    """Return the named effects with their numbers."""
+    rows = [
+        (
+            effect.name,
+            EFFECTS[effect.name].meaning,
+            name,
+            with_error(found),
+            f'{100.0 * effect.probability:.1f} %',
+        )
+        for effect in diagnosis.effects
+        for name, found in effect.parameters.items()
+    ]
+    return Table(
+        columns=('effect', 'meaning', 'parameter', 'value, standard error', 'probability'),
+        rows=tuple(rows),
+        numbers=(3, 4),
+    )
+
+
+def ranked(diagnosis: Diagnosis) -> list[Evidence]:
+    """Return what was tried, strongest first; then what was not worth a fit, by its score."""
+    fitted = [item for item in diagnosis.evidence if not math.isnan(item.evidence)]
+    rest = [item for item in diagnosis.evidence if math.isnan(item.evidence)]
+    return [
+        *sorted(fitted, key=lambda item: -item.evidence),
+        *sorted(rest, key=lambda item: -item.chi_squared),
+    ]
+
+
+def evidence_table(diagnosis: Diagnosis) -> Table:
+    """Return what speaks for each effect that was tried, strongest first."""
+    return Table(
+        columns=(
+            'effects',
+            'delta chi2',
+            'gain on recordings left out',
+            'nothing left beside it',
+            'acts like',
+        ),
+        rows=tuple(
+            (
+                ' + '.join(item.effects),
+                rounded(item.chi_squared),
+                'not fitted' if math.isnan(item.evidence) else rounded(item.evidence),
+                '' if math.isnan(item.evidence) else 'yes' if item.adequate else 'no',
+                ', '.join(item.alike),
+            )
+            for item in ranked(diagnosis)
+        ),
+        numbers=(1, 2),
+    )
+
+
+def adequacy_table(diagnosis: Diagnosis) -> Table:
+    """Return whether anything is left to explain, before and after."""
+    return Table(
+        columns=('model', 'statistic', 'clean data stay below', 'chance', 'anything left'),
+        rows=tuple(
+            (
+                when,
+                f'{item.statistic:.4g}',
+                f'{item.threshold:.4g}',
+                chance(item.p_value),
+                'yes' if item.statistic > item.threshold else 'no',
+            )
+            for when, item in (
+                ('before', diagnosis.adequacy_before),
+                ('after', diagnosis.adequacy_after),
+            )
+        ),
+        numbers=(1, 2, 3),
+    )
+
+
+def where_table(diagnosis: Diagnosis) -> Table:
+    """Return what can be said of the places of the misfit."""
+    return Table(
+        columns=('axis', 'what is seen', 'share', 'chance'),
+        rows=tuple(
+            (item.axis, item.sentence, f'{100.0 * item.share:.0f} %', chance(item.p_value))
+            for item in diagnosis.where
+            if item.sentence
+        ),
+        numbers=(2, 3),
+    )
+
+
+def where_text(diagnosis: Diagnosis) -> str:
+    """Return where the misfit is, as a sentence of its own."""
+    return f'Where: {diagnosis.where_sentence.rstrip(".")}.'
+
+
+def shift_table(diagnosis: Diagnosis, most: int = MOST_SHIFTS) -> Table:
+    """Return the base quantities that moved most, in standard errors."""
+    ranked = sorted(diagnosis.shift.items(), key=lambda item: -sigmas(item[1]))[:most]
+    return Table(
+        columns=(
+            'quantity',
+            'before',
+            'after',
+            'standard error',
+            'unit',
+            'moved by (sigma)',
+            'name',
+        ),
+        rows=tuple(
+            (
+                meaning_of(name, diagnosis.after.arm),
+                f'{item.before:.4g}',
+                f'{item.after:.4g}',
+                f'{item.std:.2g}',
+                item.unit,
+                f'{sigmas(item):.1f}',
+                name,
+            )
+            for name, item in ranked
+        ),
+        numbers=(1, 2, 3, 5),
+    )
+
+
+def sigmas(item: Shift) -> float:
+    """Return by how many standard errors a quantity moved."""
+    moved = abs(item.after - item.before)
+    return moved / item.std if item.std > 0.0 else 0.0
+
+
+def detectable_table(diagnosis: Diagnosis) -> Table:
+    """Return from which size on each effect would have been seen, and what is usual."""
+    rows = []
+    for name, item in diagnosis.detectable.items():
+        parameter = declared(name, item.parameter)
+        low, high = parameter.metadata['prior']
+        unit = unit_text(item.unit)
+        # Of a stiffness that is infinite when nothing is missing, less is more.
+        neutral = float(getattr(EFFECTS[name](), item.parameter))
+        within = 'below' if neutral == math.inf else 'from'
+        if 0.0 < neutral < math.inf:
+            within = f'{neutral:g} ±'
+        rows.append(
+            (
+                name,
+                EFFECTS[name].meaning,
+                item.parameter,
+                f'{within} {item.smallest:.3g}{unit}' if item.observable else 'not seen',
+                f'{low:g} to {high:g}{unit}',
+                'yes' if item.observable else 'no',
+            )
+        )
+    return Table(
+        columns=(
+            'effect',
+            'meaning',
+            'parameter',
+            'would have been seen',
+            'expected',
+            'observable',
+        ),
+        rows=tuple(rows),
+    )
+
+
+def declared(effect: str, parameter: str) -> dataclasses.Field[Any]:
+    """Return the declaration of a parameter of an effect."""
+    (item,) = (one for one in quantities(EFFECTS[effect]) if one.name == parameter)
+    return item
+
+
+def alike_table(diagnosis: Diagnosis) -> Table:
+    """Return the pairs of effects that act alike on these recordings, most alike first."""
+    ranked = sorted(diagnosis.cosines.items(), key=lambda item: -abs(item[1]))
+    return Table(
+        columns=('one', 'other', 'cosine'),
+        rows=tuple((*pair, f'{value:.2f}') for pair, value in ranked if abs(value) >= ALIKE),
+        numbers=(2,),
+    )
+
+
+def unseen_sentence(diagnosis: Diagnosis) -> str:
+    """Say which effects could not have been seen."""
+    hidden = [name for name, item in diagnosis.detectable.items() if not item.observable]
+    if not hidden:
+        return 'Every effect of the library would have been seen if it were of a usual size.'
+    return f'Could not have been seen at any usual size: {", ".join(hidden)}.'

@@ -1,0 +1,40 @@
+"""Numbers as a report writes them: with their errors, and no digit that means nothing."""
+
+from __future__ import annotations
+
+import math
+
+from pneunet_ros.diagnosis.result import Estimated
+
+LEAST_CHANCE = 1e-6  # less is only said to be less
+
+
+def with_error(found: Estimated) -> str:
+    """Write a number with its standard error, both to the last digit that means something."""
+    unit = unit_text(found.unit)
+    if not (math.isfinite(found.std) and math.isfinite(found.value)) or found.std <= 0.0:
+        return f'{found.value:.4g}{unit}'
+    last = math.floor(math.log10(found.std)) - 1  # two digits of the error
+    if last >= -4 and abs(found.value) < 1e6:
+        places = max(-last, 0)
+        value, std = round(found.value, -last), round(found.std, -last)
+        return f'{value:.{places}f} ± {std:.{places}f}{unit}'
+    scale = math.floor(math.log10(max(abs(found.value), found.std)))
+    places = max(scale - last, 0)
+    value, std = found.value / 10.0**scale, found.std / 10.0**scale
+    return f'({value:.{places}f} ± {std:.{places}f})e{scale}{unit}'
+
+
+def chance(p_value: float) -> str:
+    """Write a probability; what no simulation and no tail could tell from zero is not counted."""
+    return f'{p_value:.2g}' if p_value >= LEAST_CHANCE else f'< {LEAST_CHANCE:g}'
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as it stands behind a number."""
+    return '' if unit == '-' else f' {unit}'
+
+
+def rounded(value: float) -> str:
+    """Write a number without more digits than matter."""
+    return f'{value:.0f}' if abs(value) >= 10.0 else f'{value:.1f}'

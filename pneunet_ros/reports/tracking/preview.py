@@ -1,0 +1,243 @@
+"""What tracking looked like, as one picture: some frames, the curves, and what was seen when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+import math
+from pathlib import Path
+from typing import Any
+
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.reports.tracking.heat_map import heat
+from pneunet_ros.reports.tracking.preview_video import overlay_of
+from pneunet_ros.tables.length_unit import LengthUnit
+from pneunet_ros.vision.smoother import MeasuredCurve
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+
+COLORS = colormaps['viridis']
+SEEN, MISSING, UNEXPLAINED = '#3b6ea8', '#f28e2b', '#c9c9c9'
+HEAT = ListedColormap([MISSING, '#d8b08c', '#9fb4cb', '#6b90bb', SEEN]).with_extremes(
+    bad='white', under=UNEXPLAINED
+)
+WIDTH = 20.0  # inches
+PICTURES = 5
+CURVES = 60  # at most, of centerlines; half as many are always there when there were more
+BANDS = 8  # curvatures with their uncertainty
+SIGMAS = 2.0
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Seen:
+    """One frame as the preview shows it: log time, image, and what was made of it."""
+
+    log_time_ns: int
+    image: Image
+    tracking: Tracking
+    state: TrackerState
+
+
+@dataclass(slots=True, kw_only=True)
+class Preview:
+    """Collects what the picture shows, frame by frame; of images only a handful are kept.
+
+    frames: how many to expect; targets: how many the arm has.
+    """
+
+    frames: int
+    targets: int
+    _count: int = 0
+    _pictures: dict[int, Seen] = field(default_factory=dict)
+    _curves: list[tuple[int, MeasuredCurve]] = field(default_factory=list)
+    _every: int = 1
+    _times_ns: list[int] = field(default_factory=list)
+    _statuses: list[npt.NDArray[np.int8]] = field(default_factory=list)
+    _rms: list[float] = field(default_factory=list)
+
+    def add(
+        self,
+        log_time_ns: int,
+        image: Image | None,
+        tracking: Tracking | None,
+        state: TrackerState,
+    ) -> None:
+        """Take one frame into account; None for what could not be read or was not looked at."""
+        status = np.full(self.targets, -1, np.int8)
+        rms = math.nan
+        if tracking is not None and not tracking.reason:
+            status = np.isfinite(tracking.sightings.x).astype(np.int8)
+            if tracking.curve is not None:
+                rms = tracking.curve.rms
+                self._keep(log_time_ns, tracking.curve)
+        self._times_ns.append(log_time_ns)
+        self._statuses.append(status)
+        self._rms.append(rms)
+        if image is not None and tracking is not None:
+            self._picture(
+                Seen(log_time_ns=log_time_ns, image=image, tracking=tracking, state=state)
+            )
+        self._count += 1
+
+    def _picture(self, seen: Seen) -> None:
+        """Keep the first explained frame of each part of the recording, and the last one of all.
+
+        A part without one is shown by its first frame, which says why.
+        """
+        part = min((PICTURES - 1) * self._count // max(self.frames, 1), PICTURES - 2)
+        explained = not seen.tracking.reason
+        for slot, latest in ((part, False), (PICTURES - 1, True)):
+            known = self._pictures.get(slot)
+            lacking = known is None or bool(known.tracking.reason)
+            if known is None or (explained and lacking) or (latest and (explained or lacking)):
+                self._pictures[slot] = seen
+
+    def _keep(self, log_time_ns: int, curve: MeasuredCurve) -> None:
+        """Keep curves evenly over time, however many come."""
+        if (self._count % self._every) == 0:
+            self._curves.append((log_time_ns, curve))
+        if len(self._curves) > CURVES:
+            self._curves = self._curves[::2]
+            self._every *= 2
+
+    def shown(self) -> list[Seen]:
+        """List the frames of which the images are shown, in their order."""
+        return list({id(seen): seen for _, seen in sorted(self._pictures.items())}.values())
+
+    def curves(self) -> list[tuple[int, MeasuredCurve]]:
+        """List the curves that are shown, with their log times."""
+        return self._curves
+
+    def draw(self, path: Path, title: str, unit: LengthUnit) -> None:
+        """Draw all of it as a picture."""
+        slopes = [seen.image.height / seen.image.width for seen in self._pictures.values()]
+        heights = WIDTH / PICTURES * max(slopes, default=0.5) + 0.6, 5.6, 4.4
+        figure = Figure(figsize=(WIDTH, sum(heights) + 0.5), layout='constrained')
+        parts: Any = figure.subfigures(3, 1, height_ratios=heights)
+        self._draw_pictures(parts[0])
+        self._draw_curves(parts[1], unit)
+        self._draw_history(parts[2], unit)
+        figure.suptitle(title, fontsize=17)
+        figure.savefig(path, dpi=110, format='png')
+
+    def _seconds(self, log_time_ns: int) -> float:
+        return seconds_between(self._times_ns[0], log_time_ns)
+
+    def _draw_pictures(self, part: Any) -> None:
+        shown = self.shown()
+        columns = part.subplots(1, max(len(shown), 1), squeeze=False)[0]
+        for axes in columns:
+            axes.set_axis_off()
+        if not shown:
+            columns[0].text(0.5, 0.5, 'no frame could be looked at', ha='center', fontsize=14)
+        for axes, seen in zip(columns, shown, strict=False):
+            picture = overlay_of(seen.image, seen.tracking, seen.state)
+            axes.imshow(picture[:, :, ::-1], interpolation='antialiased')
+            axes.set_title(f't = {self._seconds(seen.log_time_ns):.3f} s', fontsize=12)
+
+    def _draw_curves(self, part: Any, unit: LengthUnit) -> None:
+        centerlines, curvatures = part.subplots(1, 2)
+        times = [self._seconds(time_ns) for time_ns, _ in self._curves]
+        last = self._seconds(self._times_ns[-1]) if self._times_ns else 1.0
+        scale = Normalize(0.0, last or 1.0)
+        shown, banded = unit.shown_per_meter, set(spread(len(times), BANDS))
+        for index, (time, (_, curve)) in enumerate(zip(times, self._curves, strict=True)):
+            color = COLORS(scale(time))
+            centerlines.plot(shown * curve.x, shown * curve.y, color=color, linewidth=1.2)
+            if index in banded:
+                s = shown * curve.arclength
+                kappa = unit.curvature_per_reciprocal * curve.curvature
+                band = SIGMAS * unit.curvature_per_reciprocal * curve.std_curvature
+                curvatures.plot(s, kappa, color=color, linewidth=1.8)
+                curvatures.fill_between(
+                    s, kappa - band, kappa + band, color=color, alpha=0.2, linewidth=0.0
+                )
+        centerlines.set(
+            title=f'Smoothed centerlines ({len(times)} frames)',
+            xlabel=f'x ({unit.shown})',
+            ylabel=f'y ({unit.shown})',
+        )
+        centerlines.set_aspect('equal', adjustable='datalim')
+        curvatures.set(
+            title=f'Measured curvature with {SIGMAS:.0f} sigma ({len(banded)} frames)',
+            xlabel=f'arclength ({unit.shown})',
+            ylabel=f'curvature ({unit.curvature})',
+        )
+        for axes in (centerlines, curvatures):
+            _plain(axes)
+        part.colorbar(
+            ScalarMappable(norm=scale, cmap=COLORS),
+            ax=curvatures,
+            label='time (s)',
+            fraction=0.04,
+            pad=0.02,
+        )
+
+    def _draw_history(self, part: Any, unit: LengthUnit) -> None:
+        targets, smoothing = part.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
+        if self._times_ns:
+            times = np.array([self._seconds(time_ns) for time_ns in self._times_ns])
+            edges, shares = heat(times, np.array(self._statuses, np.float64))
+            rows = np.arange(self.targets + 1) - 0.5
+            targets.pcolormesh(edges, rows, shares.T, cmap=HEAT, vmin=0.0, vmax=1.0)
+            targets.set_xlim(edges[0], edges[-1])
+            smoothing.plot(
+                times,
+                unit.shown_per_meter * np.array(self._rms),
+                color=SEEN,
+                linewidth=1.0,
+                marker='.',
+                markersize=3,
+            )
+        targets.set(title='Targets over time', ylabel='target (0: at the clamp)')
+        targets.legend(
+            handles=[
+                Patch(color=SEEN, label='seen'),
+                Patch(color=MISSING, label='missing'),
+                Patch(color=UNEXPLAINED, label='frame without targets'),
+            ],
+            loc='upper left',
+            bbox_to_anchor=(1.0, 1.0),
+            frameon=False,
+        )
+        smoothing.set(xlabel='time (s)', ylabel=f'smoothing rms ({unit.shown})')
+        smoothing.set_ylim(bottom=0.0)
+        _plain(smoothing)
+
+
+@contextmanager
+def write_preview(
+    path: Path,
+    frames: int,
+    targets: int,
+    title: str,
+    unit: LengthUnit,
+    *,
+    overwrite: bool = False,
+    inputs: Iterable[Path] = (),
+) -> Iterator[Preview]:
+    """Draw what was collected when all is; errors of `atomic_output`."""
+    with atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary:
+        preview = Preview(frames=frames, targets=targets)
+        yield preview
+        preview.draw(temporary, title, unit)
+
+
+def _plain(axes: Axes) -> None:
+    axes.grid(color='0.9', linewidth=0.7)
+    axes.spines[['top', 'right']].set_visible(False)
+
+
+def spread(count: int, wanted: int) -> list[int]:
+    """Return indices of at most `wanted` of `count` things, from the first to the last."""
+    return sorted(set(np.linspace(0, count - 1, min(count, wanted)).round().astype(int).tolist()))

@@ -1,0 +1,21 @@
+"""The converged unknowns of the rod equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.arrays import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SolverNodes:
+    """The converged unknowns of the rod equations, from which a neighboring solve starts.
+
+    `panels`, `ends` and `nodes` have the layout of `solver.collocation`; `counts` are the panels
+    of each section of the moment law.
+    """
+
+    panels: Array
+    ends: Array
+    nodes: Array
+    counts: tuple[int, ...]

@@ -1,0 +1,1 @@
+"""CSV and npz tables, in and out."""

@@ -1,0 +1,196 @@
+"""A CSV file as columns of numbers: data only, of bounded size; every refusal names its place."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Collection, Iterator, Mapping, Sequence
+import csv
+from dataclasses import dataclass, field
+from decimal import Decimal, InvalidOperation
+import math
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import RecordingError
+
+MOST_BYTES = 500_000_000
+MOST_ROWS = 2_000_000
+MOST_COLUMNS = 2_000
+MOST_CELLS = 100_000_000
+LONGEST_CELL = 200
+LONGEST_LINE = 2 * MOST_COLUMNS * LONGEST_CELL  # characters
+_NAMES_SHOWN = 30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableRequest:
+    """How a table is to be read.
+
+    select: keep only rows that hold these texts in these columns (names as in the file). rename:
+    new name by the one in the file. ignore: columns (by either name) to be left out.
+    """
+
+    select: Mapping[str, str] = field(default_factory=dict)
+    rename: Mapping[str, str] = field(default_factory=dict)
+    ignore: Collection[str] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CsvTable:
+    """Columns by name: numbers (rows,), NaN where a cell is empty or NaN.
+
+    exact: the same as ratios of integers for the columns that were asked for exactly. `lines` are
+    the numbers of the rows' lines in the file, for sentences.
+    """
+
+    numbers: Mapping[str, Array]
+    exact: Mapping[str, tuple[Decimal | None, ...]]
+    lines: tuple[int, ...]
+
+
+def read_csv(path: Path, request: TableRequest, exact: Collection[str] = ()) -> CsvTable:
+    """Return the columns of a file by their new names; raises RecordingError that says where.
+
+    exact: names of columns to be read without rounding, too.
+    """
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise RecordingError(f'{path} has more than {MOST_BYTES // 10**6} MB: split it')
+        with path.open(encoding='utf-8-sig', newline='') as stream:
+            return _read(path, stream, request, exact)
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
+    except UnicodeDecodeError as error:
+        raise RecordingError(
+            f'{path} is no text in UTF-8 (byte {error.start}): save it as CSV UTF-8'
+        ) from error
+    except csv.Error as error:
+        raise RecordingError(f'{path} is no CSV file: {error}') from error
+
+
+def _read(path: Path, stream: TextIO, request: TableRequest, exact: Collection[str]) -> CsvTable:
+    reader = csv.reader(_lines(path, stream), strict=True)
+    header = [name.strip() for name in next(reader, [])]
+    _check_header(path, header, request)
+    renamed = [request.rename.get(name, name) for name in header]
+    places = {
+        new: place
+        for place, (name, new) in enumerate(zip(header, renamed, strict=True))
+        if not {name, new} & set(request.ignore) and name not in request.select
+    }
+    if len(set(renamed)) < len(renamed):
+        twice = next(name for name in renamed if renamed.count(name) > 1)
+        raise RecordingError(f'{path}: after --rename two columns are called {twice}')
+    selected = {header.index(name): (name, text) for name, text in request.select.items()}
+    numbers = {name: array('d') for name in places}  # 8 bytes a number
+    exactly: dict[str, list[Decimal | None]] = {name: [] for name in exact if name in places}
+    lines: list[int] = []
+    others: dict[str, None] = {}
+    for cells in _rows(path, reader, len(header)):
+        if any(cells[place].strip() != text for place, (_, text) in selected.items()):
+            others.update({', '.join(cells[place].strip() for place in selected): None})
+            continue
+        if len(lines) == MOST_ROWS:
+            raise RecordingError(f'{path} has more than {MOST_ROWS} rows: split it')
+        if (len(lines) + 1) * len(places) > MOST_CELLS:
+            raise RecordingError(f'{path} has more than {MOST_CELLS} cells: split it')
+        lines.append(reader.line_num)
+        for name, place in places.items():
+            text = cells[place].strip()
+            numbers[name].append(_number(path, reader.line_num, name, text))
+            if name in exactly:
+                exactly[name].append(_exact(path, reader.line_num, name, text))
+    if not lines:
+        _no_rows(path, request, list(others))
+    return CsvTable(
+        numbers={name: freeze(np.array(values)) for name, values in numbers.items()},
+        exact={name: tuple(values) for name, values in exactly.items()},
+        lines=tuple(lines),
+    )
+
+
+def _lines(path: Path, stream: TextIO) -> Iterator[str]:
+    """Yield the lines of a file, of which none may be without end."""
+    number = 0
+    while line := stream.readline(LONGEST_LINE + 1):
+        number += 1
+        if len(line) > LONGEST_LINE:
+            raise RecordingError(f'{path}, line {number}: more than {LONGEST_LINE} characters')
+        yield line
+
+
+def _rows(path: Path, reader: Iterator[list[str]], columns: int) -> Iterator[list[str]]:
+    """Yield rows of so many cells; empty lines pass by."""
+    for cells in reader:
+        if not any(cell.strip() for cell in cells):
+            continue
+        if len(cells) != columns:
+            line = getattr(reader, 'line_num', 0)
+            raise RecordingError(
+                f'{path}, line {line}: {len(cells)} cells, but there are {columns} columns; '
+                'cells are separated by commas, and decimals by a point'
+            )
+        yield cells
+
+
+def _check_header(path: Path, header: Sequence[str], request: TableRequest) -> None:
+    if not header or not any(header):
+        raise RecordingError(f'{path} is empty: the first line must name the columns')
+    for mark, called in ((';', 'semicolons'), ('\t', 'tabs')):
+        if len(header) == 1 and mark in header[0]:
+            raise RecordingError(
+                f'{path}: columns are separated by {called}; export it with commas between '
+                'columns and a point in decimals'
+            )
+    if len(header) > MOST_COLUMNS:
+        raise RecordingError(f'{path} has more than {MOST_COLUMNS} columns')
+    for name in header:
+        if len(name) > LONGEST_CELL:
+            raise RecordingError(f'{path}: a name of a column has {len(name)} characters')
+        if header.count(name) > 1:
+            raise RecordingError(f'{path}: two columns are called {name!r}')
+    there = {*header, *request.rename.values()}
+    asked = {'--select': request.select, '--rename': request.rename, '--ignore': request.ignore}
+    for option, names in asked.items():
+        for name in names:
+            if name not in (there if option == '--ignore' else header):
+                raise RecordingError(
+                    f'{path} has no column {name!r} ({option}); it has '
+                    f'{", ".join(header[:_NAMES_SHOWN])}'
+                )
+
+
+def _number(path: Path, line: int, name: str, text: str) -> float:
+    if not text or text.lower() == 'nan':
+        return math.nan
+    try:
+        value = math.nan if '_' in text or len(text) > LONGEST_CELL else float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        hint = ' (decimals need a point)' if ',' in text else ''
+        raise RecordingError(
+            f'{path}, line {line}, column {name}: {text[:40]!r} is no number{hint}; a missing '
+            'value is an empty cell or nan'
+        )
+    return value
+
+
+def _exact(path: Path, line: int, name: str, text: str) -> Decimal | None:
+    try:
+        value = Decimal(text) if text else None
+    except InvalidOperation as error:  # what float takes, Decimal takes
+        raise RecordingError(f'{path}, line {line}, column {name}: no number') from error
+    return None if value is None or value.is_nan() else value
+
+
+def _no_rows(path: Path, request: TableRequest, others: list[str]) -> None:
+    if not request.select:
+        raise RecordingError(f'{path} has no rows below its first line')
+    asked = ', '.join(f'{name}={text}' for name, text in request.select.items())
+    more = ', ...' if len(others) > _NAMES_SHOWN else ''
+    raise RecordingError(
+        f'{path}: no row has {asked}; there are {"; ".join(others[:_NAMES_SHOWN])}{more}'
+    )

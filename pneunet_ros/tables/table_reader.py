@@ -1,0 +1,168 @@
+"""A CSV file with named unit columns -> readings in SI, in the base frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal
+import math
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, LARGEST
+from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.stamps import LATEST_STAMP
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT
+from pneunet_ros.measurement.dataset import Stamps
+from pneunet_ros.tables.columns import (
+    Column,
+    columns_of,
+    ESTIMATE,
+    IN_BASE,
+    OF_STRINGS,
+    STAMP,
+    TIME,
+)
+from pneunet_ros.tables.csv_table import CsvTable, read_csv, TableRequest
+from pneunet_ros.tables.reading_table import ReadingTable
+
+MOST_PLACES = 50_000_000  # rows by targets
+FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no stamp" in a header
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportRequest(TableRequest):
+    """How a table becomes readings: what to read of it, and what to add.
+
+    offsets: number to be added to a column (by its new name, in its unit). rate: rows per second
+    of a table without time.
+    """
+
+    offsets: Mapping[str, float] = field(default_factory=dict)
+    rate: float | None = None
+
+
+def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[str, ...]]:
+    """Return the readings in a table, and sentences about columns that were left out.
+
+    A cell that is empty or NaN is no reading, or a target that was not seen; a row without any
+    target is no frame. Two string forces become F1, F2 as in the paper:
+    string A pulls along x, B along y, each turned counter-clockwise by its angle, 0 if not given.
+    Raises RecordingError, or RequestError for offsets and rates that do not fit, naming the place.
+    """
+    if request.rate is not None and not 1e-6 <= request.rate <= 1e6:
+        raise RequestError(f'--rate {request.rate:g} Hz must lie between 1e-6 and 1e6')
+    times = [STAMP, *(f'{TIME}_{unit}' for unit in SI_PER_UNIT['time'])]
+    table = read_csv(path, request, exact=times)
+    sentences = []
+    names = [name for name in table.numbers if name != STAMP and not name.startswith(ESTIMATE)]
+    if len(names) + (STAMP in table.numbers) < len(table.numbers):
+        sentences.append(f'{path}: columns {ESTIMATE}... are not readings and were left out')
+    columns = {(item.quantity, item.target): item for item in columns_of(names, str(path))}
+    for name in request.offsets:
+        if name not in table.numbers or name == STAMP:
+            raise RequestError(f'--offset {name}=: there is no such column to be read')
+        if not math.isfinite(request.offsets[name]):
+            raise RequestError(f'--offset {name}={request.offsets[name]} is no number')
+    stamp_ns = _stamps(path, table, columns.get((TIME, None)), request)
+
+    def si(quantity: str, target: int | None = None) -> Array:
+        """Numbers of a column in SI; NaN throughout where it is not there."""
+        column = columns.get((quantity, target))
+        if column is None:
+            return np.full(len(stamp_ns), np.nan)
+        with np.errstate(over='ignore'):
+            values = table.numbers[column.name] + request.offsets.get(column.name, 0.0)
+            values = values * column.si_per_unit
+        if np.any(np.abs(values) > LARGEST):
+            line = table.lines[int(np.argmax(np.abs(values) > LARGEST))]
+            raise RecordingError(
+                f'{path}, line {line}, column {column.name}: a number beyond {LARGEST:g} in SI'
+            )
+        return values
+
+    targets = [item.target for item in columns.values() if item.target is not None]
+    count = max(targets, default=-1) + 1
+    if count * len(stamp_ns) > MOST_PLACES:
+        raise RecordingError(
+            f'{path} has ids up to {count - 1} in {len(stamp_ns)} rows: split it, as at most '
+            f'{MOST_PLACES} places of targets are read'
+        )
+    x = np.array([si('x', target) for target in range(count)]).T.reshape(len(stamp_ns), count)
+    y = np.array([si('y', target) for target in range(count)]).T.reshape(len(stamp_ns), count)
+    found = ReadingTable(
+        stamp_ns=stamp_ns, pressure=si('pressure'), wrench=_wrench(columns, si), x=x, y=y
+    )
+    if not any(found.counts().values()):
+        raise RecordingError(f'{path} holds no reading: no pressure, no force, no target')
+    return found, tuple(sentences)
+
+
+def _wrench(columns: Mapping[tuple[str, int | None], Column], si: Callable[[str], Array]) -> Array:
+    """Return force and moment in the base frame (rows, 3); a column that is not there is 0."""
+
+    def part(quantity: str) -> Array:
+        there = (quantity, None) in columns
+        return si(quantity) if there else np.zeros_like(si(quantity))
+
+    rows = len(part('moment'))
+    if not any((name, None) in columns for name in (*IN_BASE, *OF_STRINGS, 'moment')):
+        return np.full((rows, 3), np.nan)
+    force_x, force_y = part('force_x'), part('force_y')
+    if any((name, None) in columns for name in OF_STRINGS):
+        force_x, force_y = string_force(*(part(name) for name in OF_STRINGS))
+    return np.stack([force_x, force_y, part('moment')], axis=1)
+
+
+def string_force(
+    force_a: npt.ArrayLike, angle_a: npt.ArrayLike, force_b: npt.ArrayLike, angle_b: npt.ArrayLike
+) -> tuple[Array, Array]:
+    """Return F1, F2 (N) of two strings that pull at the free end.
+
+    String A pulls along x, string B along y where their angles are 0; angles (rad) turn them
+    counter-clockwise about z from there, as the paper's strings turn when the end moves.
+    """
+    a, b = np.asarray(force_a), np.asarray(force_b)
+    return (
+        a * np.cos(angle_a) - b * np.sin(angle_b),
+        a * np.sin(angle_a) + b * np.cos(angle_b),
+    )
+
+
+def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportRequest) -> Stamps:
+    """Return the stamps of the rows: as given, or from time or rate, then not before 1 s."""
+    rows = len(table.lines)
+    given: list[Decimal | None]
+    offset = Decimal(0)
+    if STAMP in table.exact:
+        name, given = STAMP, list(table.exact[STAMP])
+    elif time is not None:
+        name, offset = time.name, Decimal(repr(request.offsets.get(time.name, 0.0)))
+        scale = Decimal(repr(time.si_per_unit)) * NANOSECONDS_PER_SECOND
+        given = [None if t is None else (t + offset) * scale for t in table.exact[name]]
+    elif request.rate is not None:
+        period = NANOSECONDS_PER_SECOND / Decimal(repr(request.rate))
+        name, given = '--rate', [row * period for row in range(rows)]
+    else:
+        raise RequestError(
+            f'{path} has no time: no column {STAMP} or {TIME}_s; give --rate HZ, rows per second'
+        )
+    if request.rate is not None and name != '--rate':
+        raise RequestError(f'{path} has the column {name}: leave out --rate')
+    stamps: list[int] = []
+    shift = 0
+    for line, value in zip(table.lines, given, strict=True):
+        where = f'{path}, line {line}, column {name}'
+        if value is None:
+            raise RecordingError(f'{where}: there is no time')
+        stamp_ns = round(value)
+        if not stamps and name != STAMP and stamp_ns <= 0:
+            shift = FIRST_STAMP - stamp_ns
+        stamp_ns += shift
+        if not 0 < stamp_ns < LATEST_STAMP:
+            raise RecordingError(f'{where}: {value} is no time that a header can hold')
+        if stamps and stamp_ns <= stamps[-1]:
+            raise RecordingError(f'{where}: time must increase from row to row')
+        stamps.append(stamp_ns)
+    return np.array(stamps, dtype=np.int64)

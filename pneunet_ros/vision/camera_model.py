@@ -1,0 +1,188 @@
+"""The camera's own part of optics: pixels of the image as it came <-> undistorted coordinates.
+
+Normalized coordinates (x/z, y/z) are those of the camera's optical frame: z forward, x to the
+right and y down in the image. A lens moves them to
+
+    (x, y) radial + (2 p1 x y + p2 (r^2 + 2 x^2), p1 (r^2 + 2 y^2) + 2 p2 x y),
+    radial = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6).
+
+This is the gradient of a potential. Where its Jacobian, a symmetric matrix, is positive definite
+in a whole disc, the potential is convex there and no two points of the disc share a pixel. Beyond
+the largest such disc the image folds back on itself, and nothing is said about it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze, table_array
+from pneunet_ros.core.errors import CameraError
+from pneunet_ros.core.image import LARGEST_SIDE
+from pneunet_ros.vision.camera_kernels import (
+    distort_points,
+    FARTHEST,
+    magnify_points,
+    undistort_points,
+)
+
+# Model -> how many coefficients it may have. More than eight are of models with more terms, whose
+# coefficients must then be zero.
+COEFFICIENTS = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8, 12, 14)}
+TERMS = 8  # k1, k2, p1, p2, k3, k4, k5, k6
+FOCAL_LENGTHS = (1.0, 1e7)  # px
+LARGEST_COEFFICIENT = 1e12  # of a long lens, in which r is small
+TOUCHING = 1e-6  # relative imaginary part of a root that may as well be a real double root
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Lens:
+    """Pinhole and distortion of a camera, as a camera_info gives them.
+
+    width, height of the image in px; model 'plumb_bob' or 'rational_polynomial'; matrix (3, 3) is
+    K, px; distortion (n,) is D, empty where there is none. `limit` is the radius, in normalized
+    coordinates, within which the distortion does not fold. CameraError for anything else.
+    """
+
+    width: int
+    height: int
+    model: str
+    matrix: Array
+    distortion: Array
+    limit: float = field(init=False)
+    coefficients: Array = field(init=False, repr=False)  # fx, fy, cx, cy and the TERMS
+
+    def __post_init__(self) -> None:
+        """Check what the camera says of itself."""
+        for name in ('width', 'height'):
+            side: Any = getattr(self, name)
+            if isinstance(side, bool) or not isinstance(side, int) or not 0 < side <= LARGEST_SIDE:
+                raise CameraError(
+                    f'the {name} of the camera image (image_{name}) must be 1 to '
+                    f'{LARGEST_SIDE} px, not {side!r}'
+                )
+        matrix = table_array(self.matrix, 'K (camera_matrix)', 2, CameraError)
+        distortion = table_array(self.distortion, 'D (distortion_coefficients)', 1, CameraError)
+        coefficients = np.concatenate([pinhole(matrix), distortion_terms(self.model, distortion)])
+        object.__setattr__(self, 'matrix', matrix)
+        object.__setattr__(self, 'distortion', distortion)
+        object.__setattr__(self, 'coefficients', freeze(coefficients))
+        object.__setattr__(self, 'limit', fold_radius(coefficients[4:]))
+
+    def distorted(self, normalized: npt.ArrayLike) -> Array:
+        """Return pixels (n, 2) of normalized points (n, 2); NaN beyond the fold."""
+        points = own_pairs(normalized)
+        distort_points(points, self.coefficients, self.limit)
+        return points
+
+    def undistorted(self, pixels: npt.ArrayLike) -> Array:
+        """Return normalized points (n, 2) of pixels (n, 2), NaN where there is none.
+
+        Iterated until `distorted` gives the pixel again to 1e-9 px. There is none for pixels that
+        no point within the fold of the distortion falls on.
+        """
+        points = own_pairs(pixels)
+        undistort_points(points, self.coefficients, self.limit)
+        return points
+
+    def scale(self, normalized: npt.ArrayLike) -> Array:
+        """Return normalized length per px at normalized (n, 2), the largest of any direction."""
+        points = own_pairs(normalized)
+        out = np.empty(len(points))
+        magnify_points(points, self.coefficients, self.limit, out)
+        return out
+
+
+def own_pairs(values: npt.ArrayLike) -> Array:
+    """Return pairs (n, 2) in a new array, for a kernel to overwrite; else CameraError."""
+    pairs = np.array(values, dtype=np.float64, order='C')
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise CameraError(f'points must be pairs (n, 2), not an array of shape {pairs.shape}')
+    return pairs
+
+
+def pinhole(matrix: Array) -> tuple[float, float, float, float]:
+    """Return fx, fy, cx, cy in px from K (3, 3); CameraError if it is none."""
+    if matrix.shape != (3, 3):
+        raise CameraError(f'K (camera_matrix) must be 3 x 3, not of shape {matrix.shape}')
+    if matrix[0, 0] == 0.0:
+        raise CameraError('the camera is not calibrated: its K (camera_matrix) is zero')
+    fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    low, high = FOCAL_LENGTHS
+    if not (low <= fx <= high and low <= fy <= high):
+        raise CameraError(
+            f'the focal lengths {fx} and {fy} of K (camera_matrix) must lie within '
+            f'{low:g} and {high:g} px'
+        )
+    if not np.array_equal(matrix, [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]):
+        raise CameraError('K (camera_matrix) must read fx 0 cx, 0 fy cy, 0 0 1 (no skew)')
+    return fx, fy, cx, cy
+
+
+def distortion_terms(model: str, distortion: Array) -> Array:
+    """Return all TERMS of the distortion from D; CameraError for other models and numbers."""
+    if not isinstance(model, str) or (model not in COEFFICIENTS and (model or distortion.size)):
+        raise CameraError(
+            f'distortion_model {model!r} is not known; known: {", ".join(COEFFICIENTS)}'
+        )
+    allowed = COEFFICIENTS.get(model, (0,))
+    if distortion.size not in allowed or np.any(distortion[TERMS:]):
+        raise CameraError(
+            f'D (distortion_coefficients) of {model} must have {", ".join(map(str, allowed))} '
+            f'numbers (those after the eighth zero), not {distortion.size}: {distortion.tolist()}'
+        )
+    if np.any(np.abs(distortion) > LARGEST_COEFFICIENT):
+        raise CameraError(
+            f'D (distortion_coefficients) holds a number beyond {LARGEST_COEFFICIENT:g}: '
+            f'{distortion.tolist()}'
+        )
+    terms = np.zeros(TERMS)
+    terms[: min(distortion.size, TERMS)] = distortion[:TERMS]
+    return terms
+
+
+def fold_radius(terms: Array) -> float:
+    """Compute the radius up to which the distortion does not fold the normalized plane.
+
+    With the tangential strength p = |(p1, p2)| the eigenvalues of the Jacobian at r are at least
+    the smaller of radial and d(r radial)/dr, less 6 p r. The radius is where the first of them,
+    or the denominator of radial, comes to zero; at most FARTHEST.
+    """
+    k1, k2, p1, p2, k3, k4, k5, k6 = terms.tolist()
+    polynomial = np.polynomial.Polynomial
+    r = polynomial([0.0, 1.0])
+    above = polynomial([1.0, 0.0, k1, 0.0, k2, 0.0, k3])
+    below = polynomial([1.0, 0.0, k4, 0.0, k5, 0.0, k6])
+    tangential = 6.0 * math.hypot(p1, p2) * r
+    growth = (r * above).deriv() * below - r * above * below.deriv()
+    radius = FARTHEST
+    for positive in (below, above - tangential * below, growth - tangential * below * below):
+        # All are 1 at r = 0, so 1/r are the roots of a polynomial with the leading coefficient 1,
+        # which needs no division by coefficients that may be tiny.
+        inverse = np.roots(np.asarray(positive.coef))
+        real = inverse.real[np.abs(inverse.imag) <= TOUCHING * np.abs(inverse)]
+        radius = min([radius, *(1.0 / real[real > 1.0 / FARTHEST]).tolist()])
+    return radius
+
+
+def check_whole_image(
+    lens: Lens, binning: tuple[int, int], region: tuple[int, int, int, int]
+) -> None:
+    """Refuse a camera_info whose image is not what the lens gives: binned, or a part of it.
+
+    binning: x, y; region of interest: x_offset, y_offset, width, height. Zeros stand for none.
+    Raises CameraError.
+    """
+    if not set(binning) <= {0, 1}:
+        raise CameraError(
+            f'camera_info with binning {binning[0]} x {binning[1]} is not supported: '
+            'publish the image unbinned, or a camera_info of the binned image'
+        )
+    if tuple(region) not in ((0, 0, 0, 0), (0, 0, lens.width, lens.height)):
+        raise CameraError(
+            f'camera_info with a region of interest (x, y, width, height = {tuple(region)}) is '
+            'not supported: publish the whole image, or a camera_info of the part'
+        )

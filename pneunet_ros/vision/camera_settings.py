@@ -1,0 +1,193 @@
+"""What the tracker must know of the camera and of how targets look: the content of camera.yaml."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+import math
+from typing import Any, ClassVar
+
+from pneunet_ros.core.arrays import Array, table_array
+from pneunet_ros.core.errors import CameraError
+from pneunet_ros.core.units import check_quantities, quantity
+
+UNIT = 0.01  # a quaternion this near to unit length was rounded and is normalized
+
+
+def finite_numbers(values: Any, where: str, count: int) -> tuple[float, ...]:
+    """Return so many finite numbers; CameraError, which says where, for anything else."""
+    numbers = table_array(values, where, 1, CameraError)
+    if numbers.size != count:
+        raise CameraError(f'{where} must be {count} numbers, not {numbers.size}')
+    return tuple(numbers.tolist())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RestPlane:
+    """Scale and base frame come from first and last target of the straight arm (the paper's way).
+
+    The camera looks along -z of the base frame at the working plane.
+    """
+
+    method: ClassVar[str] = 'rest'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HomographyPlane:
+    """The working plane is known by points of it: pixels (n, 2), points (n, 2) m in base.
+
+    Pixels are those of the image as it came, with the distortion of the lens.
+    """
+
+    method: ClassVar[str] = 'homography'
+    pixels: Array
+    points: Array
+
+    def __post_init__(self) -> None:
+        """Check that there are four points or more, as many in the image as in the plane."""
+        pixels = table_array(self.pixels, 'plane.pixels', 2, CameraError)
+        points = table_array(self.points, 'plane.points', 2, CameraError)
+        if pixels.shape != points.shape or pixels.shape[1:] != (2,):
+            raise CameraError(
+                'plane.pixels and plane.points must be lists of as many pairs, '
+                f'not {_size(pixels)} and {_size(points)} numbers'
+            )
+        if len(pixels) < 4:
+            raise CameraError(f'plane.pixels needs four points or more, not {len(pixels)}')
+        object.__setattr__(self, 'pixels', pixels)
+        object.__setattr__(self, 'points', points)
+
+
+def _size(array: Array) -> str:
+    return ' x '.join(map(str, array.shape))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosePlane:
+    """The pose of the camera's optical frame in the base frame (base_from_camera).
+
+    position: x, y, z in m; quaternion: x, y, z, w, of unit length. The optical frame has z
+    forward, x to the right and y down in the image.
+    """
+
+    method: ClassVar[str] = 'pose'
+    position: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+
+    def __post_init__(self) -> None:
+        """Check the numbers; a quaternion that was rounded gets its unit length back."""
+        position = finite_numbers(self.position, 'plane.position', 3)
+        quaternion = finite_numbers(self.quaternion, 'plane.quaternion', 4)
+        length = math.hypot(*quaternion)
+        if not abs(length - 1.0) <= UNIT:
+            raise CameraError(
+                f'plane.quaternion (x, y, z, w) must have the length 1, not {length:.6g}'
+            )
+        quaternion = tuple(value / length for value in quaternion)
+        object.__setattr__(self, 'position', position)
+        object.__setattr__(self, 'quaternion', quaternion)
+
+
+PlaneMethod = RestPlane | HomographyPlane | PosePlane
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedBand:
+    """White is what lies within these grey levels."""
+
+    method: ClassVar[str] = 'fixed'
+    low: float = quantity(
+        150.0, unit='grey level', meaning='darkest that is white', bounds=(1.0, 255.0)
+    )
+    high: float = quantity(
+        255.0, unit='grey level', meaning='brightest that is white', bounds=(1.0, 255.0)
+    )
+
+    def __post_init__(self) -> None:
+        """Check the band."""
+        check_quantities(self, 'grey_band', CameraError)
+        if not self.low < self.high:
+            raise CameraError(f'grey_band.low = {self.low} must be below high = {self.high}')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AdaptiveBand:
+    """White is what is brighter than its surroundings by a contrast, whatever the light."""
+
+    method: ClassVar[str] = 'adaptive'
+    contrast: float = quantity(
+        30.0, unit='grey level', meaning='least height above the surroundings', bounds=(2.0, 255.0)
+    )
+
+    def __post_init__(self) -> None:
+        """Check the contrast."""
+        check_quantities(self, 'grey_band', CameraError)
+
+
+GreyBand = FixedBand | AdaptiveBand
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AreaLimits:
+    """Which white areas can be targets."""
+
+    smallest: float = quantity(
+        12.0, unit='px^2', meaning='areas below are dropped', bounds=(4.0, 1e6)
+    )
+    largest: float = quantity(
+        4000.0, unit='px^2', meaning='areas above are dropped', bounds=(4.0, 1e6)
+    )
+    elongation: float = quantity(
+        2.5, unit='-', meaning='largest axis over smallest, at most', bounds=(1.0, 20.0)
+    )
+    hole: float = quantity(
+        20.0, unit='px^2', meaning='dark holes up to this are closed', bounds=(0.0, 1e5)
+    )
+
+    def __post_init__(self) -> None:
+        """Check the limits."""
+        check_quantities(self, 'area', CameraError)
+        if not self.smallest < self.largest:
+            raise CameraError(
+                f'area.smallest = {self.smallest} must be below largest = {self.largest}'
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraSettings:
+    """Everything in `config/camera.yaml`.
+
+    clamp_pixel: where the target next to the clamp is in the image, roughly (u, v); None: the
+    left-most end of the row of targets is the clamp.
+    """
+
+    plane: PlaneMethod = field(default_factory=RestPlane)
+    clamp_pixel: tuple[float, float] | None = None
+    rest_frames: int = dataclasses.field(
+        default=5, metadata={'meaning': 'frames of the arm at rest that are averaged'}
+    )
+    rest_straightness: float = quantity(
+        0.02,
+        unit='-',
+        meaning='largest distance of a target from the line, of its length, at rest',
+        bounds=(1e-4, 0.2),
+    )
+    grey_band: GreyBand = field(default_factory=AdaptiveBand)
+    area: AreaLimits = field(default_factory=AreaLimits)
+    gate: float = quantity(
+        0.4,
+        unit='-',
+        meaning='largest jump of a target between frames, of the spacing of targets',
+        bounds=(0.05, 2.0),
+    )
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_quantities(self, '', CameraError)
+        if self.clamp_pixel is not None:
+            clamp_pixel = finite_numbers(self.clamp_pixel, 'clamp_pixel', 2)
+            object.__setattr__(self, 'clamp_pixel', clamp_pixel)
+        if isinstance(self.rest_frames, bool) or not isinstance(self.rest_frames, int):
+            raise CameraError(f'rest_frames must be an integer, not {self.rest_frames!r}')
+        if not 1 <= self.rest_frames <= 1000:
+            raise CameraError(f'rest_frames = {self.rest_frames} is not within [1, 1000]')

@@ -1,0 +1,167 @@
+"""What is known of the curvature of an arm before a picture is taken: a Gaussian process.
+
+Curvature is smooth along the arm, but for a break at l1 where the model has one and the arm is
+pulled. l1 moves with pressure, which the camera does not see, so the covariance is averaged over
+the places that l1 has in the model. How large and how smooth curvature is, is learnt once, by
+marginal likelihood of shapes that the model predicts; how it runs along the arm is not: the model
+is what measured centerlines are there to test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.equilibrium import solve
+from scipy.optimize import minimize
+
+SMOOTHER = 1.75  # times the reach
+SPLITS = 5  # places of l1 over which the covariance is averaged
+LEARNING_STD = 2e-4  # of the length, noise under which shapes are told apart: a tenth of a pixel
+PRESSURES = 6  # shares of the calibrated range at which shapes are taken
+PULL = 2.0  # weights of the arm, the size of the end force of the paper's Table 1
+TURNS = (0.0, 0.25, 0.5)  # direction of the pull, as a share of the angle of the unloaded tip
+FINE_STATIONS = 449
+
+# What is learnt; where the search starts and ends, in lengths of the arm or their inverse.
+_LEARNT = ('std', 'reach', 'break_std')
+_START = np.log([1.5, 0.4, 0.15])
+_BOUNDS = np.log([(0.3, 100.0), (0.1, 3.0), (0.01, 10.0)])
+_POWERS = np.array([-1.0, 1.0, -1.0])
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurvaturePrior:
+    """Gaussian process of curvature: `std` (1/m), correlated over `reach` (m), mean zero.
+
+    On the clamp's side of a break it has a part of its own, `break_std` (1/m), correlated over the
+    same reach; the break is at one of `splits` (m), each as probable; no splits, no break.
+    """
+
+    std: float
+    reach: float
+    break_std: float = 0.0
+    splits: Array
+
+    def __post_init__(self) -> None:
+        """Keep the splits as they are now."""
+        object.__setattr__(self, 'splits', frozen_array(np.sort(self.splits)))
+
+    def covariance(self, first: Array, second: Array) -> Array:
+        """Covariance (1/m^2) of curvature at arclengths (n,) and (m,) in m; (n, m)."""
+        alike = np.exp(-0.5 * ((first[:, None] - second) / self.reach) ** 2)
+        if not self.splits.size:
+            return np.asarray(self.std**2 * alike)
+        further = np.maximum(first[:, None], second)
+        before = 1.0 - np.searchsorted(self.splits, further, side='right') / self.splits.size
+        return np.asarray((self.std**2 + before * self.break_std**2) * alike)
+
+    def nodes(self, places: Array) -> tuple[Array, Array]:
+        """Nodes (m) and weights (m) that integrate over arclength between all of these places."""
+        edges = np.unique(np.concatenate([places, self.splits]))
+        half = 0.5 * np.diff(edges)
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        return (middle[:, None] + half[:, None] * _NODES).ravel(), np.outer(half, _WEIGHTS).ravel()
+
+
+def twice_integrated(places: Array, nodes: Array, weights: Array) -> Array:
+    """Weights (places, nodes) of the integral of the integral from the first node's cell on."""
+    return np.asarray(np.maximum(places[:, None] - nodes, 0.0) * weights)
+
+
+def once_integrated(places: Array, nodes: Array, weights: Array) -> Array:
+    """Weights (places, nodes) of the integral from the first node's cell on."""
+    return np.asarray((places[:, None] > nodes) * weights)
+
+
+def without_line(arclength: Array) -> Array:
+    """Orthonormal combinations (targets, targets - 2) that see nothing of a straight line."""
+    line = np.column_stack([np.ones_like(arclength), arclength])
+    return np.asarray(np.linalg.qr(line, mode='complete')[0][:, 2:])
+
+
+def learned_priors(arm: Arm) -> tuple[CurvaturePrior, ...]:
+    """Learn what curvature is like, at the places of the arm's targets; deterministic.
+
+    One prior without break, of the free arm, and one with it, of the pulled arm; only one, of
+    both, where the moment law has no break. Each again for shapes that are SMOOTHER, so that not
+    every shape is taken for as uneven as the model's worst.
+    """
+    splits = splits_of(arm)
+    free, pulled = family(arm)
+    if splits.size:
+        learned = [learned_prior(arm, free, splits[:0]), learned_prior(arm, pulled, splits)]
+    else:
+        learned = [learned_prior(arm, free + pulled, splits)]
+    smoother = [replace(prior, reach=SMOOTHER * prior.reach) for prior in learned]
+    return *learned, *smoother
+
+
+def learned_prior(arm: Arm, angles: list[Array], splits: Array) -> CurvaturePrior:
+    """Return the prior under which these shapes, given as in `family`, are most probable."""
+    targets, length = arm.target_arclength, arm.length
+    line_free = without_line(targets)
+    bent = [bent_line(theta, length, targets) @ line_free for theta in angles]
+    seen = np.array(bent).reshape(len(bent), -1)
+    noise = (LEARNING_STD * length) ** 2
+
+    def prior_of(logarithms: Array) -> CurvaturePrior:
+        values = np.exp(logarithms) * length ** _POWERS[: logarithms.size]
+        named = dict(zip(_LEARNT, values.tolist(), strict=False))
+        return CurvaturePrior(**named, splits=splits)
+
+    asked = 3 if splits.size else 2
+    if not bent:
+        return prior_of(_START[:asked])
+    nodes, weights = prior_of(_START).nodes(targets)
+    integral = line_free.T @ twice_integrated(targets, nodes, weights)
+
+    def misfit(logarithms: Array) -> float:
+        covariance = integral @ prior_of(logarithms).covariance(nodes, nodes) @ integral.T
+        values, vectors = np.linalg.eigh(covariance)
+        variance = np.maximum(values, 0.0) + noise
+        squares = (seen @ vectors) ** 2
+        return float(np.sum(squares / variance) + len(seen) * np.sum(np.log(variance)))
+
+    found = minimize(
+        misfit, _START[:asked], method='L-BFGS-B', jac='3-point', bounds=_BOUNDS[:asked]
+    )
+    return prior_of(found.x)
+
+
+def splits_of(arm: Arm) -> Array:
+    """Places (m) over which the break of the moment law wanders; none where there is no break."""
+    law = arm.moment_law
+    starts = law.sections(law.table_pressures, arm.length, arm.weight)[:, 1:, 0]
+    if not starts.size:
+        return np.zeros(0)
+    return np.unique(np.linspace(starts.min(), starts.max(), SPLITS))
+
+
+def family(arm: Arm) -> tuple[list[Array], list[Array]]:
+    """Angles (rad) at FINE_STATIONS of free and of pulled shapes over the calibrated pressures."""
+    low, high = arm.pressure_range
+    free, pulled = [], []
+    for pressure in np.linspace(low, high, PRESSURES + 1)[1:].tolist():
+        shape = solve(arm, pressure, stations=FINE_STATIONS)
+        if not shape.converged:
+            continue
+        free.append(shape.theta)
+        for turn in TURNS:
+            angle = float(shape.theta[0] + turn * (shape.theta[-1] - shape.theta[0]))
+            force = PULL * arm.weight * math.cos(angle), PULL * arm.weight * math.sin(angle)
+            shape_pulled = solve(arm, pressure, force, stations=FINE_STATIONS)
+            if shape_pulled.converged:
+                pulled.append(shape_pulled.theta)
+    return free, pulled
+
+
+def bent_line(theta: Array, length: float, arclength: Array) -> Array:
+    """Integral (m) of the angle along the arm, at arclengths (n,) m."""
+    step = length / (theta.size - 1)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * step * (theta[1:] + theta[:-1]))])
+    return np.asarray(np.interp(arclength, np.linspace(0.0, length, theta.size), integral))

@@ -1,0 +1,270 @@
+"""A row of targets from one frame to the next: where each is expected, and what can be believed.
+
+Positions are those in the working plane, in any unit that is true to shape; NaN where a target is
+not seen. All functions are pure and work on the whole row.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.jit import inlined, kernel
+
+Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+OFF_CURVE = (
+    0.09  # of the spacing: three sigmas or so of the place of a target that is well painted
+)
+BEYOND = 4.5  # error of the distance from an arc through the last three: 1, 3, 3, 1 of theirs
+FARTHEST = 2.5  # spacings between an end of a row and the next target, where nothing else is known
+SHORTEST, LONGEST = 0.7, 1.3  # distance of neighbors over their distance along the arm
+COMPARED = 3  # neighbors on each side whose distance is looked at
+LARGEST_LOSS, LARGEST_GROWTH = 0.87, 1.2  # of the area of a target, compared with its neighbors'
+LONGER = 1.35  # elongation of a target over its neighbors'
+SMALLEST, LARGEST = 0.7, 1.6  # area of a target over what it has been
+FIRST_GROWTH = 1.1  # area of a target over most, where it has not been seen before
+ALONE_BETWEEN, ALONE_BEYOND = 0.06, 0.15  # of the spacing: how far a target can have moved alone
+STEPS = 2.0  # of neighbors, by which one at the end may have moved more than their middle
+NOBODY = 1 << 30
+
+
+@kernel
+def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
+    """Return which targets lie on a smooth row at their distances (targets,).
+
+    First goes, one by one, what is at a wrong distance from most of its neighbors, then what is
+    furthest off a smooth curve through them, until all that is left fits. x, y are in m, or have
+    been scaled so that the arm has about its length. One at either end of the row is not believed
+    when it is `farthest` spacings or more from the next.
+    """
+    seen = np.isfinite(x) & np.isfinite(y)
+    others = np.empty(x.size, np.int64)
+    smooth = False
+    while True:
+        places = np.flatnonzero(seen)
+        worst, worst_at = 1.0, -1
+        for place in range(places.size):
+            target = int(places[place])
+            if smooth:
+                bad = _off_the_curve(x, y, arclength, places, target, farthest, others)
+            else:
+                bad = _wrong_distances(x, y, arclength, places, target)
+            if bad > worst:
+                worst, worst_at = bad, target
+        if worst_at >= 0:
+            seen[worst_at] = False
+        elif smooth:
+            return seen
+        else:
+            smooth = True
+
+
+@inlined
+def _wrong_distances(x: Array, y: Array, arclength: Array, places: Indices, target: int) -> float:
+    """Return twice the share of neighbors that are too near or too far; 2 without neighbors."""
+    here = int(np.searchsorted(places, target))
+    wrong = known = 0
+    for place in range(max(here - COMPARED, 0), min(here + COMPARED + 1, places.size)):
+        other = places[place]
+        if other == target:
+            continue
+        spacing = arclength[max(other, 1)] - arclength[max(other, 1) - 1]
+        along = abs(arclength[target] - arclength[other])
+        distance = math.hypot(x[target] - x[other], y[target] - y[other])
+        known += 1
+        if distance > LONGEST * along or distance < SHORTEST * along - 0.1 * (along - spacing):
+            wrong += 1
+    return 2.0 if known == 0 else 2.0 * wrong / known
+
+
+@inlined
+def _off_the_curve(
+    x: Array,
+    y: Array,
+    arclength: Array,
+    places: Indices,
+    target: int,
+    farthest: float,
+    scratch: Indices,
+) -> float:
+    """How far a target is off the curve through its neighbors; above 1 it is too far."""
+    others = scratch[: places.size - 1]
+    if others.size < 2:
+        return 2.0
+    after = int(np.searchsorted(places, target))
+    others[:after] = places[:after]
+    others[after:] = places[after + 1 :]
+    between = 0 < after < others.size
+    spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
+    next_to = others[min(after, others.size - 1)]
+    if not between and abs(arclength[target] - arclength[next_to]) >= farthest * spacing:
+        return 2.0
+    at_x, at_y, spread = _from_others(x, y, arclength, others, after, target)
+    off: float = math.hypot(x[target] - at_x, y[target] - at_y) / spacing
+    return off / (OFF_CURVE * spread)
+
+
+@kernel
+def expected(x: Array, y: Array, arclength: Array) -> tuple[Array, Array]:
+    """Return where all targets are expected (targets,), given those that are seen.
+
+    Between two that are seen a cubic with their tangents leads; beyond the last one on either side
+    an arc through the last three, or a line.
+    """
+    count = x.size
+    at_x, at_y = x.copy(), y.copy()
+    places = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if places.size < 2:
+        return at_x, at_y
+    for target in range(count):
+        if math.isfinite(x[target]) and math.isfinite(y[target]):
+            continue
+        after = int(np.searchsorted(places, target))
+        at_x[target], at_y[target], _ = _from_others(x, y, arclength, places, after, target)
+    return at_x, at_y
+
+
+@inlined
+def _from_others(
+    x: Array, y: Array, arclength: Array, places: Indices, after: int, target: int
+) -> tuple[float, float, float]:
+    """Return where a target is by the others that are seen; after: how many come before it.
+
+    The third value is the error of the distance from there, where all places have the error 1.
+    """
+    if after == 0:
+        return _along_arc(x, y, arclength, places[:3], target)
+    if after == places.size:
+        return _along_arc(x, y, arclength, places[::-1][:3], target)
+    low = max(0, min(after - 2, places.size - 4))
+    near = places[low : low + 4]
+    at_x = at_y = 0.0
+    square = 1.0
+    for place in near:
+        weight = 1.0
+        for other in near:
+            if other != place:
+                weight *= arclength[target] - arclength[other]
+                weight /= arclength[place] - arclength[other]
+        at_x += weight * x[place]
+        at_y += weight * y[place]
+        square += weight * weight
+    return at_x, at_y, math.sqrt(square)
+
+
+@inlined
+def _along_arc(
+    x: Array, y: Array, arclength: Array, places: Indices, target: int
+) -> tuple[float, float, float]:
+    """Return where the arc through the two or three nearest that are seen leads, and its error."""
+    end, before = places[0], places[1]
+    step_x, step_y = x[end] - x[before], y[end] - y[before]
+    along = abs(arclength[end] - arclength[before])
+    heading = math.atan2(step_y, step_x)
+    scale = math.hypot(step_x, step_y) / along
+    bending = 0.0
+    if places.size > 2:
+        first = places[2]
+        earlier = math.atan2(y[before] - y[first], x[before] - x[first])
+        turn = heading - earlier
+        turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+        bending = 2.0 * turn / abs(arclength[end] - arclength[first])
+    ahead = abs(arclength[target] - arclength[end])
+    middle = heading + 0.5 * bending * (along + ahead)
+    at_x = x[end] + scale * ahead * math.cos(middle)
+    at_y = y[end] + scale * ahead * math.sin(middle)
+    return at_x, at_y, BEYOND
+
+
+@inlined
+def _median(values: Array, count: int) -> float:
+    """Return the median of the first few values, which it puts in order."""
+    for place in range(1, count):
+        value = values[place]
+        while place > 0 and values[place - 1] > value:
+            values[place] = values[place - 1]
+            place -= 1
+        values[place] = value
+    return float(0.5 * (values[(count - 1) // 2] + values[count // 2]))
+
+
+@kernel
+def moved_together(off_x: Array, off_y: Array, spacing: float) -> Mask:
+    """Return which targets are off their prediction as their neighbors are (targets,).
+
+    off_x, off_y: from where each was predicted, in the unit of `spacing`; NaN for those without a
+    prediction of their own or not seen. A glint beside a target, or something that covers part of
+    it, moves its center alone.
+    """
+    together = np.isfinite(off_x) & np.isfinite(off_y)
+    places = np.flatnonzero(together)
+    near_x, near_y = np.empty(4), np.empty(4)
+    for place in range(places.size):
+        target = places[place]
+        # The four nearest along the arm, on either side or on both.
+        first, last = place, place + 1
+        while last - first < min(5, places.size):
+            left = target - places[first - 1] if first > 0 else NOBODY
+            right = places[last] - target if last < places.size else NOBODY
+            first, last = (first - 1, last) if left <= right else (first, last + 1)
+        near = 0
+        for other in range(first, last):
+            if other != place:
+                near_x[near], near_y[near] = off_x[places[other]], off_y[places[other]]
+                near += 1
+        if near < 2:
+            continue
+        alone_x = off_x[target] - _median(near_x, near)
+        alone_y = off_y[target] - _median(near_y, near)
+        inside = first < place - 1 and place + 2 < last
+        allowed = ALONE_BETWEEN * spacing
+        if not inside:
+            # Where all moved otherwise than expected, they did so more and more along the arm.
+            upper, lower = near // 2, (near - 1) // 2
+            step_x, step_y = near_x[upper] - near_x[lower], near_y[upper] - near_y[lower]
+            allowed = ALONE_BEYOND * spacing + STEPS * math.hypot(step_x, step_y)
+        together[target] = math.hypot(alone_x, alone_y) <= allowed
+    return together
+
+
+@kernel
+def look_alike(area: Array, usual: Array, elongation: Array) -> Mask:
+    """Return which areas look as usual, also compared with their neighbors (targets,).
+
+    usual: area of each so far; elongation: largest axis over smallest. What is partly covered is
+    smaller, what hangs together with a glint is larger or longer, and their centers are not those
+    of the target. Light and motion change neighbors alike.
+    """
+    fits = np.zeros(area.size, np.bool_)
+    sizes, lengths = np.empty(7), np.empty(7)
+    for target in range(area.size):
+        size, length = area[target] / usual[target], elongation[target]
+        if math.isnan(size):
+            continue
+        usual_enough = SMALLEST <= size <= LARGEST
+        near = 0
+        for other in range(max(target - 3, 0), min(target + 4, area.size)):
+            if not math.isnan(area[other]):
+                sizes[near], lengths[near] = area[other] / usual[other], elongation[other]
+                near += 1
+        if near > 2:
+            size /= _median(sizes, near)
+            length /= _median(lengths, near)
+        fits[target] = usual_enough and LARGEST_LOSS <= size <= LARGEST_GROWTH and length <= LONGER
+    return fits
+
+
+def first_size(area: Array) -> Array:
+    """Return how large targets are to be expected after they are found (targets,).
+
+    A target starts no smaller than most, as it may be covered in part, and hardly larger, as a
+    glint may hang on to it; NaN is one not seen.
+    """
+    known = area[np.isfinite(area)]
+    middle = float(np.median(known)) if known.size else math.nan
+    first: Array = np.clip(area, middle / LARGEST_GROWTH, FIRST_GROWTH * middle)
+    return np.where(np.isnan(area), middle, first)

@@ -1,0 +1,159 @@
+"""Images in, targets and measured curve out: one pure step, without clock and without I/O."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.arrays import same_values
+from pneunet_ros.core.errors import CameraError, ModelError
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import unseen_targets
+from pneunet_ros.core.stamps import counted, stamp_fault, STARTS_ANEW
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.vision.association import LEAST_TARGETS
+from pneunet_ros.vision.camera_model import Lens
+from pneunet_ros.vision.camera_settings import CameraSettings, HomographyPlane, PosePlane
+from pneunet_ros.vision.frame_tracker import begun, follow, search, search_at_rest, sightings, View
+from pneunet_ros.vision.rest_plane import Failure, RESTING
+from pneunet_ros.vision.smoother import smoother_for
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.working_plane import plane_from_homography, plane_from_pose
+
+
+class Tracker:
+    """Finds the targets of an arm in the images of a camera, and follows them.
+
+    All state goes in and comes out of `step`. Raises ModelError for an arm without targets.
+    """
+
+    def __init__(self, arm: Arm, settings: CameraSettings) -> None:
+        """Learn what is needed once: how the arm bends, and how its targets are spaced."""
+        count = arm.target_arclength.size
+        if count < LEAST_TARGETS:
+            raise ModelError(
+                f'{arm.name}: tracking needs {LEAST_TARGETS} targets or more in '
+                f'arm.target_arclength, not {count}'
+            )
+        self.arm, self.settings = arm, settings
+        self.arclength = arm.target_arclength
+        self.smoother = smoother_for(arm)
+
+    def step(
+        self, state: TrackerState, reading: Image | Lens
+    ) -> tuple[TrackerState, Tracking | Refusal | None]:
+        """Take an image or a camera_info; see `Tracking` and, of images not looked at, `Refusal`.
+
+        A lens gives no outcome. A stamp that jumps back by more than a second starts anew.
+        """
+        if isinstance(reading, Lens):
+            return self._with_lens(state, reading), None
+        state, refusal = self._admitted(state, reading)
+        if refusal is not None:
+            return state.counting(refusal.reason), refusal
+        state, failure = self._at_rest(state, reading)
+        if failure is not None:
+            return self._unexplained(state, reading, failure)
+        assert state.lens is not None and state.plane is not None
+        view = View(
+            image=reading,
+            lens=state.lens,
+            plane=state.plane,
+            arclength=self.arclength,
+            clamp_angle=self.arm.clamp_angle,
+            settings=self.settings,
+        )
+        followed = None if state.row is None else follow(view, state.row)
+        if followed is None:
+            found = search(view)
+            if isinstance(found, Failure):
+                return self._unexplained(state, reading, found)
+            followed = found, begun(view, found)
+        seen, row = followed
+        targets = sightings(view, seen)
+        return state.seeing(row), Tracking(sightings=targets, curve=self.smoother.smooth(targets))
+
+    def _at_rest(self, state: TrackerState, image: Image) -> tuple[TrackerState, Failure | None]:
+        """Get the working plane from the arm at rest, unless it is known."""
+        if state.plane is not None:
+            return state, None
+        assert state.lens is not None
+        found = search_at_rest(image, state.lens, self.arclength, self.settings)
+        if isinstance(found, Failure):
+            return state, found
+        length = self.arclength[-1] - self.arclength[0]
+        spacing = float(
+            np.min(np.diff(self.arclength)) / length * np.hypot(*(found[1] - found[0]))
+        )
+        rest = state.rest.with_frame(found, spacing)
+        wanted = self.settings.rest_frames
+        if rest.frames >= wanted:
+            return replace(state, rest=rest, plane=rest.plane(self.arclength)), None
+        sentence = f'scale and base frame: {rest.frames} of {wanted} frames of the arm at rest'
+        return replace(state, rest=rest), Failure(reason=RESTING, sentence=sentence)
+
+    def _unexplained(
+        self, state: TrackerState, image: Image, failure: Failure
+    ) -> tuple[TrackerState, Tracking]:
+        """Count a frame that does not show the arm; the next one is looked at afresh."""
+        state = replace(
+            state,
+            row=None,
+            stamp_ns=image.stamp_ns,
+            frames=state.frames + 1,
+            unexplained=counted(state.unexplained, failure.reason),
+        )
+        return state, Tracking(
+            sightings=unseen_targets(image.stamp_ns, self.arclength.size),
+            curve=None,
+            reason=failure.reason,
+            sentence=failure.sentence,
+        )
+
+    def started_anew(self, state: TrackerState) -> TrackerState:
+        """Return a state that knows the camera, and nothing of the arm."""
+        return self._through(state.fresh(), state.lens)
+
+    def _with_lens(self, state: TrackerState, lens: Lens) -> TrackerState:
+        """Take a camera_info; one that says what the last one said changes nothing."""
+        if state.lens is None:
+            return self._through(state, lens)
+        return state if same_values(state.lens, lens) else self._through(state.fresh(), lens)
+
+    def _through(self, state: TrackerState, lens: Lens | None) -> TrackerState:
+        """Return the state with a lens, and the working plane where that is known beforehand."""
+        method, plane, trouble = self.settings.plane, None, ''
+        try:
+            if lens is not None and isinstance(method, HomographyPlane):
+                plane = plane_from_homography(lens, method)
+            elif isinstance(method, PosePlane):
+                plane = plane_from_pose(method)
+        except CameraError as error:
+            trouble = str(error)
+        return replace(state, lens=lens, plane=plane, trouble=trouble)
+
+    def _admitted(self, state: TrackerState, image: Image) -> tuple[TrackerState, Refusal | None]:
+        """Whether an image can be looked at; it may start everything anew."""
+        reason, sentence = stamp_fault('image', state.stamp_ns, image.stamp_ns)
+        if reason == STARTS_ANEW:
+            state, reason = self.started_anew(state), ''
+        error = False
+        if not reason and state.lens is None:
+            reason, error = 'no_camera_info', True
+            sentence = 'no camera_info has come, without which the lens is not known'
+        elif not reason and state.trouble:
+            reason, sentence, error = 'no_plane', state.trouble, True
+        elif not reason and state.lens is not None:
+            size, known = (image.width, image.height), (state.lens.width, state.lens.height)
+            if size != known:
+                reason, error = 'wrong_size', True
+                sentence = (
+                    f'the image has {size[0]} x {size[1]} pixels, but camera_info is for '
+                    f'{known[0]} x {known[1]}'
+                )
+        if not reason:
+            return state, None
+        return state, Refusal(
+            stamp_ns=image.stamp_ns, reason=reason, sentence=sentence, error=error
+        )

@@ -1,0 +1,261 @@
+"""A node in a process of its own, and a peer that plays its sensors and hears all it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from pneunet_ros.messages.builders import Output
+from pneunet_ros.messages.topics import OUTPUTS
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, IMAGE_TYPE, TRACKER_OUTPUTS
+from pneunet_ros.nodes.ros_types import message_class
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import FluidPressure
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+NAMESPACE = '/pneunet'
+START_TIMEOUT = 240.0  # s; the kernels may have to be compiled
+TIMEOUT = 15.0  # s; nothing takes that long, but a machine may be busy
+NANOSECONDS = 1_000_000_000
+
+
+class NodeProcess:
+    """A node started as by a user; what it writes goes to a file."""
+
+    def __init__(
+        self, output: Path, domain: int, *arguments: str, node: str, positional: Sequence[str] = ()
+    ) -> None:
+        self.output = output
+        environment = os.environ | {'ROS_DOMAIN_ID': str(domain)}
+        command = [sys.executable, '-m', f'pneunet_ros.nodes.{node}', *positional, '--ros-args']
+        with output.open('w') as stream:
+            self.process = subprocess.Popen(
+                [*command, '-r', f'__ns:={NAMESPACE}', *arguments],
+                env=environment,
+                stdout=stream,
+                stderr=stream,
+            )
+
+    @property
+    def text(self) -> str:
+        """All it has written so far."""
+        return self.output.read_text()
+
+    def wait_for(self, words: str) -> None:
+        """Wait until it has written something."""
+        end = time.monotonic() + START_TIMEOUT
+        while words not in self.text:
+            assert self.process.poll() is None, self.text
+            assert time.monotonic() < end, self.text
+            time.sleep(0.02)
+
+    def end(self, number: int = signal.SIGINT) -> int:
+        """Send a signal and return the exit code."""
+        self.process.send_signal(number)
+        return self.process.wait(TIMEOUT)
+
+
+@contextmanager
+def running_node(
+    output: Path,
+    domain: int,
+    *arguments: str,
+    node: str = 'estimator',
+    positional: Sequence[str] = (),
+) -> Iterator[NodeProcess]:
+    """Run a node that is gone afterwards in any case."""
+    started = NodeProcess(output, domain, *arguments, node=node, positional=positional)
+    try:
+        yield started
+    finally:
+        if started.process.poll() is None:
+            started.process.kill()
+            started.process.wait()
+
+
+class Peer:
+    """Listener and operator at the other end of DDS; sensors are added by those who derive."""
+
+    def __init__(self, domain: int, name: str, outputs: tuple[Output[Any], ...]) -> None:
+        self.name = name
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('peer', namespace=NAMESPACE, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.received: dict[str, list[Any]] = {output.name: [] for output in outputs}
+        self.statuses: list[DiagnosticStatus] = []
+        self.clients: dict[str, Any] = {}
+        for output in outputs:
+            take = self.received[output.name].append
+            self.node.create_subscription(message_class(output.type), output.name, take, 10)
+        self.node.create_subscription(
+            DiagnosticArray, '/diagnostics', lambda array: self.statuses.extend(array.status), 10
+        )
+
+    def close(self) -> None:
+        """Leave DDS."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def spin_until(self, condition: Callable[[], Any], timeout: float = TIMEOUT) -> bool:
+        """Let callbacks run until a condition holds; whether it does."""
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self.executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def spin_for(self, seconds: float) -> None:
+        """Let callbacks run for some time."""
+        self.spin_until(lambda: False, seconds)
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Call a service of the node and return its answer."""
+        if name not in self.clients:
+            self.clients[name] = self.node.create_client(kind, f'{self.name}/{name}')
+            assert self.clients[name].wait_for_service(START_TIMEOUT), name
+        future = self.clients[name].call_async(request)
+        assert self.spin_until(future.done), name
+        return future.result()
+
+    def trigger(self, name: str) -> Trigger.Response:
+        """Call a Trigger service."""
+        return self.call(Trigger, name, Trigger.Request())
+
+    def barrier(self) -> None:
+        """Wait until the node has taken all that was published.
+
+        It serves readings before requests, but one that arrives while it looks around may slip
+        through: not past two requests.
+        """
+        for _ in range(2):
+            self.call(GetParameters, 'get_parameters', GetParameters.Request())
+
+    def set(self, **values: Any) -> Any:
+        """Set parameters of the node, all or none."""
+        items = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParametersAtomically.Request(parameters=items)
+        return self.call(SetParametersAtomically, 'set_parameters_atomically', request).result
+
+    def get(self, name: str) -> Any:
+        """Value of a parameter of the node."""
+        request = GetParameters.Request(names=[name])
+        (value,) = self.call(GetParameters, 'get_parameters', request).values
+        return parameter_value_to_python(value)
+
+    def outputs(self) -> dict[str, int]:
+        """How many messages of each output have come."""
+        return {name: len(messages) for name, messages in self.received.items()}
+
+    def start_anew(self) -> None:
+        """Make the node and this peer forget all that came before."""
+        assert self.trigger('reset').success
+        self.spin_for(0.05)
+        for messages in self.received.values():
+            messages.clear()
+
+    def report(self) -> tuple[int, str, dict[str, str]]:
+        """Wait for the next diagnostics and return level, message, values."""
+        self.statuses.clear()
+        assert self.spin_until(lambda: self.statuses)
+        status = self.statuses[-1]
+        values = {item.key: item.value for item in status.values}
+        return status.level[0], status.message, values
+
+    def model_info(self) -> str:
+        """Subscribe late to model_info and return what comes."""
+        said: list[str] = []
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        late = self.node.create_subscription(
+            String, 'model_info', lambda message: said.append(message.data), latched
+        )
+        assert self.spin_until(lambda: said)
+        self.node.destroy_subscription(late)
+        return said[-1]
+
+
+class EstimatorPeer(Peer):
+    """The sensors of the estimator."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain, 'estimator', OUTPUTS)
+        self.pressures = self.node.create_publisher(FluidPressure, 'pressure', 10)
+        self.wrenches = self.node.create_publisher(WrenchStamped, 'end_wrench', 10)
+
+    def wrench(self, seconds: float, force_x: float = 0.1, frame_id: str = 'pneunet_base') -> None:
+        """Publish an end wrench stamped so."""
+        message = WrenchStamped()
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp(seconds)
+        message.header.frame_id = frame_id
+        message.wrench.force.x, message.wrench.force.y = force_x, 0.05
+        self.wrenches.publish(message)
+
+    def pressure(self, seconds: float, value: float = 30e3) -> None:
+        """Publish a pressure stamped so."""
+        message = FluidPressure(fluid_pressure=value)
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp(seconds)
+        self.pressures.publish(message)
+
+    def send(self, seconds: float, value: float = 30e3) -> None:
+        """Publish a wrench and, when it is taken, a pressure."""
+        self.wrench(seconds)
+        self.barrier()
+        self.pressure(seconds, value)
+
+    def connect(self) -> None:
+        """Wait until every reading sent brings every output.
+
+        A publisher that has its subscriber may still not be heard by it, so readings are sent
+        until all is heard; then the node starts anew.
+        """
+        self.barrier()
+        begin = time.monotonic()
+        while not all(self.outputs().values()):
+            assert time.monotonic() - begin < TIMEOUT, self.outputs()
+            self.send(10_000.0 + time.monotonic() - begin)
+            self.spin_for(0.05)
+        self.start_anew()
+
+
+class CameraPeer(Peer):
+    """The camera of the tracker; messages are given as bytes, so that they are those of a file."""
+
+    def __init__(self, domain: int, kind: str) -> None:
+        super().__init__(domain, 'tracker', TRACKER_OUTPUTS)
+        self.kind = kind
+        self.topic = 'image_raw' if kind == IMAGE_TYPE else 'image_raw/compressed'
+        self.images = self.advertise(10)
+        self.infos = self.node.create_publisher(message_class(CAMERA_INFO_TYPE), 'camera_info', 10)
+
+    def advertise(self, qos: QoSProfile | int) -> Any:
+        """Create a publisher of images of some quality of service."""
+        return self.node.create_publisher(message_class(self.kind), self.topic, qos)
+
+    def taken_as(self) -> list[tuple[ReliabilityPolicy, DurabilityPolicy]]:
+        """Return how the images are subscribed to."""
+        name = self.node.resolve_topic_name(self.topic)
+        profiles = [found.qos_profile for found in self.node.get_subscriptions_info_by_topic(name)]
+        return [(profile.reliability, profile.durability) for profile in profiles]
+
+
+def stamp(seconds: float) -> tuple[int, int]:
+    """Seconds and nanoseconds of a header stamp."""
+    return divmod(round(seconds * NANOSECONDS), NANOSECONDS)

@@ -1,0 +1,75 @@
+"""The virtual lab beside calibration and diagnosis: its recordings as runs, its arm as a model."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+from pneunet_ros.core.units import quantities
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.lab.lab_recording import LabRecording
+from pneunet_ros.lab.scenario import Scenario
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.model.moment_law import PiecewiseLinearLaw
+from pneunet_ros.model.uncertainty import SensorNoise
+
+KNOTS = 41  # of the true model's splines, which are then within 1e-6 m of the truth at the tip
+
+
+def run_of(recording: LabRecording) -> Run:
+    """Return the run in a recording of the virtual lab; frames without any target are left out."""
+    kept = np.isfinite(recording.x).any(axis=1)
+    return Run(
+        name=recording.scenario.name,
+        reading_stamp_ns=recording.reading_stamp_ns,
+        pressure=recording.pressure,
+        stamp_ns=recording.stamp_ns[kept],
+        reading=recording.reading[kept],
+        loaded=recording.loaded,
+        force=recording.force[kept],
+        moment=recording.moment[kept],
+        x=recording.x[kept],
+        y=recording.y[kept],
+    )
+
+
+def true_model(scenario: Scenario) -> Arm:
+    """Return the model that knows the truth of a scenario, to score calibrated ones against.
+
+    It has the arm's curvature and law, its effects as far as they are plain, and the noise of the
+    sensors; of effects outside the model's library, and of where targets were painted by mistake,
+    it does not know.
+    """
+    arm, noise = scenario.arm, scenario.noise
+    arclength = np.linspace(0.0, 1.0, KNOTS)
+    effects = []
+    for effect in scenario.effects:
+        kind = EFFECTS.get(effect.name)
+        if kind is None:
+            continue
+        values = {item.name: getattr(effect, item.name) for item in quantities(kind)}
+        effects.append(kind(**values))
+    return Arm(
+        name=f'{arm.name}, the truth',
+        length=arm.length,
+        weight=arm.weight,
+        clamp_angle=arm.clamp_angle,
+        target_arclength=arm.targets,
+        intrinsic_curvature=IntrinsicCurvature(
+            pressure=arm.curvature_pressure,
+            arclength=arclength,
+            curvature=arm.intrinsic_curvature(arclength * arm.length),
+        ),
+        moment_law=PiecewiseLinearLaw(
+            pressure=arm.law_pressure,
+            split=arm.split,
+            rigidity=arm.rigidity,
+            moment_offset=np.zeros_like(arm.rigidity),
+        ),
+        effects=tuple(effects),
+        sensors=SensorNoise(
+            **{item.name: getattr(noise, item.name) for item in fields(SensorNoise)}
+        ),
+    )

@@ -1,0 +1,139 @@
+"""Who is who among bright areas of a single frame."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from pneunet_ros.vision.association import (
+    least_seen,
+    row_from_clamp,
+    rows_anywhere,
+    share_of_areas,
+)
+from pneunet_ros.vision.gating import believable, FARTHEST
+import pytest
+from support.target_rows import arc, ARCLENGTH, away_from, Mixture, SPACING
+
+TARGETS = np.arange(ARCLENGTH.size)
+
+
+def believed(mixture, row):
+    """Return who is in a row, after the check that follows the search."""
+    points = np.where(row.chosen[:, None] >= 0, mixture.points[row.chosen], np.nan)
+    seen = believable(*np.ascontiguousarray(points.T), ARCLENGTH, FARTHEST)
+    return np.where(seen, mixture.named(row.chosen), -1)
+
+
+@pytest.mark.parametrize('bend', [(0.0, 0.0), (35.0, 35.0), (-35.0, 10.0), (5.0, 40.0)])
+def test_a_row_alone_is_found_whole(bend):
+    rng = np.random.default_rng(3)
+    mixture = Mixture(rng, arc(*bend), TARGETS >= 0, np.zeros((0, 2)))
+    row = row_from_clamp(mixture.points, mixture.areas, ARCLENGTH, 0.0)
+    assert mixture.named(row.chosen).tolist() == TARGETS.tolist()
+
+
+def test_rows_among_many_others_with_gaps_have_no_swaps():
+    """Up to 150 areas that are none, a tenth of the targets and a run of up to four hidden."""
+    rng = np.random.default_rng(1)
+    visible_count = found_count = 0
+    for _ in range(300):
+        row = arc(*rng.uniform(-35.0, 35.0, 2))
+        visible = rng.random(TARGETS.size) > 0.1
+        hidden = rng.integers(0, 23)
+        visible[hidden : hidden + rng.integers(0, 5)] = False
+        others = rng.uniform([-0.02, -0.08], [0.13, 0.08], (rng.integers(0, 150), 2))
+        mixture = Mixture(rng, row, visible, away_from(row, others, 0.5 * SPACING))
+        found = row_from_clamp(mixture.points, mixture.areas, ARCLENGTH, 0.0)
+        who = believed(mixture, found)
+        if np.count_nonzero(who >= 0) < least_seen(TARGETS.size):
+            continue
+        wrong = (who != -1) & (who != TARGETS)
+        assert not wrong.any(), who
+        visible_count += visible.sum()
+        found_count += np.count_nonzero(who == TARGETS)
+    assert found_count > 0.99 * visible_count > 5000
+
+
+def test_a_run_hidden_next_to_the_clamp_is_no_shift():
+    """What is seen first is many targets from the clamp: it may be another one."""
+    rng = np.random.default_rng(2)
+    for first in range(1, 12):
+        for bend in (-30.0, 0.0, 25.0):
+            mixture = Mixture(rng, arc(bend, bend), first <= TARGETS, np.zeros((0, 2)))
+            found = row_from_clamp(mixture.points, mixture.areas, ARCLENGTH, 0.0)
+            who = mixture.named(found.chosen)
+            assert np.all((who == -1) | (who == TARGETS)), (first, bend, who)
+
+
+@pytest.mark.parametrize('count', [1, 3, 200])
+def test_spots_without_a_row_are_no_row(count):
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        points = rng.uniform([-0.02, -0.08], [0.13, 0.08], (count, 2))
+        areas = rng.uniform(15.0, 400.0, count)
+        row = row_from_clamp(points, areas, ARCLENGTH, 0.0)
+        found = np.where(row.chosen[:, None] >= 0, points[row.chosen], np.nan)
+        seen = believable(*np.ascontiguousarray(found.T), ARCLENGTH, FARTHEST)
+        assert np.count_nonzero(seen) < least_seen(TARGETS.size)
+        assert all(row.seen <= TARGETS.size for row in rows_anywhere(points, areas, ARCLENGTH))
+
+
+def test_nothing_bright_is_no_row():
+    row = row_from_clamp(np.zeros((0, 2)), np.zeros(0), ARCLENGTH, 0.0)
+    assert row.seen == 0
+    assert rows_anywhere(np.zeros((0, 2)), np.zeros(0), ARCLENGTH) == []
+
+
+def test_a_straight_row_is_found_wherever_it_is_from_both_ends():
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        turn = rng.uniform(-3.0, 3.0)
+        turned = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        row = 3000.0 * arc(0.0, 0.0) @ turned + 400.0
+        others = np.vstack(
+            [
+                rng.uniform(0.0, 800.0, (40, 2)),
+                # A row of equal dots, shorter than the arm's.
+                np.column_stack([100.0 + 14.0 * np.arange(15), np.full(15, 60.0)]),
+            ]
+        )
+        mixture = Mixture(rng, row, TARGETS >= 0, away_from(row, others, 20.0), noise=0.1)
+        rows = rows_anywhere(mixture.points, mixture.areas, ARCLENGTH)
+        found = {tuple(mixture.named(row.chosen).tolist()) for row in rows}
+        assert tuple(TARGETS.tolist()) in found
+        assert tuple(TARGETS[::-1].tolist()) in found
+
+
+def test_a_longer_row_of_equal_dots_is_not_the_arm():
+    points = np.column_stack([10.0 * np.arange(30), np.full(30, 5.0)])
+    assert rows_anywhere(points, np.full(30, 80.0), ARCLENGTH) == []
+
+
+def test_two_rows_alike_are_both_given():
+    one = 3000.0 * arc(0.0, 0.0)
+    points = np.vstack([one, one + np.array([0.0, 100.0])])
+    rows = rows_anywhere(points, np.full(len(points), 80.0), ARCLENGTH)
+    assert len(rows) == 4
+    assert {share_of_areas(rows[0], row) for row in rows} == {0.0, 1.0}
+
+
+def test_a_glint_beside_the_arm_does_not_lead_astray():
+    row = arc(10.0, 20.0)
+    glint = row[12] + [0.0, 0.3 * SPACING]
+    rng = np.random.default_rng(6)
+    mixture = Mixture(rng, row, TARGETS >= 0, glint[None])
+    found = row_from_clamp(mixture.points, mixture.areas, ARCLENGTH, 0.0)
+    who = believed(mixture, found)
+    assert np.all((who == TARGETS) | (who == -1))
+    assert np.count_nonzero(who == TARGETS) >= 22
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=50)
+def test_spacing_need_not_be_equal(seed):
+    rng = np.random.default_rng(seed)
+    arclength = np.cumsum(rng.uniform(0.004, 0.007, 15)) - 0.004
+    row = arc(*rng.uniform(-20.0, 20.0, 2), arclength=np.concatenate([[0.0], arclength]))[1:]
+    found = row_from_clamp(row[::-1].copy(), np.full(15, 80.0), arclength, 0.0)
+    assert found.chosen.tolist() == list(range(14, -1, -1))

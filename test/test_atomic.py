@@ -1,0 +1,236 @@
+"""Outputs appear whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.files.atomic import atomic_output
+import pytest
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir())
+
+
+def test_a_file_stands_under_its_name_only_at_the_end(tmp_path):
+    place = tmp_path / 'table.csv'
+    with atomic_output(place) as temporary:
+        assert temporary.name == 'table.csv'  # what is written may depend on the suffix
+        assert temporary.parent.parent == tmp_path  # on the same file system
+        temporary.write_text('1')
+        assert not place.exists()
+        assert all(name.startswith('.') for name in names(tmp_path))
+    assert place.read_text() == '1'
+    assert names(tmp_path) == ['table.csv']
+
+
+def test_a_folder_stands_under_its_name_only_at_the_end(tmp_path):
+    with atomic_output(tmp_path / 'report') as temporary:
+        temporary.mkdir()
+        (temporary / 'index.html').write_text('1')
+        assert not (tmp_path / 'report').exists()
+    assert names(tmp_path) == ['report']
+    assert names(tmp_path / 'report') == ['index.html']
+
+
+def test_a_file_has_the_rights_of_any_new_file(tmp_path):
+    (tmp_path / 'plain').write_text('')
+    with atomic_output(tmp_path / 'output') as temporary:
+        temporary.write_text('')
+    assert (tmp_path / 'output').stat().st_mode == (tmp_path / 'plain').stat().st_mode
+
+
+def test_missing_folders_above_are_made(tmp_path):
+    with atomic_output(tmp_path / 'a' / 'b' / 'c.txt') as temporary:
+        temporary.write_text('1')
+    assert (tmp_path / 'a' / 'b' / 'c.txt').read_text() == '1'
+
+
+@pytest.mark.parametrize('error', [ValueError, KeyboardInterrupt, SystemExit])
+def test_after_an_exception_nothing_is_left(tmp_path, error):
+    with pytest.raises(error), atomic_output(tmp_path / 'output') as temporary:
+        temporary.write_text('1')
+        raise error
+    assert names(tmp_path) == []
+
+
+def test_an_existing_output_is_refused_before_any_work(tmp_path):
+    place = tmp_path / 'output'
+    place.write_text('old')
+    with (
+        pytest.raises(RecordingError, match=r'output exists already.*--overwrite'),
+        atomic_output(place),
+    ):
+        pytest.fail('work was done')
+    assert place.read_text() == 'old'
+    assert names(tmp_path) == ['output']
+
+
+def test_overwriting_replaces_at_the_end_only(tmp_path):
+    place = tmp_path / 'output'
+    place.write_text('old')
+    with atomic_output(place, overwrite=True) as temporary:
+        temporary.write_text('new')
+        assert place.read_text() == 'old'
+    assert place.read_text() == 'new'
+    with pytest.raises(ValueError, match='stop'), atomic_output(place, overwrite=True):
+        raise ValueError('stop')
+    assert place.read_text() == 'new'
+
+
+def test_an_output_that_appears_meanwhile_is_not_replaced(tmp_path):
+    place = tmp_path / 'output'
+    with pytest.raises(RecordingError, match='meanwhile'), atomic_output(place) as temporary:
+        temporary.write_text('mine')
+        place.write_text('theirs')
+    assert place.read_text() == 'theirs'
+    assert names(tmp_path) == ['output']
+
+
+def test_a_folder_of_known_files_is_replaced(tmp_path):
+    place = tmp_path / 'bag'
+    place.mkdir()
+    (place / 'old.mcap').write_text('old')
+    with atomic_output(place, overwrite=True, replaceable=['*.mcap']) as temporary:
+        temporary.mkdir()
+        (temporary / 'new.mcap').write_text('new')
+        assert names(place) == ['old.mcap']
+    assert names(place) == ['new.mcap']
+    assert names(tmp_path) == ['bag']
+
+
+def test_a_folder_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
+    place = tmp_path / 'bag'
+    place.mkdir()
+    rename = os.rename
+
+    def failing(source, target):
+        if Path(target) == place and 'replaced' not in str(source):
+            raise OSError(errno.EIO, 'Input/output error')
+        rename(source, target)
+
+    with (
+        pytest.raises(OSError, match='Input/output'),
+        atomic_output(place, overwrite=True, replaceable=['*']) as temporary,
+    ):
+        temporary.mkdir()
+        (temporary / 'new').write_text('')
+        monkeypatch.setattr(os, 'rename', failing)
+    assert names(tmp_path) == ['bag']
+    assert names(place) == []
+
+
+@pytest.mark.parametrize('overwrite', [False, True])
+def test_a_folder_of_other_things_is_never_replaced(tmp_path, overwrite):
+    place = tmp_path / 'home'
+    place.mkdir()
+    (place / 'thesis.tex').write_text('')
+    with (
+        pytest.raises(RecordingError, match=r'home is a folder that holds thesis\.tex'),
+        atomic_output(place, overwrite=overwrite, replaceable=['*.mcap']),
+    ):
+        pytest.fail('work was done')
+    assert names(place) == ['thesis.tex']
+
+
+def test_a_file_is_not_replaced_by_a_folder(tmp_path):
+    (tmp_path / 'file').write_text('')
+    with (
+        pytest.raises(RecordingError, match='file is a file'),
+        atomic_output(tmp_path / 'file', overwrite=True, replaceable=['*.mcap']),
+    ):
+        pytest.fail('work was done')
+
+
+def test_a_device_is_never_replaced():
+    with (
+        pytest.raises(RecordingError, match='/dev/null is neither a file nor a folder'),
+        atomic_output('/dev/null', overwrite=True),
+    ):
+        pytest.fail('work was done')
+
+
+def test_a_link_is_followed(tmp_path):
+    (tmp_path / 'target').write_text('old')
+    (tmp_path / 'link').symlink_to(tmp_path / 'target')
+    with atomic_output(tmp_path / 'link', overwrite=True) as temporary:
+        temporary.write_text('new')
+    assert (tmp_path / 'link').is_symlink()
+    assert (tmp_path / 'target').read_text() == 'new'
+
+
+@pytest.mark.parametrize('output', ['in', 'in/new', '.', '../{folder}/in'])
+def test_the_input_is_never_overwritten(tmp_path, monkeypatch, output):
+    monkeypatch.chdir(tmp_path)
+    Path('in').mkdir()
+    Path('in/0.mcap').write_text('data')
+    with (
+        pytest.raises(RecordingError, match='input in'),
+        atomic_output(
+            output.format(folder=tmp_path.name), overwrite=True, inputs=['in'], replaceable='*'
+        ),
+    ):
+        pytest.fail('work was done')
+    assert Path('in/0.mcap').read_text() == 'data'
+
+
+def test_a_place_that_cannot_be_made_is_named(tmp_path):
+    (tmp_path / 'file').write_text('')
+    with (
+        pytest.raises(RecordingError, match='inside cannot be written'),
+        atomic_output(tmp_path / 'file' / 'inside'),
+    ):
+        pytest.fail('work was done')
+
+
+@pytest.mark.parametrize('code', [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+def test_no_room_is_a_sentence_and_leaves_nothing(tmp_path, code):
+    with (
+        pytest.raises(RecordingError, match=r'output cannot be written: .*; nothing'),
+        atomic_output(tmp_path / 'output') as temporary,
+    ):
+        temporary.write_text('1')
+        raise OSError(code, os.strerror(code))
+    assert names(tmp_path) == []
+
+
+def test_other_errors_of_the_system_pass(tmp_path):
+    with pytest.raises(FileNotFoundError), atomic_output(tmp_path / 'output'):
+        Path(tmp_path / 'missing').read_text()
+
+
+def test_writing_nothing_is_an_error(tmp_path):
+    with (
+        pytest.raises(RecordingError, match='output was not written'),
+        atomic_output(tmp_path / 'output'),
+    ):
+        pass
+
+
+def test_after_a_kill_nothing_stands_under_the_name(tmp_path, foreign_environment):
+    place = tmp_path / 'output'
+    code = (
+        'import sys, time\n'
+        'from pneunet_ros.files.atomic import atomic_output\n'
+        'with atomic_output(sys.argv[1]) as temporary:\n'
+        '    temporary.write_text("half")\n'
+        '    print("ready", flush=True)\n'
+        '    time.sleep(60)\n'
+    )
+    root = Path(__file__).resolve().parent.parent
+    process = subprocess.Popen(
+        [sys.executable, '-c', code, str(place)],
+        stdout=subprocess.PIPE,
+        env={**foreign_environment, 'PYTHONPATH': str(root)},
+    )
+    with process:
+        assert process.stdout.readline() == b'ready\n'
+        process.send_signal(signal.SIGKILL)
+    assert not place.exists()
+    assert all(name.startswith('.') for name in names(tmp_path))

@@ -1,0 +1,75 @@
+"""The base of a diagnosis: what kind of model is refitted, and from how little it may be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.diagnosis.base_fit import refitted, uniform
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+import pytest
+from support.example_arms import paper_arm
+from support.made_datasets import HARDLY_ANY, made
+
+PRESSURES = np.linspace(0.0, 4e4, 9)
+NOISE = replace(HARDLY_ANY, target_std=1e-4)
+
+
+def bent(ends: tuple[float, float] = (20.0, 20.0)) -> Arm:
+    """Return an arm of which clamp and tip are seen, its curvature (1/m) at the ends at 40 kPa."""
+    return replace(
+        paper_arm(),
+        target_arclength=np.array([0.0, 0.112]),
+        sensors=NOISE,
+        intrinsic_curvature=IntrinsicCurvature(
+            pressure=np.array([0.0, 4e4]),
+            arclength=np.array([0.0, 1.0]),
+            curvature=np.array([[0.0, 0.0], ends]),
+        ),
+    )
+
+
+def recorded(count: int = PRESSURES.size):
+    return made(bent(), PRESSURES[:count], name='few.mcap')
+
+
+def quiet(what: str, done: int, total: int) -> None:
+    pass
+
+
+def test_curvature_that_is_the_same_all_along_is_part_of_a_model():
+    assert uniform(bent())
+    assert not uniform(bent((20.0, 19.0)))
+    assert not uniform(paper_arm())
+    # Alike at many knots: a table that has not been fitted yet.
+    flat = IntrinsicCurvature(
+        pressure=np.array([0.0, 4e4]),
+        arclength=np.linspace(0.0, 1.0, 5),
+        curvature=np.ones((2, 5)),
+    )
+    assert not uniform(replace(bent(), intrinsic_curvature=flat))
+
+
+def test_it_stays_so_and_few_frames_are_enough():
+    frame = bent((1.0, 1.0))
+    base = refitted(frame, [recorded()], quiet)
+    assert base.frame.moment_law == frame.moment_law
+    for name in ('target_std', 'pressure_std', 'placement_std'):  # too few frames to tell
+        assert getattr(base.noise.noise, name) == getattr(NOISE, name)
+    table = base.fit.arm.intrinsic_curvature
+    assert table.arclength.tolist() == [0.0, 1.0]
+    assert table.curvature[:, 0] == pytest.approx(table.curvature[:, 1], abs=0.02)
+    assert table.curvature[-1, 0] == pytest.approx(20.0, abs=0.1)
+    assert uniform(frame)
+
+
+def test_too_little_is_refused():
+    with pytest.raises(RecordingError, match='at least 3 are needed'):
+        refitted(bent(), [recorded(2)], quiet)
+    with pytest.raises(RecordingError, match='at least 20 are needed'):
+        refitted(bent((1.0, 2.0)), [recorded()], quiet)
+    loaded = made(bent(), PRESSURES, np.full((PRESSURES.size, 2), 0.1))
+    with pytest.raises(RequestError, match='without a load'):
+        refitted(bent(), [loaded], quiet)

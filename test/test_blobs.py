@@ -1,0 +1,310 @@
+"""White areas: where they are to a hundredth of a pixel, and what is no area at all."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from pneunet_ros.core.image import ENCODINGS, Image
+from pneunet_ros.core.jit import HAVE_NUMBA
+from pneunet_ros.vision import blob_kernels as area_kernels
+from pneunet_ros.vision.blobs import find_areas, measure_areas
+from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, FixedBand
+import pytest
+from support.center_bound import center_bound, draw_dot
+
+BAND, LIMITS = AdaptiveBand(), AreaLimits()
+compiled = pytest.mark.skipif(not HAVE_NUMBA, reason='takes long in plain Python')
+
+
+def image_of(grey, encoding='mono8', padding=0):
+    grey = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+    rows = np.repeat(grey, len(ENCODINGS[encoding]), axis=1)
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
+    return Image(
+        stamp_ns=0,
+        frame_id='camera',
+        width=grey.shape[1],
+        height=grey.shape[0],
+        step=rows.shape[1],
+        encoding=encoding,
+        data=rows.tobytes(),
+    )
+
+
+def measured(picture, around, reach=10.0, size=10.0, band=BAND, limits=LIMITS, **layout):
+    around = np.atleast_2d(np.asarray(around, float))
+    return measure_areas(image_of(picture, **layout), around, reach, size, band, limits)
+
+
+def statistics(radius, noise, phases=10, repeats=24, **look):
+    """Return errors of the center (n, 2) of many noisy dots, and their areas."""
+    random = np.random.default_rng(7)
+    side = int(2 * radius + 26)
+    places = side // 2 + random.uniform(-0.5, 0.5, (phases, 2))
+    dots = [np.tile(draw_dot((side, side), place, radius, **look), repeats) for place in places]
+    picture = np.vstack(dots)
+    picture += noise * random.standard_normal(picture.shape)
+    centers = places[:, None] + side * np.array(
+        [[[column, row] for column in range(repeats)] for row in range(phases)]
+    )
+    centers = centers.reshape(-1, 2)
+    around = np.rint(centers) + random.integers(-3, 4, centers.shape)
+    areas = measured(picture, around, size=2 * radius)
+    return np.column_stack([areas.u, areas.v]) - centers, areas
+
+
+@compiled
+@pytest.mark.parametrize('blur', [0.0, 0.7, 1.0])
+@pytest.mark.parametrize('noise', [2.0, 4.0, 8.0])
+@pytest.mark.parametrize('radius', [3.0, 4.0, 5.0, 8.0])
+def test_a_center_is_nearly_as_good_as_it_can_be(radius, noise, blur):
+    errors, areas = statistics(radius, noise, blur=blur)
+    rms = np.sqrt(np.mean(errors**2))
+    assert rms < 2.0 * center_bound(radius, noise, blur=blur)
+    assert np.sqrt(np.mean(areas.std**2)) == pytest.approx(rms, rel=0.22)
+    assert np.abs(errors.mean(0)).max() < 0.005 + 3 * rms / np.sqrt(len(errors))
+
+
+@compiled
+@pytest.mark.parametrize(
+    'look',
+    [
+        {'aspect': np.cos(np.radians(40)), 'angle': 0.6},
+        {'streak': 2.0, 'blur': 0.5},
+        {'slope': (0.8, -0.5)},
+        {'amplitude': 260.0, 'blur': 0.7},
+        {'amplitude': 60.0, 'background': 120.0},
+    ],
+    ids=['tilted', 'moving', 'uneven light', 'saturated', 'pale'],
+)
+def test_looks_do_not_matter_much(look):
+    errors, areas = statistics(5.0, 4.0, **look)
+    rms = np.sqrt(np.mean(errors**2))
+    bound = center_bound(5.0, 4.0, amplitude=min(look.get('amplitude', 160.0), 215.0))
+    assert rms < 3.0 * bound
+    assert np.sqrt(np.mean(areas.std**2)) == pytest.approx(rms, rel=0.25)
+    assert np.abs(errors.mean(0)).max() < 0.005
+
+
+@compiled
+def test_the_place_within_a_pixel_does_not_matter():
+    for u in np.linspace(-0.5, 0.5, 11):
+        center = np.array([20 + u, 20 + 0.3 * u])
+        for blur in (0.0, 0.7):
+            areas = measured(draw_dot((41, 41), center, 4.0, blur=blur), [(20, 20)])
+            assert areas.u[0] == pytest.approx(center[0], abs=0.008)
+            assert areas.v[0] == pytest.approx(center[1], abs=0.008)
+
+
+@pytest.mark.parametrize('angle', [0.0, 0.5, -1.2])
+def test_area_and_axes_are_those_of_the_ellipse(angle):
+    picture = draw_dot((41, 41), (20.2, 19.7), 6.0, aspect=0.7, angle=angle)
+    areas = measured(picture, [(20, 20)])
+    assert areas.area[0] == pytest.approx(np.pi * 36 * 0.7, rel=0.01)
+    assert areas.major[0] == pytest.approx(12.0, abs=0.1)
+    assert areas.minor[0] == pytest.approx(8.4, abs=0.1)
+    assert areas.angle[0] == pytest.approx(angle, abs=0.02)
+    assert areas.contrast[0] == pytest.approx(160.0, abs=3.0)
+
+
+@pytest.mark.parametrize('encoding', ENCODINGS)
+def test_encoding_and_step_do_not_matter(encoding):
+    picture = draw_dot((41, 43), (20.2, 19.7), 4.0)
+    plain = measured(picture, [(20, 20)])
+    assert np.array_equal(measured(picture, [(20, 20)], encoding=encoding, padding=7).u, plain.u)
+    found = find_areas(image_of(picture, encoding, 7), BAND, LIMITS)
+    assert np.allclose(found.table, plain.table, atol=1e-3)
+
+
+def test_colors_are_weighed_as_opencv_does():
+    picture = np.random.default_rng(3).integers(0, 60, (41, 41, 3), np.uint8)
+    picture[15:25, 15:25] += np.array([30, 150, 90], np.uint8)
+    color = Image(
+        stamp_ns=0,
+        frame_id='',
+        width=41,
+        height=41,
+        step=123,
+        encoding='rgb8',
+        data=picture.tobytes(),
+    )
+    around = np.array([[20.0, 20.0]])
+    from_color = measure_areas(color, around, 5.0, 10.0, BAND, LIMITS)
+    from_grey = measured(color.grey(), around, 5.0, 10.0)
+    assert np.array_equal(from_color.table, from_grey.table)
+    assert np.isfinite(from_grey.u[0])
+
+
+@cache
+def small_dot(u, v, radius):
+    return draw_dot((25, 25), (12 + u, 12 + v), radius, blur=0.6, background=0.0)
+
+
+def dots(shape, centers, radius=5.0, noise=3.0, background=40.0):
+    picture = np.full(shape, background)
+    for u, v in centers:
+        left, upper = round(u) - 12, round(v) - 12
+        dot = small_dot(u - round(u), v - round(v), radius)
+        picture[upper : upper + 25, left : left + 25] += dot
+    return picture + noise * np.random.default_rng(5).standard_normal(shape)
+
+
+CENTERS = np.array([(20.3, 30.1), (45.6, 31.4), (70.2, 34.9), (95.7, 40.2)])
+
+
+def test_found_and_measured_are_the_same():
+    picture = dots((70, 120), CENTERS)
+    found = find_areas(image_of(picture), BAND, LIMITS)
+    near = measured(picture, CENTERS)
+    assert len(found) == 4 and not found.crowded
+    order = np.argsort(found.u)
+    assert np.allclose(found.table[:3, order], near.table[:3], atol=0.003, rtol=0.005)
+    assert np.allclose(near.u, CENTERS[:, 0], atol=0.05)
+
+
+def test_the_nearest_area_is_taken():
+    picture = dots((70, 120), CENTERS)
+    areas = measured(picture, [(34.0, 31.0), (32.0, 31.0), (33.0, 31.0)], reach=15.0)
+    assert np.allclose(areas.u, [45.6, 20.3, 45.6], atol=0.05)
+    beyond = measured(picture, [(33.0, 31.0), (20.0, 40.6), (20.0, 39.6)], reach=10.0)
+    assert np.array_equal(np.isfinite(beyond.u), [False, False, True])
+
+
+def test_a_fixed_band_bounds_what_is_white():
+    picture = draw_dot((41, 41), (20.2, 19.7), 4.0)
+    expected = measured(picture, [(20, 20)])
+    for low, high, white in (
+        (100, 255, True),
+        (195, 255, True),
+        (205, 255, False),
+        (50, 190, False),
+    ):
+        areas = measured(picture, [(20, 20)], band=FixedBand(low=low, high=high))
+        assert np.isfinite(areas.u[0]) == white
+        if white:
+            assert areas.u[0] == pytest.approx(expected.u[0], abs=0.002)
+
+
+def test_what_is_no_whole_area_within_the_limits_is_nan():
+    empty = np.full((60, 60), 40.0)
+    assert np.isnan(measured(empty, [(20, 20), (-50, 5), (np.nan, 3), (59, 59)]).table).all()
+    at_border = draw_dot((41, 41), (3.0, 20.0), 5.0)
+    assert np.isnan(measured(at_border, [(3, 20)]).u[0])
+    with_glint = draw_dot((60, 60), (30.0, 30.0), 5.0)
+    with_glint[:, 32:40] = 230.0
+    assert np.isnan(measured(with_glint, [(30, 30)]).u[0])
+    small = draw_dot((41, 41), (20.0, 20.0), 1.5)
+    assert np.isnan(measured(small, [(20, 20)]).u[0])
+    large = draw_dot((41, 41), (20.0, 20.0), 8.0)
+    assert np.isnan(measured(large, [(20, 20)], limits=AreaLimits(largest=150.0)).u[0])
+    long = draw_dot((41, 41), (20.0, 20.0), 8.0, aspect=0.45)
+    assert np.isnan(measured(long, [(20, 20)], limits=AreaLimits(elongation=2.0)).u[0])
+
+
+def test_other_white_nearby_does_not_matter():
+    picture = draw_dot((60, 60), (30.3, 29.8), 5.0)
+    expected = measured(picture, [(30, 30)])
+    picture[:, 38:46] = 230.0
+    picture[22:24, 26:28] = 255.0
+    areas = measured(picture, [(30, 30)])
+    assert areas.u[0] == pytest.approx(expected.u[0], abs=0.01)
+    assert areas.area[0] == pytest.approx(expected.area[0], rel=0.01)
+
+
+@pytest.mark.parametrize('behind', [80.0, 92.0])
+def test_the_background_of_a_dot_is_the_dark_arm_it_is_on(behind):
+    centers = CENTERS[:3] * [1.0, 0.0] + [0.0, 35.3]
+    picture = dots((70, 95), centers, noise=0.0, background=behind)
+    picture[25:46] -= behind - 45.0
+    picture += 3.0 * np.random.default_rng(6).standard_normal(picture.shape)
+    found = find_areas(image_of(picture), BAND, LIMITS)
+    near = measured(picture, centers)
+    assert len(found) == 3
+    for areas in (found, near):
+        order = np.argsort(areas.u)
+        assert np.allclose(areas.u[order], centers[:, 0], atol=0.06)
+        assert np.allclose(areas.v[order], centers[:, 1], atol=0.06)
+        assert np.allclose(areas.contrast, 160.0, atol=8.0)
+
+
+def test_small_dark_holes_are_closed():
+    picture = draw_dot((41, 41), (20.3, 19.8), 7.0)
+    whole = measured(picture, [(20, 20)])
+    picture[18:21, 18:22] = 40.0
+    closed = measured(picture, [(20, 20)])
+    assert closed.area[0] == pytest.approx(whole.area[0], rel=0.01)
+    assert closed.u[0] == pytest.approx(whole.u[0], abs=0.01)
+    open_hole = measured(picture, [(20, 20)], limits=AreaLimits(hole=8.0))
+    assert open_hole.area[0] == pytest.approx(whole.area[0] - 12.0, abs=1.5)
+
+
+def test_a_half_covered_dot_shows_in_its_area():
+    picture = draw_dot((41, 41), (20.0, 20.0), 6.0)
+    picture[:, :20] = 40.0
+    areas = measured(picture, [(22, 20)])
+    assert areas.area[0] == pytest.approx(np.pi * 18 + 6, rel=0.1)
+    assert areas.major[0] / areas.minor[0] > 1.5
+
+
+@compiled
+@pytest.mark.parametrize('side', [(1, 1), (3, 200), (480, 640)])
+@pytest.mark.parametrize('level', [0, 128, 255])
+def test_plain_frames_hold_nothing(side, level):
+    picture = np.full(side, level)
+    for band in (BAND, FixedBand()):
+        assert len(find_areas(image_of(picture), band, LIMITS)) == 0
+        assert np.isnan(measured(picture, [(0, 0), (300, 200)], band=band).u).all()
+
+
+@compiled
+def test_strange_frames_do_no_harm():
+    random = np.random.default_rng(2)
+    for picture in (
+        random.integers(0, 256, (480, 640)),
+        255 * random.integers(0, 2, (480, 640)),
+        255 * (np.indices((480, 640)).sum(0) % 2),
+        255 * (np.arange(640) // 3 % 2) * np.ones((480, 1)),
+        np.kron(random.integers(0, 2, (48, 64)) * 255, np.ones((10, 10))),
+    ):
+        for band in (BAND, FixedBand()):
+            areas = find_areas(image_of(picture), band, LIMITS)
+            assert np.isfinite(areas.table).all()
+            assert (areas.area <= LIMITS.largest).all()
+            assert (areas.major <= LIMITS.elongation * areas.minor).all()
+            around = random.uniform(-20, 700, (50, 2))
+            near = measured(picture, around, reach=20.0, band=band)
+            distance = np.hypot(near.u - around[:, 0], near.v - around[:, 1])
+            assert not (distance > 20.0).any()
+
+
+@compiled
+def test_spots_are_counted_until_there_are_too_many():
+    column, row = np.meshgrid(np.arange(20), np.arange(10))
+    centers = np.column_stack([20 + 30 * column.ravel(), 20 + 30 * row.ravel()])
+    found = find_areas(image_of(dots((320, 620), centers)), BAND, LIMITS)
+    assert len(found) == 200
+    crowd = np.tile(np.pad(np.full((4, 4), 200), 3), (40, 40))
+    areas = find_areas(image_of(crowd), BAND, LIMITS)
+    assert len(areas) == 0 and areas.crowded
+
+
+@compiled
+def test_a_blurred_frame_gives_dim_dots_or_none():
+    picture = dots((70, 120), CENTERS, noise=1.0)
+    strong = draw_dot((70, 70), (35.2, 34.6), 5.0, blur=4.0)
+    assert len(find_areas(image_of(strong), BAND, LIMITS)) == 1
+    assert measured(strong, [(35, 35)]).u[0] == pytest.approx(35.2, abs=0.03)
+    assert len(find_areas(image_of(0.1 * picture), BAND, LIMITS)) == 0
+
+
+@pytest.mark.skipif(not HAVE_NUMBA, reason='nothing is compiled')
+def test_kernels_are_compiled_once():
+    picture = draw_dot((41, 43), (20.2, 19.7), 4.0)
+    for encoding in ENCODINGS:
+        for band in (BAND, FixedBand(low=100.0)):
+            measured(picture, [(20, 20)], encoding=encoding, band=band)
+            measured(picture, np.asfortranarray([(20, 20), (9, 9)]), band=band)
+            find_areas(image_of(picture, encoding), band, LIMITS)
+    assert len(area_kernels.measure_nearest.signatures) == 1
+    assert len(area_kernels.measure_all.signatures) == 1

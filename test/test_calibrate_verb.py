@@ -1,0 +1,267 @@
+"""The verb `calibrate`: recordings of the lab to a model that replays; what it refuses."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from functools import cache
+import hashlib
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+from pneunet_ros import load_model, solve
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.cli import calibrate
+from pneunet_ros.cli.main import main
+from pneunet_ros.core.errors import ModelError, RecordingError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.offline.calibration_files import knowledge_file, load_knowledge, save_knowledge
+from pneunet_ros.recordings.lab_files import write_lab
+from pneunet_ros.recordings.recording import open_recording
+import pytest
+
+FRAME_RATE = 1.0  # Hz, few frames, to be quick
+FREE, LOADED = ('unloaded_ramp', 'unloaded_staircase'), ('force_sweeps', 'strings')
+
+
+@cache
+def recorded(name: str):
+    scenario = load_scenario(shipped(f'scenarios/{name}.yaml'))
+    rates = dataclasses.replace(scenario.rates, frames=FRAME_RATE)
+    return simulated(dataclasses.replace(scenario, rates=rates))
+
+
+@pytest.fixture(scope='module')
+def lab(tmp_path_factory) -> Path:
+    """Return a folder with recordings of the lab."""
+    folder = tmp_path_factory.mktemp('lab')
+    for name in (*FREE, *LOADED):
+        write_lab(recorded(name), folder / f'{name}.mcap', overwrite=False, each=lambda: None)
+    return folder
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, lab, tmp_path):
+    """Run the verb in a folder of its own; returns its exit code, stdout and stderr."""
+    monkeypatch.setenv('COLUMNS', '200')
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments, verb='calibrate'):
+        try:
+            code = main([verb, *(str(item) for item in arguments)])
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def files(lab: Path, names) -> list[Path]:
+    return [lab / f'{name}.mcap' for name in names]
+
+
+def all_of(lab: Path) -> list:
+    return ['--unloaded', *files(lab, FREE), '--loaded', *files(lab, LOADED)]
+
+
+@pytest.fixture(scope='module')
+def model(lab, tmp_path_factory) -> tuple[Path, dict]:
+    """Return a calibrated model and what the verb said of it as JSON."""
+    path = tmp_path_factory.mktemp('model') / 'lab.yaml'
+    said = io.StringIO()
+    arguments = ['calibrate', *all_of(lab), '--output', path, '--no-compare', '--json']
+    with contextlib.redirect_stdout(said):
+        assert main([str(item) for item in arguments]) == 0
+    return path, json.loads(said.getvalue())
+
+
+def test_what_programs_are_told(model, lab):
+    path, said = model
+    assert said['converged'] is True
+    assert (said['output'], said['report']) == (str(path), None)
+    names = [item['name'] for item in said['quantities']]
+    assert 'moment_law.rigidity.0.1' in names
+    assert 'intrinsic_curvature.curvature.0.0' in names
+    assert all(0.0 < item['std'] <= 1.001 * item['prior_std'] for item in said['quantities'])
+    assert set(said['noise']) == {
+        'pressure_std', 'force_std', 'moment_std', 'target_std', 'placement_std',
+        'registration_std', 'drift_std',
+    }  # fmt: skip
+    assert [item['loaded'] for item in said['recordings']] == [False, False, True, True]
+    for item in said['recordings']:
+        # At a frame a second, motion counts as noise: less than 1.
+        assert 0.3 < item['chi_squared_per_coordinate'] < 1.4
+        assert item['rms'] < 5e-4  # 1 mN and 60 Pa move the end by tenths of a millimeter
+    assert said['laws'] == []
+    inputs = said['provenance']['recordings']
+    assert [item['role'] for item in inputs] == ['unloaded'] * 2 + ['loaded'] * 2
+    for item in inputs:
+        content = (lab / item['file']).read_bytes()
+        assert item['sha256'] == hashlib.sha256(content).hexdigest()
+
+
+def test_the_model_is_complete(model):
+    path, said = model
+    arm = load_model(path)
+    assert arm.name == 'lab'
+    assert arm.covariance is not None
+    assert arm.sources['intrinsic_curvature'] == 'fitted to 4 recordings'
+    assert arm.sources['moment_law'] == 'fitted to 4 recordings'
+    assert arm.sources['sensors.target_std'].startswith('second differences')
+    assert arm.provenance['source'].startswith('pneunet calibrate')
+    assert list(arm.provenance['recordings']) == said['provenance']['recordings']
+    values = {item['name']: item['value'] for item in said['quantities']}
+    assert arm.moment_law.rigidity[0, 1] == pytest.approx(values['moment_law.rigidity.0.1'])
+    truth = recorded('strings').truth
+    for frame in (10, 30):
+        shape = solve(arm, float(truth.pressure[frame]), tuple(truth.force[frame].tolist()))
+        tip = np.hypot(shape.x[-1] - truth.x[frame, -1], shape.y[-1] - truth.y[frame, -1])
+        assert tip < 4e-4
+
+
+def test_the_model_replays_and_predicts(model, lab, run):
+    path, _ = model
+    code, _, err = run(
+        lab / 'strings.mcap', '--model', path, '--output', 'out.mcap', verb='replay'
+    )
+    assert (code, err) == (0, '')
+    assert any(topic.name.endswith('/tip') for topic in open_recording(Path('out.mcap')).topics)
+    code, out, _ = run('--pressure', '31000', '--model', path, '--json', verb='predict')
+    assert code == 0
+    assert json.loads(out)['tip_std']
+
+
+def test_people_are_shown_a_summary(run, lab, monkeypatch):
+    reported = []
+    monkeypatch.setattr(calibrate, 'write_report', lambda *args, **_: reported.append(args[1]))
+    code, out, err = run(
+        '--unloaded', *files(lab, FREE), '--output', 'free.yaml', '--name', 'my arm',
+        '--report', 'report',
+    )  # fmt: skip
+    assert code == 0, err
+    assert 'unloaded_ramp.mcap' in out
+    assert 'Intrinsic curvature' in out
+    assert 'wrote free.yaml' in out
+    assert 'wrote report/index.html' in out
+    assert reported == [Path('report')]
+    arm = load_model('free.yaml')
+    assert arm.name == 'my arm'
+    assert arm.sources['moment_law'] == (
+        'not fitted, there was no loaded recording; as in paper-arm'
+    )
+
+
+@pytest.mark.slow
+def test_laws_are_compared_and_the_report_written(run, lab):
+    code, out, err = run(*all_of(lab), '--output', 'arm.yaml', '--report', 'report')
+    assert code == 0, err
+    assert all(kind in out for kind in ('piecewise_linear', 'linear', 'majidi'))
+    assert Path('report/index.html').stat().st_size > 10_000
+
+
+def test_a_calibration_goes_on(run, lab, model):
+    path, said = model
+    code, out, err = run(
+        '--loaded', lab / 'strings.mcap', '--continue', path, '--output', 'on.yaml',
+        '--no-compare', '--json',
+    )  # fmt: skip
+    assert code == 0, err
+    more = json.loads(out)
+    assert more['provenance']['continued'] == 'lab.yaml'
+    before, after = (
+        np.array([item['std'] for item in some['quantities']]) for some in (said, more)
+    )
+    assert np.all(after < 1.001 * before)
+    assert load_knowledge(Path('on.yaml')).kind == 'piecewise_linear'
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--loaded', 'strings'], 'no unloaded recording'),
+        (['--unloaded', 'strings'], 'strings.mcap was given as unloaded'),
+        (['--unloaded', 'unloaded_ramp', '--loaded', 'unloaded_staircase'], 'given as loaded'),
+        (['--unloaded', 'nowhere'], 'nowhere.mcap'),
+        (['--unloaded', 'unloaded_ramp', '--continue', 'no.yaml'], 'no.yaml'),
+        (['--unloaded', 'unloaded_ramp', '--topic', 'targets=/other'], '/other'),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(run, lab, arguments, sentence):
+    known = [lab / f'{item}.mcap' if item.isidentifier() else item for item in arguments]
+    code, out, err = run(*known, '--output', 'model.yaml')
+    assert (code, out) == (2, '')
+    assert sentence in err
+    assert err.count('\n') == 1
+    assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize('taken', ['model.yaml', 'model.knowledge.npz', 'report'])
+def test_nothing_is_overwritten_unasked(run, lab, taken, monkeypatch):
+    monkeypatch.setattr(calibrate, 'read_run', lambda *_: pytest.fail('read before it refused'))
+    Path(taken).write_text('mine')
+    code, _, err = run(*all_of(lab), '--output', 'model.yaml', '--report', 'report')
+    assert code == 2
+    assert f'{taken} exists already; use --overwrite' in err
+    assert Path(taken).read_text() == 'mine'
+
+
+def test_the_output_is_a_yaml_file(run, lab):
+    code, _, err = run(*all_of(lab), '--output', 'model.json')
+    assert code == 2
+    assert 'model.json must end in .yaml' in err
+
+
+def test_without_convergence_there_is_no_model(run, lab, monkeypatch):
+    whole = calibrate.calibrate
+
+    def stopped(*arguments, **options):
+        found = whole(*arguments, **options)
+        parts = {item: getattr(found.joint, item) for item in Fit.__dataclass_fields__}
+        joint = Fit(**(parts | {'converged': False, 'status': 'stopped on purpose'}))
+        return dataclasses.replace(found, joint=joint)
+
+    monkeypatch.setattr(calibrate, 'calibrate', stopped)
+    code, out, _ = run('--unloaded', *files(lab, FREE[:1]), '--output', 'model.yaml')
+    assert code == 1
+    assert 'no model was written: stopped on purpose' in out
+    assert not list(Path().iterdir())
+
+
+def test_knowledge_comes_back_as_it_was(model, tmp_path):
+    known = load_knowledge(model[0])
+    save_knowledge(known, tmp_path / 'again.yaml', overwrite=False)
+    again = load_knowledge(tmp_path / 'again.yaml')
+    for item in dataclasses.fields(known):
+        assert np.array_equal(getattr(known, item.name), getattr(again, item.name))
+    with pytest.raises(RecordingError, match='exists already'):
+        save_knowledge(known, tmp_path / 'again.yaml', overwrite=False)
+
+
+@pytest.mark.parametrize('damage', ['half', 'text', 'empty', 'key', 'shape'])
+def test_damaged_knowledge_is_said(model, tmp_path, damage):
+    path = tmp_path / 'arm.yaml'
+    file = knowledge_file(path)
+    content = knowledge_file(model[0]).read_bytes()
+    if damage in ('key', 'shape'):
+        with np.load(knowledge_file(model[0])) as stored:
+            arrays = dict(stored)
+        if damage == 'key':
+            del arrays['values']
+        else:
+            arrays['values'] = arrays['values'][:-1]
+        np.savez(file, **arrays)
+    else:
+        file.write_bytes(
+            {'half': content[: len(content) // 2], 'text': b'abc', 'empty': b''}[damage]
+        )
+    with pytest.raises(ModelError, match=r'arm.knowledge.npz is damaged: .*calibrate anew'):
+        load_knowledge(path)
+
+
+def test_missing_knowledge_is_said(tmp_path):
+    with pytest.raises(ModelError, match=r'knowledge.npz is missing.*calibrate anew'):
+        load_knowledge(tmp_path / 'arm.yaml')

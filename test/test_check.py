@@ -1,0 +1,216 @@
+"""What `check` finds in recordings, whole and bent."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+from pneunet_ros.cli.main import main
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.steady_estimates import held_spans
+from pneunet_ros.offline.check import check_recording, CheckRequest
+import pytest
+from support.example_arms import paper_arm
+from support.recorded_datasets import MS, pressure, readings, record, START, targets, wrench
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope='module')
+def arm():
+    """Return an arm with the three targets of recorded_runs, over 40 mm."""
+    return dataclasses.replace(
+        paper_arm(), length=0.05, target_arclength=np.array([0.0, 0.02, 0.04])
+    )
+
+
+@pytest.fixture
+def said():
+    return readings(60)
+
+
+def found(tmp_path, said, arm, **request):
+    """Check a recording of these messages."""
+    return check_recording(record(tmp_path / 'r.mcap', said), CheckRequest(arm=arm, **request))
+
+
+def test_a_loaded_recording(tmp_path, said, arm):
+    check = found(tmp_path, said, arm)
+    assert check['sentences'] == []
+    topics = {topic['name']: topic for topic in check['topics']}
+    assert topics['/pneunet/pressure']['count'] == 60
+    assert topics['/pneunet/pressure']['rate'] == pytest.approx(100.0)
+    assert topics['/pneunet/targets']['rate'] == pytest.approx(50.0)
+    assert all(topic['gaps'] == 0 and topic['jitter'] < 1e-9 for topic in topics.values())
+    assert check['sync']['targets'] == pytest.approx(
+        {'share': 1.0, 'offset': 0.002, 'starts': 0.002}
+    )
+    ranges = check['ranges']
+    assert ranges['pressure'] == [0.0, 5900.0]
+    assert ranges['force_y'] == pytest.approx([-0.59, 0.0])
+    assert ranges['y'] == pytest.approx([0.0, 0.029])
+    assert ranges['seen_per_target'].tolist() == [30, 30, 30]
+    usable = {name: use['usable'] for name, use in check['uses'].items()}
+    assert usable == {
+        'replay': True,
+        'track': False,
+        'calibrate unloaded': False,
+        'calibrate loaded': True,
+    }
+    assert 'given as unloaded, but its end force' in check['uses']['calibrate unloaded']['reason']
+
+
+def test_an_unloaded_recording(tmp_path, arm):
+    uses = found(tmp_path, readings(60, loaded=False), arm)['uses']
+    assert uses['calibrate unloaded'] == {'usable': True, 'reason': ''}
+    assert uses['replay']['usable']
+    assert '--no-wrench-required' in uses['replay']['reason']
+    assert 'no end force above' in uses['calibrate loaded']['reason']
+
+
+def test_gaps_and_what_lies_beside_one_another(tmp_path, said, arm):
+    said = [
+        entry
+        for entry in said
+        if entry[0] != 'pressure' or not START + 195 * MS < entry[1] < START + 305 * MS
+    ]
+    check = found(tmp_path, said, arm)
+    timing = next(topic for topic in check['topics'] if topic['name'] == '/pneunet/pressure')
+    assert timing['gaps'] == 1
+    assert timing['longest_gap'] == pytest.approx(0.12)
+    assert check['sync']['targets']['share'] == pytest.approx(24 / 30)
+
+
+def test_clocks_that_do_not_agree_are_shown(tmp_path, said, arm):
+    late = [
+        (name, at, targets(at + 3_600_000 * MS, 0.001) if name == 'targets' else message)
+        for name, at, message in said
+    ]
+    check = found(tmp_path, late, arm)
+    assert check['sync']['targets']['share'] == 0.0
+    assert check['sync']['targets']['starts'] == pytest.approx(3600.005)
+    assert 'no frame is left' in check['uses']['calibrate loaded']['reason']
+
+
+@pytest.mark.parametrize(
+    ('message', 'reason'),
+    [
+        (targets(START + 1000 * MS, 0.0, 4), 'there are 4 points in targets, and'),
+        (targets(START + 1000 * MS, 0.0, 3, 'camera'), "targets are in frame 'camera'"),
+    ],
+)
+def test_targets_that_are_none_are_said_and_the_rest_is_told(tmp_path, said, arm, message, reason):
+    check = found(tmp_path, [*said, ('targets', START + 1000 * MS, message)], arm)
+    assert reason in check['sentences'][0]
+    assert check['uses']['replay']['usable']
+    assert reason in check['uses']['calibrate loaded']['reason']
+
+
+def test_a_wrench_of_a_wrong_frame(tmp_path, said, arm):
+    check = found(tmp_path, [*said, ('end_wrench', START, wrench(START, (0, 0), 'cell'))], arm)
+    assert "end wrench in frame 'cell', which is not pneunet_base" in check['sentences'][0]
+    assert check['ranges']['pressure'] == [0.0, 5900.0]
+
+
+def test_readings_left_out_are_counted(tmp_path, said, arm):
+    late = START + 700 * MS
+    check = found(tmp_path, [*said, ('pressure', late, pressure(late, math.nan))], arm)
+    assert check['sentences'] == [
+        '/pneunet/pressure: 1 pressure reading left out, NaN or infinite'
+    ]
+
+
+@pytest.mark.parametrize(
+    ('change', 'doubt'),
+    [
+        (lambda value: value / 1000.0, 'never above 5.9 Pa: is it in another unit than Pa'),
+        (lambda value: value + 101_325.0, 'never below 101.3 kPa: if it is absolute'),
+        (lambda value: 20.0 * value, '% of the readings are outside the calibrated range of'),
+    ],
+)
+def test_pressures_of_another_kind_are_doubted(tmp_path, arm, change, doubt):
+    said = [
+        (
+            'pressure',
+            START + 10 * MS * index,
+            pressure(START + 10 * MS * index, change(100.0 * index)),
+        )
+        for index in range(60)
+    ]
+    (sentence,) = found(tmp_path, said, arm)['sentences']
+    assert doubt in sentence
+
+
+def test_targets_in_another_unit_are_no_use(tmp_path, said, arm):
+    small = dataclasses.replace(arm, length=0.02, target_arclength=np.array([0.0, 0.01, 0.02]))
+    assert (
+        'targets must be in m'
+        in found(tmp_path, said, small)['uses']['calibrate loaded']['reason']
+    )
+
+
+def test_settings_and_topics_are_those_of_the_request(tmp_path, said, arm):
+    check = found(
+        tmp_path,
+        said,
+        arm,
+        settings=EstimatorSettings(pressure_offset=100.0, wrench_required=False),
+        overrides={'pressure': '/pneunet/pressure'},
+    )
+    assert check['ranges']['pressure'] == [100.0, 6000.0]
+    assert check['uses']['calibrate unloaded']['usable']
+
+
+def test_a_truncated_recording_is_told_as_far_as_it_goes(tmp_path, arm):
+    path = record(tmp_path / 'r.mcap', readings(2000))
+    raw = path.read_bytes()
+    path.write_bytes(raw[: len(raw) // 2])
+    check = check_recording(path, CheckRequest(arm=arm))
+    assert 'ends in the middle of a record' in check['sentences'][0]
+    assert 0 < check['topics'][0]['count'] < 2000
+
+
+def test_holds_are_found_in_noise():
+    stamps = np.arange(1000, dtype=np.int64) * 10_000_000
+    dice = np.random.default_rng(3)
+    stairs = np.interp(np.arange(1000), [0, 300, 400, 700, 800, 999], [0, 0, 5e3, 5e3, 9e3, 9e3])
+    values = np.column_stack([stairs + 30.0 * dice.normal(size=1000)])
+    spans = held_spans(stamps, values, np.array([300.0]))
+    assert len(spans) == 3
+    np.testing.assert_allclose(spans, [[0, 300], [400, 700], [800, 999]], atol=8)
+    # A second quantity that moves ends a hold.
+    pushed = np.column_stack([stairs, np.where(np.arange(1000) < 500, 0.0, 0.1)])
+    assert len(held_spans(stamps, pushed, np.array([300.0, 0.02]), 0.9)) == 4
+    assert held_spans(stamps[:0], values[:0], np.array([300.0])) == []
+    assert held_spans(stamps[:1], values[:1], np.array([300.0])) == []
+
+
+def test_shipped_recordings(capsys):
+    places = [str(ROOT / 'bags' / name) for name in ('table1', 'camera_demo')]
+    assert main(['check', *places, '--json']) == 0
+    table1, camera = json.loads(capsys.readouterr().out)['recordings']
+    assert table1['uses']['replay'] == {'usable': True, 'reason': ''}
+    assert len(table1['holds']) == 29
+    assert table1['uses']['track']['reason'] == 'there are no images'
+    assert camera['uses']['track'] == {'usable': True, 'reason': ''}
+    assert 'no topic targets' in camera['uses']['calibrate unloaded']['reason']
+    assert camera['sentences'] == []
+
+
+def test_it_is_told_to_people(tmp_path, capsys):
+    path = record(tmp_path / 'r.mcap', readings(60))
+    assert main(['check', str(path)]) == 0
+    told = ' '.join(capsys.readouterr().out.split())
+    assert '100 Hz' in told
+    assert 'pressure: 0 to 5.9 kPa' in told
+    assert 'targets: 3 in 30 frames; all always seen' in told
+    assert 'calibrate loaded: no, ' in told
+
+
+def test_a_file_that_cannot_be_read_is_an_error(tmp_path, capsys):
+    (tmp_path / 'r.mcap').write_text('no recording')
+    assert main(['check', str(tmp_path / 'r.mcap')]) == 2
+    assert 'r.mcap' in capsys.readouterr().err

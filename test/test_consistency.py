@@ -1,0 +1,369 @@
+"""Measured targets against the estimate: noise stays quiet, a missing effect is told of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.readings import (
+    PressureReading,
+    Reading,
+    TargetSightings,
+    unseen_targets,
+    WrenchReading,
+)
+from pneunet_ros.effects.camera_rotation import CameraRotation
+from pneunet_ros.effects.camera_scale import CameraScale
+from pneunet_ros.effects.load_offset import LoadOffset
+from pneunet_ros.effects.pressure_gain import PressureGain
+from pneunet_ros.estimation.consistency import (
+    FEWEST,
+    limit,
+    MOST_WAITING,
+    QUANTILE,
+    remembered,
+    watched,
+    WatchState,
+)
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.predicted_targets import expected_targets, ExpectedTargets, gap, Moment
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.messages.consistency import watched_message
+from pneunet_ros.messages.readings import targets_message
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+import pytest
+from scipy import stats
+from support.example_arms import paper_arm
+from support.made_datasets import made, PERIOD, USUAL
+
+BASE = 'pneunet_base'
+FRAMES = 60
+KNOWN = replace(paper_arm(), sensors=USUAL)
+UP_AND_DOWN = 30e3 - 28e3 * np.cos(np.linspace(0.0, 2.0 * np.pi, FRAMES))
+PULL = np.stack([np.linspace(0.05, 0.25, FRAMES), np.linspace(0.15, 0.0, FRAMES)], axis=1)
+Event = Reading | TargetSightings
+
+
+def sightings(stamp_ns: int, x, y, std=np.nan) -> TargetSightings:
+    seen = unseen_targets(stamp_ns, len(x))
+    return replace(seen, x=np.array(x), y=np.array(y), std=np.full(len(x), std))
+
+
+def events(run: Run) -> Iterator[Event]:
+    """Yield what a run says: wrench, pressure and then the frame, as a tracker is late."""
+    for index, stamp in enumerate(run.stamp_ns.tolist()):
+        force = run.force[index]
+        yield WrenchReading(
+            stamp_ns=stamp, force_x=force[0], force_y=force[1], moment=0.0, frame_id=BASE
+        )
+        yield PressureReading(stamp_ns=stamp, pressure=float(run.pressure[index]))
+        yield sightings(stamp, run.x[index], run.y[index], std=USUAL.target_std)
+
+
+class Watched:
+    """An estimator and a watch that are told one thing after the other."""
+
+    def __init__(self, arm: Arm = KNOWN, **settings) -> None:
+        self.estimator = Estimator(arm=arm, settings=EstimatorSettings(**settings))
+        self.state, self.watch = EstimatorState(), WatchState()
+        self.said = []
+        self.moment = None
+
+    def tell(self, *told: Event):
+        for event in told:
+            running = self.watch.running
+            if isinstance(event, TargetSightings):
+                self.watch, refusal = watched(self.watch, self.estimator, event)
+                assert refusal is None
+            else:
+                self.state, outcome = self.estimator.step(self.state, event)
+                if isinstance(event, PressureReading):
+                    assert isinstance(outcome, ShapeEstimate)
+                    self.moment = Moment(reading=event, state=self.state, estimate=outcome)
+                    self.watch = remembered(self.watch, self.estimator, event, self.state, outcome)
+            if self.watch.running is not running:
+                self.said.append(self.watch.disagreement())
+        return self
+
+    @property
+    def found(self):
+        """What was said once there were enough frames."""
+        return [item for item in self.said if item is not None]
+
+
+def seen_of(truth: Arm, seed: int = 0, noise: SensorNoise | None = USUAL) -> Run:
+    return made(truth, UP_AND_DOWN, PULL, noise=noise, seed=seed, painted=seed)
+
+
+@pytest.fixture(scope='module')
+def quiet():
+    """Watch clean recordings with noise of every kind, each with targets painted anew."""
+    return [Watched().tell(*events(seen_of(KNOWN, seed))) for seed in range(5)]
+
+
+def test_noise_of_every_kind_is_no_disagreement(quiet):
+    for watch in quiet:
+        assert watch.watch.matched == FRAMES
+        assert not watch.watch.unmatched
+        assert len(watch.found) == FRAMES - FEWEST + 1
+        assert not any(item.beyond for item in watch.found)
+        assert all(item.rms < item.limit for item in watch.found)
+
+
+def test_noise_of_the_right_size_is_one(quiet):
+    squares = [watch.found[-1].rms ** 2 for watch in quiet]
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.15)
+
+
+def test_noise_taken_for_white_alarms_without_reason():
+    # What lies in the covariance of the model's noise beside its diagonal is what keeps it quiet.
+    white = replace(KNOWN, sensors=replace(
+        USUAL, pressure_std=1e-3, force_std=1e-9, placement_std=0.0, registration_std=0.0,
+        drift_std=0.0, target_std=1e-4,
+    ))  # fmt: skip
+    alarms = 0
+    for seed in range(4):
+        alarms += any(
+            item.beyond for item in Watched(white).tell(*events(seen_of(KNOWN, seed))).found
+        )
+    assert alarms >= 3
+
+
+@pytest.mark.parametrize(
+    ('effect', 'force'),
+    [(LoadOffset(offset=3e-3), PULL), (PressureGain(gain=1.08), None)],
+    ids=['load_offset', 'pressure_gain'],
+)
+def test_a_missing_effect_is_told_of(effect, force):
+    truth = replace(KNOWN, effects=(effect,))
+    run = made(truth, UP_AND_DOWN, force, noise=USUAL)
+    loaded = force is not None
+    watch = Watched(wrench_required=loaded).tell(*events(run))
+    worst = max(watch.found, key=lambda item: item.rms)
+    assert worst.beyond
+    assert worst.rms > 1.5 * worst.limit
+    assert 'run pneunet diagnose' in worst.sentence
+    assert f'{worst.rms:.3g} x' in worst.sentence
+    known = Watched(truth, wrench_required=loaded).tell(*events(run))
+    assert not any(item.beyond for item in known.found)
+
+
+def test_the_worst_station_is_where_a_target_was_moved():
+    run = seen_of(KNOWN)
+    x = run.x.copy()
+    x[:, 7] += 2e-3
+    last = Watched().tell(*events(replace(run, x=x))).found[-1]
+    assert last.beyond
+    assert (last.target, last.arclength) == (7, KNOWN.target_arclength[7])
+
+
+def test_one_bad_frame_is_no_disagreement():
+    run = seen_of(KNOWN)
+    x = run.x.copy()
+    x[30] += 0.02
+    watch = Watched().tell(*events(replace(run, x=x)))
+    worst = max(watch.found, key=lambda item: item.rms)
+    assert worst.rms > worst.limit
+    assert not any(item.beyond for item in watch.found)
+
+
+# What a frame is compared with
+
+
+def test_targets_are_expected_where_the_model_has_them():
+    watch = Watched()
+    run = seen_of(KNOWN, noise=None)
+    for index, event in enumerate(events(run)):
+        watch.tell(event)
+        if isinstance(event, PressureReading):
+            expected = expected_targets(watch.estimator, watch.moment)
+            np.testing.assert_allclose(expected.x, run.x[index // 3], atol=1e-9)
+            np.testing.assert_allclose(expected.y, run.y[index // 3], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    'effects', [(), (CameraScale(factor=1.1), CameraRotation(angle=0.3))], ids=['bare', 'camera']
+)
+def test_errors_are_what_readings_do_to_targets(effects):
+    arm = replace(KNOWN, effects=effects)
+
+    def at(pressure=30e3, force_x=0.1):
+        watch = Watched(arm).tell(
+            WrenchReading(stamp_ns=1, force_x=force_x, force_y=0.1, moment=0.0, frame_id=BASE),
+            PressureReading(stamp_ns=1, pressure=pressure),
+        )
+        return expected_targets(watch.estimator, watch.moment)
+
+    errors = at().errors
+    for source, changed in ((0, {'force_x': 0.1 + 1e-3}), (3, {'pressure': 30e3 + 60.0})):
+        other = at(**changed)
+        moved = np.stack([other.x - at().x, other.y - at().y])
+        np.testing.assert_allclose(errors[source], moved, rtol=0.01, atol=2e-8)
+
+
+def test_an_uncertain_camera_is_an_error_of_the_model():
+    effects = (CameraScale(factor=1.0),)
+    covariance = ModelCovariance(
+        quantities=('effects.camera_scale.factor',), factor=np.array([[0.01]])
+    )
+    watch = Watched(replace(KNOWN, effects=effects, covariance=covariance)).tell(
+        *list(events(seen_of(KNOWN)))[:2]
+    )
+    expected = expected_targets(watch.estimator, watch.moment)
+    np.testing.assert_allclose(expected.errors[-1], 0.01 * np.stack([expected.x, expected.y]),
+                               atol=1e-9)  # fmt: skip
+
+
+def test_chi_square_is_that_of_the_whole_covariance():
+    random = np.random.default_rng(3)
+    errors = 1e-4 * random.standard_normal((4, 2, 5))
+    expected = ExpectedTargets(x=np.linspace(0, 0.1, 5), y=np.zeros(5), errors=errors)
+    apart = 2e-4 * random.standard_normal((2, 5))
+    apart[0, 2] = np.nan
+    frame = sightings(1, expected.x + apart[0], expected.y + apart[1], std=7e-5)
+    found = gap(expected, frame, USUAL)
+    variance = 7e-5**2 + USUAL.placement_std**2  # the tracker's std is more than the model's
+    camera = USUAL.registration_std**2 + USUAL.drift_std**2
+    columns = errors.reshape(4, 10)
+    covariance = variance * np.eye(10) + columns.T @ columns
+    covariance += camera * np.kron(np.eye(2), np.ones((5, 5)))
+    seen = np.tile(np.arange(5) != 2, 2)
+    apart = apart.ravel()
+    inverse = np.linalg.inv(covariance[np.ix_(seen, seen)])
+    assert found.coordinates == 8
+    assert found.chi_square == pytest.approx(apart[seen] @ inverse @ apart[seen])
+    assert np.isnan(found.at_targets[2])
+    own = covariance[np.ix_([4, 9], [4, 9])]
+    pair = apart[[4, 9]]
+    assert found.at_targets[4] == pytest.approx(0.5 * pair @ np.linalg.inv(own) @ pair)
+
+
+@pytest.mark.parametrize('coordinates', [2, 10, 46, 100])
+def test_the_limit_is_the_quantile_of_chi_square(coordinates):
+    exact = stats.chi2.isf(stats.norm.sf(QUANTILE), coordinates) / coordinates
+    assert limit(coordinates) == pytest.approx(exact, rel=0.05)
+
+
+# Which frames are compared
+
+
+def unloaded(*stamps_ms: float) -> Watched:
+    """Give an unloaded arm pressure readings at these times."""
+    watch = Watched(wrench_required=False)
+    for stamp in stamps_ms:
+        watch.tell(PressureReading(stamp_ns=round(stamp * 1e6), pressure=20e3))
+    return watch
+
+
+def frame(stamp_ms: float) -> TargetSightings:
+    return sightings(round(stamp_ms * 1e6), KNOWN.target_arclength, 0.0 * KNOWN.target_arclength)
+
+
+def test_a_frame_belongs_to_a_reading_within_half_a_period():
+    watch = unloaded(1000, 1010, 1020, 1060, 1070, 1080)
+    watch.tell(frame(1014), frame(1024), frame(1032))
+    assert (watch.watch.matched, dict(watch.watch.unmatched)) == (2, {'no_estimate': 1})
+
+
+def test_a_frame_waits_for_its_reading():
+    watch = unloaded(1000, 1010, 1020).tell(frame(1029))
+    assert watch.watch.matched == 0
+    watch.tell(PressureReading(stamp_ns=1_030_000_000, pressure=20e3))
+    assert watch.watch.matched == 1
+    assert not watch.watch.waiting
+    assert not watch.watch.unmatched
+
+
+def test_frames_of_a_clock_that_is_ahead_do_not_pile_up():
+    watch = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(50)))
+    assert len(watch.watch.waiting) == MOST_WAITING
+    assert dict(watch.watch.unmatched) == {'no_estimate': 50 - MOST_WAITING}
+
+
+def test_without_estimates_nothing_is_compared():
+    watch = Watched().tell(frame(1000), frame(1010))
+    assert watch.watch.running is None
+    assert watch.watch.disagreement() is None
+
+
+def test_missing_targets_are_left_out():
+    run = seen_of(KNOWN)
+    x, y = run.x.copy(), run.y.copy()
+    x[10:20, 15:], x[20:30] = np.nan, np.nan
+    watch = Watched().tell(*events(replace(run, x=x, y=y)))
+    assert dict(watch.watch.unmatched) == {'not_seen': 10}
+    assert watch.watch.matched == FRAMES - 10
+    assert not any(item.beyond for item in watch.found)
+
+
+def test_after_a_silence_the_mean_starts_anew():
+    told = list(events(seen_of(KNOWN)))
+    watch = Watched(watch_time=1.0).tell(*told[: 3 * 20])
+    assert watch.watch.running.frames == 20
+    kept = [item for item in told[3 * 20 :] if not isinstance(item, TargetSightings)]
+    silence = 2 * 1_000_000_000 // PERIOD
+    watch.tell(*kept[: 2 * silence], *told[3 * (20 + silence) :][:3])
+    assert watch.watch.running.frames == 1
+    assert watch.watch.disagreement() is None
+
+
+def test_an_estimator_that_starts_anew_is_watched_anew():
+    told = list(events(seen_of(KNOWN)))
+    watch = Watched().tell(*told).tell(*told[:3])
+    assert watch.state.resets == 1
+    assert watch.watch.matched == FRAMES + 1
+    assert watch.watch.running.frames == 1
+
+
+def test_nothing_is_changed_in_place():
+    told = list(events(seen_of(KNOWN)))
+    watch = Watched().tell(*told[: 3 * 20])
+    kept, before = watch.watch, watch.watch.disagreement()
+    watch.tell(*told[3 * 20 :])
+    assert kept.disagreement() == before
+
+
+# Messages
+
+
+def message(frame_id: str = BASE, targets: int = 23, stamp_ns: int = 1_000_000_000):
+    zeros = np.zeros(targets)
+    return targets_message(stamp_ns, zeros, zeros, frame_id, ROSBAGS_TYPES)
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'words'),
+    [(message(frame_id='camera'), "frame 'camera'"), (message(targets=3), '3 points'), (None, '')],
+)
+def test_a_message_that_is_not_of_this_arm_is_refused(wrong, words):
+    watch, refusal = watched_message(WatchState(), Watched().estimator, wrong)
+    assert refusal.reason == 'unreadable'
+    assert words in refusal.sentence
+    assert not refusal.error
+    assert dict(watch.unmatched) == {'unreadable': 1}
+
+
+@pytest.mark.parametrize(
+    ('stamp_ns', 'reason'), [(0, 'no_stamp'), (10**9, 'duplicate'), (10**9 - 1, 'older')]
+)
+def test_a_frame_out_of_order_is_refused(stamp_ns, reason):
+    estimator = Watched().estimator
+    watch, refusal = watched_message(WatchState(), estimator, message())
+    assert refusal is None
+    watch, refusal = watched_message(watch, estimator, message(stamp_ns=stamp_ns))
+    assert refusal.reason == reason
+    assert dict(watch.unmatched) == {reason: 1}
+
+
+def test_a_model_without_targets_has_nothing_to_compare():
+    bare = replace(KNOWN, target_arclength=np.zeros(0))
+    watch, refusal = watched_message(WatchState(), Watched(bare).estimator, message())
+    assert refusal is None
+    assert not watch.unmatched
+    assert not watch.waiting

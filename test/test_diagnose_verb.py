@@ -1,0 +1,195 @@
+"""The verb `diagnose`: what it hands on, what it writes and says, what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import hashlib
+import json
+from pathlib import Path
+
+from pneunet_ros import load_model
+from pneunet_ros.cli import diagnose
+from pneunet_ros.cli.main import main
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import shipped
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.recordings.lab_files import write_lab
+from pneunet_ros.reports import style as report_style
+import pytest
+from support.small_diagnosis import diagnosis
+
+NAMES = ('unloaded_ramp', 'strings', 'random_mix')
+ARM = shipped('config/paper_arm.yaml')
+
+
+@pytest.fixture(scope='module')
+def lab(tmp_path_factory) -> Path:
+    """Return a folder with recordings of the lab, a frame a second."""
+    folder = tmp_path_factory.mktemp('lab')
+    for name in NAMES:
+        scenario = load_scenario(shipped(f'scenarios/{name}.yaml'))
+        scenario = replace(scenario, rates=replace(scenario.rates, frames=1.0))
+        write_lab(simulated(scenario), folder / f'{name}.mcap', overwrite=False, each=lambda: None)
+    return folder
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, lab, tmp_path):
+    """Run the verb in a folder of its own; returns its exit code, stdout and stderr."""
+    monkeypatch.setenv('COLUMNS', '200')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(report_style, 'DOTS_PER_INCH', 20)
+
+    def run(*arguments):
+        try:
+            code = main(['diagnose', *(str(item) for item in arguments)])
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """Let the answer be one made by hand; returns what the verb hands on."""
+    handed = {}
+
+    def answered(frame, training, held_out, **options):
+        handed.update(frame=frame, training=[*training], held_out=held_out, **options)
+        options['each']('looking', 1, 1)
+        answer, known, _ = diagnosis()
+        training[:] = known  # those of the answer, so that pictures have what they show
+        before, after = (
+            replace(side, held_out=None, held_out_scores=())
+            for side in (answer.before, answer.after)
+        )
+        answer = replace(answer, before=before, after=after, closed=None)
+        return replace(answer, answer=handed.get('answer', 'named'), seed=options['seed'])
+
+    monkeypatch.setattr(diagnose, 'diagnose', answered)
+    return handed
+
+
+def given(lab, *more) -> list:
+    train = ['--train', lab / 'unloaded_ramp.mcap', lab / 'strings.mcap']
+    return ['--model', ARM, *train, '--output', 'out', *more]
+
+
+def test_what_is_handed_on_and_written(run, found, lab):
+    held_out = ['--heldout', lab / 'random_mix.mcap', lab / 'random_mix.mcap']
+    code, _, err = run(*given(lab, *held_out))
+    assert code == 2
+    assert 'are the same recording: give each once' in err
+
+    code, out, err = run(*given(lab, '--seed', '5', '--json'))
+    assert (code, err) == (0, '')
+    assert [run.loaded for run in found['training']] == [False, True]
+    assert found['frame'].name == load_model(ARM).name
+    assert found['seed'] == 5
+    assert found['executor'] is None  # nothing to wait for: it runs here
+    said = json.loads(out)
+    written = json.loads(Path('out/diagnosis.json').read_text())
+    assert written.items() <= said.items()
+    assert (said['answer'], said['seed'], said['gap']['heldout']) == ('named', 5, None)
+    for item in said['inputs']:
+        content = (lab / item['file']).read_bytes()
+        assert item['sha256'] == hashlib.sha256(content).hexdigest()
+        assert item['role'] == 'training'
+    assert set(said['versions']) >= {'pneunet_ros', 'numpy', 'scipy', 'python'}
+    arm = load_model('out/model.yaml')
+    assert [effect.name for effect in arm.effects] == ['extensibility']
+    assert Path('out/report.html').stat().st_size > 10_000
+
+
+@pytest.fixture
+def without_report(monkeypatch):
+    """Leave the files out, which take longest."""
+
+    def written(found, folder, **_):
+        folder.mkdir()
+        (folder / 'report.html').write_text('page')
+        return {'answer': found.answer}
+
+    monkeypatch.setattr(diagnose, 'write_diagnosis', written)
+
+
+def test_people_are_shown_the_answer_first(run, found, lab, without_report):
+    code, out, err = run(*given(lab))
+    assert (code, err) == (0, '')
+    assert out.startswith('The model lacks extensibility: <it> explains')
+    for text in (
+        'no recording was held out', '15.00 ± 0.30 N', 'gravity', 'grows with force',
+        'below 410 N', 'next recording: Record force sweeps', 'note: a note that says <what>',
+        'wrote out/report.html', 'wrote out/model.yaml',
+    ):  # fmt: skip
+        assert text in out, text
+
+
+@pytest.mark.parametrize(
+    ('answer', 'code'),
+    [('none', 0), ('named', 0), ('inseparable', 1), ('unknown', 1), ('unobservable', 1)],
+)
+def test_an_answer_that_is_not_clear_is_code_1(run, found, lab, without_report, answer, code):
+    found['answer'] = answer
+    assert run(*given(lab, '--json'))[0] == code
+
+
+def test_a_recording_is_trained_on_or_held_out(run, found, lab):
+    code, out, err = run(*given(lab, '--heldout', lab / 'strings.mcap'))
+    assert (code, out) == (2, '')
+    assert 'strings.mcap (heldout) and strings.mcap (training) are the same recording' in err
+    assert not found
+    assert not list(Path().iterdir())
+
+
+def test_nothing_is_overwritten_unasked(run, found, lab, without_report):
+    assert run(*given(lab))[0] == 0
+    found.clear()
+    code, _, err = run(*given(lab))
+    assert code == 2
+    assert '--overwrite' in err
+    assert not found
+    assert run(*given(lab, '--overwrite'))[0] == 0
+    Path('out/mine.txt').write_text('mine')
+    code, _, err = run(*given(lab, '--overwrite'))
+    assert code == 2
+    assert 'mine.txt' in err
+
+
+def test_the_output_may_not_hold_an_input(run, found, lab):
+    code, _, err = run('--model', ARM, '--train', lab / 'strings.mcap', '--output', lab)
+    assert code == 2
+    assert 'would overwrite the input' in err
+
+
+def test_nothing_is_left_of_a_diagnosis_that_fails(run, found, lab, monkeypatch):
+    def refused(*_, **__):
+        raise RequestError('no recording under load')
+
+    monkeypatch.setattr(diagnose, 'diagnose', refused)
+    code, out, err = run(*given(lab))
+    assert (code, out) == (2, '')
+    assert err == 'pneunet diagnose: no recording under load\n'
+    assert not list(Path().iterdir())
+
+
+def test_a_scheduler_that_does_not_answer_is_said(run, found, lab, monkeypatch):
+    asked = []
+
+    def executor_of(workers=None, scheduler=None):
+        asked.append(scheduler)
+        raise RequestError(f'no Dask scheduler answers at {scheduler}')
+
+    monkeypatch.setattr(diagnose, 'executor_of', executor_of)
+    code, _, err = run(*given(lab, '--scheduler', 'tcp://127.0.0.1:9'))
+    assert (code, asked) == (2, ['tcp://127.0.0.1:9'])
+    assert 'no Dask scheduler answers' in err
+
+
+def test_help_says_what_the_codes_mean(run):
+    code, out, _ = run('--help')
+    assert code == 0
+    assert 'unobservable' in out
+    assert '--heldout' in out

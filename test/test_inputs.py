@@ -1,0 +1,121 @@
+"""What acted in recordings: the same history as the estimator goes through, reading by reading."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.effects.creep import Creep
+from pneunet_ros.effects.force_misalignment import ForceMisalignment
+from pneunet_ros.effects.hysteresis import Hysteresis
+from pneunet_ros.effects.pressure_gain import PressureGain
+from pneunet_ros.effects.pressure_lag import PressureLag
+from pneunet_ros.effects.softening import Softening
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.measurement.forward_model import Series, THETA, X, Y
+from pneunet_ros.measurement.inputs import drives_of
+import pytest
+from support.example_arms import paper_arm
+from support.made_datasets import made, PERIOD
+
+EFFECTS = (
+    PressureGain(gain=0.97),
+    ForceMisalignment(angle=0.05),
+    PressureLag(time_constant=0.3),
+    Hysteresis(width=3e3),
+    Creep(amplitude=0.2, time_constant=1.5),
+    Softening(loss=0.2),
+)
+UP_AND_DOWN = np.concatenate([np.linspace(0, 6e4, 12), np.linspace(55e3, 1e4, 10)])
+FORCE = np.stack([np.linspace(0.1, 0.2, 22), np.linspace(0.0, 0.15, 22)], axis=1)
+
+
+def test_history_is_that_of_the_estimator():
+    arm = paper_arm(EFFECTS)
+    run = made(arm, UP_AND_DOWN, FORCE)
+    # every third reading has no frame: the history must go through it all the same
+    kept = np.arange(22) % 3 > 0
+    run = replace(
+        run,
+        stamp_ns=run.stamp_ns[kept],
+        reading=run.reading[kept],
+        **{name: getattr(run, name)[kept] for name in ('force', 'moment', 'x', 'y')},
+    )
+    (drive,) = drives_of(arm, [run])
+    series = Series(np.linspace(0, arm.length, 57))
+    assert series.solve(arm, drive).all()
+
+    estimator = Estimator(
+        arm=arm, settings=EstimatorSettings(stations=57, wrench_timeout=10.0, input_timeout=10.0)
+    )
+    state, frame = EstimatorState(), 0
+    for reading, stamp in enumerate(run.reading_stamp_ns.tolist()):
+        if kept[reading]:
+            force_x, force_y = FORCE[reading].tolist()
+            wrench = WrenchReading(
+                stamp_ns=stamp, force_x=force_x, force_y=force_y, moment=0.0,
+                frame_id='pneunet_base',
+            )  # fmt: skip
+            state, _ = estimator.step(state, wrench)
+        pressure = PressureReading(stamp_ns=stamp, pressure=float(run.pressure[reading]))
+        state, estimate = estimator.step(state, pressure)
+        if not kept[reading]:
+            continue
+        assert isinstance(estimate, ShapeEstimate)
+        assert drive.pressure[frame] == pytest.approx(estimate.chamber_pressure, abs=1e-9)
+        for field, name in ((X, 'x'), (Y, 'y'), (THETA, 'theta')):
+            wanted = getattr(estimate.shape, name)
+            assert series.fields[frame, field] == pytest.approx(wanted, abs=1e-7)
+        frame += 1
+    assert frame == 14
+
+
+def test_history_goes_on_from_run_to_run_in_the_order_of_their_stamps():
+    arm = paper_arm((Hysteresis(width=3e3), Softening(loss=0.2)))
+    whole = made(arm, UP_AND_DOWN)
+    first, second = (
+        replace(
+            whole,
+            name=name,
+            reading_stamp_ns=whole.reading_stamp_ns[part],
+            pressure=whole.pressure[part],
+            stamp_ns=whole.stamp_ns[part],
+            reading=np.arange(11),
+            **{key: getattr(whole, key)[part] for key in ('force', 'moment', 'x', 'y')},
+        )
+        for name, part in (('first', slice(0, 11)), ('second', slice(11, 22)))
+    )
+    (together,) = drives_of(arm, [whole])
+    later, earlier = drives_of(arm, [second, first])
+    assert np.array_equal(np.concatenate([earlier.pressure, later.pressure]), together.pressure)
+    for place in range(2):
+        both = np.concatenate([earlier.histories[place], later.histories[place]])
+        assert np.array_equal(both, together.histories[place])
+    (alone,) = drives_of(arm, [second])
+    assert not np.array_equal(alone.histories[1], later.histories[1])
+
+
+def test_readings_alone_where_no_effect_has_a_history():
+    arm = paper_arm((PressureGain(gain=0.97), ForceMisalignment(angle=0.05)))
+    run = made(arm, UP_AND_DOWN, FORCE)
+    (drive,) = drives_of(arm, [run])
+    assert drive.histories is None
+    assert drive.pressure == pytest.approx(0.97 * UP_AND_DOWN)
+    turn = np.array([[np.cos(0.05), -np.sin(0.05)], [np.sin(0.05), np.cos(0.05)]])
+    assert drive.loads[:, :2] == pytest.approx(FORCE @ turn.T)
+    assert run.stamp_ns[1] - run.stamp_ns[0] == PERIOD
+
+
+def test_rows_of_the_table_weigh_as_kappa_does():
+    arm = paper_arm((Creep(amplitude=0.3, time_constant=1.0),))
+    (drive,) = drives_of(arm, [made(arm, UP_AND_DOWN)])
+    weights = drive.row_weights(arm)
+    assert weights.sum(axis=1) == pytest.approx(1.0)
+    series = Series(arm.length * arm.intrinsic_curvature.arclength)
+    assert series.solve(arm, drive).all()
+    wanted = weights @ arm.intrinsic_curvature.curvature
+    assert series.fields[:, 4] == pytest.approx(wanted, abs=1e-9)

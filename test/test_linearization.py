@@ -1,0 +1,149 @@
+"""Recordings linearized around a fit, against dense covariances and against moved models."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.linearization import Design, filter_of, TOLERANCE
+from pneunet_ros.effects.load_offset import LoadOffset
+from pneunet_ros.effects.pressure_lag import PressureLag
+from pneunet_ros.effects.pressure_offset import PressureOffset
+from pneunet_ros.measurement.forward_model import THETA
+import pytest
+from scipy.linalg import sqrtm
+from support.lab_designs import base, design, FRAMES, noise, TRAINING
+
+
+def residual(values: Array, around: Design) -> list[Array]:
+    """Return residuals of the training runs for a base model."""
+    found = around.residual(values, (), range(around.training))
+    assert found is not None
+    return found
+
+
+def test_integrating_out_is_the_inverse_root_of_a_covariance():
+    columns = np.random.default_rng(1).standard_normal((8, 3)) * [1.0, 10.0, 0.1]
+    columns = np.column_stack([columns, columns[:, 0] - columns[:, 1]])  # one says nothing new
+    directions, shrink = filter_of(columns)
+    filtered = np.eye(8) - directions @ np.diag(shrink) @ directions.T
+    root = np.real(sqrtm(np.eye(8) + columns @ columns.T))
+    assert filtered == pytest.approx(np.linalg.inv(root), abs=1e-8)
+
+
+def test_blocks_are_white_of_all_that_a_run_has_of_its_own():
+    block = design().blocks[2]
+    flat = np.random.default_rng(2).standard_normal((block.base.shape[0], 2))
+    covariance = np.eye(flat.shape[0]) + block.path @ block.path.T
+    # It is symmetric: twice the inverse root is the inverse.
+    found = block.filtered(block.filtered(flat))
+    assert np.allclose(found, np.linalg.solve(covariance, flat), atol=1e-8)
+    assert not np.allclose(block.filtered(flat), flat, atol=1e-3)
+
+
+def test_columns_of_the_base_are_what_a_changed_model_moves():
+    found = design()
+    values, scale = np.array(found.point.values), found.scale[: found.size, : found.size]
+    for place in (3, found.size // 2, found.size - 1):
+        step = 1e-3 * scale[:, place]
+        ahead, behind = residual(values + step, found), residual(values - step, found)
+        for which in range(len(TRAINING)):
+            answer = (behind[which] - ahead[which]) / 2e-3
+            column = found.blocks[which].base[:, place]
+            assert column == pytest.approx(answer, abs=2e-4 * max(np.abs(answer).max(), 1.0))
+
+
+def test_columns_of_placement_move_targets_in_their_own_frame():
+    found = design()
+    place, targets = 7, found.blocks[0].run.x.shape[1]
+    for which, block in enumerate(found.blocks):
+        moved = np.zeros((FRAMES, 2 * targets, 1))
+        block.series.solve(found.point.arm, block.drive)
+        theta = block.series.fields[:, THETA, place]
+        moved[:, place, 0], moved[:, targets + place, 0] = np.cos(theta), np.sin(theta)
+        wanted = block.white(moved * noise().placement_std)[:, 0]
+        column = found.blocks[which].base[:, found.size + place]
+        assert column == pytest.approx(wanted, abs=1e-9)
+
+
+def test_the_position_is_that_of_the_point():
+    found = design()
+    values = found.mean + found.scale @ found.position
+    assert values[: found.size] == pytest.approx(base().values)
+    assert values[found.size :] == pytest.approx(base().placement.ravel(), abs=1e-12)
+
+
+def test_harmless_departures_move_points_by_their_tolerance_together():
+    found = design()
+    squares, rows = 0.0, 0
+    for block in found.blocks:
+        squares += float(np.sum((block.fields.generic * found.tolerance) ** 2))
+        rows += block.fields.generic.shape[0] * block.fields.generic.shape[1]
+    assert np.sqrt(squares / rows) == pytest.approx(TOLERANCE * found.length, rel=1e-6)
+    felt = [np.any(block.fields.generic, axis=(0, 1)) for block in found.blocks]
+    assert np.array_equal(found.tolerance > 0.0, np.any(felt, axis=0))
+
+
+def test_what_was_not_seen_counts_nothing():
+    found = design()
+    hidden = ~np.concatenate([np.repeat(run.seen[:, None], 2, axis=1).ravel()
+                              for run in found.runs[: found.training]])  # fmt: skip
+    assert hidden.any()
+    run = found.blocks[0]
+    rows = ~np.repeat(run.run.seen[:, None], 2, axis=1).ravel()
+    field = run.whitening(run.fields.generic).reshape(rows.size, -1)
+    assert not field[rows].any()
+
+
+def test_an_effect_beside_the_model_is_the_model_with_it():
+    found = design('load_offset')
+    effect = LoadOffset(offset=0.004)
+    beside = found.residual(found.point.values, (effect,), range(found.training))
+    own = found.at(replace(found.point, effects=(effect,)))
+    assert own.point.arm.effects[-1] == effect
+    points = own.points(own.point.arm, range(found.training))
+    assert beside is not None
+    assert points is not None
+    for which, values in enumerate(beside):
+        run = found.runs[which]
+        apart = np.stack([run.x, run.y], axis=1) - points[which]
+        white = found.blocks[which].white(apart.reshape(FRAMES, -1, 1))[:, 0]
+        assert values == pytest.approx(white, abs=1e-4)
+
+
+def test_a_model_without_a_shape_in_most_frames_has_no_residuals():
+    found = design()
+    far = PressureOffset(offset=50e3)  # Pa, beyond all that the curvature is known for
+    assert found.residual(found.point.values, (far,), range(found.training)) is None
+
+
+def test_readings_without_a_past_are_those_of_the_frames():
+    found = design()
+    for drive, run in zip(found.drives(found.point.arm), found.runs, strict=True):
+        assert drive.pressure == pytest.approx(run.frame_pressure)
+        assert drive.histories is None
+
+
+def test_noise_of_a_reading_has_no_past():
+    found = design()
+    late = found.at(replace(found.point, effects=(PressureLag(time_constant=1e-6),)))
+    for drive, run in zip(late.drives(late.point.arm), found.runs, strict=True):
+        assert drive.pressure == pytest.approx(run.frame_pressure, abs=0.05)
+    slow = found.at(replace(found.point, effects=(PressureLag(time_constant=0.3),)))
+    for drive, quick, run in zip(
+        slow.drives(slow.point.arm), slow.unrest, found.runs, strict=True
+    ):
+        followed = drive.pressure - quick
+        assert np.abs(followed - run.frame_pressure).max() > 100.0 or not run.loaded
+    assert late.acted is found.acted  # one table for all points
+    assert len(found.acted) >= 3
+
+
+def test_training_runs_alone_are_the_same_runs():
+    found = design()
+    part = found.of_training()
+    assert len(part.blocks) == part.training == found.training
+    for mine, whole in zip(part.blocks, found.blocks, strict=False):
+        assert np.allclose(mine.base, whole.base, atol=1e-6 * np.abs(whole.base).max())
+    assert part.acted is not found.acted

@@ -1,0 +1,96 @@
+"""The paper's analysis as a view: Eq 9 from measured shapes, Eq 10 by lines, errors of the fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.calibration.moment_curvature import curvature_std, law_view, line, moment_view
+from pneunet_ros.calibration.steady_states import predicted, spread, stances
+from pneunet_ros.measurement.forward_model import MOMENT, X, Y
+from pneunet_ros.vision.smoother import smoother_for
+import pytest
+from support.small_calibration import ARM, calibration
+
+
+@pytest.fixture(scope='module')
+def views():
+    """Return views of the loaded run of many pressures."""
+    fit = calibration().joint
+    smoother = smoother_for(replace(fit.arm, sensors=replace(fit.arm.sensors, placement_std=0.0)))
+    some = spread(stances(fit.runs[2], fit.arm), 5)
+    return [moment_view(fit, smoother, stance) for stance in some]
+
+
+def test_on_a_shape_of_the_model_the_moment_is_the_model_s():
+    fit = calibration().joint
+    some = spread(stances(fit.runs[2], fit.arm), 4)[1:]
+    smoother = smoother_for(replace(fit.arm, sensors=replace(fit.arm.sensors, placement_std=0.0)))
+    targets = fit.arm.target_arclength
+    for stance, field in zip(some, predicted(fit.arm, some, targets), strict=True):
+        exact = replace(stance, x=field[X], y=field[Y], count=np.full(targets.size, 1e4))
+        view = moment_view(fit, smoother, exact)
+        moment = predicted(fit.arm, [stance], view.arclength)[0, MOMENT]
+        assert np.max(np.abs(view.moment - moment)) < 0.01 * np.max(np.abs(moment))
+
+
+def test_the_change_of_curvature_is_about_moment_over_rigidity(views):
+    arm = calibration().joint.arm
+    view = views[-1]
+    sections = arm.moment_law.sections(np.array([view.stance.pressure]), ARM.length, ARM.weight)
+    middle = (view.arclength > 0.25 * ARM.length) & (view.arclength < 0.8 * ARM.length)
+    expected = view.moment[middle] / sections[0, 1, 1]
+    assert np.max(np.abs(view.change[middle] - expected)) < 0.1 * np.max(np.abs(expected))
+
+
+def test_a_line_finds_rigidity_and_intercept(views):
+    rng = np.random.default_rng(3)
+    moment = np.linspace(-2e-3, 1e-3, 40)
+    found = []
+    for _ in range(200):
+        change = (moment - 2e-4) / 1.5e-4 + rng.normal(0.0, 0.8, 40)
+        view = replace(
+            views[0],
+            arclength=np.linspace(0.0, 0.1, 40),
+            moment=moment,
+            curvature=change,
+            intrinsic=np.zeros(40),
+            std=np.full(40, 0.8),
+        )
+        found.append(line(view, np.ones(40, dtype=bool), 40, 0.0, 0.1))
+    rigidity = np.array([item.rigidity for item in found])
+    offset = np.array([item.offset for item in found])
+    assert abs(rigidity.mean() - 1.5e-4) < 0.01 * 1.5e-4
+    assert abs(offset.mean() - 2e-4) < 1e-5
+    assert 0.8 < rigidity.std() / found[0].rigidity_std < 1.25
+    assert 0.8 < offset.std() / found[0].offset_std < 1.25
+
+
+def test_too_few_targets_give_no_line(views):
+    inside = np.zeros(views[0].arclength.size, dtype=bool)
+    inside[:8] = True
+    assert line(views[-1], inside, 2, 0.0, 0.01) is None
+    assert line(views[-1], inside, 3, 0.0, 0.01) is not None
+
+
+def test_bands_of_curvature_are_the_fit_s_errors_at_the_knots():
+    fit = calibration().joint
+    rows, knots = fit.unknowns.pressure, fit.unknowns.arclength
+    std = curvature_std(fit, rows, knots)
+    known = np.sqrt(np.diag(fit.covariance))[: fit.unknowns.cells].reshape(rows.size, -1)
+    assert np.allclose(std, known)
+
+
+def test_the_law_has_the_errors_are_the_fit_s_errors_at_its_rows():
+    fit = calibration().joint
+    names, change = fit.unknowns.quantities()
+    stds = dict(zip(names, np.sqrt(np.diag(change @ fit.covariance @ change.T)), strict=True))
+    law = fit.arm.moment_law
+    view = law_view(fit, law.pressure)
+    for row in range(law.pressure.size):
+        assert np.allclose(view.rigidity[row], law.rigidity[row])
+        assert view.split[row] == pytest.approx(law.split[row])
+        assert view.split_std[row] == pytest.approx(stds[f'moment_law.split.{row}'], rel=1e-4)
+        for section in range(2):
+            expected = stds[f'moment_law.rigidity.{row}.{section}']
+            assert view.rigidity_std[row, section] == pytest.approx(expected, rel=1e-4)

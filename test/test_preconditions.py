@@ -1,0 +1,120 @@
+"""Recordings that cannot give a calibration are refused in a sentence that says what to do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.calibration.consistency import check_same_arm, odd_recordings
+from pneunet_ros.calibration.preconditions import check_runs
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.effects.hysteresis import Hysteresis
+import pytest
+from support.example_arms import paper_arm
+from support.made_datasets import experiments, made, USUAL
+
+PAPER = paper_arm()
+FREE, LOADED = experiments(PAPER, USUAL, frames=30)
+
+
+def bent(run, **changes):
+    return replace(run, **changes)
+
+
+def scaled(run, targets=1.0, pressure=1.0, force=1.0):
+    return bent(
+        run,
+        x=targets * run.x,
+        y=targets * run.y,
+        pressure=pressure * run.pressure,
+        force=force * run.force,
+    )
+
+
+def still(run):
+    first = np.zeros(len(run.x), dtype=int)
+    return bent(run, x=np.nan_to_num(run.x)[first], y=np.nan_to_num(run.y)[first])
+
+
+def at_one_pressure():
+    return made(PAPER, np.full(30, 2e4), noise=USUAL, name='one.mcap')
+
+
+def few_targets(run):
+    x = np.array(run.x)
+    x[:, 3:] = np.nan
+    return bent(run, x=x)
+
+
+def test_good_recordings_pass():
+    check_runs(FREE, LOADED, PAPER)
+    check_runs(FREE, [], PAPER)
+    check_runs([], LOADED, PAPER, first=False)
+
+
+@pytest.mark.parametrize(
+    ('free', 'loaded', 'sentence'),
+    [
+        ([], LOADED, 'no unloaded recording: .* --unloaded'),
+        ([], [], 'no unloaded recording'),
+        ([at_one_pressure()], [], 'one.mcap span 0.* kPa.*at least two pressures; record a ramp'),
+        ([LOADED[0]], [], 'weights was given as unloaded, but its end force .*--loaded'),
+        (FREE, [FREE[0]], 'up was given as loaded, but it has no end force .*--unloaded'),
+        ([still(FREE[0])], [], 'up: the targets hardly move although the pressure changes'),
+        (FREE, [still(LOADED[1])], 'low sweep: the targets hardly move'),
+        ([scaled(FREE[0], targets=1e3)], [], 'up: a target .* m from the clamp.*must be in m'),
+        ([scaled(FREE[0], targets=1e-3)], [], 'up: the last target lies .* is the unit right'),
+        ([scaled(FREE[0], pressure=1e3)], [], 'up: a pressure of .* gauge, in Pa'),
+        ([scaled(FREE[0], pressure=1e-3)], [], 'up: .*never exceeds 6.* Pa.*not in kPa'),
+        ([scaled(FREE[0], pressure=1e-2)], [], 'up: .*never exceeds 6.* Pa.*mbar'),
+        (FREE, [scaled(LOADED[0], force=1e3)], 'weights: an end force .* must be in N'),
+        ([bent(FREE[0], x=FREE[0].x[:, 1:], y=FREE[0].y[:, 1:])], [], 'up has 22 targets and the'),
+        ([FREE[0].thinned(12)], [], 'up has 12 frames .* at least 20'),
+        ([few_targets(FREE[0])], [], 'up shows fewer than 4 targets'),
+    ],
+)
+def test_what_cannot_be_calibrated_is_refused(free, loaded, sentence):
+    with pytest.raises((RecordingError, RequestError), match=sentence):
+        check_runs(free, loaded, PAPER)
+
+
+def other_arm(factor: float):
+    table = PAPER.intrinsic_curvature
+    return replace(PAPER, intrinsic_curvature=replace(table, curvature=factor * table.curvature))
+
+
+def test_recordings_of_different_arms_are_refused():
+    stranger = made(other_arm(0.85), np.linspace(0, 6e4, 30), noise=USUAL, name='stranger')
+    with pytest.raises(RecordingError, match=r'up and stranger contradict .* mm apart'):
+        check_runs([FREE[0], stranger, FREE[1]], [], PAPER)
+
+
+def test_the_past_of_an_arm_is_no_other_arm():
+    arm = paper_arm((Hysteresis(width=8e3),))
+    up = np.linspace(0, 6e4, 40)
+    loop = made(arm, np.concatenate([up, up[::-1]]), noise=USUAL, name='loop')
+    down = made(arm, up[::-1], noise=USUAL, name='down', start=200)
+    check_same_arm([loop, made(arm, up, noise=USUAL, name='up', start=400), down], arm.length)
+
+
+def test_one_recording_or_none_in_common_is_one_arm():
+    check_same_arm([], 0.1)
+    low, high = (
+        made(other_arm(factor), np.linspace(*span, 30))
+        for factor, span in ((1.0, (0.0, 2e4)), (0.8, (3e4, 6e4)))
+    )
+    check_same_arm([low, high], 0.112)
+
+
+def test_a_recording_that_does_not_fit_the_others_is_named():
+    class Some:
+        def __init__(self, name, chi):
+            self.run = replace(FREE[0], name=name)
+            self.whitened, self.freedom = np.array([100.0 * chi]), np.array([100])
+
+    values = dict.fromkeys(Fit.__dataclass_fields__)
+    runs = tuple(Some(name, chi) for name, chi in (('a', 1.1), ('b', 30.0), ('c', 0.9)))
+    (sentence,) = odd_recordings(Fit(**(values | {'runs': runs})))
+    assert sentence.startswith('b does not fit the others: chi squared per coordinate is 30')
+    assert odd_recordings(Fit(**(values | {'runs': runs[:1]}))) == []

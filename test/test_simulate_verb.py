@@ -1,0 +1,118 @@
+"""The verb `simulate`: what it prints, what it writes, and what it refuses in one sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import shutil
+
+import numpy as np
+from pneunet_ros.cli.main import main
+from pneunet_ros.cli.simulate import shipped_names
+from pneunet_ros.core.share import shipped
+from pneunet_ros.recordings.dataset_reader import read_run
+import pytest
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, tmp_path):
+    """Run the verb; returns its exit code and what stands on stdout and stderr."""
+    monkeypatch.setenv('COLUMNS', '200')
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        try:
+            code = main(['simulate', *arguments])
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def test_a_shipped_scenario_by_its_name(run):
+    code, out, err = run('strings', '--output', 'out.mcap')
+    assert (code, err) == (0, '')
+    assert 'strings on lab-arm' in out
+    assert 'F1 0.150 to 0.250 N, F2 0.000 to 0.275 N' in out
+    assert '400 with 23 targets' in out
+    assert 'wrote out.mcap\nwrote out.truth.npz\n' in out
+    assert read_run('out.mcap', 23)[0].loaded
+
+
+def test_help_names_the_shipped_scenarios(run):
+    _, out, _ = run('--help')
+    assert all(name in out.replace('\n', ' ') for name in shipped_names())
+
+
+def test_seeds_and_effects_as_json(run):
+    def answer(*arguments):
+        code, out, err = run(*arguments, '--output', 'out.mcap', '--overwrite', '--json')
+        assert (code, err, out.count('\n')) == (0, '', 1)
+        with np.load('out.truth.npz') as truth:
+            return json.loads(out), truth['target_x'], read_run('out.mcap', 23)[0].pressure
+
+    first, x, pressure = answer('unloaded_ramp')
+    assert (first['loaded'], first['wrench_readings'], first['frames']) == (False, 0, 400)
+    assert first['scenario']['seed'] == 1
+    assert first['truth'] == 'out.truth.npz'
+    again, other_x, other_pressure = answer('unloaded_ramp', '--seed', '2')
+    assert again['scenario']['seed'] == 2
+    assert np.array_equal(x, other_x)  # the same arm
+    assert not np.array_equal(pressure, other_pressure)  # other noise
+    arm, other_x, other_pressure = answer('unloaded_ramp', '--arm-seed', '5')
+    assert arm['arm'] == 'lab-arm-5'
+    assert not np.array_equal(x, other_x)
+    assert np.array_equal(pressure, other_pressure)
+    heavy, other_x, _ = answer('unloaded_ramp', '--effect', 'gravity.weight_y=-0.5')
+    assert heavy['scenario']['effects']['gravity']['weight_y'] == -0.5
+    assert np.abs(x - other_x).max() > 1e-3
+
+
+def test_a_recording_after_another_one(run):
+    effect = ('--effect', 'softening.loss=0.3')
+    assert run('unloaded_ramp', *effect, '--output', 'first.mcap')[0] == 0
+    tips = []
+    for after in ((), ('--after', 'first.mcap')):
+        code, _, _ = run('strings', *effect, *after, '--output', 'x.mcap', '--overwrite')
+        assert code == 0
+        with np.load('x.truth.npz') as truth:
+            tips.append(truth['x'][:, -1])
+    assert np.abs(tips[1] - tips[0]).max() > 1e-4
+
+
+def test_a_scenario_file_of_the_user(run, tmp_path):
+    for name in ('lab_arm', 'strings'):
+        shutil.copy(shipped(f'scenarios/{name}.yaml'), tmp_path)
+    assert run('strings.yaml', '--output', 'here/out.mcap')[0] == 0
+    assert Path('here/out.truth.npz').is_file()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['jump'], 'jump is no scenario file, nor a shipped scenario; shipped are dead_weights,'),
+        (['jump.yaml'], 'cannot read the scenario file jump.yaml'),
+        (['strings', '--effect', 'gravity'], 'not of the form NAME.PARAMETER=VALUE'),
+        (['strings', '--effect', 'drag.c=1'], 'unknown effect drag; known here: pressure_offset'),
+        (['strings', '--effect', 'gravity.g=1'], 'has no parameter g; known here: richness'),
+        (['strings', '--effect', 'load_offset.offset=9'], 'offset = 9.0 is not within'),
+        (['strings', '--seed', '-1'], "argument --seed: '-1' is no whole number from 0 on"),
+        (['strings', '--after', 'none.mcap'], 'none.truth.npz is no truth of a recording'),
+        (['strings', '--output', 'out.csv.db3'], 'a recording is an .mcap file or a folder'),
+    ],
+)
+def test_what_is_wrong_is_one_sentence_and_leaves_nothing(run, tmp_path, arguments, words):
+    output = [] if '--output' in arguments else ['--output', 'out.mcap']
+    code, out, err = run(*arguments, *output)
+    assert (code, out) == (2, '')
+    assert words in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_existing_files_are_refused(run, tmp_path):
+    (tmp_path / 'out.truth.npz').write_text('precious')
+    code, _, err = run('strings', '--output', 'out.mcap')
+    assert code == 2
+    assert 'out.truth.npz exists already' in err
+    assert (tmp_path / 'out.truth.npz').read_text() == 'precious'

@@ -1,0 +1,84 @@
+"""Holds of a recording: where pressure and end load stand still."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pneunet_ros.core.share import shipped
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.steady_estimates import held_estimates
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.offline.replay import input_topics, steps
+from pneunet_ros.recordings.recording import open_recording
+import pytest
+from support.random_estimates import random_estimate
+
+# kPa, N, N: Table 1 of the paper.
+TABLE_1 = [
+    (0, 0.25, 0), (5, 0.25, 0), (10.5, 0.225, 0), (17.2, 0.2, 0.025), (24.2, 0.2, 0.05),
+    (31, 0.175, 0.07), (37.1, 0.16, 0.1), (44.9, 0.15, 0.125), (51.5, 0.15, 0.175),
+    (53.8, 0.15, 0.2), (56.6, 0.15, 0.2), (58.2, 0.15, 0.225), (61.3, 0.15, 0.25),
+    (63.6, 0.15, 0.26), (66, 0.15, 0.275),
+]  # fmt: skip
+
+
+def stream(*pressures: float, period: float = 0.5) -> list[ShapeEstimate]:
+    """Make estimates at these pressures, one per period (s)."""
+    some = random_estimate(stations=2)
+    return [
+        replace(
+            some,
+            stamp_ns=round((index + 1) * period * 1e9),
+            shape=replace(some.shape, pressure=pressure),
+        )
+        for index, pressure in enumerate(pressures)
+    ]
+
+
+def test_the_holds_of_table_1_are_its_rows_up_and_down_again():
+    recording = open_recording(shipped('bags/table1'))
+    estimator = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
+    topics = input_topics(recording, estimator, {})
+    estimates = [
+        step.outcome
+        for step in steps(recording, estimator, topics)
+        if isinstance(step.outcome, ShapeEstimate)
+    ]
+    holds = held_estimates(estimates)
+    loads = [(hold.shape.pressure / 1000, *hold.shape.force) for hold in holds]
+    assert len(loads) == 29
+    for load, row in zip(loads, TABLE_1 + TABLE_1[-2::-1], strict=True):
+        assert load == pytest.approx(row, abs=1e-12)
+    assert all(hold.shape.end_moment == 0.0 for hold in holds)
+
+
+def test_a_hold_is_its_last_estimate():
+    estimates = stream(1, 1, 1, 1, 2)
+    assert held_estimates(estimates) == [estimates[3]]
+
+
+def test_the_last_hold_needs_nothing_after_it():
+    estimates = stream(2, 1, 1, 1, 1)
+    assert held_estimates(estimates) == [estimates[-1]]
+
+
+def test_a_stretch_shorter_than_asked_for_is_no_hold():
+    estimates = stream(1, 1, 1, 2, 2)
+    assert held_estimates(estimates) == []
+    assert held_estimates(estimates, shortest=1.0) == [estimates[2]]
+
+
+@pytest.mark.parametrize(
+    'change', [{'pressure': 9.0}, {'force': (0.175, 0.08)}, {'end_moment': 1e-6}]
+)
+def test_any_change_of_the_load_ends_a_hold(change):
+    estimates = stream(*8 * (1,))
+    changed = [
+        replace(estimate, shape=replace(estimate.shape, **change)) for estimate in estimates[4:]
+    ]
+    assert held_estimates(estimates[:4] + changed) == [estimates[3], changed[-1]]
+
+
+def test_without_estimates_there_are_no_holds():
+    assert held_estimates([]) == []
