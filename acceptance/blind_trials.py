@@ -27,7 +27,7 @@ from blind.scoring import Row
 from blind.summary import baseline_rates, summary_of, TARGETS
 from blind.trials import BLOCKS, DEVELOPMENT, SCORING
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.core.executor import executor_of
+from pneunet_ros.core.executor import open_executor
 from pneunet_ros.files.json_text import json_text
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace, record: Record) -> list[str]:
     left = [(block, seed) for block, seed in wanted(arguments) if f'{block}/{seed}' not in done]
     columns = TextColumn('trials'), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     with (
-        executor_of(arguments.workers, arguments.scheduler) as executor,
+        open_executor(arguments.workers, arguments.scheduler) as executor,
         Progress(*columns, console=Console(stderr=True), disable=arguments.json) as progress,
     ):
         bar = progress.add_task('trials', total=len(left))

@@ -31,7 +31,7 @@ from pneunet_ros import load_model
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.held_out import score
 from pneunet_ros.calibration.tip_force import end_forces
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_arm import varied
@@ -62,7 +62,7 @@ def record(seed: int) -> tuple[dict, Scenario]:
     runs = {}
     for place, name in enumerate((*UNLOADED, *LOADED, 'held_out')):
         file = 'random_mix' if name == 'held_out' else name
-        scenario = load_scenario(shipped(f'scenarios/{file}.yaml'))
+        scenario = load_scenario(share_path(f'scenarios/{file}.yaml'))
         changes = {'arm': varied(scenario.arm, seed), 'seed': 100 * seed + place}
         if name == 'held_out':
             assert isinstance(scenario.protocol, RandomMix)
@@ -92,7 +92,7 @@ def standard_errors(calibration: Calibration) -> tuple[np.ndarray, np.ndarray]:
     factor = np.linalg.cholesky(fit.covariance)
     law, curvature = [], []
     for column in factor.T:
-        sides = [fit.unknowns.arm(fit.values + sign * 0.1 * column) for sign in (-1.0, 1.0)]
+        sides = [fit.parameters.arm(fit.values + sign * 0.1 * column) for sign in (-1.0, 1.0)]
         law.append((law_values(sides[1]) - law_values(sides[0])) / 0.2)
         curvature.append((curvature_values(sides[1]) - curvature_values(sides[0])) / 0.2)
     return tuple(np.sqrt(np.sum(np.square(moved), axis=0)) for moved in (law, curvature))
@@ -101,7 +101,7 @@ def standard_errors(calibration: Calibration) -> tuple[np.ndarray, np.ndarray]:
 def one_seed(seed: int) -> dict:
     """Calibrate one arm and compare with the truth."""
     runs, scenario = record(seed)
-    frame = load_model(shipped('config/paper_arm.yaml'))
+    frame = load_model(share_path('config/paper_arm.yaml'))
     frame = dataclasses.replace(frame, target_arclength=scenario.arm.targets)
     started = time.perf_counter()
     calibration = calibrate(
@@ -137,7 +137,7 @@ def one_seed(seed: int) -> dict:
         'seed': seed,
         'seconds': seconds,
         'converged': fit.converged,
-        'chi_squared_per_coordinate': fit.chi_squared / fit.freedom,
+        'chi_squared_per_coordinate': fit.chi_squared / fit.dof,
         'held_out_rms': score(arm, held).rms,
         'true_rms': score(true, held).rms,
         'alpha_error': np.abs(law_error[:2] / law_values(true)[:2]).max(axis=1),

@@ -30,7 +30,7 @@ from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.files.json_text import plain
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 from real_data_fit import (
@@ -100,10 +100,10 @@ def model(actuator: Actuator, noise: float) -> Arm:
     return replace(straight, target_arclength=np.array([0.0, LENGTH]), sensors=sensors)
 
 
-def recorded(actuator: Actuator, rows: np.ndarray) -> Run:
+def recorded(actuator: Actuator, rows: np.ndarray) -> RecordingData:
     """Return the recording of some of the rows: clamp and tip, nothing attached."""
     stamps, zeros = PERIOD * (1 + rows), np.zeros(rows.size)
-    return Run(
+    return RecordingData(
         name=actuator.name,
         reading_stamp_ns=stamps,
         pressure=actuator.pressure[rows],

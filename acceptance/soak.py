@@ -245,11 +245,11 @@ class Estimator(Subject):
     name, answers = 'estimator', 'shape'
 
     def __init__(self, folder: Path, domain: int) -> None:
-        from pneunet_ros.core.share import shipped
+        from pneunet_ros.core.share import share_path
         from pneunet_ros.files.model_file import load_model, save_model
 
         self.model = folder / 'model.yaml'
-        self.arm = load_model(shipped('config/paper_arm.yaml'))
+        self.arm = load_model(share_path('config/paper_arm.yaml'))
         save_model(self.arm, self.model)
         self.publishers: dict[str, Any] = {}
         super().__init__(folder, domain, [*QOS, '-p', f'model_file:={self.model}'])
@@ -316,13 +316,13 @@ class Tracker(Subject):
     name, answers = 'tracker', 'targets'
 
     def __init__(self, folder: Path, domain: int) -> None:
-        from pneunet_ros.core.share import shipped
+        from pneunet_ros.core.share import share_path
         from pneunet_ros.files.camera_file import load_camera
         from pneunet_ros.files.model_file import load_model
         from pneunet_ros.nodes.tracker.warm_up import drawn_arm
 
-        arm = load_model(shipped('config/paper_arm.yaml'))
-        settings = load_camera(shipped('config/camera.yaml'))
+        arm = load_model(share_path('config/paper_arm.yaml'))
+        settings = load_camera(share_path('config/camera.yaml'))
         self.image, self.lens = drawn_arm(arm.target_arclength, settings)
         self.publishers: dict[str, Any] = {}
         super().__init__(folder, domain, [])

@@ -24,7 +24,7 @@ import warnings
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.smoother import smoother_for
 from scipy.interpolate import UnivariateSpline
@@ -240,7 +240,7 @@ def main() -> None:
         '--repeats', type=int, default=20, help='noisy frames of every shape (default: 20)'
     )
     arguments = command.parse_args()
-    result = curvature_errors(load_model(shipped('config/paper_arm.yaml')), arguments.repeats)
+    result = curvature_errors(load_model(share_path('config/paper_arm.yaml')), arguments.repeats)
     if arguments.json:
         machine = {'machine': platform.machine(), 'python': platform.python_version()}
         print(json.dumps({'bench': 'centerline', **machine, **result}))

@@ -17,7 +17,7 @@ import tempfile
 import time
 
 from pneunet_ros import load_model
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.offline.replay import input_topics, record_steps, Step, Tally
 from pneunet_ros.recordings.recording import open_recording
@@ -26,9 +26,9 @@ from pneunet_ros.recordings.recording_writer import write_recording
 
 def replay(folder: Path) -> tuple[float, int, int]:
     """Seconds, readings and estimates of one replay from file to file."""
-    estimator = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
+    estimator = Estimator(arm=load_model(share_path('config/paper_arm.yaml')))
     begun = time.perf_counter()
-    recording = open_recording(shipped('bags/table1'))
+    recording = open_recording(share_path('bags/table1'))
     topics = input_topics(recording, estimator, {})
     tally = Tally()
 

@@ -24,13 +24,13 @@ import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.jit import kernel
 from pneunet_ros.core.readings import PressureReading, WrenchReading
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.batch import MOST_ITERATIONS, predicted, TOLERANCE
-from pneunet_ros.model.equilibrium import linearized, panels_of, with_pressure_change
+from pneunet_ros.model.equilibrium import linearized_ends, panels_of, with_pressure_change
 from pneunet_ros.solver import (
     collocation,
     sensitivity,
@@ -42,7 +42,7 @@ from pneunet_ros.solver import (
     interpolation as stations,
 )
 from pneunet_ros.solver.batch import newton_many
-from pneunet_ros.solver.boundary_value_problem import Attempt
+from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import root_scalar
 
@@ -217,7 +217,7 @@ class Case:
         self.shape = solve(arm, self.pressure, (row[1], row[2]), start=self.near)
         assert self.shape.solution is not None and self.near.solution is not None
         self.rods, change = with_pressure_change(arm, self.pressure)
-        attempt = Attempt(self.rods, (row[1], row[2]), 0.0, 1e-13)
+        attempt = BoundaryValueProblem(self.rods, (row[1], row[2]), 0.0, 1e-13)
         attempt.start_from(self.near.solution)
         self.start, self.counts, self.ends = attempt.nodes.copy(), attempt.counts, attempt.ends
         self.nodes = np.empty_like(self.start)
@@ -225,7 +225,9 @@ class Case:
         difference = panels_of(change.after, solution) - panels_of(change.before, solution)
         self.panel_changes = (difference / change.distance)[None]
         self.end_changes = np.zeros((1, 6))
-        self.node_changes, self.tip, _ = linearized(solution, self.panel_changes, self.end_changes)
+        self.node_changes, self.tip, _ = linearized_ends(
+            solution, self.panel_changes, self.end_changes
+        )
         self.bvp_start = {}
         for tolerance in (1e-6, 1e-3):
             rod = Rod(arm=arm, pressure=self.pressure - 500.0, force=before)
@@ -381,7 +383,7 @@ def measure(arm: Arm, repeats: int) -> dict[str, object]:
 
 def arms() -> dict[str, Arm]:
     """Return the shipped arm, a stiffer one, and the shipped one with every mechanical term."""
-    soft = load_model(shipped('config/paper_arm.yaml'))
+    soft = load_model(share_path('config/paper_arm.yaml'))
     law = dataclasses.replace(soft.moment_law, rigidity=9.0 * soft.moment_law.rigidity)
     effects = tuple(EFFECTS[name](**values) for name, values in MECHANICS.items())
     return {

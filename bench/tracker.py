@@ -32,7 +32,7 @@ from centerline import curvature_errors  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 from pneunet_ros import load_model  # noqa: E402
-from pneunet_ros.core.share import shipped  # noqa: E402
+from pneunet_ros.core.share import share_path  # noqa: E402
 from pneunet_ros.files.json_text import plain  # noqa: E402
 from pneunet_ros.lab.lens import looking_down  # noqa: E402
 from pneunet_ros.lab.renderer import as_image, Renderer  # noqa: E402
@@ -287,7 +287,7 @@ def main() -> None:
     arguments = command.parse_args()
     warnings.simplefilter('ignore', ConvergenceWarning)  # of the textbook's Gaussian process
     shown = not arguments.json
-    arm = load_model(shipped('config/paper_arm.yaml'))
+    arm = load_model(share_path('config/paper_arm.yaml'))
     result = {
         'bench': 'tracker',
         'machine': platform.machine(),

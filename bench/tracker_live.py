@@ -31,7 +31,7 @@ import cv2  # noqa: E402
 from latency import cpu_seconds, NAMESPACE, running_node  # noqa: E402
 import numpy as np  # noqa: E402
 from pneunet_ros import load_model  # noqa: E402
-from pneunet_ros.core.share import shipped  # noqa: E402
+from pneunet_ros.core.share import share_path  # noqa: E402
 from support.rendered_frames import REST_FRAMES, View  # noqa: E402
 
 SIZE = (1280, 720)
@@ -268,7 +268,7 @@ def main() -> int:
         return 0
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 101 + 1))
-    arm = load_model(shipped('config/paper_arm.yaml'))
+    arm = load_model(share_path('config/paper_arm.yaml'))
     film = Film(View(arm, 3, FRAMES, size=SIZE, hidden=False))
     with tempfile.TemporaryDirectory() as log:
         os.environ['ROS_LOG_DIR'] = log

@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 
 import numpy as np
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.files.scenario_file import load_lab
 from pneunet_ros.model.arm import Arm
@@ -27,7 +27,7 @@ KEYS = ('arm', 'intrinsic_curvature', 'moment_law', 'sensors')
 
 def lab_model() -> Arm:
     """Return the model of the shipped lab arm."""
-    arm = true_model(load_lab(shipped('scenarios/lab_arm.yaml')))
+    arm = true_model(load_lab(share_path('scenarios/lab_arm.yaml')))
     table = arm.intrinsic_curvature
     rounded = {name: np.round(getattr(table, name), 6) for name in ('arclength', 'curvature')}
     return replace(

@@ -25,7 +25,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 import numpy as np
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.point_cloud import cloud_points
 import rclpy
@@ -34,7 +34,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import FluidPressure, PointCloud2
 
-MODEL, CAMERA = shipped('config/lab_arm.yaml'), shipped('config/lab_camera.yaml')
+MODEL, CAMERA = share_path('config/lab_arm.yaml'), share_path('config/lab_camera.yaml')
 LOWEST, HIGHEST, PERIOD = 4e3, 46e3, 16.0  # Pa, Pa, s
 START_TIMEOUT = 900.0  # s; the very first time kernels are compiled, by all nodes at once
 STILL_STARTING = 30.0  # s, after which this is said, and again

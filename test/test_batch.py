@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.batch import FIELDS, solve_many
 from pneunet_ros.model.equilibrium import solve_rod
 import pytest
 
-ARM = load_model(shipped('config/paper_arm.yaml'))
+ARM = load_model(share_path('config/paper_arm.yaml'))
 MECHANICS = (
     EFFECTS['extensibility'](axial_stiffness=40.0),
     EFFECTS['gravity'](weight_y=-1.0),

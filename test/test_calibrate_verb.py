@@ -16,7 +16,7 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.cli import calibrate
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import ModelError, RecordingError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulated import simulated
 from pneunet_ros.offline.calibration_files import knowledge_file, load_knowledge, save_knowledge
@@ -30,7 +30,7 @@ FREE, LOADED = ('unloaded_ramp', 'unloaded_staircase'), ('force_sweeps', 'string
 
 @cache
 def recorded(name: str):
-    scenario = load_scenario(shipped(f'scenarios/{name}.yaml'))
+    scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
     rates = dataclasses.replace(scenario.rates, frames=FRAME_RATE)
     return simulated(dataclasses.replace(scenario, rates=rates))
 

@@ -14,7 +14,7 @@ from pneunet_ros.calibration.moment_curvature import curvature_std, law_view
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.readings import PressureReading
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -48,14 +48,14 @@ def in_the_lab() -> Calibration:
 
 @cache
 def lab_arm():
-    return true_model(load_scenario(shipped('scenarios/strings.yaml')))
+    return true_model(load_scenario(share_path('scenarios/strings.yaml')))
 
 
 def errors(calibration: Calibration, true) -> np.ndarray:
     """Return the errors of all numbers of the curvature's table in their standard errors."""
     fit = calibration.joint
-    cells = fit.unknowns.cells
-    rows, knots = fit.unknowns.pressure, fit.unknowns.arclength
+    cells = fit.parameters.cells
+    rows, knots = fit.parameters.pressure, fit.parameters.arclength
     table = np.array([true.intrinsic_curvature.at(float(row), knots) for row in rows])
     off = fit.values[:cells].reshape(table.shape) - table
     return off / np.sqrt(np.diag(fit.covariance)[:cells]).reshape(table.shape)
@@ -70,7 +70,7 @@ def test_the_truth_is_found_within_the_errors(calibration, true):
     fit, arm = found.joint, found.arm
     assert fit.converged
     # Thinned recordings of the lab: some of the motion between frames counts as noise.
-    assert 0.7 < fit.chi_squared / fit.freedom < 1.15
+    assert 0.7 < fit.chi_squared / fit.dof < 1.15
     pressures = np.linspace(12e3, 55e3, 5)
     law, wanted = (
         item.moment_law.sections(pressures, item.length, item.weight) for item in (arm, true)
@@ -113,7 +113,7 @@ def test_half_after_half_comes_to_what_all_at_once_does():
     free, loaded = noisy()
     first = calibrate([free[0]], loaded[:2], PAPER, compare=False)
     frame = replace(PAPER, sensors=first.arm.sensors)
-    both = calibrate([free[1]], loaded[2:], frame, earlier=first.knowledge, compare=False)
+    both = calibrate([free[1]], loaded[2:], frame, earlier=first.posterior, compare=False)
     assert both.joint.converged
     at, inner = np.linspace(10e3, 50e3, 4), np.linspace(0.1, 0.9, 9)
     one, other = law_view(both.joint, at), law_view(calibrated().joint, at)
@@ -133,9 +133,9 @@ def test_half_after_half_comes_to_what_all_at_once_does():
 def test_loads_may_come_later():
     free, loaded = noisy()
     first = calibrate(free, [], PAPER)
-    assert first.knowledge.kind == ''
+    assert first.posterior.kind == ''
     frame = replace(PAPER, sensors=first.arm.sensors)  # placement, which loads do not show
-    later = calibrate([], loaded, frame, earlier=first.knowledge, compare=False)
+    later = calibrate([], loaded, frame, earlier=first.posterior, compare=False)
     assert later.joint.converged
     at = np.linspace(12e3, 55e3, 4)
     found = law_view(later.joint, at)
@@ -147,11 +147,11 @@ def test_loads_may_come_later():
 
 def test_what_cannot_be_continued_is_refused():
     free, _ = noisy()
-    known = replace(calibrated().knowledge, low=0.0, high=30e3)
+    known = replace(calibrated().posterior, low=0.0, high=30e3)
     with pytest.raises(RequestError, match=r'reach from .* to 60.* kPa.*calibrate anew'):
         calibrate(free, [], PAPER, earlier=known)
     with pytest.raises(RequestError, match='has the moment law piecewise_linear'):
-        calibrate(free, [], PAPER, earlier=calibrated().knowledge, kind='linear')
+        calibrate(free, [], PAPER, earlier=calibrated().posterior, kind='linear')
     with pytest.raises(RequestError, match='must be one of piecewise_linear, linear, majidi'):
         calibrate(free, [], PAPER, kind='cubic')
 
@@ -160,8 +160,8 @@ def test_the_range_is_that_of_the_chamber():
     free, _ = noisy()
     frame = paper_arm((PressureOffset(offset=5e3),))
     found = calibrate([run.thinned(20) for run in free], [], frame)
-    assert found.knowledge.low == pytest.approx(5e3, abs=400.0)
-    assert found.knowledge.high == pytest.approx(65e3, abs=400.0)
+    assert found.posterior.low == pytest.approx(5e3, abs=400.0)
+    assert found.posterior.high == pytest.approx(65e3, abs=400.0)
     assert all(run.solved.all() for run in found.joint.runs)
 
 
@@ -172,7 +172,7 @@ def test_few_columns_have_the_variance_of_the_shape():
     assert 0.8 < found.captured <= 1.0
     moved = np.concatenate([answers(fit, which) for which in range(len(fit.runs))])
     whole = np.einsum('pi,ij,pj->', moved, fit.covariance, moved)
-    names, change = fit.unknowns.quantities()
+    names, change = fit.parameters.quantities()
     assert covariance.quantities == names
     columns = np.linalg.pinv(change) @ covariance.factor
     assert np.sum((moved @ columns) ** 2) == pytest.approx(whole, rel=1e-3)

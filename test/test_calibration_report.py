@@ -88,8 +88,8 @@ def test_notes_provenance_and_names_are_text(report):
 def test_numbers_stand_with_their_errors(report):
     _, text, _ = report
     rows = number_rows(calibration())
-    unknowns = calibration().joint.unknowns
-    assert len(rows) == unknowns.cells + len(law_rows(rows))
+    parameters = calibration().joint.parameters
+    assert len(rows) == parameters.cells + len(law_rows(rows))
     assert len(law_rows(rows)) == 3 * calibration().arm.moment_law.pressure.size
     for row in law_rows(rows):
         assert row.name in text

@@ -8,7 +8,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 import cv2
 import numpy as np
 from pneunet_ros import load_model
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.topics import decode_pressure
 from pneunet_ros.offline.track import track_steps
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
@@ -85,13 +85,13 @@ def test_the_folder_is_a_small_recording_with_script_and_truth(folder):
 @pytest.mark.parametrize('index', [0, 40, 88, 130, 240])
 def test_images_are_what_the_script_renders(script, messages, index):
     rendered, _ = script.picture(index)
-    shipped = image_of(messages, index)
-    assert shipped.shape == (480, 640)
+    share_path = image_of(messages, index)
+    assert share_path.shape == (480, 640)
     # JPEG takes some of the noise away; it must not take more.
-    assert np.abs(shipped.astype(float) - rendered).mean() < 1.5
+    assert np.abs(share_path.astype(float) - rendered).mean() < 1.5
     again = script.image_message(0, rendered).data
     decoded = cv2.imdecode(np.frombuffer(again, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert np.abs(shipped.astype(float) - decoded).mean() < 0.3
+    assert np.abs(share_path.astype(float) - decoded).mean() < 0.3
 
 
 def test_the_truth_is_what_the_script_says(script, truth):
@@ -101,8 +101,8 @@ def test_the_truth_is_what_the_script_says(script, truth):
     for index in [*range(0, IMAGES, 8), 80, 84, 88, 92]:
         lines = list(script.truth_lines(stamps[index], script.picture(index)[1]))
         made = np.array([[float(word) for word in line.split(',')] for line in lines])
-        shipped = np.stack([truth[name][index] for name in names], axis=1)
-        assert np.all(np.abs(made - shipped) <= 1.01 * steps)
+        share_path = np.stack([truth[name][index] for name in names], axis=1)
+        assert np.all(np.abs(made - share_path) <= 1.01 * steps)
 
 
 def test_making_a_recording_of_three_images_works(script, tmp_path, monkeypatch):
@@ -199,7 +199,7 @@ def test_white_is_where_the_truth_says(messages, truth):
 
 
 def test_the_tracker_sees_what_is_true(folder, truth):
-    tracker = Tracker(load_model(shipped('config/paper_arm.yaml')), CameraSettings())
+    tracker = Tracker(load_model(share_path('config/paper_arm.yaml')), CameraSettings())
     stream = open_images(folder, SourceRequest())
     steps = [step.outcome for step in track_steps(stream, tracker) if step.frame]
     assert [step.reason for step in steps] == ['resting'] * 4 + [''] * (IMAGES - 4)

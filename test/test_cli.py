@@ -18,7 +18,7 @@ from pneunet_ros import __version__, load_model, solve
 from pneunet_ros.cli.main import main, VERBS
 from pneunet_ros.cli.predict import uncertain
 from pneunet_ros.core.frames import rotate
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
@@ -33,7 +33,7 @@ import pytest
 from support.films import encoded, film, pictures, write_folder, write_messages
 from support.made_recordings import PRESSURE, pressure, WRENCH, wrench
 
-MODEL = shipped('config/paper_arm.yaml')
+MODEL = share_path('config/paper_arm.yaml')
 ARM = load_model(MODEL)
 LOADED = ['predict', '--pressure', '31e3', '--force', '0.175', '0.07']
 PREDICTED = {
@@ -348,7 +348,7 @@ def test_existing_outputs_are_refused_or_replaced(run, recording, tmp_path, verb
 
 def test_an_interrupted_replay_leaves_nothing(tmp_path, checkout, foreign_environment):
     process = subprocess.Popen(
-        [sys.executable, '-m', 'pneunet_ros.cli', 'replay', str(shipped('bags/table1')),
+        [sys.executable, '-m', 'pneunet_ros.cli', 'replay', str(share_path('bags/table1')),
          '--output', str(tmp_path / 'out.mcap')],
         env={**foreign_environment, 'PYTHONPATH': str(checkout)},
         stdout=subprocess.PIPE,
@@ -528,7 +528,7 @@ def test_existing_outputs_of_track_are_refused_or_replaced(run, camera, tmp_path
 
 def test_an_interrupted_track_leaves_nothing(camera, tmp_path, checkout, foreign_environment):
     process = subprocess.Popen(
-        [sys.executable, '-m', 'pneunet_ros.cli', 'track', str(shipped('bags/camera_demo')),
+        [sys.executable, '-m', 'pneunet_ros.cli', 'track', str(share_path('bags/camera_demo')),
          '--output', str(tmp_path / 'out.mcap'), '--table', str(tmp_path / 't.csv'),
          '--preview', str(tmp_path / 'p.mp4')],
         env={**foreign_environment, 'PYTHONPATH': str(checkout)},

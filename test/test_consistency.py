@@ -18,20 +18,25 @@ from pneunet_ros.effects.camera_scale import CameraScale
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.estimation.consistency import (
+    ConsistencyState,
     FEWEST,
     limit,
     MOST_WAITING,
     QUANTILE,
-    remembered,
-    watched,
-    WatchState,
+    take_estimate,
+    take_targets,
 )
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.predicted_targets import expected_targets, ExpectedTargets, gap, Moment
+from pneunet_ros.estimation.predicted_targets import (
+    innovation,
+    predict_targets,
+    PredictedTargets,
+    Snapshot,
+)
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.messages.consistency import watched_message
 from pneunet_ros.messages.readings import targets_message
 from pneunet_ros.model.arm import Arm
@@ -55,7 +60,7 @@ def sightings(stamp_ns: int, x, y, std=np.nan) -> TargetSightings:
     return replace(seen, x=np.array(x), y=np.array(y), std=np.full(len(x), std))
 
 
-def events(run: Run) -> Iterator[Event]:
+def events(run: RecordingData) -> Iterator[Event]:
     """Yield what a run says: wrench, pressure and then the frame, as a tracker is late."""
     for index, stamp in enumerate(run.stamp_ns.tolist()):
         force = run.force[index]
@@ -71,7 +76,7 @@ class Watched:
 
     def __init__(self, arm: Arm = KNOWN, **settings) -> None:
         self.estimator = Estimator(arm=arm, settings=EstimatorSettings(**settings))
-        self.state, self.watch = EstimatorState(), WatchState()
+        self.state, self.watch = EstimatorState(), ConsistencyState()
         self.said = []
         self.moment = None
 
@@ -79,14 +84,16 @@ class Watched:
         for event in told:
             running = self.watch.running
             if isinstance(event, TargetSightings):
-                self.watch, refusal = watched(self.watch, self.estimator, event)
+                self.watch, refusal = take_targets(self.watch, self.estimator, event)
                 assert refusal is None
             else:
                 self.state, outcome = self.estimator.step(self.state, event)
                 if isinstance(event, PressureReading):
                     assert isinstance(outcome, ShapeEstimate)
-                    self.moment = Moment(reading=event, state=self.state, estimate=outcome)
-                    self.watch = remembered(self.watch, self.estimator, event, self.state, outcome)
+                    self.moment = Snapshot(reading=event, state=self.state, estimate=outcome)
+                    self.watch = take_estimate(
+                        self.watch, self.estimator, event, self.state, outcome
+                    )
             if self.watch.running is not running:
                 self.said.append(self.watch.disagreement())
         return self
@@ -97,7 +104,7 @@ class Watched:
         return [item for item in self.said if item is not None]
 
 
-def seen_of(truth: Arm, seed: int = 0, noise: SensorNoise | None = USUAL) -> Run:
+def seen_of(truth: Arm, seed: int = 0, noise: SensorNoise | None = USUAL) -> RecordingData:
     return made(truth, UP_AND_DOWN, PULL, noise=noise, seed=seed, painted=seed)
 
 
@@ -182,7 +189,7 @@ def test_targets_are_expected_where_the_model_has_them():
     for index, event in enumerate(events(run)):
         watch.tell(event)
         if isinstance(event, PressureReading):
-            expected = expected_targets(watch.estimator, watch.moment)
+            expected = predict_targets(watch.estimator, watch.moment)
             np.testing.assert_allclose(expected.x, run.x[index // 3], atol=1e-9)
             np.testing.assert_allclose(expected.y, run.y[index // 3], atol=1e-9)
 
@@ -198,7 +205,7 @@ def test_errors_are_what_readings_do_to_targets(effects):
             WrenchReading(stamp_ns=1, force_x=force_x, force_y=0.1, moment=0.0, frame_id=BASE),
             PressureReading(stamp_ns=1, pressure=pressure),
         )
-        return expected_targets(watch.estimator, watch.moment)
+        return predict_targets(watch.estimator, watch.moment)
 
     errors = at().errors
     for source, changed in ((0, {'force_x': 0.1 + 1e-3}), (3, {'pressure': 30e3 + 60.0})):
@@ -215,7 +222,7 @@ def test_an_uncertain_camera_is_an_error_of_the_model():
     watch = Watched(replace(KNOWN, effects=effects, covariance=covariance)).tell(
         *list(events(seen_of(KNOWN)))[:2]
     )
-    expected = expected_targets(watch.estimator, watch.moment)
+    expected = predict_targets(watch.estimator, watch.moment)
     np.testing.assert_allclose(expected.errors[-1], 0.01 * np.stack([expected.x, expected.y]),
                                atol=1e-9)  # fmt: skip
 
@@ -223,11 +230,11 @@ def test_an_uncertain_camera_is_an_error_of_the_model():
 def test_chi_square_is_that_of_the_whole_covariance():
     random = np.random.default_rng(3)
     errors = 1e-4 * random.standard_normal((4, 2, 5))
-    expected = ExpectedTargets(x=np.linspace(0, 0.1, 5), y=np.zeros(5), errors=errors)
+    expected = PredictedTargets(x=np.linspace(0, 0.1, 5), y=np.zeros(5), errors=errors)
     apart = 2e-4 * random.standard_normal((2, 5))
     apart[0, 2] = np.nan
     frame = sightings(1, expected.x + apart[0], expected.y + apart[1], std=7e-5)
-    found = gap(expected, frame, USUAL)
+    found = innovation(expected, frame, USUAL)
     variance = 7e-5**2 + USUAL.placement_std**2  # the tracker's std is more than the model's
     camera = USUAL.registration_std**2 + USUAL.drift_std**2
     columns = errors.reshape(4, 10)
@@ -342,7 +349,7 @@ def message(frame_id: str = BASE, targets: int = 23, stamp_ns: int = 1_000_000_0
     [(message(frame_id='camera'), "frame 'camera'"), (message(targets=3), '3 points'), (None, '')],
 )
 def test_a_message_that_is_not_of_this_arm_is_refused(wrong, words):
-    watch, refusal = watched_message(WatchState(), Watched().estimator, wrong)
+    watch, refusal = watched_message(ConsistencyState(), Watched().estimator, wrong)
     assert refusal.reason == 'unreadable'
     assert words in refusal.sentence
     assert not refusal.error
@@ -354,7 +361,7 @@ def test_a_message_that_is_not_of_this_arm_is_refused(wrong, words):
 )
 def test_a_frame_out_of_order_is_refused(stamp_ns, reason):
     estimator = Watched().estimator
-    watch, refusal = watched_message(WatchState(), estimator, message())
+    watch, refusal = watched_message(ConsistencyState(), estimator, message())
     assert refusal is None
     watch, refusal = watched_message(watch, estimator, message(stamp_ns=stamp_ns))
     assert refusal.reason == reason
@@ -363,7 +370,7 @@ def test_a_frame_out_of_order_is_refused(stamp_ns, reason):
 
 def test_a_model_without_targets_has_nothing_to_compare():
     bare = replace(KNOWN, target_arclength=np.zeros(0))
-    watch, refusal = watched_message(WatchState(), Watched(bare).estimator, message())
+    watch, refusal = watched_message(ConsistencyState(), Watched(bare).estimator, message())
     assert refusal is None
     assert not watch.unmatched
     assert not watch.waiting

@@ -7,14 +7,14 @@ from dataclasses import replace
 from matplotlib.image import imread
 from pneunet_ros import load_model
 from pneunet_ros.core.readings import PressureReading, WrenchReading
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.reports.demo_plot import draw_holds
 import pytest
 
-ARM = load_model(shipped('config/paper_arm.yaml'))
+ARM = load_model(share_path('config/paper_arm.yaml'))
 
 
 def estimates(*loads: tuple[float, float, float]) -> list[ShapeEstimate]:

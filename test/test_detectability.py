@@ -6,10 +6,16 @@ import functools
 import math
 
 import numpy as np
-from pneunet_ros.diagnosis.detectability import ALIKE, cosines, detectable, PRIOR_RANGE, VISIBLE
-from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.detectability import (
+    ALIKE,
+    cosines,
+    detection_limits,
+    PRIOR_RANGE,
+    VISIBLE,
+)
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import hypotheses
-from pneunet_ros.diagnosis.score_test import Candidate, candidates, clean_score
+from pneunet_ros.diagnosis.score_test import Candidate, clean_score, score_effects
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import asked, fitted
@@ -33,26 +39,32 @@ def invented(name: str, direction: list[float], size: float = 0.01) -> Candidate
     )
 
 
-def plain(columns: list[list[float]]) -> Linear:
+def plain(columns: list[list[float]]) -> GaussianModel:
     """Return a problem of one run of four rows with these columns."""
-    return Linear.of([np.array(columns, dtype=float).reshape(4, -1)], [np.zeros(4)],
+    return GaussianModel.of([np.array(columns, dtype=float).reshape(4, -1)], [np.zeros(4)],
                      np.zeros(len(columns[0])))  # fmt: skip
 
 
 def test_the_smallest_visible_size_has_a_chi_squared_of_25():
-    found = detectable([asked('load_offset')], [invented('load_offset', [0.0, 6.0, 8.0, 0.0])])
+    found = detection_limits(
+        [asked('load_offset')], [invented('load_offset', [0.0, 6.0, 8.0, 0.0])]
+    )
     shown = found['load_offset']
     # 0.01 m has 100: five standard deviations are half of it.
     assert (shown.parameter, shown.unit) == ('offset', 'm')
     assert shown.smallest == pytest.approx(0.005)
     assert shown.observable
-    small = detectable([asked('load_offset')], [invented('load_offset', [1.0, 0.0, 0.0, 0.0])])
+    small = detection_limits(
+        [asked('load_offset')], [invented('load_offset', [1.0, 0.0, 0.0, 0.0])]
+    )
     assert small['load_offset'].smallest == pytest.approx(0.05)
     assert not small['load_offset'].observable  # more than twice the height of the arm
 
 
 def test_the_smallest_visible_stretch_is_the_largest_stiffness():
-    found = detectable([asked('extensibility')], [invented('extensibility', [5.0, 0.0, 0.0, 0.0])])
+    found = detection_limits(
+        [asked('extensibility')], [invented('extensibility', [5.0, 0.0, 0.0, 0.0])]
+    )
     assert found['extensibility'].smallest == pytest.approx(100.0)  # N, of a compliance of 0.01
     assert found['extensibility'].observable
 
@@ -60,7 +72,7 @@ def test_the_smallest_visible_stretch_is_the_largest_stiffness():
 def test_what_could_not_be_tried_and_what_is_a_scale_of_pressure_are_not_seen():
     strong = [1e6, 0.0, 0.0, 0.0]
     items = [asked(name) for name in ('pressure_gain', 'pressure_offset', 'creep')]
-    found = detectable(items, [invented('pressure_gain', strong)])
+    found = detection_limits(items, [invented('pressure_gain', strong)])
     assert list(found) == ['pressure_gain', 'pressure_offset', 'creep']
     assert not any(item.observable for item in found.values())
     assert all(item.smallest == math.inf for item in found.values())
@@ -86,27 +98,27 @@ def test_cosines_are_those_beside_a_refitted_base():
 @functools.cache
 def tried() -> list[Candidate]:
     """Return candidates beside the base model of clean recordings."""
-    return candidates(fitted(), [asked(name) for name in NAMES])
+    return score_effects(fitted(), [asked(name) for name in NAMES])
 
 
 def test_the_best_candidate_comes_first():
     gains = [item.gain for item in tried()]
     assert gains == sorted(gains, reverse=True)
     assert {item.hypothesis.name for item in tried()} == set(NAMES)
-    hidden = candidates(fitted(hidden='load_offset'), [asked(name) for name in NAMES])
+    hidden = score_effects(fitted(hidden='load_offset'), [asked(name) for name in NAMES])
     assert hidden[0].hypothesis.name == 'load_offset'
     assert hidden[0].gain > 500.0
     assert hidden[0].start[0] == pytest.approx(0.006, rel=0.15)
 
 
 def test_effects_that_are_in_the_fit_are_not_tried_again():
-    found = candidates(fitted('load_offset', 'load_offset'), [asked(name) for name in NAMES])
+    found = score_effects(fitted('load_offset', 'load_offset'), [asked(name) for name in NAMES])
     assert {item.hypothesis.name for item in found} == set(NAMES) - {'load_offset'}
 
 
 @pytest.mark.parametrize('name', ['load_offset', 'extensibility'])
 def test_what_is_visible_is_what_a_joint_fit_would_be_sure_of(name):
-    shown = detectable([asked(name)], tried())[name]
+    shown = detection_limits([asked(name)], tried())[name]
     number = asked(name).coordinates[0].of(shown.smallest)
     std = math.sqrt(fitted(name).covariance[0, 0])
     assert number == pytest.approx(math.sqrt(VISIBLE) * std, rel=0.1)
@@ -114,7 +126,7 @@ def test_what_is_visible_is_what_a_joint_fit_would_be_sure_of(name):
 
 
 def test_all_effects_have_a_word_on_what_could_be_seen():
-    found = detectable(hypotheses(), tried())
+    found = detection_limits(hypotheses(), tried())
     assert set(found) == {item.name for item in hypotheses()}
     assert {name for name, item in found.items() if item.observable} <= set(NAMES)
 

@@ -11,7 +11,7 @@ from pneunet_ros import load_model
 from pneunet_ros.cli import diagnose
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulated import simulated
 from pneunet_ros.recordings.lab_files import write_lab
@@ -20,7 +20,7 @@ import pytest
 from support.small_diagnosis import diagnosis
 
 NAMES = ('unloaded_ramp', 'strings', 'random_mix')
-ARM = shipped('config/paper_arm.yaml')
+ARM = share_path('config/paper_arm.yaml')
 
 
 @pytest.fixture(scope='module')
@@ -28,7 +28,7 @@ def lab(tmp_path_factory) -> Path:
     """Return a folder with recordings of the lab, a frame a second."""
     folder = tmp_path_factory.mktemp('lab')
     for name in NAMES:
-        scenario = load_scenario(shipped(f'scenarios/{name}.yaml'))
+        scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
         scenario = replace(scenario, rates=replace(scenario.rates, frames=1.0))
         write_lab(simulated(scenario), folder / f'{name}.mcap', overwrite=False, each=lambda: None)
     return folder

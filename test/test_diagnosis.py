@@ -8,9 +8,9 @@ import functools
 
 import numpy as np
 from pneunet_ros import load_model, save_model, solve
-from pneunet_ros.calibration.noise_estimate import estimated_noise
+from pneunet_ros.calibration.noise_estimate import estimate_noise
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import base_fit as base
 from pneunet_ros.diagnosis.diagnosis import diagnose, probabilities
 from pneunet_ros.diagnosis.result import Diagnosis
@@ -84,7 +84,7 @@ def test_a_diagnosis_needs_a_recording_without_a_load():
 def test_without_the_structure_of_noise_clean_data_raise_a_false_alarm(monkeypatch):
     # All errors white and independent, of the size they have together: METHODS says it is wrong.
     def white(runs, *rest):
-        estimate = estimated_noise(runs, *rest)
+        estimate = estimate_noise(runs, *rest)
         changes = dict.fromkeys(STRUCTURE, 0.0)
         changes |= {'pressure_std': 0.01, 'force_std': 1e-7, 'moment_std': 1e-9}
         noise = replace(estimate.noise, target_std=WHITE_SIZE, **changes)
@@ -154,7 +154,7 @@ def test_the_model_with_the_effect_is_saved_and_solved(tmp_path):
     row = model.covariance.quantities.index('effects.load_offset.offset')
     std = float(np.linalg.norm(model.covariance.factor[row]))
     assert std == pytest.approx(named().effects[0].parameters['offset'].std, rel=0.8)
-    scenario = load_scenario(shipped('scenarios/strings.yaml')).with_effects(
+    scenario = load_scenario(share_path('scenarios/strings.yaml')).with_effects(
         {'load_offset': HIDDEN['load_offset']}
     )
     truth = true_model(scenario)
@@ -213,7 +213,7 @@ def test_without_held_out_recordings():
 def record(names: tuple[str, ...], evidence: float) -> Record:
     """Return a set of effects of this evidence."""
     return Record(
-        names=names, freedom=len(names), evidence=evidence, gain=2.0 * evidence, groups=(),
+        names=names, dof=len(names), evidence=evidence, gain=2.0 * evidence, groups=(),
         adequate=True, plausible=True,
     )  # fmt: skip
 

@@ -30,8 +30,8 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.model.equilibrium import (
-    Change,
-    respond,
+    linearize,
+    Perturbation,
     solve,
     solve_rod,
     station_arclength,
@@ -302,8 +302,8 @@ def test_solving_anew_agrees_with_the_linear_response(parameter, company):
     history, _, chamber = up_and_down(arm)
     rods, per_pascal = with_pressure_change(arm, chamber, history)
     before, after = (side.rods(rods.pressure, up_and_down(side)[0]) for side in (less, more))
-    change = Change(before=before, after=after, distance=2 * h)
-    response = respond(shape.solution, rods, (per_pascal, change), shape.arclength)
+    change = Perturbation(before=before, after=after, distance=2 * h)
+    response = linearize(shape.solution, rods, (per_pascal, change), shape.arclength)
     # Through what a reading means and the chamber pressure; and through the record of the rod.
     through = [*((causes(more) - causes(less)) / (2 * h)), 1.0]
     linear = np.tensordot(through, response.stations, axes=1)

@@ -17,8 +17,8 @@ from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.model.equilibrium import (
-    Change,
-    respond,
+    linearize,
+    Perturbation,
     solve_rod,
     tip_jacobian,
     with_pressure_change,
@@ -308,7 +308,7 @@ def test_the_stations_answer_as_full_solves_do(arm):
     pressure, force, moment = 45e3, (0.15, 0.15), 2e-4
     start = solve(arm, pressure, force, moment)
     rods, change = with_pressure_change(arm, pressure)
-    response = respond(start.solution, rods, (change,), start.arclength)
+    response = linearize(start.solution, rods, (change,), start.arclength)
     expected = differences(
         arm, pressure, force, moment, start,
         lambda shape: np.stack([getattr(shape, name) for name in FIELDS]),
@@ -399,9 +399,9 @@ def test_a_change_of_the_record_moves_random_rods_as_full_solves_do(seed):
     shape = solve(case.arm, case.pressure, case.force, case.moment)
     pressure = np.array([case.pressure])
     before, after = (side.rods(pressure) for side in sides)
-    change = Change(before=before, after=after, distance=2.0)
+    change = Perturbation(before=before, after=after, distance=2.0)
     at = np.array([case.arm.length])
-    tip = respond(shape.solution, case.arm.rods(pressure), (change,), at).tip[-1]
+    tip = linearize(shape.solution, case.arm.rods(pressure), (change,), at).tip[-1]
     load = Load(
         pressure=case.pressure, force_x=case.force[0], force_y=case.force[1], moment=case.moment
     )

@@ -12,7 +12,7 @@ from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, WrenchReading
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
@@ -26,7 +26,7 @@ from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 
 SECOND = 1_000_000_000
-ARM = load_model(shipped('config/paper_arm.yaml'))
+ARM = load_model(share_path('config/paper_arm.yaml'))
 PRESSURE, FORCE, MOMENT = 31e3, (0.175, 0.07), 2e-4
 NAMES = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 

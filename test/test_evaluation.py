@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.evaluation import closed, distances, misfit, noise_floor, scores
 from pneunet_ros.effects.pressure_lag import PressureLag
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
@@ -46,7 +46,7 @@ def own() -> Arm:
     return base().arm
 
 
-def clean(sensors: SensorNoise, seed: int) -> list[Run]:
+def clean(sensors: SensorNoise, seed: int) -> list[RecordingData]:
     """Return a run without and one with a load of a perfectly known arm."""
     turn = np.linspace(0.0, 1.0, FRAMES)
     force = np.column_stack([0.05 + 0.1 * turn, 0.05 * np.sin(6.0 * turn)])

@@ -7,7 +7,7 @@ import os
 import sys
 
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.executor import executor_of
+from pneunet_ros.core.executor import open_executor
 import pytest
 
 VARIABLE = 'OPENBLAS_NUM_THREADS'
@@ -16,7 +16,7 @@ VARIABLE = 'OPENBLAS_NUM_THREADS'
 def test_processes_have_one_thread_of_linear_algebra_each(monkeypatch):
     monkeypatch.setenv(VARIABLE, '7')
     monkeypatch.delenv('OMP_NUM_THREADS', raising=False)
-    with executor_of(workers=2) as executor:
+    with open_executor(workers=2) as executor:
         assert executor.submit(os.getenv, VARIABLE).result() == '1'
         assert executor.submit(os.getpid).result() != os.getpid()
         assert list(executor.map(math.sqrt, [1.0, 4.0, 9.0])) == [1.0, 2.0, 3.0]
@@ -25,7 +25,7 @@ def test_processes_have_one_thread_of_linear_algebra_each(monkeypatch):
 
 
 def test_no_workers_are_refused():
-    with pytest.raises(RequestError, match='workers must be 1 or more, not 0'), executor_of(0):
+    with pytest.raises(RequestError, match='workers must be 1 or more, not 0'), open_executor(0):
         pass
 
 
@@ -33,7 +33,7 @@ def test_without_dask_what_to_install_is_said(monkeypatch):
     monkeypatch.setitem(sys.modules, 'distributed', None)
     with (
         pytest.raises(RequestError, match=r'install it by pip install "pneunet_ros\[cluster\]"'),
-        executor_of(scheduler='tcp://nowhere:8786'),
+        open_executor(scheduler='tcp://nowhere:8786'),
     ):
         pass
 
@@ -43,13 +43,13 @@ def test_a_cluster_of_two_workers_does_the_same():
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, host='127.0.0.1'
     ) as local:
-        with executor_of(scheduler=local.scheduler_address) as executor:
+        with open_executor(scheduler=local.scheduler_address) as executor:
             roots = list(executor.map(math.sqrt, [float(i * i) for i in range(20)]))
             pids = {executor.submit(os.getpid).result() for _ in range(20)}
         assert roots == [float(i) for i in range(20)]
         assert os.getpid() not in pids
         # The cluster itself goes on.
-        with executor_of(scheduler=local.scheduler_address) as executor:
+        with open_executor(scheduler=local.scheduler_address) as executor:
             assert executor.submit(math.hypot, 3.0, 4.0).result() == 5.0
 
 
@@ -58,6 +58,6 @@ def test_a_scheduler_that_does_not_answer_is_said(monkeypatch):
     monkeypatch.setattr('pneunet_ros.core.executor.PATIENCE', 1)
     with (
         pytest.raises(RequestError, match='no Dask scheduler answers at tcp:'),
-        executor_of(scheduler='tcp://127.0.0.1:9'),
+        open_executor(scheduler='tcp://127.0.0.1:9'),
     ):
         pass

@@ -14,7 +14,7 @@ import sys
 import time
 
 from pneunet_ros.cli.main import main
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.topics import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -22,7 +22,7 @@ import pytest
 from support.made_recordings import PRESSURE, pressure, STEP_NS, WRENCH, wrench
 
 COUNT = 20
-MODEL = shipped('config/paper_arm.yaml')
+MODEL = share_path('config/paper_arm.yaml')
 
 
 def good_readings() -> list[tuple]:
@@ -308,7 +308,7 @@ def test_a_full_disk_leaves_nothing(replay, output, tmp_path, monkeypatch):
 
 
 def test_after_a_kill_nothing_stands_under_the_name(output, checkout, foreign_environment):
-    command = [sys.executable, '-m', 'pneunet_ros.cli', 'replay', str(shipped('bags/table1'))]
+    command = [sys.executable, '-m', 'pneunet_ros.cli', 'replay', str(share_path('bags/table1'))]
     process = subprocess.Popen(
         [*command, '--output', str(output)],
         env={**foreign_environment, 'PYTHONPATH': str(checkout)},

@@ -13,9 +13,9 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.softening import Softening
-from pneunet_ros.measurement.forward_model import CURVATURE, Series, THETA, X, Y
-from pneunet_ros.measurement.inputs import Drive, drives_of
-from pneunet_ros.model.equilibrium import respond, solve_rod
+from pneunet_ros.measurement.forward_model import CURVATURE, ForwardModel, THETA, X, Y
+from pneunet_ros.measurement.inputs import Inputs, inputs_of
+from pneunet_ros.model.equilibrium import linearize, solve_rod
 from pneunet_ros.solver.rod import RIGIDITY, START
 import pytest
 from support.example_arms import ALL_MECHANICS, paper_arm, TABLE_1
@@ -26,23 +26,23 @@ LAW_COLUMNS = np.array([[0, RIGIDITY], [1, RIGIDITY], [1, START]])
 PASTS = (Hysteresis(width=4e3), Creep(amplitude=0.15, time_constant=2.0), Softening(loss=0.2))
 
 
-def table_1() -> Drive:
-    return Drive(
+def table_1() -> Inputs:
+    return Inputs(
         pressure=np.array([row.pressure for row in TABLE_1]),
         loads=np.array([[*row.force, 1e-3] for row in TABLE_1]),
     )
 
 
-def solved(arm, drive: Drive) -> Series:
-    series = Series(arm.target_arclength)
-    assert series.solve(arm, drive).all()
+def solved(arm, inputs: Inputs) -> ForwardModel:
+    series = ForwardModel(arm.target_arclength)
+    assert series.solve(arm, inputs).all()
     return series
 
 
 @pytest.mark.parametrize('effects', [(), ALL_MECHANICS], ids=['plain', 'all mechanics'])
 def test_shapes_are_those_of_single_solves(effects):
-    arm, drive = paper_arm(effects), table_1()
-    series = solved(arm, drive)
+    arm, inputs = paper_arm(effects), table_1()
+    series = solved(arm, inputs)
     for frame, row in enumerate(TABLE_1):
         shape = solve(arm, row.pressure, row.force, 1e-3, stations=57)
         s = shape.arclength
@@ -55,30 +55,30 @@ def test_shapes_are_those_of_single_solves(effects):
 
 
 def test_points_answer_to_loads_as_a_single_solve_does():
-    arm, drive = paper_arm(ALL_MECHANICS), table_1()
-    series = solved(arm, drive)
-    answer = series.answer(arm, drive, NONE)
+    arm, inputs = paper_arm(ALL_MECHANICS), table_1()
+    series = solved(arm, inputs)
+    answer = series.answer(arm, inputs, NONE)
     for frame in (2, 9):
-        rods = arm.rods(drive.pressure[[frame]])
-        f1, f2, moment = drive.loads[frame].tolist()
+        rods = arm.rods(inputs.pressure[[frame]])
+        f1, f2, moment = inputs.loads[frame].tolist()
         load = Load(pressure=rods.pressure[0], force_x=f1, force_y=f2, moment=moment)
         shape = solve_rod(arm, rods, load, None, arm.target_arclength)
-        single = respond(shape.solution, rods, (), arm.target_arclength).stations
+        single = linearize(shape.solution, rods, (), arm.target_arclength).stations
         assert answer[frame, :3] == pytest.approx(single, rel=1e-5, abs=1e-5)
 
 
 def test_points_answer_to_every_cause_as_finite_differences():
-    arm, drive = paper_arm(ALL_MECHANICS), table_1()
-    answer = solved(arm, drive).answer(arm, drive, LAW_COLUMNS)[:, :, :CURVATURE]
+    arm, inputs = paper_arm(ALL_MECHANICS), table_1()
+    answer = solved(arm, inputs).answer(arm, inputs, LAW_COLUMNS)[:, :, :CURVATURE]
     knots = arm.intrinsic_curvature.arclength.size
     assert answer.shape[1] == 3 + knots + len(LAW_COLUMNS)
 
-    def fields(arm, drive):
-        return solved(arm, drive).fields[:, :CURVATURE]
+    def fields(arm, inputs):
+        return solved(arm, inputs).fields[:, :CURVATURE]
 
     for load, step in enumerate((1e-4, 1e-4, 1e-6)):
         sides = [
-            fields(arm, drive.with_loads(drive.loads + sign * step * np.eye(3)[load]))
+            fields(arm, inputs.with_loads(inputs.loads + sign * step * np.eye(3)[load]))
             for sign in (-1, 1)
         ]
         wanted = (sides[1] - sides[0]) / (2 * step)
@@ -93,7 +93,7 @@ def test_points_answer_to_every_cause_as_finite_differences():
                     intrinsic_curvature=replace(table, curvature=table.curvature + sign * unit),
                     covariance=None,
                 ),
-                drive,
+                inputs,
             )
             for sign in (-1, 1)
         ]
@@ -110,7 +110,7 @@ def test_points_answer_to_every_cause_as_finite_differences():
             else:
                 moves.append(replace(law, split=law.split + sign * 1e-4))
         size = scale if column == RIGIDITY else arm.length
-        sides = [fields(replace(arm, moment_law=move, covariance=None), drive) for move in moves]
+        sides = [fields(replace(arm, moment_law=move, covariance=None), inputs) for move in moves]
         wanted = (sides[1] - sides[0]) / (2e-4 * size)
         found = answer[:, 3 + knots + place]
         assert found == pytest.approx(wanted, abs=1e-3 * np.abs(wanted).max())
@@ -119,52 +119,52 @@ def test_points_answer_to_every_cause_as_finite_differences():
 def test_answers_with_a_past_are_finite_differences():
     arm = paper_arm((*PASTS, PressureElongation(strain_per_pascal=1e-6)))
     run = made(arm, np.concatenate([np.linspace(0, 6e4, 8), np.linspace(55e3, 5e3, 6)]))
-    (drive,) = drives_of(arm, [run])
-    series = solved(arm, drive)
-    answer = series.load_answer(arm, drive)
+    (inputs,) = inputs_of(arm, [run])
+    series = solved(arm, inputs)
+    answer = series.load_answer(arm, inputs)
     step = np.array([0.0, 1e-4, 0.0])
     sides = [
-        solved(arm, drive.with_loads(drive.loads + sign * step)).points.reshape(14, -1)
+        solved(arm, inputs.with_loads(inputs.loads + sign * step)).points.reshape(14, -1)
         for sign in (-1, 1)
     ]
     assert answer[:, :, 1] == pytest.approx((sides[1] - sides[0]) / 2e-4, rel=1e-3, abs=1e-3)
 
 
 def test_a_camera_sees_points_and_their_answers_alike():
-    plain, drive = paper_arm(), table_1()
+    plain, inputs = paper_arm(), table_1()
     turned = paper_arm((CameraScale(factor=1.02), CameraRotation(angle=0.03)))
-    first, second = solved(plain, drive), solved(turned, drive)
+    first, second = solved(plain, inputs), solved(turned, inputs)
     assert np.array_equal(first.fields, second.fields)
     cosine, sine = 1.02 * np.cos(0.03), 1.02 * np.sin(0.03)
     turn = np.array([[cosine, -sine], [sine, cosine]])
     assert second.points == pytest.approx(np.matmul(turn, first.points), abs=1e-15)
     one, other = (
-        item.answer(arm, drive, LAW_COLUMNS)[:, :, :2]
+        item.answer(arm, inputs, LAW_COLUMNS)[:, :, :2]
         for item, arm in ((first, plain), (second, turned))
     )
     assert other == pytest.approx(np.matmul(turn, one), rel=1e-12, abs=1e-12)
 
 
 def test_starting_from_a_neighbor_changes_nothing():
-    arm, drive = paper_arm(), table_1()
+    arm, inputs = paper_arm(), table_1()
     stiffer = replace(
         arm, moment_law=replace(arm.moment_law, rigidity=arm.moment_law.rigidity * 2)
     )
-    series = solved(stiffer, drive)
-    assert series.solve(arm, drive).all()
-    assert series.points == pytest.approx(solved(arm, drive).points, abs=1e-9)
+    series = solved(stiffer, inputs)
+    assert series.solve(arm, inputs).all()
+    assert series.points == pytest.approx(solved(arm, inputs).points, abs=1e-9)
     some = np.array([3, 8])
     part = series.some(some)
-    assert part.solve(arm, drive.at(some)).all()
+    assert part.solve(arm, inputs.at(some)).all()
     assert part.points == pytest.approx(series.points[some], abs=1e-12)
 
 
 def test_a_frame_without_equilibrium_is_said_and_harms_no_other():
-    arm, drive = paper_arm(), table_1()
-    pressure = drive.pressure.copy()
+    arm, inputs = paper_arm(), table_1()
+    pressure = inputs.pressure.copy()
     pressure[[0, 7]] = 200e3, -50e3
-    series = Series(arm.target_arclength)
-    found = series.solve(arm, replace(drive, pressure=pressure))
+    series = ForwardModel(arm.target_arclength)
+    found = series.solve(arm, replace(inputs, pressure=pressure))
     assert np.flatnonzero(~found).tolist() == [0, 7]
-    others = solved(arm, drive)
+    others = solved(arm, inputs)
     assert series.points[found] == pytest.approx(others.points[found], abs=1e-9)

@@ -11,7 +11,7 @@ import zipfile
 
 from hypothesis import strategies as st
 import numpy as np
-from pneunet_ros.calibration.posterior import Knowledge
+from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.core.errors import ModelError, RequestError
 from pneunet_ros.files.npz import LARGEST_ARCHIVE
 from pneunet_ros.lab.lab_recording import LabMemory
@@ -35,9 +35,9 @@ MEMORY = {'time': 3.0, 'pressure': 2e4, 'past': {'creep': [1.0, 2.0], 'hysteresi
 TRUTH = {'stamp_ns': np.arange(3), 'memory': np.array(json.dumps(MEMORY))}
 
 
-def knowledge(folder: Path) -> tuple[Path, Any, Any]:
+def posterior(folder: Path) -> tuple[Path, Any, Any]:
     model = folder / 'arm.yaml'
-    return knowledge_file(model), lambda: load_knowledge(model), (Knowledge, ModelError)
+    return knowledge_file(model), lambda: load_knowledge(model), (PosteriorState, ModelError)
 
 
 def truth(folder: Path) -> tuple[Path, Any, Any]:
@@ -45,7 +45,7 @@ def truth(folder: Path) -> tuple[Path, Any, Any]:
     return truth_file(recording), lambda: memory_after(recording), (LabMemory, RequestError)
 
 
-KINDS = {'knowledge': (knowledge, KNOWLEDGE), 'truth': (truth, TRUTH)}
+KINDS = {'knowledge': (posterior, KNOWLEDGE), 'truth': (truth, TRUTH)}
 ARRAYS = st.sampled_from(
     [
         np.array('piecewise_linear'), np.array('x' * 1000), np.array(b'x'), np.array(1.0),
@@ -90,7 +90,7 @@ def test_any_arrays_are_read_or_refused(tmp_path, kind, examples):
         )
         found = answer(load)
         assert isinstance(found, outcomes)
-        if isinstance(found, Knowledge):
+        if isinstance(found, PosteriorState):
             assert np.isfinite(found.values).all()
             assert np.isfinite(found.covariance).all()
             assert np.isfinite([found.stiffness, found.low, found.high]).all()
@@ -159,7 +159,7 @@ def test_no_archive_executes_or_blows_up(tmp_path, monkeypatch, kind, what):
 
 def test_what_is_written_is_read_again(tmp_path):
     values = {name: array if array.ndim else array.item() for name, array in KNOWLEDGE.items()}
-    save_knowledge(Knowledge(**values), tmp_path / 'arm.yaml', overwrite=False)
+    save_knowledge(PosteriorState(**values), tmp_path / 'arm.yaml', overwrite=False)
     found = load_knowledge(tmp_path / 'arm.yaml')
     assert np.array_equal(found.covariance, np.eye(4))
     assert found.kind == 'piecewise_linear'

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hypothesis import strategies as st
 from pneunet_ros.core.errors import CameraError, ModelError, RecordingError, RequestError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera, load_camera_info
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.files.scenario_file import load_scenario
@@ -82,7 +82,7 @@ KINDS = {
         load_camera,
         CameraSettings,
         CameraError,
-        shipped('config/camera.yaml').read_text(),
+        share_path('config/camera.yaml').read_text(),
     ),
     'camera_info': (load_camera_info, Lens, CameraError, CAMERA_INFO),
     'scenario': (load_scenario, Scenario, RequestError, SCENARIO),

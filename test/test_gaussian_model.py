@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
@@ -13,7 +13,7 @@ ROWS = (5, 4, 7)
 SIZE = 6
 
 
-def problem(seed: int) -> tuple[Linear, Array, Array]:
+def problem(seed: int) -> tuple[GaussianModel, Array, Array]:
     """Return a random problem of three runs, all its columns and its residuals at prior mean."""
     random = np.random.default_rng(seed)
     columns = [1.5 * random.standard_normal((rows, SIZE)) for rows in ROWS]
@@ -21,7 +21,7 @@ def problem(seed: int) -> tuple[Linear, Array, Array]:
     position = random.standard_normal(SIZE)
     whole = np.concatenate(columns)
     return (
-        Linear.of(columns, residuals, position),
+        GaussianModel.of(columns, residuals, position),
         whole,
         np.concatenate(residuals) + whole @ position,
     )
@@ -33,7 +33,7 @@ def further(seed: int, count: int) -> list[Array]:
     return [random.standard_normal((rows, count)) for rows in ROWS]
 
 
-def cost(linear: Linear, step: Array) -> float:
+def cost(linear: GaussianModel, step: Array) -> float:
     """Half the squares of residuals and prior after a step."""
     rest = np.concatenate(linear.residuals) - np.concatenate(linear.columns) @ step
     return 0.5 * float(rest @ rest + np.sum((linear.position + step) ** 2))
@@ -93,7 +93,9 @@ def test_score_and_inner_product_are_those_of_the_whole_covariance(seed):
 
 def test_what_the_base_can_do_itself_has_hardly_a_score():
     linear, columns, _ = problem(1)
-    strong = Linear.of([1e4 * item for item in linear.columns], linear.residuals, np.zeros(SIZE))
+    strong = GaussianModel.of(
+        [1e4 * item for item in linear.columns], linear.residuals, np.zeros(SIZE)
+    )
     alike = [item @ np.ones((SIZE, 1)) for item in linear.columns]
     assert strong.inner(alike, alike)[0, 0] < 1e-6 * float(np.sum((columns @ np.ones(SIZE)) ** 2))
     assert abs(strong.score(alike)[0]) < 1e-3
@@ -128,9 +130,9 @@ def test_probability_of_runs_and_of_each_from_the_others(seed):
 
 def test_known_products_of_columns_are_used():
     linear, _, _ = problem(2)
-    same = Linear.of(linear.columns, linear.residuals, linear.position, linear.grams)
+    same = GaussianModel.of(linear.columns, linear.residuals, linear.position, linear.grams)
     assert same.step == pytest.approx(linear.step)
-    twice = Linear.of(
+    twice = GaussianModel.of(
         linear.columns, linear.residuals, linear.position, [4.0 * item for item in linear.grams]
     )
     assert twice.step != pytest.approx(linear.step)

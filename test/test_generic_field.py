@@ -13,16 +13,16 @@ from pneunet_ros.diagnosis.generic_field import (
     CURVATURE_MODES,
     Fields,
     fields_of,
+    Regressors,
     STRETCH_FUNCTIONS,
     stretches,
-    Surroundings,
     TURN_FUNCTIONS,
     WINDOWS,
 )
 from pneunet_ros.effects.pressure_elongation import PressureElongation
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.forward_model import Series, THETA
-from pneunet_ros.measurement.inputs import Drive, drives_of
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.model.arm import Arm
 import pytest
 from support.example_arms import paper_arm
@@ -34,18 +34,18 @@ FORCE = np.column_stack([np.linspace(0.02, 0.1, FRAMES), np.linspace(0.05, -0.05
 
 
 @functools.cache
-def loaded() -> tuple[Arm, Run, Drive, Fields, Surroundings, Series]:
+def loaded() -> tuple[Arm, RecordingData, Inputs, Fields, Regressors, ForwardModel]:
     """Return the paper's arm in a run under load, and the fields of that run."""
     arm = paper_arm()
     run = made(arm, PRESSURE, FORCE)
-    (drive,) = drives_of(arm, [run])
-    series = Series(arm.target_arclength)
-    assert series.solve(arm, drive).all()
-    knots = series.answer(arm, drive, np.zeros((0, 2), dtype=np.int64))[:, 3:, :2]
+    (inputs,) = inputs_of(arm, [run])
+    series = ForwardModel(arm.target_arclength)
+    assert series.solve(arm, inputs).all()
+    knots = series.answer(arm, inputs, np.zeros((0, 2), dtype=np.int64))[:, 3:, :2]
     knots = knots.reshape(FRAMES, knots.shape[1], -1).transpose(0, 2, 1)
-    around = Surroundings.of(arm, [run], [drive])
+    around = Regressors.of(arm, [run], [inputs])
     fields = fields_of(around, 0, knots, series.fields[:, THETA])
-    return arm, run, drive, fields, around, series
+    return arm, run, inputs, fields, around, series
 
 
 def column(name: str) -> Array:
@@ -54,22 +54,22 @@ def column(name: str) -> Array:
     return fields.generic[:, :, fields.names.index(name)]
 
 
-def points_of(arm: Arm, drive: Drive) -> Array:
+def points_of(arm: Arm, inputs: Inputs) -> Array:
     """Return where the targets are, (frames, 2 targets)."""
-    series = Series(arm.target_arclength)
-    assert series.solve(arm, drive).all()
+    series = ForwardModel(arm.target_arclength)
+    assert series.solve(arm, inputs).all()
     return series.points.reshape(FRAMES, -1).copy()
 
 
 @pytest.mark.parametrize('mode', range(CURVATURE_MODES))
 def test_a_curvature_mode_bends_the_arm(mode):
-    arm, _, drive, _, around, _ = loaded()
+    arm, _, inputs, _, around, _ = loaded()
     table = arm.intrinsic_curvature
     shape = legendre.legval(2.0 * table.arclength - 1.0, np.eye(CURVATURE_MODES)[mode])
 
     def bent(size: float) -> Array:
         curvature = replace(table, curvature=table.curvature + size * shape)
-        return points_of(replace(arm, intrinsic_curvature=curvature, covariance=None), drive)
+        return points_of(replace(arm, intrinsic_curvature=curvature, covariance=None), inputs)
 
     answer = (bent(1e-3) - bent(-1e-3)) / 2e-3
     for function in ('p', 'F1', 'p F2'):
@@ -81,17 +81,17 @@ def test_a_curvature_mode_bends_the_arm(mode):
 def test_a_stretch_is_that_of_an_arm_without_a_load():
     arm = paper_arm()
     run = made(arm, PRESSURE)
-    (drive,) = drives_of(arm, [run])
-    series = Series(arm.target_arclength)
-    series.solve(arm, drive)
+    (inputs,) = inputs_of(arm, [run])
+    series = ForwardModel(arm.target_arclength)
+    series.solve(arm, inputs)
     theta = series.fields[:, THETA]
     found = stretches(arm.target_arclength / arm.length, theta)[:, :, 0] * arm.length
 
     def stretched(size: float) -> Array:
         effect = PressureElongation(strain_per_pascal=size)
-        return points_of(replace(arm, effects=(effect,)), drive)
+        return points_of(replace(arm, effects=(effect,)), inputs)
 
-    answer = (stretched(1e-9) - points_of(arm, drive)) / (1e-9 * PRESSURE[:, None])
+    answer = (stretched(1e-9) - points_of(arm, inputs)) / (1e-9 * PRESSURE[:, None])
     # The trapezoids from target to target are good to a thousandth of the arm.
     assert found == pytest.approx(answer, abs=1e-3 * arm.length)
 
@@ -119,9 +119,9 @@ def test_a_turn_is_about_the_clamp():
 
 
 def test_every_function_is_about_one_and_what_it_says():
-    arm, _, drive, fields, around, _ = loaded()
+    arm, _, inputs, fields, around, _ = loaded()
     low, high = arm.pressure_range
-    pressure = (drive.pressure - low) / (high - low)
+    pressure = (inputs.pressure - low) / (high - low)
     assert around.columns(0, ['1', 'p', 'p^2']) == pytest.approx(
         np.column_stack([np.ones(FRAMES), pressure, pressure**2])
     )
@@ -144,7 +144,7 @@ def test_what_was_more_before_is_known_from_the_run_before():
     second = made(arm, PRESSURE, force, name='second', start=FRAMES)
     first = made(arm, 1.1 * PRESSURE, name='first')
     runs = [second, first]  # in another order than that of their stamps
-    around = Surroundings.of(arm, runs, drives_of(arm, runs))
+    around = Regressors.of(arm, runs, inputs_of(arm, runs))
     assert around.columns(0, ['F1 after more']) == pytest.approx(np.ones((FRAMES, 1)))
     assert not around.columns(1, ['F1 after more']).any()
 

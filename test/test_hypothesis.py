@@ -107,12 +107,12 @@ def test_slopes_are_those_of_the_parameter(name):
 
 
 def test_gain_and_offset_of_pressure_are_another_name_of_the_curvature_and_no_others():
-    found = {item.name for item in hypotheses() if item.relabels}
+    found = {item.name for item in hypotheses() if item.confounded_with_pressure_scale}
     assert found == {'pressure_gain', 'pressure_offset'}
 
 
 def test_effects_with_a_history_remember():
-    found = {item.name for item in hypotheses() if item.remembers}
+    found = {item.name for item in hypotheses() if item.has_memory}
     assert found == {'pressure_lag', 'hysteresis', 'creep', 'softening'}
 
 

@@ -16,8 +16,8 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.measurement.forward_model import Series, THETA, X, Y
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.measurement.forward_model import ForwardModel, THETA, X, Y
+from pneunet_ros.measurement.inputs import inputs_of
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made, PERIOD
@@ -45,9 +45,9 @@ def test_history_is_that_of_the_estimator():
         reading=run.reading[kept],
         **{name: getattr(run, name)[kept] for name in ('force', 'moment', 'x', 'y')},
     )
-    (drive,) = drives_of(arm, [run])
-    series = Series(np.linspace(0, arm.length, 57))
-    assert series.solve(arm, drive).all()
+    (inputs,) = inputs_of(arm, [run])
+    series = ForwardModel(np.linspace(0, arm.length, 57))
+    assert series.solve(arm, inputs).all()
 
     estimator = Estimator(
         arm=arm, settings=EstimatorSettings(stations=57, wrench_timeout=10.0, input_timeout=10.0)
@@ -66,7 +66,7 @@ def test_history_is_that_of_the_estimator():
         if not kept[reading]:
             continue
         assert isinstance(estimate, ShapeEstimate)
-        assert drive.pressure[frame] == pytest.approx(estimate.chamber_pressure, abs=1e-9)
+        assert inputs.pressure[frame] == pytest.approx(estimate.chamber_pressure, abs=1e-9)
         for field, name in ((X, 'x'), (Y, 'y'), (THETA, 'theta')):
             wanted = getattr(estimate.shape, name)
             assert series.fields[frame, field] == pytest.approx(wanted, abs=1e-7)
@@ -89,33 +89,33 @@ def test_history_goes_on_from_run_to_run_in_the_order_of_their_stamps():
         )
         for name, part in (('first', slice(0, 11)), ('second', slice(11, 22)))
     )
-    (together,) = drives_of(arm, [whole])
-    later, earlier = drives_of(arm, [second, first])
+    (together,) = inputs_of(arm, [whole])
+    later, earlier = inputs_of(arm, [second, first])
     assert np.array_equal(np.concatenate([earlier.pressure, later.pressure]), together.pressure)
     for place in range(2):
         both = np.concatenate([earlier.histories[place], later.histories[place]])
         assert np.array_equal(both, together.histories[place])
-    (alone,) = drives_of(arm, [second])
+    (alone,) = inputs_of(arm, [second])
     assert not np.array_equal(alone.histories[1], later.histories[1])
 
 
 def test_readings_alone_where_no_effect_has_a_history():
     arm = paper_arm((PressureGain(gain=0.97), ForceMisalignment(angle=0.05)))
     run = made(arm, UP_AND_DOWN, FORCE)
-    (drive,) = drives_of(arm, [run])
-    assert drive.histories is None
-    assert drive.pressure == pytest.approx(0.97 * UP_AND_DOWN)
+    (inputs,) = inputs_of(arm, [run])
+    assert inputs.histories is None
+    assert inputs.pressure == pytest.approx(0.97 * UP_AND_DOWN)
     turn = np.array([[np.cos(0.05), -np.sin(0.05)], [np.sin(0.05), np.cos(0.05)]])
-    assert drive.loads[:, :2] == pytest.approx(FORCE @ turn.T)
+    assert inputs.loads[:, :2] == pytest.approx(FORCE @ turn.T)
     assert run.stamp_ns[1] - run.stamp_ns[0] == PERIOD
 
 
 def test_rows_of_the_table_weigh_as_kappa_does():
     arm = paper_arm((Creep(amplitude=0.3, time_constant=1.0),))
-    (drive,) = drives_of(arm, [made(arm, UP_AND_DOWN)])
-    weights = drive.row_weights(arm)
+    (inputs,) = inputs_of(arm, [made(arm, UP_AND_DOWN)])
+    weights = inputs.row_weights(arm)
     assert weights.sum(axis=1) == pytest.approx(1.0)
-    series = Series(arm.length * arm.intrinsic_curvature.arclength)
-    assert series.solve(arm, drive).all()
+    series = ForwardModel(arm.length * arm.intrinsic_curvature.arclength)
+    assert series.solve(arm, inputs).all()
     wanted = weights @ arm.intrinsic_curvature.curvature
     assert series.fields[:, 4] == pytest.approx(wanted, abs=1e-9)

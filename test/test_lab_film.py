@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.lab.film import Film, SCENE
@@ -20,7 +20,7 @@ HEADING = ('camera', ROSBAGS_TYPES)
 
 
 def test_the_camera_file_says_where_the_camera_is():
-    plane = load_camera(shipped('config/lab_camera.yaml')).plane
+    plane = load_camera(share_path('config/lab_camera.yaml')).plane
     assert isinstance(plane, PosePlane)
     assert plane.position == tuple(np.round(SCENE.camera.position, 12).tolist())
     assert tuple(plane.quaternion) == (1.0, 0.0, 0.0, 0.0)
@@ -31,7 +31,8 @@ def test_the_tracker_finds_all_targets_where_they_are():
     lab = LiveLab(scenario=recorded('unloaded_ramp').scenario)
     film, random = Film(lab), np.random.default_rng(0)
     tracker = Tracker(
-        load_model(shipped('config/lab_arm.yaml')), load_camera(shipped('config/lab_camera.yaml'))
+        load_model(share_path('config/lab_arm.yaml')),
+        load_camera(share_path('config/lab_camera.yaml')),
     )
     lens = decode_camera_info(camera_info_message(SCENE.camera, 1, *HEADING))
     tracking, _ = tracker.step(TrackerState(), lens)

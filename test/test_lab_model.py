@@ -7,25 +7,25 @@ import runpy
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.files.scenario_file import load_lab
 from pneunet_ros.lab.live import LiveLab, Load
 import pytest
 from support.lab_pairs import NOISELESS
 
-MODEL = load_model(shipped('config/lab_arm.yaml'))
+MODEL = load_model(share_path('config/lab_arm.yaml'))
 
 
 def test_it_is_what_its_script_makes():
-    made = runpy.run_path(str(shipped('config/make_lab_arm.py')))['lab_model']()
+    made = runpy.run_path(str(share_path('config/make_lab_arm.py')))['lab_model']()
     assert model_hash(made) == model_hash(MODEL)
     assert all('invented' in source for source in MODEL.sources.values())
 
 
 def test_an_arm_alone_and_a_scenario_are_both_labs():
-    arm = load_lab(shipped('scenarios/lab_arm.yaml'))
-    scenario = load_lab(shipped('scenarios/strings.yaml'))
+    arm = load_lab(share_path('scenarios/lab_arm.yaml'))
+    scenario = load_lab(share_path('scenarios/strings.yaml'))
     assert (arm.name, scenario.name) == ('lab-arm', 'strings')
     assert np.array_equal(arm.arm.modes, scenario.arm.modes)
 
@@ -34,7 +34,7 @@ def test_an_arm_alone_and_a_scenario_are_both_labs():
     ('pressure', 'load'), [(0.0, Load()), (3e4, Load()), (5e4, Load(force_x=0.1, force_y=0.05))]
 )
 def test_it_predicts_the_live_lab(pressure, load):
-    scenario = dataclasses.replace(load_lab(shipped('scenarios/lab_arm.yaml')), noise=NOISELESS)
+    scenario = dataclasses.replace(load_lab(share_path('scenarios/lab_arm.yaml')), noise=NOISELESS)
     lab = LiveLab(scenario=scenario)
     _, shape = lab.shape(lab.step(lab.begin(), 60.0, pressure, load))
     x, y, theta = (float(rows[0, 0]) for rows in shape.points([MODEL.length]))

@@ -71,10 +71,10 @@ def test_dead_weights_meet_every_pressure():
 
 def test_force_sweeps_turn_at_the_largest_pull():
     timeline = ForceSweeps(pressures=(2e4, 5e4), angles=(0.0, 0.5 * math.pi)).timeline()
-    pull = np.hypot(*timeline.force.T)
-    assert np.count_nonzero(np.isclose(pull, 0.3)) == 4
-    assert set(timeline.pressure[np.isclose(pull, 0.3)].tolist()) == {2e4, 5e4}
-    assert pull[3:].min() == pytest.approx(0.04)
+    information_vector = np.hypot(*timeline.force.T)
+    assert np.count_nonzero(np.isclose(information_vector, 0.3)) == 4
+    assert set(timeline.pressure[np.isclose(information_vector, 0.3)].tolist()) == {2e4, 5e4}
+    assert information_vector[3:].min() == pytest.approx(0.04)
 
 
 def test_strings_are_resolved_to_the_base_frame():

@@ -9,7 +9,7 @@ import pickle
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.lack_of_fit import (
     CAMERA_FREEDOM,
     clean_moments,
@@ -19,7 +19,7 @@ from pneunet_ros.diagnosis.lack_of_fit import (
     WHITE_ERROR,
 )
 from pneunet_ros.diagnosis.lack_of_fit import Tested as Asked
-from pneunet_ros.diagnosis.linearization import Design
+from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import Refitting
 import pytest
 from scipy.stats import chi2
@@ -28,9 +28,9 @@ from support.lab_designs import design, fitted, TRAINING
 LEVEL = 1e-4  # at which a test of these is taken for failed
 
 
-def group(statistic: float, freedom: int = 10, mean: float = 10.0, std: float = 20**0.5) -> Group:
+def group(statistic: float, dof: int = 10, mean: float = 10.0, std: float = 20**0.5) -> Group:
     """Return a test of the moments of chi squared, unless told."""
-    return Group(name='any', statistic=statistic, freedom=freedom, mean=mean, std=std)
+    return Group(name='any', statistic=statistic, dof=dof, mean=mean, std=std)
 
 
 def test_chance_and_threshold_are_the_same_thing():
@@ -52,13 +52,13 @@ def test_what_is_more_than_in_clean_data():
 
 
 def test_a_test_that_sees_nothing_finds_nothing():
-    blind = group(0.0, freedom=0, mean=0.0, std=0.0)
+    blind = group(0.0, dof=0, mean=0.0, std=0.0)
     assert (blind.p_value, blind.threshold(0.01)) == (1.0, np.inf)
 
 
-def asked(freedom: int, *disturbed: tuple[int, Array], name: str = 'any', seed: int = 3) -> Asked:
+def asked(dof: int, *disturbed: tuple[int, Array], name: str = 'any', seed: int = 3) -> Asked:
     """Return a test of which clean data are to be simulated."""
-    return Asked(name=name, statistic=0.0, freedom=freedom, disturbed=disturbed, seed=seed)
+    return Asked(name=name, statistic=0.0, dof=dof, disturbed=disturbed, seed=seed)
 
 
 def test_clean_data_without_disturbance_are_chi_squared():
@@ -70,13 +70,13 @@ def test_clean_data_without_disturbance_are_chi_squared():
     assert clean_moments(asked(0)) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize('freedom', [CAMERA_FREEDOM, PLACEMENT_FREEDOM])
-def test_disturbances_of_uncertain_size_make_clean_data_wilder(freedom):
+@pytest.mark.parametrize('dof', [CAMERA_FREEDOM, PLACEMENT_FREEDOM])
+def test_disturbances_of_uncertain_size_make_clean_data_wilder(dof):
     answer = np.zeros((40, 3))
     answer[[0, 1, 2], [0, 1, 2]] = 10.0
-    mean, variance = clean_moments(asked(40, (freedom, answer)))
+    mean, variance = clean_moments(asked(40, (dof, answer)))
     # E max(n / chi^2 - 1, 0) of each of three numbers, times 10^2.
-    more = freedom / np.random.default_rng(1).chisquare(freedom, 1_000_000) - 1.0
+    more = dof / np.random.default_rng(1).chisquare(dof, 1_000_000) - 1.0
     assert mean == pytest.approx(40.0 + 300.0 * np.maximum(more, 0.0).mean(), rel=0.1)
     assert variance > 4.0 * 80.0
 
@@ -89,7 +89,7 @@ def test_the_seed_and_the_name_say_what_is_drawn():
 
 
 @functools.cache
-def whole(hidden: str, effect: str = '') -> tuple[Design, Linear]:
+def whole(hidden: str, effect: str = '') -> tuple[Linearization, GaussianModel]:
     """Return all recordings around a joint fit as a linear problem."""
     found = fitted(effect, hidden)
     around = found.design.at(found.point, design(hidden).runs)
@@ -113,9 +113,9 @@ def test_clean_data_leave_nothing():
     assert [name.split(':')[0] for name in found] == ['training'] * 3 + ['held out'] * 3
     assert min(item.p_value for item in found.values()) > LEVEL
     for item in found.values():
-        assert item.freedom > 5
-        assert item.mean >= 0.98 * item.freedom
-        assert item.std**2 >= 1.8 * item.freedom  # of all windows of all runs
+        assert item.dof > 5
+        assert item.mean >= 0.98 * item.dof
+        assert item.std**2 >= 1.8 * item.dof  # of all windows of all runs
 
 
 @pytest.mark.parametrize('name', ['load_offset', 'extensibility'])
@@ -133,7 +133,7 @@ def misfitting(change: Array, run: int) -> dict[str, Group]:
     more = block.white(change.reshape(*change.shape[:1], -1, 1))[:, 0]
     residuals = list(linear.residuals)
     residuals[run] = residuals[run] + more
-    changed = Linear.of(linear.columns, residuals, linear.position, linear.grams)
+    changed = GaussianModel.of(linear.columns, residuals, linear.position, linear.grams)
     return {item.name: item for item in groups_of(around, changed, 5)}
 
 
@@ -160,7 +160,7 @@ def test_what_happens_in_a_part_of_a_recording_is_seen():
 
 def test_without_held_out_recordings_only_training_is_tested():
     found = fitted()
-    part = groups_of(found.design.of_training(), Linear.of(
+    part = groups_of(found.design.of_training(), GaussianModel.of(
         found.linear.columns[: len(TRAINING)],
         found.linear.residuals[: len(TRAINING)],
         found.linear.position,

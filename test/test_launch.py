@@ -10,7 +10,7 @@ import runpy
 import sys
 from types import ModuleType
 
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 import pytest
 
 # The wheels of ROS import a parser that is older than Python 3.11.
@@ -72,7 +72,7 @@ def described(monkeypatch):
         monkeypatch.setitem(sys.modules, module, stand_in)
 
     def run(name):
-        content = runpy.run_path(str(shipped(f'launch/{name}.launch.py')))
+        content = runpy.run_path(str(share_path(f'launch/{name}.launch.py')))
         (actions,) = content['generate_launch_description']().values
         return actions
 
@@ -154,12 +154,12 @@ def test_defaults_are_those_of_the_nodes_or_shipped_files(described, name):
         else:
             ((share, *path),) = default.values
             assert share.values == ('pneunet_ros',)
-            assert shipped('/'.join(path)).is_file()
+            assert share_path('/'.join(path)).is_file()
 
 
 @pytest.mark.parametrize('name', FILES)
 def test_a_launch_file_is_short_and_documented(name, checkout):
-    text = shipped(f'launch/{name}.launch.py').read_text()
+    text = share_path(f'launch/{name}.launch.py').read_text()
     assert len(text.splitlines()) <= 60
     manual = (checkout / 'docs/launch.md').read_text()
     assert f'ros2 launch pneunet_ros {name}.launch.py' in manual
@@ -168,5 +168,5 @@ def test_a_launch_file_is_short_and_documented(name, checkout):
 
 
 def test_there_are_no_others():
-    files = {path.name for path in shipped('launch').glob('*.launch.py')}
+    files = {path.name for path in share_path('launch').glob('*.launch.py')}
     assert files == {f'{name}.launch.py' for name in FILES}

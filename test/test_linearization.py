@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import Design, filter_of, TOLERANCE
+from pneunet_ros.diagnosis.linearization import filter_of, Linearization, TOLERANCE
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
@@ -16,7 +16,7 @@ from scipy.linalg import sqrtm
 from support.lab_designs import base, design, FRAMES, noise, TRAINING
 
 
-def residual(values: Array, around: Design) -> list[Array]:
+def residual(values: Array, around: Linearization) -> list[Array]:
     """Return residuals of the training runs for a base model."""
     found = around.residual(values, (), range(around.training))
     assert found is not None
@@ -59,7 +59,7 @@ def test_columns_of_placement_move_targets_in_their_own_frame():
     place, targets = 7, found.blocks[0].run.x.shape[1]
     for which, block in enumerate(found.blocks):
         moved = np.zeros((FRAMES, 2 * targets, 1))
-        block.series.solve(found.point.arm, block.drive)
+        block.series.solve(found.point.arm, block.inputs)
         theta = block.series.fields[:, THETA, place]
         moved[:, place, 0], moved[:, targets + place, 0] = np.cos(theta), np.sin(theta)
         wanted = block.white(moved * noise().placement_std)[:, 0]
@@ -120,21 +120,21 @@ def test_a_model_without_a_shape_in_most_frames_has_no_residuals():
 
 def test_readings_without_a_past_are_those_of_the_frames():
     found = design()
-    for drive, run in zip(found.drives(found.point.arm), found.runs, strict=True):
-        assert drive.pressure == pytest.approx(run.frame_pressure)
-        assert drive.histories is None
+    for inputs, run in zip(found.all_inputs(found.point.arm), found.runs, strict=True):
+        assert inputs.pressure == pytest.approx(run.frame_pressure)
+        assert inputs.histories is None
 
 
 def test_noise_of_a_reading_has_no_past():
     found = design()
     late = found.at(replace(found.point, effects=(PressureLag(time_constant=1e-6),)))
-    for drive, run in zip(late.drives(late.point.arm), found.runs, strict=True):
-        assert drive.pressure == pytest.approx(run.frame_pressure, abs=0.05)
+    for inputs, run in zip(late.all_inputs(late.point.arm), found.runs, strict=True):
+        assert inputs.pressure == pytest.approx(run.frame_pressure, abs=0.05)
     slow = found.at(replace(found.point, effects=(PressureLag(time_constant=0.3),)))
-    for drive, quick, run in zip(
-        slow.drives(slow.point.arm), slow.unrest, found.runs, strict=True
+    for inputs, quick, run in zip(
+        slow.all_inputs(slow.point.arm), slow.pressure_noise, found.runs, strict=True
     ):
-        followed = drive.pressure - quick
+        followed = inputs.pressure - quick
         assert np.abs(followed - run.frame_pressure).max() > 100.0 or not run.loaded
     assert late.acted is found.acted  # one table for all points
     assert len(found.acted) >= 3

@@ -9,7 +9,7 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from pneunet_ros.core.stamps import STARTS_ANEW
-from pneunet_ros.estimation.consistency import WatchState
+from pneunet_ros.estimation.consistency import ConsistencyState
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.builders import POINTS_TYPE, UNREADABLE
 from pneunet_ros.messages.markers import markers_output, transform_output
@@ -92,7 +92,7 @@ def test_parameters_are_those_of_the_code(node, parameters):
 def test_diagnostics_of_the_estimator_are_those_of_the_code():
     health = EstimatorHealth('/pressure', 0.0)
     health.took_pressure(random_estimate(3), 0.1, 0.001)
-    state, watch = EstimatorState(rejected=COUNTS), WatchState(unmatched=COUNTS)
+    state, watch = EstimatorState(rejected=COUNTS), ConsistencyState(unmatched=COUNTS)
     report = health.report(state, EstimatorSettings(), 0.2, watch)
     assert sorted(values('estimator')) == sorted(['model', *report.values])
 

@@ -7,35 +7,35 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration import map_estimation as fit_module
 from pneunet_ros.calibration.map_estimation import fit, Posterior
-from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
-from pneunet_ros.calibration.parameters import Smoothness, Unknowns
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
+from pneunet_ros.measurement.inputs import inputs_of
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import exact, experiments, HARDLY_ANY, noisy, USUAL
 
 PAPER = paper_arm()
-SMOOTHNESS = Smoothness(amplitude=40.0, deviation=4.0, reach=0.3)
+SMOOTHNESS = Hyperparameters(amplitude=40.0, deviation=4.0, reach=0.3)
 ROWS = np.linspace(0.0, 60e3, 4)
 KNOTS = np.linspace(0.0, 1.0, 7)
 
 
-def unknowns(law: bool = True) -> Unknowns:
-    piecewise = LAW_UNKNOWNS['piecewise_linear'](
+def parameters(law: bool = True) -> Parameters:
+    piecewise = MOMENT_LAW_PARAMETERS['piecewise_linear'](
         stiffness=1.3e-4, low=0.0, high=60e3, length=PAPER.length, weight=PAPER.weight
     )
-    return Unknowns(
+    return Parameters(
         frame=PAPER,
         pressure=ROWS,
         arclength=KNOTS,
-        smoothness=SMOOTHNESS,
+        hyperparameters=SMOOTHNESS,
         law=piecewise if law else None,
     )
 
 
 def representable():
     """Return values that the unknowns can have exactly, and the arm with them."""
-    some = unknowns()
+    some = parameters()
     table = PAPER.intrinsic_curvature
     cells = np.array([table.at(float(row), KNOTS) for row in ROWS]).ravel()
     drawn = np.random.default_rng(3).standard_normal(some.law.mean.size)
@@ -44,7 +44,7 @@ def representable():
     return values, some.arm(values)
 
 
-def near(values: np.ndarray, some: Unknowns) -> np.ndarray:
+def near(values: np.ndarray, some: Parameters) -> np.ndarray:
     """Return values a bit off: 1/m of curvature, a twentieth of what is believed of the law."""
     random = np.random.default_rng(4)
     drawn = random.standard_normal(some.law.mean.size)
@@ -55,7 +55,7 @@ def near(values: np.ndarray, some: Unknowns) -> np.ndarray:
 def test_the_truth_of_exact_runs_is_found():
     values, arm = representable()
     unloaded, loaded = experiments(arm, frames=16)
-    some = unknowns()
+    some = parameters()
     found = fit(
         some, [*unloaded, *loaded], HARDLY_ANY, arm.target_arclength, start=near(values, some)
     )
@@ -72,7 +72,7 @@ def test_the_truth_of_exact_runs_is_found():
 
 def posterior():
     unloaded, loaded = noisy()
-    some = unknowns()
+    some = parameters()
     whole = Posterior(some, [unloaded[0], loaded[0]], USUAL, PAPER.target_arclength)
     values, _ = representable()
     scaled = np.zeros(whole.scale.shape[0])
@@ -106,10 +106,10 @@ def test_the_normal_matrix_is_that_of_the_residuals():
 
     def residuals(scaled):
         values, disturbance = whole.unscaled(scaled)
-        arm = whole.unknowns.arm(values)
+        arm = whole.parameters.arm(values)
         out = []
-        for which, drive in enumerate(drives_of(arm, whole.runs)):
-            fitted, _ = whole.one(which, arm, drive, disturbance)
+        for which, inputs in enumerate(inputs_of(arm, whole.runs)):
+            fitted, _ = whole.one(which, arm, inputs, disturbance)
             flat = fitted.residual.reshape(len(fitted.solved), -1, 1)
             out.append(whole.whitenings[which](flat).ravel())
         return np.concatenate(out)
@@ -125,44 +125,44 @@ def test_the_normal_matrix_is_that_of_the_residuals():
 
 def test_what_the_fit_says_of_its_errors_is_the_inverse_hessian():
     unloaded, _ = noisy()
-    some = unknowns(law=False)
+    some = parameters(law=False)
     found = fit(some, unloaded, USUAL, PAPER.target_arclength)
     whole = Posterior(some, unloaded, USUAL, PAPER.target_arclength)
     size = whole.size
     # The information of the data and the prior, less what disturbances share, is the inverse.
     inverse = found.information + np.linalg.inv(some.prior)
     assert np.linalg.inv(inverse) == pytest.approx(found.covariance, rel=1e-5, abs=1e-12)
-    assert np.linalg.solve(inverse, found.pull) == pytest.approx(
+    assert np.linalg.solve(inverse, found.information_vector) == pytest.approx(
         found.values - some.mean, abs=0.1 * np.sqrt(np.diag(found.covariance)).min()
     )
     assert np.all(np.diag(found.covariance) < np.diag(some.prior))
-    assert found.freedom == 2 * sum(np.count_nonzero(run.seen) for run in unloaded)
+    assert found.dof == 2 * sum(np.count_nonzero(run.seen) for run in unloaded)
     assert size == some.cells
 
 
 def test_chi_squared_is_one_per_coordinate_with_noise_as_it_is():
     unloaded, loaded = noisy()
-    some = unknowns()
+    some = parameters()
     values, _ = representable()
     found = fit(some, [*unloaded, *loaded], USUAL, PAPER.target_arclength, start=values)
     assert found.converged
-    assert 0.9 < found.chi_squared / found.freedom < 1.05
+    assert 0.9 < found.chi_squared / found.dof < 1.05
 
 
 def test_white_noise_alone_does_not_explain_the_residuals():
     unloaded, _ = noisy()
-    some = unknowns(law=False)
+    some = parameters(law=False)
     honest = fit(some, unloaded, USUAL, PAPER.target_arclength)
-    assert honest.chi_squared / honest.freedom < 1.1
+    assert honest.chi_squared / honest.dof < 1.1
     white = replace(USUAL, placement_std=0.0, registration_std=0.0, drift_std=0.0)
     blind = fit(some, unloaded, white, PAPER.target_arclength)
-    assert blind.chi_squared / blind.freedom > 1.7
+    assert blind.chi_squared / blind.dof > 1.7
 
 
 def test_no_convergence_is_said(monkeypatch):
     unloaded, _ = exact()
     monkeypatch.setattr(fit_module, 'MOST_STEPS', 1)
-    found = fit(unknowns(law=False), unloaded, HARDLY_ANY, PAPER.target_arclength)
+    found = fit(parameters(law=False), unloaded, HARDLY_ANY, PAPER.target_arclength)
     assert not found.converged
     assert found.status == 'no convergence within the allowed steps'
     assert np.isfinite(found.values).all()
@@ -171,7 +171,7 @@ def test_no_convergence_is_said(monkeypatch):
 def test_an_end_without_a_lower_cost_is_said(monkeypatch):
     unloaded, _ = exact()
     monkeypatch.setattr(fit_module, 'lowering', lambda *_: 0.0)
-    found = fit(unknowns(law=False), unloaded, HARDLY_ANY, PAPER.target_arclength)
+    found = fit(parameters(law=False), unloaded, HARDLY_ANY, PAPER.target_arclength)
     assert not found.converged
     assert 'no step lowers the cost' in found.status
 
@@ -183,11 +183,11 @@ def test_a_wild_reading_and_a_frame_without_targets_cost_only_themselves():
     pressure[7] = 300e3
     x[9], y[9] = np.nan, np.nan
     bent = replace(run, pressure=pressure, x=x, y=y)
-    some = unknowns(law=False)
+    some = parameters(law=False)
     found = fit(some, [bent, unloaded[1]], USUAL, PAPER.target_arclength)
     clean = fit(some, unloaded, USUAL, PAPER.target_arclength)
     assert found.converged
     assert np.flatnonzero(~found.runs[0].solved).tolist() == [7]
-    assert found.runs[0].freedom[[7, 9]].tolist() == [0, 0]
+    assert found.runs[0].dof[[7, 9]].tolist() == [0, 0]
     sigma = np.sqrt(np.diag(clean.covariance))
     assert np.all(np.abs(found.values - clean.values) < sigma)

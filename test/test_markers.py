@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.cli.main import main
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.messages.markers import (
@@ -30,13 +30,13 @@ STATIONS = 57
 
 @pytest.fixture(scope='module')
 def arm():
-    return load_model(shipped('config/paper_arm.yaml'))
+    return load_model(share_path('config/paper_arm.yaml'))
 
 
 @pytest.fixture(scope='module')
 def estimate(arm):
     """Return an estimate of the shipped recording under a pull."""
-    recording, estimator = open_recording(shipped('bags/table1')), Estimator(arm=arm)
+    recording, estimator = open_recording(share_path('bags/table1')), Estimator(arm=arm)
     topics = input_topics(recording, estimator, {})
     found = (step.outcome for step in steps(recording, estimator, topics))
     return next(item for item in found if isinstance(item, ShapeEstimate))
@@ -134,7 +134,7 @@ def test_a_type_that_is_not_installed_is_a_sentence():
 
 def test_replay_writes_them_when_asked(tmp_path, capsys):
     output = tmp_path / 'out.mcap'
-    command = ['replay', str(shipped('bags/table1')), '--json', '--output', str(output)]
+    command = ['replay', str(share_path('bags/table1')), '--json', '--output', str(output)]
     assert main([*command, '--views']) == 0
     counts = {topic.name: topic.count for topic in open_recording(output).topics}
     assert counts['/tf'] == counts['/pneunet/markers'] == counts['/pneunet/tip'] > 0

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.moment_curvature import curvature_std, law_view, line, moment_view
-from pneunet_ros.calibration.steady_states import predicted, spread, stances
+from pneunet_ros.calibration.steady_states import find_steady_states, predicted, thin
 from pneunet_ros.measurement.forward_model import MOMENT, X, Y
 from pneunet_ros.vision.smoother import smoother_for
 import pytest
@@ -18,26 +18,28 @@ def views():
     """Return views of the loaded run of many pressures."""
     fit = calibration().joint
     smoother = smoother_for(replace(fit.arm, sensors=replace(fit.arm.sensors, placement_std=0.0)))
-    some = spread(stances(fit.runs[2], fit.arm), 5)
-    return [moment_view(fit, smoother, stance) for stance in some]
+    some = thin(find_steady_states(fit.runs[2], fit.arm), 5)
+    return [moment_view(fit, smoother, steady_state) for steady_state in some]
 
 
 def test_on_a_shape_of_the_model_the_moment_is_the_model_s():
     fit = calibration().joint
-    some = spread(stances(fit.runs[2], fit.arm), 4)[1:]
+    some = thin(find_steady_states(fit.runs[2], fit.arm), 4)[1:]
     smoother = smoother_for(replace(fit.arm, sensors=replace(fit.arm.sensors, placement_std=0.0)))
     targets = fit.arm.target_arclength
-    for stance, field in zip(some, predicted(fit.arm, some, targets), strict=True):
-        exact = replace(stance, x=field[X], y=field[Y], count=np.full(targets.size, 1e4))
+    for steady_state, field in zip(some, predicted(fit.arm, some, targets), strict=True):
+        exact = replace(steady_state, x=field[X], y=field[Y], count=np.full(targets.size, 1e4))
         view = moment_view(fit, smoother, exact)
-        moment = predicted(fit.arm, [stance], view.arclength)[0, MOMENT]
+        moment = predicted(fit.arm, [steady_state], view.arclength)[0, MOMENT]
         assert np.max(np.abs(view.moment - moment)) < 0.01 * np.max(np.abs(moment))
 
 
 def test_the_change_of_curvature_is_about_moment_over_rigidity(views):
     arm = calibration().joint.arm
     view = views[-1]
-    sections = arm.moment_law.sections(np.array([view.stance.pressure]), ARM.length, ARM.weight)
+    sections = arm.moment_law.sections(
+        np.array([view.steady_state.pressure]), ARM.length, ARM.weight
+    )
     middle = (view.arclength > 0.25 * ARM.length) & (view.arclength < 0.8 * ARM.length)
     expected = view.moment[middle] / sections[0, 1, 1]
     assert np.max(np.abs(view.change[middle] - expected)) < 0.1 * np.max(np.abs(expected))
@@ -75,15 +77,15 @@ def test_too_few_targets_give_no_line(views):
 
 def test_bands_of_curvature_are_the_fit_s_errors_at_the_knots():
     fit = calibration().joint
-    rows, knots = fit.unknowns.pressure, fit.unknowns.arclength
+    rows, knots = fit.parameters.pressure, fit.parameters.arclength
     std = curvature_std(fit, rows, knots)
-    known = np.sqrt(np.diag(fit.covariance))[: fit.unknowns.cells].reshape(rows.size, -1)
+    known = np.sqrt(np.diag(fit.covariance))[: fit.parameters.cells].reshape(rows.size, -1)
     assert np.allclose(std, known)
 
 
 def test_the_law_has_the_errors_are_the_fit_s_errors_at_its_rows():
     fit = calibration().joint
-    names, change = fit.unknowns.quantities()
+    names, change = fit.parameters.quantities()
     stds = dict(zip(names, np.sqrt(np.diag(change @ fit.covariance @ change.T)), strict=True))
     law = fit.arm.moment_law
     view = law_view(fit, law.pressure)

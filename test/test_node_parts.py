@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.cdr_template import ClaimSerializer
@@ -41,7 +41,7 @@ FIELDS = [(node, field) for node, table in TABLES.items() for field in table.fie
 
 @pytest.mark.parametrize('node', TABLES)
 def test_the_shipped_parameters_are_the_defaults(node):
-    content = YAML(typ='safe', pure=True).load(shipped(f'config/{node}.yaml').read_text())
+    content = YAML(typ='safe', pure=True).load(share_path(f'config/{node}.yaml').read_text())
     defaults = {field.name: field.default for field in TABLES[node].fields}
     assert content == {'/**': {'ros__parameters': defaults}}
     for name, default in defaults.items():
@@ -50,7 +50,7 @@ def test_the_shipped_parameters_are_the_defaults(node):
 
 @pytest.mark.parametrize('node', TABLES)
 def test_each_shipped_parameter_has_a_comment(node):
-    lines = shipped(f'config/{node}.yaml').read_text().splitlines()
+    lines = share_path(f'config/{node}.yaml').read_text().splitlines()
     for field in TABLES[node].fields:
         (place,) = (i for i, line in enumerate(lines) if line.startswith(f'    {field.name}:'))
         assert lines[place - 1].startswith('    #')

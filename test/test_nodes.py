@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 from pneunet_ros import __version__
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
@@ -90,7 +90,7 @@ def lonely_peer():
 # Live and replay
 
 
-MODEL = shipped('config/paper_arm.yaml')
+MODEL = share_path('config/paper_arm.yaml')
 
 
 def played_back(path, model=MODEL):
@@ -139,7 +139,7 @@ def same_live_as_replayed(peer, path, model=MODEL):
 
 def test_live_equals_replay_bit_for_bit(peer, tmp_path):
     """A part of the shipped recording, over all its loads."""
-    recording = open_recording(shipped('bags/table1'))
+    recording = open_recording(share_path('bags/table1'))
     part = tmp_path / 'part.mcap'
     with write_recording(part) as writer:
         topics = {topic.name: writer.add_copy(topic) for topic in recording.topics}
@@ -372,7 +372,7 @@ def test_diagnostics_hold_all_numbers(peer):
     assert values['stable'] == 'True'
     assert values['warnings'] == ''
     assert float(values['pressure_offset_pa']) == 0.0
-    assert values['model'] == model_name(shipped('config/paper_arm.yaml'))
+    assert values['model'] == model_name(share_path('config/paper_arm.yaml'))
 
 
 def test_topics_and_services_are_those_of_the_page(peer):
@@ -407,7 +407,7 @@ def model_name(path):
 
 
 def test_model_info_is_there_for_those_who_come_late(peer):
-    arm = load_model(shipped('config/paper_arm.yaml'))
+    arm = load_model(share_path('config/paper_arm.yaml'))
     info = json.loads(peer.model_info())
     assert info['name'] == arm.name
     assert info['hash'] == model_hash(arm)
@@ -437,7 +437,7 @@ def test_zero_pressure_finds_the_offset(peer):
 
 
 def test_another_model_is_used_and_a_bad_one_is_not(peer, tmp_path):
-    arm = load_model(shipped('config/paper_arm.yaml'))
+    arm = load_model(share_path('config/paper_arm.yaml'))
     file = tmp_path / 'model.yaml'
     save_model(dataclasses.replace(arm, name='mine', length=0.13), file)
     expect_estimate(peer, 100.0)
@@ -517,7 +517,7 @@ def test_without_wrench_on_simulated_time_until_silence(tmp_path, lonely_peer):
     """The shipped parameters, but without a wrench, and a centerline now and then."""
     peer = lonely_peer
     arguments = (
-        *('--params-file', str(shipped('config/estimator.yaml'))),
+        *('--params-file', str(share_path('config/estimator.yaml'))),
         *('-p', 'wrench_required:=false', '-p', 'use_sim_time:=true'),
         *('-p', 'centerline_rate:=5.0', '-p', 'wrench_timout:=1.0'),
     )

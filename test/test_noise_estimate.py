@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
-from pneunet_ros.calibration.noise_estimate import estimated_noise, second_differences
+from pneunet_ros.calibration.noise_estimate import estimate_noise, second_differences
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
 from support.example_arms import paper_arm
@@ -44,7 +44,7 @@ def runs(noise: SensorNoise, seed: int = 0, frames: int = FRAMES):
 def test_every_sigma_is_found_within_its_error():
     found = {name: [] for name in NAMES}
     for seed in range(8):
-        estimate = estimated_noise(runs(TRUE, seed), PAPER.target_arclength, ASSUMED)
+        estimate = estimate_noise(runs(TRUE, seed), PAPER.target_arclength, ASSUMED)
         for name in NAMES:
             found[name].append(getattr(estimate.noise, name) / getattr(TRUE, name))
     # Of how many independent values each comes: readings, targets, runs.
@@ -58,7 +58,7 @@ def test_every_sigma_is_found_within_its_error():
 
 def test_what_is_not_there_is_not_found():
     noise = replace(TRUE, placement_std=0.0, registration_std=0.0, drift_std=0.0)
-    found = estimated_noise(runs(noise), PAPER.target_arclength, ASSUMED).noise
+    found = estimate_noise(runs(noise), PAPER.target_arclength, ASSUMED).noise
     for name in ('placement_std', 'registration_std', 'drift_std'):
         assert getattr(found, name) < 0.6 * noise.target_std
     assert found.target_std == pytest.approx(noise.target_std, rel=0.08)
@@ -66,20 +66,20 @@ def test_what_is_not_there_is_not_found():
 
 def test_what_recordings_cannot_tell_is_assumed_and_said():
     free = [run for run in runs(TRUE) if not run.loaded]
-    estimate = estimated_noise(free, PAPER.target_arclength, ASSUMED)
+    estimate = estimate_noise(free, PAPER.target_arclength, ASSUMED)
     assert estimate.noise.force_std == ASSUMED.force_std
     assert estimate.noise.moment_std == ASSUMED.moment_std
     for name in NAMES:
         assumed = name in ('force_std', 'moment_std')
         assert (estimate.sources[name] == 'assumed; these recordings cannot tell') == assumed
-    few = estimated_noise(free[:2], PAPER.target_arclength, ASSUMED)
+    few = estimate_noise(free[:2], PAPER.target_arclength, ASSUMED)
     assert few.sources['registration_std'].startswith('assumed')
 
 
 def test_few_targets_tell_nothing_of_their_placement():
     arm = replace(PAPER, target_arclength=PAPER.target_arclength[::4])
     up = np.linspace(0.0, 55e3, 60)
-    estimate = estimated_noise(
+    estimate = estimate_noise(
         [made(arm, up, noise=TRUE, seed=seed) for seed in range(3)], arm.target_arclength, ASSUMED
     )
     assert estimate.sources['placement_std'].startswith('assumed')
@@ -88,7 +88,7 @@ def test_few_targets_tell_nothing_of_their_placement():
 def test_an_arm_without_a_target_at_the_clamp_tells_nothing_of_the_camera():
     arm = replace(PAPER, target_arclength=PAPER.target_arclength[4:])
     up = np.linspace(0.0, 55e3, 60)
-    estimate = estimated_noise(
+    estimate = estimate_noise(
         [made(arm, up, noise=TRUE, seed=seed) for seed in range(3)], arm.target_arclength, ASSUMED
     )
     for name in ('registration_std', 'drift_std'):
@@ -99,7 +99,7 @@ def test_an_arm_without_a_target_at_the_clamp_tells_nothing_of_the_camera():
 def test_arms_with_hardly_a_target_tell_what_they_can(targets):
     arm = replace(PAPER, target_arclength=PAPER.target_arclength[:targets])
     run = made(arm, np.linspace(0.0, 55e3, 60), noise=TRUE)
-    estimate = estimated_noise([run], arm.target_arclength, ASSUMED)
+    estimate = estimate_noise([run], arm.target_arclength, ASSUMED)
     assert estimate.noise.pressure_std == pytest.approx(80.0, rel=0.5)
     assert estimate.sources['placement_std'].startswith('assumed')
 
@@ -119,7 +119,7 @@ def test_readings_that_are_set_points_tell_nothing():
 
 
 def test_numbers_are_kept_to_what_they_mean():
-    found = estimated_noise(runs(TRUE), PAPER.target_arclength, ASSUMED).noise
+    found = estimate_noise(runs(TRUE), PAPER.target_arclength, ASSUMED).noise
     for name in NAMES:
         value = getattr(found, name)
         assert value == float(f'{value:.3g}')

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import pneunet_ros
 from pneunet_ros.core import share
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 import pytest
 
 CHECKOUT = Path(__file__).resolve().parent.parent
@@ -137,8 +137,8 @@ def test_all_shipped_files_are_installed(setup_arguments):
 
 
 def test_shipped_files_are_found_in_a_checkout():
-    assert shipped('config') == CHECKOUT / 'config'
-    assert shipped('package.xml').is_file()
+    assert share_path('config') == CHECKOUT / 'config'
+    assert share_path('package.xml').is_file()
 
 
 def test_shipped_files_are_found_where_pip_puts_them(tmp_path, monkeypatch):
@@ -146,7 +146,7 @@ def test_shipped_files_are_found_where_pip_puts_them(tmp_path, monkeypatch):
     config.mkdir(parents=True)
     module = tmp_path / 'lib/python3.12/site-packages/pneunet_ros/core/share.py'
     monkeypatch.setattr(share, '__file__', str(module))
-    assert shipped('config') == config
+    assert share_path('config') == config
 
 
 def test_shipped_files_are_found_below_the_prefix_of_python(tmp_path, monkeypatch):
@@ -154,7 +154,7 @@ def test_shipped_files_are_found_below_the_prefix_of_python(tmp_path, monkeypatc
     config.mkdir(parents=True)
     monkeypatch.setattr(share, '__file__', '/nowhere/pneunet_ros/core/share.py')
     monkeypatch.setattr(sys, 'prefix', str(tmp_path))
-    assert shipped('config') == config
+    assert share_path('config') == config
 
 
 def test_shipped_files_are_found_where_colcon_puts_them(tmp_path, monkeypatch):
@@ -162,13 +162,13 @@ def test_shipped_files_are_found_where_colcon_puts_them(tmp_path, monkeypatch):
     config.mkdir(parents=True)
     monkeypatch.setattr(share, '__file__', '/nowhere/pneunet_ros/core/share.py')
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'/elsewhere{os.pathsep}{tmp_path}')
-    assert shipped('config') == config
+    assert share_path('config') == config
 
 
 def test_a_missing_file_is_named_with_where_it_was_looked_for(monkeypatch):
     monkeypatch.setenv('AMENT_PREFIX_PATH', '/elsewhere')
     with pytest.raises(PneunetError, match=r'config/nothing\.yaml.*elsewhere/share/pneunet_ros'):
-        shipped('config/nothing.yaml')
+        share_path('config/nothing.yaml')
 
 
 @pytest.mark.parametrize(

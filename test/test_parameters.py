@@ -5,43 +5,43 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
-from pneunet_ros.calibration.parameters import Known, Smoothness, Unknowns
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.parameters import Hyperparameters, Parameters, PriorState
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.effects.camera_rotation import CameraRotation
 from pneunet_ros.effects.creep import Creep
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.softening import Softening
-from pneunet_ros.measurement.forward_model import Series
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import inputs_of
 import pytest
 from support.example_arms import ALL_MECHANICS, paper_arm
 from support.made_datasets import made
 
 LOW, HIGH = 0.0, 60e3
-SMOOTHNESS = Smoothness(amplitude=40.0, deviation=4.0, reach=0.3)
+SMOOTHNESS = Hyperparameters(amplitude=40.0, deviation=4.0, reach=0.3)
 PASTS = (Hysteresis(width=3e3), Creep(amplitude=0.2, time_constant=1.5), Softening(loss=0.2))
-KINDS = tuple(LAW_UNKNOWNS)
+KINDS = tuple(MOMENT_LAW_PARAMETERS)
 
 
 def law_unknowns(kind: str):
     arm = paper_arm()
-    return LAW_UNKNOWNS[kind](
+    return MOMENT_LAW_PARAMETERS[kind](
         stiffness=1.5e-4, low=LOW, high=HIGH, length=arm.length, weight=arm.weight
     )
 
 
-def unknowns(kind: str | None, effects=(), rows: int = 4, knots: int = 6) -> Unknowns:
-    return Unknowns(
+def parameters(kind: str | None, effects=(), rows: int = 4, knots: int = 6) -> Parameters:
+    return Parameters(
         frame=paper_arm(tuple(effects)),
         pressure=np.linspace(LOW, HIGH, rows),
         arclength=np.linspace(0.0, 1.0, knots),
-        smoothness=SMOOTHNESS,
+        hyperparameters=SMOOTHNESS,
         law=None if kind is None else law_unknowns(kind),
     )
 
 
-def values_of(some: Unknowns, seed: int = 3) -> np.ndarray:
+def values_of(some: Parameters, seed: int = 3) -> np.ndarray:
     """Return values near those of an arm, a bit off everywhere."""
     table = some.frame.intrinsic_curvature
     cells = np.array([table.at(float(row), some.arclength) for row in some.pressure]).ravel()
@@ -61,7 +61,7 @@ def values_of(some: Unknowns, seed: int = 3) -> np.ndarray:
     ],
 )
 def test_points_answer_to_unknowns_as_finite_differences(kind, effects):
-    some = unknowns(kind, effects)
+    some = parameters(kind, effects)
     values = values_of(some)
     pressure = np.concatenate([np.linspace(1e3, 59e3, 7), np.linspace(50e3, 8e3, 5)])
     force = np.stack([np.linspace(0.05, 0.2, 12), np.linspace(0.1, 0.0, 12)], axis=1)
@@ -69,14 +69,14 @@ def test_points_answer_to_unknowns_as_finite_differences(kind, effects):
 
     def points(values):
         arm = some.arm(values)
-        (drive,) = drives_of(arm, [run])
-        series = Series(arm.target_arclength)
-        assert series.solve(arm, drive).all()
-        return series, arm, drive
+        (inputs,) = inputs_of(arm, [run])
+        series = ForwardModel(arm.target_arclength)
+        assert series.solve(arm, inputs).all()
+        return series, arm, inputs
 
-    series, arm, drive = points(values)
-    answer = series.answer(arm, drive, some.columns)[:, :, :2]
-    found = np.einsum('fcks,fcu->fksu', answer, some.causes(values, drive))
+    series, arm, inputs = points(values)
+    answer = series.answer(arm, inputs, some.columns)[:, :, :2]
+    found = np.einsum('fcks,fcu->fksu', answer, some.causes(values, inputs))
     for unknown in range(values.size):
         step = 1e-3 * np.sqrt(some.prior[unknown, unknown]) * np.eye(values.size)[unknown]
         sides = [points(values + sign * step)[0].points for sign in (-1, 1)]
@@ -86,7 +86,7 @@ def test_points_answer_to_unknowns_as_finite_differences(kind, effects):
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_quantities_are_the_numbers_of_the_model(kind):
-    some = unknowns(kind)
+    some = parameters(kind)
     values = values_of(some)
     names, change = some.quantities()
     assert len(set(names)) == len(names) == change.shape[0]
@@ -112,7 +112,7 @@ def test_every_number_of_the_law_that_may_move_is_named():
 
 @pytest.mark.parametrize('kind', [None, *KINDS])
 def test_the_prior_is_positive_definite_and_of_the_size_said(kind):
-    some = unknowns(kind, rows=10, knots=11)
+    some = parameters(kind, rows=10, knots=11)
     np.linalg.cholesky(some.prior)
     assert np.allclose(some.prior, some.prior.T)
     std = np.sqrt(np.diag(some.prior))[: some.cells].reshape(10, 11)
@@ -136,7 +136,7 @@ def test_the_prior_of_the_law_leaves_it_free():
 
 
 def test_a_law_through_zero_is_no_law():
-    some = unknowns('piecewise_linear')
+    some = parameters('piecewise_linear')
     values = some.mean.copy()
     values[some.cells] = -values[some.cells]
     with pytest.raises(ModelError, match='pass through zero'):
@@ -144,13 +144,13 @@ def test_a_law_through_zero_is_no_law():
 
 
 def test_what_is_known_takes_the_place_of_the_prior():
-    free = unknowns(None)
+    free = parameters(None)
     random = np.random.default_rng(2)
     root = random.standard_normal((free.cells, free.cells))
     mean, covariance = random.standard_normal(free.cells), root @ root.T
     known = replace(
-        unknowns('piecewise_linear'),
-        known=Known(values=mean, placement=np.zeros(0), covariance=covariance),
+        parameters('piecewise_linear'),
+        known=PriorState(values=mean, placement=np.zeros(0), covariance=covariance),
     )
     assert np.array_equal(known.mean[: free.cells], mean)
     assert np.array_equal(known.prior[: free.cells, : free.cells], covariance)
@@ -161,7 +161,7 @@ def test_what_is_known_takes_the_place_of_the_prior():
 
 
 def test_an_arm_without_unknowns_of_its_law_keeps_its_own():
-    some = unknowns(None, ALL_MECHANICS)
+    some = parameters(None, ALL_MECHANICS)
     arm = some.arm(values_of(some))
     assert arm.moment_law is some.frame.moment_law
     assert arm.effects == some.frame.effects

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.consistency import check_same_arm, odd_recordings
+from pneunet_ros.calibration.consistency import check_same_arm, outlier_recordings
 from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.errors import RecordingError, RequestError
@@ -111,10 +111,10 @@ def test_a_recording_that_does_not_fit_the_others_is_named():
     class Some:
         def __init__(self, name, chi):
             self.run = replace(FREE[0], name=name)
-            self.whitened, self.freedom = np.array([100.0 * chi]), np.array([100])
+            self.whitened, self.dof = np.array([100.0 * chi]), np.array([100])
 
     values = dict.fromkeys(Fit.__dataclass_fields__)
     runs = tuple(Some(name, chi) for name, chi in (('a', 1.1), ('b', 30.0), ('c', 0.9)))
-    (sentence,) = odd_recordings(Fit(**(values | {'runs': runs})))
+    (sentence,) = outlier_recordings(Fit(**(values | {'runs': runs})))
     assert sentence.startswith('b does not fit the others: chi squared per coordinate is 30')
-    assert odd_recordings(Fit(**(values | {'runs': runs[:1]}))) == []
+    assert outlier_recordings(Fit(**(values | {'runs': runs[:1]}))) == []

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.pressure_filter import CALM, calm, READINGS
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.pressure_filter import CALM, READINGS, smooth_pressure
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made
 
 
-def with_readings(pressure: Array, frames: int) -> Run:
+def with_readings(pressure: Array, frames: int) -> RecordingData:
     """Return a run of so many readings, and a few frames spread over them."""
     run = made(paper_arm(), np.zeros(frames))
     reading = np.sort(np.random.default_rng(2).choice(pressure.size, frames, replace=False))
@@ -31,7 +31,7 @@ def test_most_noise_goes_and_the_pressure_stays():
     ramp = np.linspace(0.0, 60e3, 2000)
     noise = 60.0 * np.random.default_rng(3).standard_normal(2000)
     run = with_readings(ramp + noise, 30)
-    quiet = calm(run)
+    quiet = smooth_pressure(run)
     truth = np.interp(quiet.reading_stamp_ns, run.reading_stamp_ns, ramp)
     inner = slice(CALM, -CALM)
     left = (quiet.pressure - truth)[inner]
@@ -41,7 +41,7 @@ def test_most_noise_goes_and_the_pressure_stays():
 
 def test_a_straight_ramp_is_not_changed():
     run = with_readings(np.linspace(0.0, 60e3, 900), 12)
-    quiet = calm(run)
+    quiet = smooth_pressure(run)
     before = np.interp(quiet.reading_stamp_ns, run.reading_stamp_ns, run.pressure)
     inner = slice(CALM // 2, -(CALM // 2))
     assert quiet.pressure[inner] == pytest.approx(before[inner], abs=1e-6)
@@ -49,7 +49,7 @@ def test_a_straight_ramp_is_not_changed():
 
 def test_there_are_fewer_readings_and_frames_keep_theirs():
     run = with_readings(np.linspace(0.0, 60e3, 3000), 50)
-    quiet = calm(run)
+    quiet = smooth_pressure(run)
     assert READINGS <= quiet.pressure.size <= READINGS + 50
     own = quiet.reading_stamp_ns[quiet.reading]
     assert np.array_equal(own, run.reading_stamp_ns[run.reading])
@@ -57,10 +57,17 @@ def test_there_are_fewer_readings_and_frames_keep_theirs():
     assert quiet.reading_stamp_ns[[0, -1]].tolist() == run.reading_stamp_ns[[0, -1]].tolist()
     # Neighbors that are left out have been averaged in all the same.
     step = with_readings(np.where(np.arange(3000) < 1500, 0.0, 1e4), 50)
-    assert set(np.round(np.unique(calm(step).pressure))) <= {0.0, 2e3, 4e3, 6e3, 8e3, 1e4}
+    assert set(np.round(np.unique(smooth_pressure(step).pressure))) <= {
+        0.0,
+        2e3,
+        4e3,
+        6e3,
+        8e3,
+        1e4,
+    }
 
 
 def test_a_run_of_few_readings_is_left_alone():
     run = made(paper_arm(), np.linspace(0.0, 1e4, CALM - 1))
-    assert calm(run) is run
-    assert calm(made(paper_arm(), np.linspace(0.0, 1e4, CALM))).pressure.size == CALM
+    assert smooth_pressure(run) is run
+    assert smooth_pressure(made(paper_arm(), np.linspace(0.0, 1e4, CALM))).pressure.size == CALM

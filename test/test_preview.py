@@ -7,7 +7,7 @@ from matplotlib.image import imread
 import numpy as np
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.image import Image
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.offline.track import track_steps
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
@@ -31,7 +31,7 @@ from support.films import (
     write_messages,
 )
 
-TRACKER = Tracker(ARM, load_camera(shipped('config/camera.yaml')))
+TRACKER = Tracker(ARM, load_camera(share_path('config/camera.yaml')))
 TARGETS = ARM.target_arclength.size
 METERS = length_unit('m', ARM.length)
 

@@ -53,7 +53,10 @@ def test_the_point_is_where_the_search_ended():
     assert asked('load_offset').numbers(point.effects[-1]) == pytest.approx(found.numbers)
     again = found.design.at(point)
     assert again.position == pytest.approx(found.base[: again.position.size], abs=1e-9)
-    assert again.point.arm.effects == (*found.design.point.unknowns.frame.effects, *point.effects)
+    assert again.point.arm.effects == (
+        *found.design.point.parameters.frame.effects,
+        *point.effects,
+    )
     values = found.design.mean + found.design.scale @ found.base[: found.design.mean.size]
     assert np.concatenate([point.values, point.placement.ravel()]) == pytest.approx(values)
     # Beginning there, nothing changes.

@@ -6,7 +6,7 @@ import numpy as np
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -30,7 +30,7 @@ import pytest
 from support.made_recordings import PRESSURE, pressure, STEP_NS, WRENCH, wrench
 from support.random_estimates import plain
 
-ESTIMATOR = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
+ESTIMATOR = Estimator(arm=load_model(share_path('config/paper_arm.yaml')))
 TYPES = {'end_wrench': WRENCH_TYPE, 'pressure': PRESSURE_TYPE, 'targets': POINTS_TYPE}
 LATE_NS = 3_000_000  # from a stamp to its log time
 PRESSURES = [20e3, 21e3, 150e3, 22e3, float('nan'), 23e3, 24e3]  # two of them are refused

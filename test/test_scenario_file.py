@@ -7,7 +7,7 @@ import shutil
 
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import changes_of, load_scenario
 from pneunet_ros.lab.lab_arm import varied
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
@@ -16,7 +16,7 @@ from pneunet_ros.lab.scenario import described
 import pytest
 from support.lab_pairs import recorded
 
-FOLDER = shipped('scenarios')
+FOLDER = share_path('scenarios')
 PROTOCOL = 'protocol: {kind: slow_ramp}\n'
 HEAD = 'schema_version: 1\nname: mine\narm: lab_arm.yaml\n'
 

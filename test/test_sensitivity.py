@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.sensitivity import FACTORS, SPLITS, variations
-from pneunet_ros.calibration.steady_states import stances
+from pneunet_ros.calibration.steady_states import find_steady_states
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw
 import pytest
 from support.small_calibration import ARM, calibration
@@ -16,24 +16,24 @@ SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.002, 't2
 
 
 @pytest.fixture(scope='module')
-def stance():
+def steady_state():
     """Return a loaded stance."""
     fit = calibration().joint
-    return stances(fit.runs[2], fit.arm)[-6]
+    return find_steady_states(fit.runs[2], fit.arm)[-6]
 
 
-def test_each_is_one_change(stance):
-    force, splitting, rigidity = variations(ARM, stance)
-    f1, f2 = stance.force.tolist()
+def test_each_is_one_change(steady_state):
+    force, splitting, rigidity = variations(ARM, steady_state)
+    f1, f2 = steady_state.force.tolist()
     for factor, shape in zip(FACTORS, force.shapes, strict=True):
-        alone = solve(ARM, stance.pressure, (factor * f1, f2))
+        alone = solve(ARM, steady_state.pressure, (factor * f1, f2))
         assert np.allclose(shape.x, alone.x, atol=1e-9)
     law = ARM.moment_law
     for split, shape in zip(SPLITS, splitting.shapes, strict=True):
         moved = replace(law, split=np.full(law.split.size, split))
-        alone = solve(replace(ARM, moment_law=moved), stance.pressure, (f1, f2))
+        alone = solve(replace(ARM, moment_law=moved), steady_state.pressure, (f1, f2))
         assert np.allclose(shape.y, alone.y, atol=1e-9)
-    nominal = solve(ARM, stance.pressure, (f1, f2))
+    nominal = solve(ARM, steady_state.pressure, (f1, f2))
     assert np.allclose(rigidity.shapes[2].x, nominal.x, atol=1e-9)
     assert rigidity.labels[2] == 'as fitted'
     assert force.travel > 1e-3
@@ -47,9 +47,9 @@ def test_each_is_one_change(stance):
     ],
     ids=['linear', 'majidi'],
 )
-def test_a_law_of_one_section_has_no_l1(stance, law, name):
+def test_a_law_of_one_section_has_no_l1(steady_state, law, name):
     arm = replace(ARM, moment_law=law, covariance=None)
-    found = variations(arm, stance)
+    found = variations(arm, steady_state)
     assert [variation.name for variation in found] == ['F1', name]
     first, *_, last = found[1].shapes
     assert not np.allclose(first.x, last.x, atol=1e-5)

@@ -9,7 +9,7 @@ import shutil
 import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.cli.simulate import shipped_names
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.recordings.dataset_reader import read_run
 import pytest
 
@@ -83,7 +83,7 @@ def test_a_recording_after_another_one(run):
 
 def test_a_scenario_file_of_the_user(run, tmp_path):
     for name in ('lab_arm', 'strings'):
-        shutil.copy(shipped(f'scenarios/{name}.yaml'), tmp_path)
+        shutil.copy(share_path(f'scenarios/{name}.yaml'), tmp_path)
     assert run('strings.yaml', '--output', 'here/out.mcap')[0] == 0
     assert Path('here/out.truth.npz').is_file()
 

@@ -26,7 +26,7 @@ from pneunet_ros.solver import (
 from pneunet_ros.solver import (
     interpolation as stations,
 )
-from pneunet_ros.solver.boundary_value_problem import Attempt, FINEST_DETAIL
+from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem, FINEST_DETAIL
 from pneunet_ros.solver.collocation import ACCEPTED, TOLERANCE
 from pneunet_ros.solver.panel import curvature_change, sine_cosine
 import pytest
@@ -40,7 +40,7 @@ FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 def attempt_at(case):
     """Mesh the rod of a random case; it is not yet solved."""
     rods = case.arm.rods(np.array([case.pressure]))
-    return Attempt(rods, case.force, case.moment, TOLERANCE)
+    return BoundaryValueProblem(rods, case.force, case.moment, TOLERANCE)
 
 
 # ---- one Newton method, twice -------------------------------------------------------------------
@@ -232,7 +232,7 @@ def test_a_warm_start_takes_fewer_steps():
 
 def test_the_chain_finds_a_start_close_to_the_solution():
     rods = paper_arm().rods(np.array([60e3]))
-    attempt = Attempt(rods, (0.15, 0.25), 0.0, TOLERANCE)
+    attempt = BoundaryValueProblem(rods, (0.15, 0.25), 0.0, TOLERANCE)
     chain.loaded_guess(attempt.panels, attempt.ends, attempt.nodes)
     guess = attempt.nodes.copy()
     assert attempt.newton()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.steady_estimates import held_estimates
@@ -37,8 +37,8 @@ def stream(*pressures: float, period: float = 0.5) -> list[ShapeEstimate]:
 
 
 def test_the_holds_of_table_1_are_its_rows_up_and_down_again():
-    recording = open_recording(shipped('bags/table1'))
-    estimator = Estimator(arm=load_model(shipped('config/paper_arm.yaml')))
+    recording = open_recording(share_path('bags/table1'))
+    estimator = Estimator(arm=load_model(share_path('config/paper_arm.yaml')))
     topics = input_topics(recording, estimator, {})
     estimates = [
         step.outcome

@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 from pneunet_ros import load_model, solve
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.topics import PRESSURE_TYPE
 import pytest
@@ -30,7 +30,7 @@ from support.dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / 'examples' / 'tip_controller.py'
-MODEL = shipped('config/lab_arm.yaml')
+MODEL = share_path('config/lab_arm.yaml')
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
 PATH = [(0.1038, 0.0363), (0.0896, 0.0572), (0.1038, 0.0363)]
 
@@ -57,7 +57,7 @@ def arm(pressure):
     return tip, (-tip[1] / 40e3, tip[0] / 40e3)
 
 
-def drive(controller, seconds, begin=0.0, estimates=True):
+def inputs(controller, seconds, begin=0.0, estimates=True):
     """Let a valve follow and the estimates come at 50 Hz; returns the commands."""
     commands, pressure = [], controller.command
     for step in range(round(50 * seconds)):
@@ -79,7 +79,7 @@ def test_it_goes_from_target_to_target(example):
     controller = example.TipController(path=on_circle(20e3, 45e3, 10e3))
     assert controller.step(-1.0) == 0.0
     assert controller.mode == 'waiting'
-    commands = drive(controller, 12.0)
+    commands = inputs(controller, 12.0)
     assert controller.mode == 'driving'
     assert len(controller.reached) == 3
     assert max(controller.reached) < 1e-3
@@ -91,27 +91,27 @@ def test_it_goes_from_target_to_target(example):
 def test_it_goes_to_the_nearest_point_of_a_target_beside_its_way(example):
     (x, y), _ = arm(30e3)
     controller = example.TipController(path=[(1.05 * x, 1.05 * y)])
-    assert drive(controller, 6.0)[-1] == pytest.approx(30e3, abs=100.0)
+    assert inputs(controller, 6.0)[-1] == pytest.approx(30e3, abs=100.0)
     assert controller.reached == [pytest.approx(0.005, abs=1e-4)]
 
 
 def test_it_goes_no_further_than_it_may(example):
     controller = example.TipController(path=on_circle(60e3), max_pressure=30e3)
-    assert max(drive(controller, 6.0)) == 30e3
+    assert max(inputs(controller, 6.0)) == 30e3
     assert controller.reached == []
 
 
 def test_without_estimates_it_holds_and_then_vents_and_comes_back(example):
     controller = example.TipController(path=on_circle(40e3))
-    drive(controller, 6.0)
-    held = drive(controller, 1.4, begin=6.0, estimates=False)
+    inputs(controller, 6.0)
+    held = inputs(controller, 1.4, begin=6.0, estimates=False)
     assert controller.mode == 'holding'
     assert len(set(held[20:])) == 1
-    vented = drive(controller, 4.0, begin=7.4, estimates=False)
+    vented = inputs(controller, 4.0, begin=7.4, estimates=False)
     assert controller.mode == 'waiting'
     assert vented[-1] == 0.0
     assert np.diff(vented).min() >= -20e3 / 50 - 1e-6
-    again = drive(controller, 4.0, begin=11.4)
+    again = inputs(controller, 4.0, begin=11.4)
     assert controller.mode == 'driving'
     assert again[0] < 401.0
     assert again[-1] == pytest.approx(40e3, abs=100.0)

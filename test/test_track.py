@@ -6,7 +6,7 @@ import csv
 
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.messages.tracker import (
     decode_camera_info,
@@ -45,7 +45,7 @@ from support.films import (
 from support.made_recordings import PRESSURE
 from support.random_estimates import plain
 
-TRACKER = Tracker(ARM, load_camera(shipped('config/camera.yaml')))
+TRACKER = Tracker(ARM, load_camera(share_path('config/camera.yaml')))
 TARGETS = ARM.target_arclength.size
 HIDDEN = 11  # in the last frame
 SHOWN = pictures(hidden=HIDDEN)

@@ -11,7 +11,7 @@ from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.image import ENCODINGS
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.lab.renderer import as_image, Renderer
 from pneunet_ros.lab.scene import Dots, Scene
 from pneunet_ros.vision.camera_settings import (
@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 from support.moving_arm import motion_of
 from support.rendered_frames import FRAME_NS, lens_of, plain_camera, Score, View
 
-ARM = load_model(shipped('config/paper_arm.yaml'))
+ARM = load_model(share_path('config/paper_arm.yaml'))
 TARGETS = ARM.target_arclength.size
 REST = CameraSettings().rest_frames
 SECOND = 1_000_000_000

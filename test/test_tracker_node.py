@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 from pneunet_ros import __version__
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.messages.cdr_template import ClaimSerializer
 from pneunet_ros.messages.tracker import (
@@ -217,7 +217,7 @@ def readings_of_all_kinds():
 
 
 def test_live_equals_offline_bit_for_bit(peer):
-    tracker = Tracker(filmed.ARM, load_camera(shipped('config/camera.yaml')))
+    tracker = Tracker(filmed.ARM, load_camera(share_path('config/camera.yaml')))
     readings = readings_of_all_kinds()
     frames = curves = 0
     for (kind, message), expected in zip(readings, offline(readings, tracker), strict=True):
@@ -339,7 +339,7 @@ def test_the_annotated_image_shows_what_was_seen(peer):
     late = peer.node.create_subscription(Image, 'image_annotated', pictures.append, 10)
     assert peer.spin_until(lambda: late.get_publisher_count() > 0)
     shown = [filmed.encoded(picture, '.jpg') for picture in FILM]
-    tracker = Tracker(filmed.ARM, load_camera(shipped('config/camera.yaml')))
+    tracker = Tracker(filmed.ARM, load_camera(share_path('config/camera.yaml')))
     lens = decode_camera_info(filmed.info_message(1))
     state, _ = tracker.step(TrackerState(), lens)
     compared = 0
@@ -375,7 +375,7 @@ def test_what_nobody_wants_is_not_drawn(subscribers):
 
     node = SimpleNamespace(
         configuration=SimpleNamespace(
-            tracker=Tracker(filmed.ARM, load_camera(shipped('config/camera.yaml'))),
+            tracker=Tracker(filmed.ARM, load_camera(share_path('config/camera.yaml'))),
         ),
         serializer=ClaimSerializer(types=RCLPY_TYPES, serialize=to_bytes, frame_id='base'),
         state=TrackerState(),
@@ -557,7 +557,7 @@ def test_raw_images_of_cameras_that_come_and_change(tmp_path):
     peer = CameraPeer(OTHER_DOMAIN, IMAGE_TYPE)
     peer.node.destroy_publisher(peer.images)
     peer.node.destroy_publisher(peer.infos)
-    arguments = ('--params-file', str(shipped('config/tracker.yaml')), '-p', 'frame:=base')
+    arguments = ('--params-file', str(share_path('config/tracker.yaml')), '-p', 'frame:=base')
     with running_node(tmp_path / 'output', OTHER_DOMAIN, *arguments, node='tracker') as node:
         node.wait_for('ready')
         assert peer.spin_until(lambda: peer.report()[1].startswith('waiting for images'))

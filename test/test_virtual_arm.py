@@ -11,7 +11,7 @@ import signal
 import time
 
 import numpy as np
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.builders import Output, POINTS_TYPE
 from pneunet_ros.messages.point_cloud import cloud_points
 from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
@@ -195,8 +195,8 @@ def test_an_unfit_parameter_changes_nothing(peer, name, value, words):
 
 def test_a_scenario_brings_its_effects(peer, tmp_path):
     file = tmp_path / 'heavy.yaml'
-    shutil.copy(shipped('scenarios/lab_arm.yaml'), tmp_path)
-    text = shipped('scenarios/unloaded_ramp.yaml').read_text()
+    shutil.copy(share_path('scenarios/lab_arm.yaml'), tmp_path)
+    text = share_path('scenarios/unloaded_ramp.yaml').read_text()
     file.write_text(f'{text}effects: {{gravity: {{weight_y: -1.0}}}}\n')
     assert peer.set(scenario_file=str(file)).successful
     try:
@@ -233,7 +233,7 @@ def test_a_command_goes_as_far_as_the_arm(peer):
 
 def test_one_process_runs_arm_and_estimator(tmp_path):
     """The estimator predicts the arm by the model that knows the truth about it."""
-    model = shipped('config/lab_arm.yaml')
+    model = share_path('config/lab_arm.yaml')
     parameters = tmp_path / 'stack.yaml'
     parameters.write_text(
         f'/**/estimator: {{ros__parameters: {{model_file: {model}}}}}\n'

@@ -71,11 +71,11 @@ def test_targets_answer_to_disturbances():
     targets = arm.target_arclength.size
     disturbances = Disturbances(targets=targets, runs=2, noise=USUAL)
     theta = RANDOM.standard_normal((17, targets))
-    unknowns = RANDOM.standard_normal(disturbances.prior.shape[0])
+    parameters = RANDOM.standard_normal(disturbances.prior.shape[0])
     own = disturbances.of_run(1)
-    found = disturbances.answer(run, theta) @ unknowns[own]
-    along, across = unknowns[:targets], unknowns[targets : 2 * targets]
-    nodes = unknowns[2 * targets :].reshape(2, 2, PATH_NODES)[1]  # of the second run: x, y
+    found = disturbances.answer(run, theta) @ parameters[own]
+    along, across = parameters[:targets], parameters[targets : 2 * targets]
+    nodes = parameters[2 * targets :].reshape(2, 2, PATH_NODES)[1]  # of the second run: x, y
     time = np.linspace(0.0, 1.0, 17)
     for frame in range(17):
         tangent = np.stack([np.cos(theta[frame]), np.sin(theta[frame])])

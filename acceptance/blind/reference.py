@@ -11,15 +11,15 @@ from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.sensors import regular
 from pneunet_ros.lab.simulated import chain_of, read, unfolded
 from pneunet_ros.lab.timeline import Timeline
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.forward_model import Series
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 
 from blind.trials import Sealed
 
 
-def residual_of(run: Run, points: np.ndarray) -> np.ndarray:
+def residual_of(run: RecordingData, points: np.ndarray) -> np.ndarray:
     """Return measured minus predicted (frames, 2, targets) m, less what registration could be."""
     error = np.stack([run.x, run.y], axis=1) - points
     return error - np.nanmean(error, axis=(0, 2), keepdims=True)
@@ -31,18 +31,20 @@ def pooled_rms(errors: Sequence[np.ndarray]) -> float | None:
     return float(np.sqrt(np.mean(some**2))) if some.size else None
 
 
-def plain_rms(arm: Arm, training: Sequence[Run], held_out: Sequence[Run]) -> float | None:
+def plain_rms(
+    arm: Arm, training: Sequence[RecordingData], held_out: Sequence[RecordingData]
+) -> float | None:
     """Return the rms (m) that a model leaves held out, what came before being remembered."""
     errors = []
-    drives = drives_of(arm, (*training, *held_out))[len(training) :]
-    for run, drive in zip(held_out, drives, strict=True):
-        series = Series(arm.target_arclength)
-        solved = series.solve(arm, drive)
+    all_inputs = inputs_of(arm, (*training, *held_out))[len(training) :]
+    for run, inputs in zip(held_out, all_inputs, strict=True):
+        series = ForwardModel(arm.target_arclength)
+        solved = series.solve(arm, inputs)
         errors.append(residual_of(run, np.where(solved[:, None, None], series.points, np.nan)))
     return pooled_rms(errors)
 
 
-def lab_rms(sealed: Sealed, held_out: Sequence[Run]) -> float | None:
+def lab_rms(sealed: Sealed, held_out: Sequence[RecordingData]) -> float | None:
     """Return the rms (m) that the lab's own arm leaves, driven by what the sensors read.
 
     It knows all that is hidden, however rich, and nothing of noise and of painting.

@@ -13,9 +13,9 @@ import math
 import numpy as np
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.forward_model import Series
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 
 from blind.hidden import HIDEABLE
@@ -112,17 +112,17 @@ def prepared(trial: Trial, diagnosis: Diagnosis) -> tuple[Table, Table, list[Can
     return tables[0], tables[1], candidates
 
 
-def claimed(arm: Arm, runs: list[Run]) -> list[np.ndarray]:
+def claimed(arm: Arm, runs: list[RecordingData]) -> list[np.ndarray]:
     """Return where an arm puts the targets in every run, (frames, 2, targets) m each."""
     points = []
-    for drive in drives_of(arm, runs):
-        series = Series(arm.target_arclength)
-        solved = series.solve(arm, drive)
+    for inputs in inputs_of(arm, runs):
+        series = ForwardModel(arm.target_arclength)
+        solved = series.solve(arm, inputs)
         points.append(np.where(solved[:, None, None], series.points, np.nan))
     return points
 
 
-def table_of(arm: Arm, runs: list[Run], residuals: list[np.ndarray]) -> Table:
+def table_of(arm: Arm, runs: list[RecordingData], residuals: list[np.ndarray]) -> Table:
     """Put the residuals of runs and their causes into rows."""
     causes, which, coordinate = [], [], []
     masks = tuple(np.isfinite(residual) for residual in residuals)

@@ -16,14 +16,14 @@ import zlib
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_arm import varied
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.outside_effects import OUTSIDE_EFFECTS
 from pneunet_ros.lab.scenario import Detail, lab_effect, Scenario
 from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
 from blind.designs import DESIGNS, NOISE, PAUSE, RATES
@@ -81,8 +81,8 @@ class Trial:
 
     key: str
     frame: Arm
-    training: tuple[Run, ...]
-    held_out: tuple[Run, ...]
+    training: tuple[RecordingData, ...]
+    held_out: tuple[RecordingData, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -157,7 +157,7 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
 def recorded(label: Label) -> tuple[Sealed, Trial]:
     """Let the virtual lab make the recordings of a label, one after the other."""
     design = DESIGNS[label.design]
-    arm = varied(load_scenario(shipped('scenarios/random_mix.yaml')).arm, label.arm_seed)
+    arm = varied(load_scenario(share_path('scenarios/random_mix.yaml')).arm, label.arm_seed)
     hidden = label.effects | label.outside
     effects = {name: lab_effect(name, values) for name, values in hidden.items()}
     memory: LabMemory | None = None
@@ -182,7 +182,7 @@ def recorded(label: Label) -> tuple[Sealed, Trial]:
         memory = recordings[-1].memory
     runs = tuple(run_of(recording) for recording in recordings)
     frame = dataclasses.replace(
-        load_model(shipped('config/paper_arm.yaml')), target_arclength=arm.targets
+        load_model(share_path('config/paper_arm.yaml')), target_arclength=arm.targets
     )
     count = len(design.training)
     trial = Trial(key=label.key, frame=frame, training=runs[:count], held_out=runs[count:])

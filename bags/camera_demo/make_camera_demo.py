@@ -18,7 +18,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.lab.lens import looking_down
@@ -106,7 +106,7 @@ def hand_at(stamp_ns: int) -> tuple[Occluder, ...]:
 @cache
 def motion() -> ArmMotion:
     """Return the arm of the paper, unloaded."""
-    return motion_of(load_model(shipped('config/paper_arm.yaml')), (0.0, TOP))
+    return motion_of(load_model(share_path('config/paper_arm.yaml')), (0.0, TOP))
 
 
 @cache

@@ -19,7 +19,7 @@ from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
@@ -28,10 +28,10 @@ from pneunet_ros.lab.chain_effects import LabExtensibility
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import Disturbances
-from pneunet_ros.measurement.forward_model import Series, THETA
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 
@@ -58,14 +58,14 @@ class Recorded:
     """
 
     scenario: Scenario
-    unloaded: tuple[Run, ...]
-    loaded: tuple[Run, ...]
-    held_out: Run
+    unloaded: tuple[RecordingData, ...]
+    loaded: tuple[RecordingData, ...]
+    held_out: RecordingData
     force: Array
     rows: Array
 
     @property
-    def training(self) -> tuple[Run, ...]:
+    def training(self) -> tuple[RecordingData, ...]:
         """All training recordings."""
         return (*self.unloaded, *self.loaded)
 
@@ -137,7 +137,7 @@ def recorded(stiffness: float) -> Recorded:
         effects = (LabExtensibility(axial_stiffness=stiffness, richness=RICHNESS),)
     runs = {}
     for name in (*UNLOADED, *LOADED, HELD_OUT):
-        scenario = load_scenario(shipped(f'scenarios/{name}.yaml'))
+        scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
         recording = simulated(replace(scenario, effects=effects))
         runs[name] = run_of(recording)
     protocol = recording.scenario.protocol
@@ -155,7 +155,7 @@ def recorded(stiffness: float) -> Recorded:
 
 def calibrated(recordings: Recorded) -> Calibration:
     """Calibrate as inextensible; the frame knows length, weight and targets."""
-    frame = load_model(shipped('config/paper_arm.yaml'))
+    frame = load_model(share_path('config/paper_arm.yaml'))
     return calibrate(recordings.unloaded, recordings.loaded, frame, compare=False)
 
 
@@ -169,8 +169,8 @@ def forces(arm: Arm, recordings: Recorded, *, tip_only: bool) -> Forces:
 def placed(fit: Fit, recordings: Recorded) -> Recorded:
     """Return the recordings with the placement of the targets taken off the one held out."""
     run, arm = recordings.held_out, fit.arm
-    series = Series(arm.target_arclength)
-    series.solve(arm, drives_of(arm, [run])[0])
+    series = ForwardModel(arm.target_arclength)
+    series.solve(arm, inputs_of(arm, [run])[0])
     unknown = Disturbances(targets=arm.target_arclength.size, runs=1, noise=arm.sensors)
     answer = unknown.answer(run, series.fields[:, THETA])[..., : fit.placement.size]
     moved = answer @ fit.placement.ravel()

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from pneunet_ros.core.units import kilopascals, millimeters
-from pneunet_ros.diagnosis.result import Side
+from pneunet_ros.diagnosis.result import Evaluation
 
 FOLDER = Path(__file__).resolve().parent
 TIP, ALL, AFTER, TRUE, CONTROL = '#d1603d', '#e0a030', '#1f5a96', '#222222', '#4c9a6a'
@@ -195,7 +195,7 @@ def below(figure: Figure, axes: Axes) -> None:
     figure.legend(marks, words, loc='outside lower center', ncols=4, fontsize=9, frameon=False)
 
 
-def rms_along(side: Side) -> np.ndarray:
+def rms_along(side: Evaluation) -> np.ndarray:
     """Return the rms of both coordinates per target (m), registration removed."""
     error = side.held_out_scores[0].error
     return np.asarray(np.sqrt(np.nanmean(error**2, axis=(0, 1))))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from pneunet_ros.calibration.consistency import odd_recordings
+from pneunet_ros.calibration.consistency import outlier_recordings
 from pneunet_ros.calibration.experiments import (
     continued,
     LawScore,
@@ -17,17 +17,17 @@ from pneunet_ros.calibration.experiments import (
     Progress,
     Stages,
 )
-from pneunet_ros.calibration.identifiability import undetermined
+from pneunet_ros.calibration.identifiability import undetermined_quantities
 from pneunet_ros.calibration.low_rank import low_rank
-from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
-from pneunet_ros.calibration.noise_estimate import estimated_noise, NoiseEstimate
-from pneunet_ros.calibration.parameters import Smoothness
-from pneunet_ros.calibration.posterior import Knowledge, knowledge_of
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
+from pneunet_ros.calibration.parameters import Hyperparameters
+from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
 from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 
@@ -44,8 +44,8 @@ class Calibration:
 
     arm: Arm
     noise: NoiseEstimate
-    smoothness: Smoothness
-    knowledge: Knowledge
+    hyperparameters: Hyperparameters
+    posterior: PosteriorState
     free: Fit
     joint: Fit
     laws: tuple[LawScore, ...]
@@ -54,13 +54,13 @@ class Calibration:
 
 
 def calibrate(
-    unloaded: Sequence[Run],
-    loaded: Sequence[Run],
+    unloaded: Sequence[RecordingData],
+    loaded: Sequence[RecordingData],
     frame: Arm,
     *,
     kind: str = PiecewiseLinearLaw.kind,
     compare: bool = True,
-    earlier: Knowledge | None = None,
+    earlier: PosteriorState | None = None,
     each: Progress = lambda stage, done, total: None,
 ) -> Calibration:
     """Calibrate; `frame` gives length, weight, clamp, targets, effects and what cannot be found.
@@ -70,37 +70,38 @@ def calibrate(
     one of the loaded recordings. Raises RequestError and RecordingError where the recordings do
     not fit the experiments.
     """
-    if kind not in LAW_UNKNOWNS:
-        raise RequestError(f'the moment law must be one of {", ".join(LAW_UNKNOWNS)}, not {kind}')
+    if kind not in MOMENT_LAW_PARAMETERS:
+        allowed = ', '.join(MOMENT_LAW_PARAMETERS)
+        raise RequestError(f'the moment law must be one of {allowed}, not {kind}')
     check_runs(unloaded, loaded, frame, first=earlier is None)
     unloaded = [run.unloaded() for run in unloaded]
     runs = [*unloaded, *loaded]
-    noise = estimated_noise(runs, frame.target_arclength, frame.sensors)
+    noise = estimate_noise(runs, frame.target_arclength, frame.sensors)
     frame = replace(frame, sensors=noise.noise, covariance=None)
-    low, high = pressure_span(drives_of(frame, runs))
+    low, high = pressure_span(inputs_of(frame, runs))
     stage = Stages(frame, noise, low, high, each)
     laws: tuple[LawScore, ...] = ()
     if earlier is not None:
         free = joint = continued(stage, runs, kind, earlier, bool(loaded))
-        low, high, smoothness = earlier.low, earlier.high, joint.unknowns.smoothness
+        low, high, hyperparameters = earlier.low, earlier.high, joint.parameters.hyperparameters
     else:
-        free, smoothness = stage.first_experiment(unloaded)
+        free, hyperparameters = stage.first_experiment(unloaded)
         joint = free
     if loaded and earlier is None:
-        law = stage.law(kind, stage.stiffness(unloaded, loaded, free, smoothness))
-        joint = stage.joint(unloaded, loaded, free, smoothness, law)
+        law = stage.law(kind, stage.stiffness(unloaded, loaded, free, hyperparameters))
+        joint = stage.joint(unloaded, loaded, free, hyperparameters, law)
         if compare and len(loaded) > 1:
-            laws = stage.compared(unloaded, loaded, free, smoothness, law)
+            laws = stage.compared(unloaded, loaded, free, hyperparameters, law)
     covariance, captured = low_rank(joint)
     arm = replace(joint.arm, covariance=covariance)
     return Calibration(
         arm=arm,
         noise=noise,
-        smoothness=smoothness,
-        knowledge=knowledge_of(joint, low, high),
+        hyperparameters=hyperparameters,
+        posterior=posterior_of(joint, low, high),
         free=free,
         joint=joint,
         laws=laws,
         captured=captured,
-        notes=(*undetermined(joint), *odd_recordings(joint)),
+        notes=(*undetermined_quantities(joint), *outlier_recordings(joint)),
     )

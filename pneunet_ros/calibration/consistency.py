@@ -11,7 +11,7 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 
 SAME_PRESSURE = 0.01  # of the largest pressure
 ANOTHER_TIME = 0.2  # of a recording: frames as far apart show what the past does
@@ -22,7 +22,7 @@ TIMES_PAST = 3.0  # as much as the past does
 ODD, TIMES_OTHERS = 5.0, 5.0  # chi squared per coordinate, and that over the others'
 
 
-def check_same_arm(unloaded: Sequence[Run], length: float) -> None:
+def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
     """Raise RecordingError, naming the two, where unloaded recordings are of different arms.
 
     length (m) of the arm. Hysteresis and creep make one arm differ, too: how much is seen where a
@@ -43,7 +43,7 @@ def check_same_arm(unloaded: Sequence[Run], length: float) -> None:
             )
 
 
-def apart(one: Run, other: Run, tolerance: float) -> float | None:
+def apart(one: RecordingData, other: RecordingData, tolerance: float) -> float | None:
     """Return how far apart (m) the last target is at the same pressure; None: never the same.
 
     Relative to the first target, so that the camera's place does not matter. Of a run with itself
@@ -58,24 +58,22 @@ def apart(one: Run, other: Run, tolerance: float) -> float | None:
     return float(np.percentile(distance, 90.0)) if distance.size >= FEWEST_PAIRS else None
 
 
-def chord(run: Run) -> Array:
+def chord(run: RecordingData) -> Array:
     """Return the way from the first to the last target that is ever seen (2, frames) m."""
     ever = np.flatnonzero(run.seen.any(axis=0))
     first, last = ever[0], ever[-1]
     return np.stack([run.x[:, last] - run.x[:, first], run.y[:, last] - run.y[:, first]])
 
 
-def times(run: Run) -> npt.NDArray[np.float64]:
+def times(run: RecordingData) -> npt.NDArray[np.float64]:
     """Return the time of every frame as a share of the run, 0 to 1."""
     span = max(int(run.stamp_ns[-1] - run.stamp_ns[0]), 1)
     return np.asarray((run.stamp_ns - run.stamp_ns[0]) / span, np.float64)
 
 
-def odd_recordings(fit: Fit) -> list[str]:
+def outlier_recordings(fit: Fit) -> list[str]:
     """Return a sentence on each recording that the model says far worse than the others."""
-    chi = np.array(
-        [float(item.whitened.sum()) / max(int(item.freedom.sum()), 1) for item in fit.runs]
-    )
+    chi = np.array([float(item.whitened.sum()) / max(int(item.dof.sum()), 1) for item in fit.runs])
     notes = []
     for which, item in enumerate(fit.runs):
         others = np.delete(chi, which)

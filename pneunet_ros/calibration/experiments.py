@@ -7,18 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.calibration.held_out import Score, score
-from pneunet_ros.calibration.hyperparameters import likeliest_smoothness, REACHES
+from pneunet_ros.calibration.hyperparameters import most_likely_hyperparameters, REACHES
 from pneunet_ros.calibration.map_estimation import fit
-from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS, LawUnknowns
+from pneunet_ros.calibration.moment_law_parameters import (
+    MOMENT_LAW_PARAMETERS,
+    MomentLawParameters,
+)
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
-from pneunet_ros.calibration.parameters import Smoothness, Unknowns
-from pneunet_ros.calibration.posterior import Knowledge
+from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
+from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 
 KNOTS = 11  # of kappa_p0 along the arm
@@ -66,19 +69,21 @@ class Stages:
         count = round((high - low) / ROW_DISTANCE) + 1
         self.rows = np.linspace(low, high, min(max(count, FEWEST_ROWS), MOST_ROWS))
 
-    def unknowns(self, smoothness: Smoothness, law: LawUnknowns | None) -> Unknowns:
+    def parameters(
+        self, hyperparameters: Hyperparameters, law: MomentLawParameters | None
+    ) -> Parameters:
         """Return the unknowns of a fit."""
-        return Unknowns(
+        return Parameters(
             frame=self.frame,
             pressure=self.rows,
             arclength=self.knots,
-            smoothness=smoothness,
+            hyperparameters=hyperparameters,
             law=law,
         )
 
-    def law(self, kind: str, stiffness: float) -> LawUnknowns:
+    def law(self, kind: str, stiffness: float) -> MomentLawParameters:
         """Return the unknowns of a moment law around a stiffness (N m^2)."""
-        return LAW_UNKNOWNS[kind](
+        return MOMENT_LAW_PARAMETERS[kind](
             stiffness=stiffness,
             low=self.low,
             high=self.high,
@@ -89,15 +94,15 @@ class Stages:
     def fitted(
         self,
         stage: str,
-        unknowns: Unknowns,
-        runs: Sequence[Run],
+        parameters: Parameters,
+        runs: Sequence[RecordingData],
         start: Array | None,
         most: int | None = None,
     ) -> Fit:
         """Fit, and say how far it is; most: so many frames of every run."""
         chosen = [run if most is None else run.thinned(most) for run in runs]
         return fit(
-            unknowns,
+            parameters,
             chosen,
             self.noise.noise,
             self.frame.target_arclength,
@@ -105,70 +110,76 @@ class Stages:
             each=lambda step, cost: self.each(stage, step, 0),
         )
 
-    def first_experiment(self, unloaded: Sequence[Run]) -> tuple[Fit, Smoothness]:
+    def first_experiment(self, unloaded: Sequence[RecordingData]) -> tuple[Fit, Hyperparameters]:
         """Fit kappa_p0 to the unloaded recordings, as smooth as the data say."""
         wide, reaches = wide_smoothness(self.frame.length), REACHES
         if self.uniform:
             wide, reaches = replace(wide, reach=CONSTANT), (CONSTANT,)
         first = self.fitted(
-            'kappa_p0, search', self.unknowns(wide, None), unloaded, None, FIRST_FRAMES
+            'kappa_p0, search', self.parameters(wide, None), unloaded, None, FIRST_FRAMES
         )
-        smoothness, _ = likeliest_smoothness(first, reaches)
-        unknowns = self.unknowns(smoothness, None)
-        return self.fitted('kappa_p0', unknowns, unloaded, first.values), smoothness
+        hyperparameters, _ = most_likely_hyperparameters(first, reaches)
+        parameters = self.parameters(hyperparameters, None)
+        return self.fitted('kappa_p0', parameters, unloaded, first.values), hyperparameters
 
     def stiffness(
-        self, unloaded: Sequence[Run], loaded: Sequence[Run], free: Fit, smoothness: Smoothness
+        self,
+        unloaded: Sequence[RecordingData],
+        loaded: Sequence[RecordingData],
+        free: Fit,
+        hyperparameters: Hyperparameters,
     ) -> float:
         """Return the one stiffness EI (N m^2) that explains the loads best, to begin with."""
         guess = FIRST_STIFFNESS_SHARE * self.frame.weight * self.frame.length**2
         law = self.law('linear', guess)
         start = np.concatenate([free.values, law.mean])
         runs = [*unloaded, *loaded]
-        unknowns = self.unknowns(smoothness, law)
-        return float(self.fitted('stiffness', unknowns, runs, start, FIRST_FRAMES).values[-1])
+        parameters = self.parameters(hyperparameters, law)
+        return float(self.fitted('stiffness', parameters, runs, start, FIRST_FRAMES).values[-1])
 
     def joint(
         self,
-        unloaded: Sequence[Run],
-        loaded: Sequence[Run],
+        unloaded: Sequence[RecordingData],
+        loaded: Sequence[RecordingData],
         free: Fit,
-        smoothness: Smoothness,
-        law: LawUnknowns,
+        hyperparameters: Hyperparameters,
+        law: MomentLawParameters,
         most: int | None = None,
     ) -> Fit:
         """Fit kappa_p0 and the moment law to all recordings."""
-        runs, unknowns = [*unloaded, *loaded], self.unknowns(smoothness, law)
+        runs, parameters = [*unloaded, *loaded], self.parameters(hyperparameters, law)
         start = np.concatenate([free.values, law.mean])
         if most is None:
-            first = self.fitted('moment law, search', unknowns, runs, start, FIRST_FRAMES)
+            first = self.fitted('moment law, search', parameters, runs, start, FIRST_FRAMES)
             start = first.values
-        return self.fitted('moment law', unknowns, runs, start, most)
+        return self.fitted('moment law', parameters, runs, start, most)
 
     def compared(
         self,
-        unloaded: Sequence[Run],
-        loaded: Sequence[Run],
+        unloaded: Sequence[RecordingData],
+        loaded: Sequence[RecordingData],
         free: Fit,
-        smoothness: Smoothness,
-        law: LawUnknowns,
+        hyperparameters: Hyperparameters,
+        law: MomentLawParameters,
     ) -> tuple[LawScore, ...]:
         """Fit every moment law without each loaded recording in turn, and score it on that one."""
         stiffness = law.stiffness
         results = []
-        for kind in LAW_UNKNOWNS:
+        for kind in MOMENT_LAW_PARAMETERS:
             scores = []
             for which, left_out in enumerate(loaded):
                 others = [*loaded[:which], *loaded[which + 1 :]]
                 trial = self.law(kind, stiffness)
-                fitted = self.joint(unloaded, others, free, smoothness, trial, COMPARED_FRAMES)
+                fitted = self.joint(
+                    unloaded, others, free, hyperparameters, trial, COMPARED_FRAMES
+                )
                 scores.append(score(fitted.arm, left_out))
             results.append(LawScore(kind=kind, scores=tuple(scores)))
         return tuple(results)
 
 
 def continued(
-    stage: Stages, runs: Sequence[Run], kind: str, earlier: Knowledge, loaded: bool
+    stage: Stages, runs: Sequence[RecordingData], kind: str, earlier: PosteriorState, loaded: bool
 ) -> Fit:
     """Fit new recordings with what was known as the prior, on the tables there were."""
     beyond = EXTRAPOLATION * (earlier.high - earlier.low)
@@ -184,31 +195,31 @@ def continued(
     law = None
     if earlier.kind or loaded:
         guess = FIRST_STIFFNESS_SHARE * stage.frame.weight * stage.frame.length**2
-        law = LAW_UNKNOWNS[kind](
+        law = MOMENT_LAW_PARAMETERS[kind](
             stiffness=earlier.stiffness or guess,
             low=earlier.low,
             high=earlier.high,
             length=stage.frame.length,
             weight=stage.frame.weight,
         )
-    unknowns = Unknowns(
+    parameters = Parameters(
         frame=stage.frame,
         pressure=earlier.pressure,
         arclength=earlier.arclength,
-        smoothness=wide_smoothness(stage.frame.length),
+        hyperparameters=wide_smoothness(stage.frame.length),
         law=law,
         known=earlier.known(),
     )
-    return stage.fitted('all that is new', unknowns, runs, unknowns.mean)
+    return stage.fitted('all that is new', parameters, runs, parameters.mean)
 
 
-def wide_smoothness(length: float) -> Smoothness:
+def wide_smoothness(length: float) -> Hyperparameters:
     """Return what may be believed of kappa_p0 of any arm of this length (m)."""
-    return Smoothness(amplitude=5.0 / length, deviation=0.5 / length, reach=0.18)
+    return Hyperparameters(amplitude=5.0 / length, deviation=0.5 / length, reach=0.18)
 
 
-def pressure_span(drives: Sequence[Drive]) -> tuple[float, float]:
+def pressure_span(all_inputs: Sequence[Inputs]) -> tuple[float, float]:
     """Return the lowest and highest chamber pressure (Pa), rounded to what a sensor tells."""
-    pressures = np.concatenate([drive.pressure for drive in drives])
+    pressures = np.concatenate([inputs.pressure for inputs in all_inputs])
     low, high = np.quantile(pressures, [0.002, 0.998])
     return float(np.floor(low / 100.0) * 100.0), float(np.ceil(high / 100.0) * 100.0)

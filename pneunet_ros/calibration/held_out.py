@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.forward_model import Series
-from pneunet_ros.measurement.inputs import Drive, drives_of
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.model.arm import Arm
 
 
@@ -27,11 +27,11 @@ class Score:
     error: Array
 
 
-def score(arm: Arm, run: Run, drive: Drive | None = None) -> Score:
+def score(arm: Arm, run: RecordingData, inputs: Inputs | None = None) -> Score:
     """Predict a run from its readings and compare; drive: what acted, where it has a past."""
-    series = Series(arm.target_arclength)
-    drive = drives_of(arm, [run])[0] if drive is None else drive
-    solved = series.solve(arm, drive)
+    series = ForwardModel(arm.target_arclength)
+    inputs = inputs_of(arm, [run])[0] if inputs is None else inputs
+    solved = series.solve(arm, inputs)
     error = np.stack([run.x, run.y], axis=1) - series.points
     error = np.where(solved[:, None, None], error, np.nan)
     if not solved.any():

@@ -9,12 +9,12 @@ WELL_KNOWN = 0.5  # of the standard deviation before the recordings: more was no
 CONFOUNDED = 0.95  # correlation
 
 
-def undetermined(fit: Fit) -> list[str]:
+def undetermined_quantities(fit: Fit) -> list[str]:
     """Return sentences on quantities that stayed at their prior and on pairs that go together."""
     notes = []
-    names, change = fit.unknowns.quantities()
+    names, change = fit.parameters.quantities()
     after = change @ fit.covariance @ change.T
-    before = change @ fit.unknowns.prior @ change.T
+    before = change @ fit.parameters.prior @ change.T
     std = np.sqrt(np.diag(after))
     kept = [
         name

@@ -72,7 +72,7 @@ def straight(place: float, pressure: Array, value: Array, covariance: Array) -> 
 
 def intrinsic_linearity(fit: Fit) -> tuple[Linearity, ...]:
     """Return kappa_p0 over the rows of its table, at all places."""
-    rows = fit.unknowns.pressure
+    rows = fit.parameters.pressure
     weights = curvature_weights(fit, rows, np.array(PLACES))
     table = fit.arm.intrinsic_curvature
     values = np.array([table.at(float(row), PLACES) for row in rows])
@@ -89,7 +89,7 @@ def change_linearity(views: Sequence[MomentView], length: float) -> tuple[Linear
     The load changes with pressure as it did in the recording. The error of kappa0 is taken for
     independent between pressures.
     """
-    pressure = np.array([view.stance.pressure for view in views])
+    pressure = np.array([view.steady_state.pressure for view in views])
     found = []
     for place in PLACES:
         at = place * length

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.forward_model import Series
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 
 FRAMES = 24  # of every run, spread over it
@@ -23,7 +23,7 @@ def low_rank(fit: Fit, most: int = MOST_COLUMNS) -> tuple[ModelCovariance, float
     _, sizes, turned = np.linalg.svd(moved, full_matrices=False)
     share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))
     columns = factor @ turned[:most].T / np.sqrt(share)
-    names, change = fit.unknowns.quantities()
+    names, change = fit.parameters.quantities()
     rounded = np.array(
         [[float(f'{value:.{DIGITS}g}') for value in row] for row in change @ columns]
     )
@@ -35,11 +35,11 @@ def answers(fit: Fit, which: int) -> Array:
     fitted = fit.runs[which]
     some = np.unique(np.linspace(0, len(fitted.solved) - 1, FRAMES).astype(int))
     some = some[fitted.solved[some]]
-    drive, arm = fitted.drive.at(some), fit.arm
-    series = Series(arm.target_arclength)
-    series.solve(arm, drive)
-    answer = series.answer(arm, drive, fit.unknowns.columns)
+    inputs, arm = fitted.inputs.at(some), fit.arm
+    series = ForwardModel(arm.target_arclength)
+    series.solve(arm, inputs)
+    answer = series.answer(arm, inputs, fit.parameters.columns)
     points = answer[:, :, :2].reshape(*answer.shape[:2], -1).transpose(0, 2, 1)
-    moved = np.matmul(points, fit.unknowns.causes(fit.values, drive))
+    moved = np.matmul(points, fit.parameters.causes(fit.values, inputs))
     flat: Array = moved.reshape(-1, fit.values.size)
     return flat

@@ -12,14 +12,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.parameters import Unknowns
+from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.calibration.result import Fit, FittedRun
 from pneunet_ros.core.arrays import Array, frozen_array, pressure_rows
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import Disturbances, PATH_NODES
-from pneunet_ros.measurement.forward_model import Series, THETA
-from pneunet_ros.measurement.inputs import Drive, drives_of
+from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.measurement.whitening import Whitening
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -37,18 +37,22 @@ class Posterior:
     """Cost and normal equations of the unknowns, over all runs."""
 
     def __init__(
-        self, unknowns: Unknowns, runs: Sequence[Run], noise: SensorNoise, targets: Array
+        self,
+        parameters: Parameters,
+        runs: Sequence[RecordingData],
+        noise: SensorNoise,
+        targets: Array,
     ) -> None:
-        self.unknowns, self.runs, self.noise = unknowns, tuple(runs), noise
+        self.parameters, self.runs, self.noise = parameters, tuple(runs), noise
         self.disturbances = Disturbances(targets=targets.size, runs=len(runs), noise=noise)
-        self.series = [Series(targets) for _ in runs]
+        self.series = [ForwardModel(targets) for _ in runs]
         self.whitenings: list[Whitening | None] = [None] * len(self.runs)
-        model, rest = unknowns.prior, self.disturbances.prior
+        model, rest = parameters.prior, self.disturbances.prior
         self.size = model.shape[0]
         prior = block_diag(model, rest)
-        self.mean = np.concatenate([unknowns.mean, np.zeros(rest.shape[0])])
-        if unknowns.known is not None:
-            known = unknowns.known
+        self.mean = np.concatenate([parameters.mean, np.zeros(rest.shape[0])])
+        if parameters.known is not None:
+            known = parameters.known
             placement = self.size + np.arange(known.placement.size)
             both = np.concatenate([np.arange(known.values.size), placement])
             prior[np.ix_(both, both)] = known.covariance
@@ -63,23 +67,23 @@ class Posterior:
     def cost(self, scaled: Array) -> float:
         """Half the squared norm of all that is whitened, by the whitening of `linearized`."""
         values, disturbance = self.unscaled(scaled)
-        arm = self.unknowns.arm(values)
+        arm = self.parameters.arm(values)
         cost = 0.5 * float(scaled @ scaled)
-        for which, drive in enumerate(drives_of(arm, self.runs)):
-            fitted, _ = self.one(which, arm, drive, disturbance)
+        for which, inputs in enumerate(inputs_of(arm, self.runs)):
+            fitted, _ = self.one(which, arm, inputs, disturbance)
             cost += 0.5 * float(fitted.whitened.sum())
         return cost
 
     def linearized(self, scaled: Array) -> tuple[float, tuple[FittedRun, ...], Array, Array]:
         """Return cost, runs, normal matrix and gradient at these unknowns, all scaled."""
         values, disturbance = self.unscaled(scaled)
-        arm = self.unknowns.arm(values)
+        arm = self.parameters.arm(values)
         size = scaled.size
         normal, gradient = np.zeros((size, size)), np.zeros(size)
         cost, runs = 0.5 * float(scaled @ scaled), []
-        for which, drive in enumerate(drives_of(arm, self.runs)):
+        for which, inputs in enumerate(inputs_of(arm, self.runs)):
             self.whitenings[which] = None
-            fitted, beside = self.one(which, arm, drive, disturbance)
+            fitted, beside = self.one(which, arm, inputs, disturbance)
             jacobian = self.jacobian(which, fitted, arm, values, beside)
             whitening = self.whitenings[which]
             assert whitening is not None
@@ -96,11 +100,11 @@ class Posterior:
         return cost, tuple(runs), normal, self.scale.T @ gradient
 
     def one(
-        self, which: int, arm: Arm, drive: Drive, disturbance: Array
+        self, which: int, arm: Arm, inputs: Inputs, disturbance: Array
     ) -> tuple[FittedRun, Array]:
         """Return a run beside the model, and how its points answer to disturbances."""
         series, run = self.series[which], self.runs[which]
-        solved = series.solve(arm, drive).copy()
+        solved = series.solve(arm, inputs).copy()
         fields = series.fields.copy()
         own = self.disturbances.of_run(which)
         beside = self.disturbances.answer(run, fields[:, THETA])
@@ -112,12 +116,12 @@ class Posterior:
             whitened = np.sum(whitening(residual.reshape(len(seen), -1, 1)) ** 2, axis=(1, 2))
         fitted = FittedRun(
             run=run,
-            drive=drive,
+            inputs=inputs,
             fields=fields,
             points=series.points.copy(),
             disturbance=moved,
             whitened=whitened,
-            freedom=2 * seen.sum(axis=1),
+            dof=2 * seen.sum(axis=1),
             solved=solved,
         )
         return fitted, beside
@@ -126,28 +130,28 @@ class Posterior:
         self, which: int, fitted: FittedRun, arm: Arm, values: Array, beside: Array
     ) -> Array:
         """How points (frames, 2 targets) answer to unknowns and disturbances; sets whitening."""
-        drive, run = fitted.drive, fitted.run
-        columns = self.unknowns.columns
-        answer = self.series[which].answer(arm, drive, columns)
+        inputs, run = fitted.inputs, fitted.run
+        columns = self.parameters.columns
+        answer = self.series[which].answer(arm, inputs, columns)
         frames, causes = answer.shape[:2]
         points = answer[:, :, :2].reshape(frames, causes, -1)
         seen = run.seen & fitted.solved[:, None]
         mask = np.repeat(seen[:, None], 2, axis=1).reshape(frames, -1)
-        sensed = self.sensed(points, values, drive, run)
+        sensed = self.sensed(points, values, inputs, run)
         self.whitenings[which] = Whitening(self.noise.target_std, sensed, mask)
-        model = np.matmul(points.transpose(0, 2, 1), self.unknowns.causes(values, drive))
+        model = np.matmul(points.transpose(0, 2, 1), self.parameters.causes(values, inputs))
         return np.concatenate([model, beside.reshape(frames, mask.shape[1], -1)], axis=2)
 
-    def sensed(self, points: Array, values: Array, drive: Drive, run: Run) -> Array:
+    def sensed(self, points: Array, values: Array, inputs: Inputs, run: RecordingData) -> Array:
         """Return what one sigma of each reading moves, (frames, 2 targets, readings).
 
         points (frames, causes, 2 targets) are the answers. Two more columns are what the camera
         moves between the nodes of its path.
         """
-        unknowns = self.unknowns
-        table = values[: unknowns.cells].reshape(unknowns.pressure.size, -1)
-        row, _ = pressure_rows(unknowns.pressure, drive.pressure)
-        step = np.diff(unknowns.pressure)[:, None]
+        parameters = self.parameters
+        table = values[: parameters.cells].reshape(parameters.pressure.size, -1)
+        row, _ = pressure_rows(parameters.pressure, inputs.pressure)
+        step = np.diff(parameters.pressure)[:, None]
         slope = (np.diff(table, axis=0) / step)[row]
         knots = points[:, 3 : 3 + table.shape[1]]
         columns = [self.noise.pressure_std * np.einsum('fk,fkp->fp', slope, knots)]
@@ -165,8 +169,8 @@ class Posterior:
 
 
 def fit(
-    unknowns: Unknowns,
-    runs: Sequence[Run],
+    parameters: Parameters,
+    runs: Sequence[RecordingData],
     noise: SensorNoise,
     targets: Array,
     start: Array | None = None,
@@ -177,11 +181,11 @@ def fit(
 
     small: standard deviations of all that is fitted, a step that ends the search.
     """
-    posterior = Posterior(unknowns, runs, noise, targets)
+    posterior = Posterior(parameters, runs, noise, targets)
     scaled = np.zeros(posterior.scale.shape[0])
     if start is not None:
         size = posterior.size
-        scaled[:size] = np.linalg.solve(posterior.scale[:size, :size], start - unknowns.mean)
+        scaled[:size] = np.linalg.solve(posterior.scale[:size, :size], start - parameters.mean)
     last = posterior.linearized(scaled)
     status, converged, steps = 'no convergence within the allowed steps', False, 0
     for steps in range(1, MOST_STEPS + 1):
@@ -238,20 +242,20 @@ def finished(
     cross = normal[:size, size:]
     information = normal[:size, :size] - cross @ rest @ cross.T
     target = gradient + normal @ scaled
-    pull = target[:size] - cross @ rest @ target[size:]
+    information_vector = target[:size] - cross @ rest @ target[size:]
     unscale = np.linalg.inv(scale)
     return Fit(
-        unknowns=posterior.unknowns,
+        parameters=posterior.parameters,
         values=frozen_array(values),
         covariance=frozen_array(scale @ whole[:size, :size] @ scale.T),
         shared_covariance=frozen_array(rows @ whole @ rows.T),
         information=frozen_array(unscale.T @ information @ unscale),
-        pull=frozen_array(unscale.T @ pull),
+        information_vector=frozen_array(unscale.T @ information_vector),
         placement=frozen_array(disturbance[: 2 * posterior.disturbances.targets].reshape(2, -1)),
         disturbance=frozen_array(disturbance),
         runs=fitted,
         chi_squared=float(sum(run.whitened.sum() for run in fitted)),
-        freedom=int(sum(run.freedom.sum() for run in fitted)),
+        dof=int(sum(run.dof.sum() for run in fitted)),
         steps=steps,
         converged=converged,
         status=status,

@@ -15,9 +15,9 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.steady_states import Stance
+from pneunet_ros.calibration.steady_states import SteadyState
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.rod import RIGIDITY, START
 from pneunet_ros.vision.smoother import Smoother
@@ -50,7 +50,7 @@ class MomentView:
     of the fitted law; a section with too few targets has none.
     """
 
-    stance: Stance
+    steady_state: SteadyState
     arclength: Array
     moment: Array
     curvature: Array
@@ -64,10 +64,10 @@ class MomentView:
         return np.asarray(self.curvature - self.intrinsic)
 
 
-def moment_view(fit: Fit, smoother: Smoother, stance: Stance) -> MomentView | None:
+def moment_view(fit: Fit, smoother: Smoother, steady_state: SteadyState) -> MomentView | None:
     """Return the view of one stance; None where too few targets were seen for a curve."""
     arm = fit.arm
-    curve = smoother.smooth(stance.sightings(arm.sensors.target_std))
+    curve = smoother.smooth(steady_state.sightings(arm.sensors.target_std))
     if curve is None or curve.arclength.size < 2:
         return None
     s = curve.arclength
@@ -77,13 +77,13 @@ def moment_view(fit: Fit, smoother: Smoother, stance: Stance) -> MomentView | No
         curve.x[-1] + left * np.cos(curve.theta[-1]),
         curve.y[-1] + left * np.sin(curve.theta[-1]),
     )
-    f1, f2, moment = stance.drive.loads[0].tolist()
-    chamber = float(stance.drive.pressure[0])
+    f1, f2, moment = steady_state.inputs.loads[0].tolist()
+    chamber = float(steady_state.inputs.pressure[0])
     stretch = np.hypot(np.gradient(curve.x, s), np.gradient(curve.y, s))
     intrinsic = arm.intrinsic_curvature.at(chamber, s / arm.length)
     spread = curvature_std(fit, np.array([chamber]), s / arm.length)[0]
     view = MomentView(
-        stance=stance,
+        steady_state=steady_state,
         arclength=s,
         moment=(tip[0] - curve.x) * f2 - (tip[1] - curve.y) * f1 + moment,
         curvature=curve.curvature * stretch,
@@ -91,7 +91,7 @@ def moment_view(fit: Fit, smoother: Smoother, stance: Stance) -> MomentView | No
         std=np.hypot(curve.std_curvature, spread),
         lines=(),
     )
-    places = arm.target_arclength[np.isfinite(stance.x)]
+    places = arm.target_arclength[np.isfinite(steady_state.x)]
     return with_lines(view, law_starts(arm, chamber), places)
 
 
@@ -110,7 +110,7 @@ def with_lines(view: MomentView, starts: Sequence[float], targets: Array) -> Mom
         count = np.count_nonzero((targets >= start) & (targets < stop))
         lines.append(line(view, inside, int(count), start, stop))
     return MomentView(
-        stance=view.stance,
+        steady_state=view.steady_state,
         arclength=view.arclength,
         moment=view.moment,
         curvature=view.curvature,
@@ -163,7 +163,7 @@ def curvature_std(fit: Fit, pressure: Array, share: Array) -> Array:
 
 def curvature_weights(fit: Fit, pressure: Array, share: Array) -> Array:
     """How kappa_p0 answers to the unknowns, (n, m, unknowns): pressures (n,) Pa, s / l (m,)."""
-    knots, cells = fit.unknowns.arclength, fit.unknowns.cells
+    knots, cells = fit.parameters.arclength, fit.parameters.cells
     rows = idle(pressure).row_weights(fit.arm)
     basis = CubicSpline(knots, np.eye(knots.size))(share)
     out = np.zeros((pressure.size, share.size, fit.values.size))
@@ -177,9 +177,9 @@ def curvature_covariance(fit: Fit, pressure: Array, share: Array) -> Array:
     return np.asarray(weights @ fit.covariance @ weights.transpose(0, 2, 1))
 
 
-def idle(pressure: Array) -> Drive:
+def idle(pressure: Array) -> Inputs:
     """Return a drive without load."""
-    return Drive(pressure=pressure, loads=np.zeros((pressure.size, 3)))
+    return Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -198,12 +198,12 @@ class LawView:
 
 def law_view(fit: Fit, pressure: Array) -> LawView:
     """Return the moment law of a fit at these pressures."""
-    arm, unknowns = fit.arm, fit.unknowns
+    arm, parameters = fit.arm, fit.parameters
     sections = arm.moment_law.sections(pressure, arm.length, arm.weight)
     std = np.zeros(sections.shape)
-    causes = unknowns.causes(fit.values, idle(pressure))[:, 3 + unknowns.arclength.size :]
+    causes = parameters.causes(fit.values, idle(pressure))[:, 3 + parameters.arclength.size :]
     variance = np.einsum('pcu,uv,pcv->pc', causes, fit.covariance, causes)
-    for place, (section, column) in enumerate(unknowns.columns.tolist()):
+    for place, (section, column) in enumerate(parameters.columns.tolist()):
         std[:, section, column] = np.sqrt(np.maximum(variance[:, place], 0.0))
     scale = arm.weight * arm.length**2
     two = sections.shape[1] > 1

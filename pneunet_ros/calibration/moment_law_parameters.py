@@ -25,7 +25,7 @@ ALPHAS = 6  # unknowns of both rigidities
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LawUnknowns(abc.ABC):
+class MomentLawParameters(abc.ABC):
     """Unknowns of one kind of moment law, with a prior that the data easily outweigh.
 
     mean (n,) and prior (n, n) covariance; stiffness is a first guess of EI (N m^2).
@@ -59,7 +59,7 @@ class LawUnknowns(abc.ABC):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PiecewiseUnknowns(LawUnknowns):
+class PiecewiseParameters(MomentLawParameters):
     """Eq 10: a line in pressure and a small bow for alpha1 and for alpha2; l1 / l in rows.
 
     The paper regresses the rigidities linearly in pressure; the bow keeps the errors of that line
@@ -119,7 +119,7 @@ class PiecewiseUnknowns(LawUnknowns):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LinearUnknowns(LawUnknowns):
+class LinearParameters(MomentLawParameters):
     """M = EI (kappa - kappa0): one stiffness."""
 
     kind: ClassVar[str] = LinearLaw.kind
@@ -144,7 +144,7 @@ PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.00
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MajidiUnknowns(LawUnknowns):
+class MajidiParameters(MomentLawParameters):
     """Eq 11 with the paper's section: one elastic modulus; kappa0 is fitted as for other laws."""
 
     kind: ClassVar[str] = MajidiLaw.kind
@@ -167,24 +167,24 @@ class MajidiUnknowns(LawUnknowns):
 
 
 @functools.lru_cache(maxsize=KEPT)
-def slopes_at(unknowns: LawUnknowns, pressures: bytes) -> Array:
-    """Return `LawUnknowns.slopes` at pressures given as the bytes of an array."""
+def slopes_at(parameters: MomentLawParameters, pressures: bytes) -> Array:
+    """Return `MomentLawParameters.slopes` at pressures given as the bytes of an array."""
     pressure = np.frombuffer(pressures)
-    sections, columns = (list(item) for item in zip(*unknowns.columns, strict=True))
-    out = np.empty((pressure.size, len(columns), unknowns.mean.size))
-    for unknown in range(unknowns.mean.size):
-        step = 1e-3 * np.sqrt(unknowns.prior[unknown, unknown])
+    sections, columns = (list(item) for item in zip(*parameters.columns, strict=True))
+    out = np.empty((pressure.size, len(columns), parameters.mean.size))
+    for unknown in range(parameters.mean.size):
+        step = 1e-3 * np.sqrt(parameters.prior[unknown, unknown])
         sides = []
         for sign in (-1.0, 1.0):
-            moved = unknowns.mean.copy()
+            moved = parameters.mean.copy()
             moved[unknown] += sign * step
-            law = unknowns.law(moved)
-            sides.append(law.sections(pressure, unknowns.length, unknowns.weight))
+            law = parameters.law(moved)
+            sides.append(law.sections(pressure, parameters.length, parameters.weight))
         slope = (sides[1] - sides[0]) / (2.0 * step)
         out[:, :, unknown] = slope[:, sections, columns]
     return frozen_array(out)
 
 
-LAW_UNKNOWNS: dict[str, type[LawUnknowns]] = {
-    law.kind: law for law in (PiecewiseUnknowns, LinearUnknowns, MajidiUnknowns)
+MOMENT_LAW_PARAMETERS: dict[str, type[MomentLawParameters]] = {
+    law.kind: law for law in (PiecewiseParameters, LinearParameters, MajidiParameters)
 }

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.uncertainty import SensorNoise
 
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
@@ -36,7 +36,9 @@ class NoiseEstimate:
     sources: Mapping[str, str]
 
 
-def estimated_noise(runs: Sequence[Run], arclength: Array, assumed: SensorNoise) -> NoiseEstimate:
+def estimate_noise(
+    runs: Sequence[RecordingData], arclength: Array, assumed: SensorNoise
+) -> NoiseEstimate:
     """Estimate all standard deviations; what the runs cannot tell is kept as `assumed`.
 
     arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion.
@@ -90,7 +92,7 @@ def second_differences(series: Sequence[Array]) -> float | None:
     return SIGMA_OF_MEDIAN * float(np.median(all_apart)) / math.sqrt(6.0) or None
 
 
-def white_of_targets(runs: Sequence[Run]) -> float | None:
+def white_of_targets(runs: Sequence[RecordingData]) -> float | None:
     """Return the standard deviation of white noise of targets while the arm moves evenly.
 
     White noise averages out over the targets of a frame; a change of motion does not. Frames are
@@ -114,7 +116,7 @@ def white_of_targets(runs: Sequence[Run]) -> float | None:
     return SIGMA_OF_MEDIAN * float(np.median(np.abs(apart))) / math.sqrt(6.0)
 
 
-def placement(runs: Sequence[Run], arclength: Array, white: float) -> float | None:
+def placement(runs: Sequence[RecordingData], arclength: Array, white: float) -> float | None:
     """Return the standard deviation of the painted places, per coordinate (m)."""
     if arclength.size < FEWEST_TARGETS:
         return None
@@ -138,7 +140,7 @@ def placement(runs: Sequence[Run], arclength: Array, white: float) -> float | No
 
 
 def camera(
-    runs: Sequence[Run], arclength: Array, white: float
+    runs: Sequence[RecordingData], arclength: Array, white: float
 ) -> tuple[float | None, float | None]:
     """Return the spread of the camera's place between runs and its drift within a run (m)."""
     if arclength.size == 0 or arclength[0] > AT_CLAMP * arclength[-1]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pneunet_ros.calibration.moment_law_parameters import LawUnknowns
+from pneunet_ros.calibration.moment_law_parameters import MomentLawParameters
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.measurement.forward_model import Columns
-from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.solver.rod import RIGIDITY
@@ -17,7 +17,7 @@ NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Smoothness:
+class Hyperparameters:
     """What is believed of kappa_p0 before any recording, a Gaussian process over p and s.
 
     amplitude (1/m) at the highest pressure of a part that is proportional to pressure, deviation
@@ -30,7 +30,7 @@ class Smoothness:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Known:
+class PriorState:
     """What an earlier fit knew: the first unknowns, the targets' placement, and their covariance.
 
     values (k,) and placement (2 targets,) m, tangents then normals; covariance (k + 2 targets, k +
@@ -44,7 +44,7 @@ class Known:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Unknowns:
+class Parameters:
     """The unknowns: curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, then the law.
 
     `frame` is an arm that has everything else; without `law` the arm keeps its own. known: mean
@@ -54,23 +54,23 @@ class Unknowns:
     frame: Arm
     pressure: Array
     arclength: Array
-    smoothness: Smoothness
-    law: LawUnknowns | None
-    known: Known | None = None
+    hyperparameters: Hyperparameters
+    law: MomentLawParameters | None
+    known: PriorState | None = None
     mean: Array = field(init=False)
     prior: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Put the prior together."""
         rows, knots = self.pressure, self.arclength
-        apart = np.subtract.outer(knots, knots) / self.smoothness.reach
+        apart = np.subtract.outer(knots, knots) / self.hyperparameters.reach
         along = np.exp(-0.5 * apart**2)
         top = np.max(np.abs(rows))
         apart = np.subtract.outer(rows, rows) / (0.5 * np.ptp(rows))
-        over = self.smoothness.amplitude**2 * np.outer(rows, rows) / top**2
-        over = over + self.smoothness.deviation**2 * np.exp(-0.5 * apart**2)
+        over = self.hyperparameters.amplitude**2 * np.outer(rows, rows) / top**2
+        over = over + self.hyperparameters.deviation**2 * np.exp(-0.5 * apart**2)
         field_prior = np.kron(over, along)
-        field_prior += NUGGET * self.smoothness.amplitude**2 * np.eye(field_prior.shape[0])
+        field_prior += NUGGET * self.hyperparameters.amplitude**2 * np.eye(field_prior.shape[0])
         mean, prior = np.zeros(field_prior.shape[0]), field_prior
         if self.law is not None:
             mean = np.concatenate([mean, self.law.mean])
@@ -105,24 +105,24 @@ class Unknowns:
         columns = () if self.law is None else self.law.columns
         return np.array(columns, dtype=np.int64).reshape(-1, 2)
 
-    def causes(self, values: Array, drive: Drive) -> Array:
+    def causes(self, values: Array, inputs: Inputs) -> Array:
         """How much each cause of a response moves per unknown, (frames, causes, unknowns).
 
         Causes: F1, F2, M, knots, then the columns of the law; see `response.Series.answer`.
         """
-        frames, knots = drive.pressure.size, self.arclength.size
+        frames, knots = inputs.pressure.size, self.arclength.size
         columns = self.columns.tolist()
         out = np.zeros((frames, 3 + knots + len(columns), values.size))
         arm = self.arm(values)
-        weights = drive.row_weights(arm)
+        weights = inputs.row_weights(arm)
         for knot in range(knots):
             out[:, 3 + knot, knot : self.cells : knots] = weights
         if self.law is None:
             return out
-        known = np.clip(drive.pressure, *arm.moment_law.pressure_range)
+        known = np.clip(inputs.pressure, *arm.moment_law.pressure_range)
         base = self.law.law(values[self.cells :]).sections(known, arm.length, arm.weight)
         softened = np.ones_like(base)  # by the effects: the rigidity alone
-        rods = arm.rods(drive.pressure, drive.histories)
+        rods = arm.rods(inputs.pressure, inputs.histories)
         softened[:, :, RIGIDITY] = rods.sections[:, :, RIGIDITY] / base[:, :, RIGIDITY]
         slope = self.law.slopes(known)
         for place, (section, column) in enumerate(columns):

@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.calibration.parameters import Known
+from pneunet_ros.calibration.parameters import PriorState
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array, frozen_array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Knowledge:
+class PosteriorState:
     """Mean and covariance of all unknowns of a fit: the prior of the next one.
 
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
     (N m^2) of the moment law's unknowns over low to high (Pa), kind '' where none was fitted.
-    values, placement and covariance are those of `Known`.
+    values, placement and covariance are those of `PriorState`.
     """
 
     pressure: Array
@@ -37,17 +37,17 @@ class Knowledge:
         size = self.values.size + self.placement.size
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
 
-    def known(self) -> Known:
+    def known(self) -> PriorState:
         """Return it as the beginning of a fit."""
-        return Known(values=self.values, placement=self.placement, covariance=self.covariance)
+        return PriorState(values=self.values, placement=self.placement, covariance=self.covariance)
 
 
-def knowledge_of(fit: Fit, low: float, high: float) -> Knowledge:
+def posterior_of(fit: Fit, low: float, high: float) -> PosteriorState:
     """Return what a fit knows; low, high (Pa): the range of its moment law."""
-    law = fit.unknowns.law
-    return Knowledge(
-        pressure=fit.unknowns.pressure,
-        arclength=fit.unknowns.arclength,
+    law = fit.parameters.law
+    return PosteriorState(
+        pressure=fit.parameters.pressure,
+        arclength=fit.parameters.arclength,
         kind='' if law is None else law.kind,
         stiffness=0.0 if law is None else law.stiffness,
         low=low,

@@ -8,7 +8,7 @@ import numpy as np
 from pneunet_ros.calibration.consistency import check_same_arm
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
 FEWEST_FRAMES = 20  # of a recording
@@ -24,8 +24,8 @@ LONGER_THAN_ARM = 1.3  # of the length, from the clamp to a target
 
 
 def check_runs(
-    unloaded: Sequence[Run],
-    loaded: Sequence[Run],
+    unloaded: Sequence[RecordingData],
+    loaded: Sequence[RecordingData],
     arm: Arm,
     *,
     first: bool = True,
@@ -89,7 +89,7 @@ def check_runs(
         )
 
 
-def check_targets(run: Run, arm: Arm, fewest: int = FEWEST_FRAMES) -> None:
+def check_targets(run: RecordingData, arm: Arm, fewest: int = FEWEST_FRAMES) -> None:
     """Raise RecordingError where a recording has too few targets or too few frames."""
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
@@ -105,7 +105,7 @@ def check_targets(run: Run, arm: Arm, fewest: int = FEWEST_FRAMES) -> None:
         raise RecordingError(f'{run.name} shows fewer than {FEWEST_TARGETS} targets')
 
 
-def check_units(run: Run, arm: Arm) -> None:
+def check_units(run: RecordingData, arm: Arm) -> None:
     """Raise RecordingError where numbers are of a size that no arm has: another unit."""
     highest = float(np.max(np.abs(run.frame_pressure)))
     if highest > LARGEST_PRESSURE:
@@ -127,7 +127,7 @@ def check_units(run: Run, arm: Arm) -> None:
         )
 
 
-def motion(run: Run) -> float:
+def motion(run: RecordingData) -> float:
     """Return how far the last target that is ever seen moves (m)."""
     last = int(np.flatnonzero(run.seen.any(axis=0))[-1])
     return float(

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.calibration.parameters import Unknowns
+from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 
 
@@ -24,13 +24,13 @@ class FittedRun:
     Frames that have no equilibrium (`solved` False) count nothing.
     """
 
-    run: Run
-    drive: Drive
+    run: RecordingData
+    inputs: Inputs
     fields: Array
     points: Array
     disturbance: Array
     whitened: Array
-    freedom: Array
+    dof: Array
     solved: npt.NDArray[np.bool_]
 
     @property
@@ -49,17 +49,17 @@ class Fit:
     unknowns of `Disturbances`, m. `converged` and `status` say how the search ended.
     """
 
-    unknowns: Unknowns
+    parameters: Parameters
     values: Array
     covariance: Array
     shared_covariance: Array
     information: Array
-    pull: Array
+    information_vector: Array
     placement: Array
     disturbance: Array
     runs: tuple[FittedRun, ...]
     chi_squared: float
-    freedom: int
+    dof: int
     steps: int
     converged: bool
     status: str
@@ -67,4 +67,4 @@ class Fit:
     @property
     def arm(self) -> Arm:
         """The arm with the fitted values."""
-        return self.unknowns.arm(self.values)
+        return self.parameters.arm(self.values)

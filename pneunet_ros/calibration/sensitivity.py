@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.steady_states import Stance
+from pneunet_ros.calibration.steady_states import SteadyState
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
@@ -38,15 +38,15 @@ class Variation:
         return float(np.hypot(first.x[-1] - last.x[-1], first.y[-1] - last.y[-1]))
 
 
-def variations(arm: Arm, stance: Stance) -> tuple[Variation, ...]:
+def variations(arm: Arm, steady_state: SteadyState) -> tuple[Variation, ...]:
     """Return the variations of Figure 10 around the load of a stance.
 
     F1 +- 20 %, l1 from 0.05 to 0.15 of the length (for a law that has it), rigidity +- 20 %.
     """
-    f1, f2 = stance.force.tolist()
+    f1, f2 = steady_state.force.tolist()
 
     def shape(arm: Arm, along: float = f1) -> Shape:
-        return solve(arm, stance.pressure, (along, f2), stance.moment)
+        return solve(arm, steady_state.pressure, (along, f2), steady_state.moment)
 
     percent = tuple(
         f'{100.0 * (factor - 1.0):+.0f} %' if factor != 1.0 else 'as fitted' for factor in FACTORS

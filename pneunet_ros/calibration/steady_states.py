@@ -14,8 +14,8 @@ import numpy as np
 from pneunet_ros.calibration.result import FittedRun
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
-from pneunet_ros.measurement.forward_model import Series
-from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 
 SHARE_OF_SPAN = 0.01  # of the run's largest pressure or force, that a stance may span
@@ -25,7 +25,7 @@ NOISE_SPAN = 8.0  # standard deviations that readings of one value may span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stance:
+class SteadyState:
     """Some successive frames of a run under about the same load, as one.
 
     pressure (Pa), force (2,) N and moment (N m) are means of the readings; drive, of one frame, is
@@ -39,7 +39,7 @@ class Stance:
     pressure: float
     force: Array
     moment: float
-    drive: Drive
+    inputs: Inputs
     x: Array
     y: Array
     count: Array
@@ -54,7 +54,7 @@ class Stance:
         )
 
 
-def stances(fitted: FittedRun, arm: Arm) -> tuple[Stance, ...]:
+def find_steady_states(fitted: FittedRun, arm: Arm) -> tuple[SteadyState, ...]:
     """Return all stances of a run of a fit, in order of time; arm: the fitted one."""
     noise, points = arm.sensors, arm_points(fitted, arm)
     run = fitted.run
@@ -84,7 +84,7 @@ def arm_points(fitted: FittedRun, arm: Arm) -> Array:
     return np.asarray(np.matmul(np.linalg.inv(seen), measured))
 
 
-def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> Stance:
+def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadyState:
     """Return frames start to stop - 1 as one; points (frames, 2, targets) m."""
     run, some = fitted.run, slice(start, stop)
     seen = run.seen[some]
@@ -93,16 +93,16 @@ def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> Stance:
         np.where(seen, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
         for values in (points[some, 0], points[some, 1])
     ]
-    return Stance(
+    return SteadyState(
         run=run.name,
         frames=stop - start,
         pressure=float(run.frame_pressure[some].mean()),
         force=run.force[some].mean(axis=0),
         moment=float(run.moment[some].mean()),
-        drive=replace(
-            fitted.drive.at(np.array([(start + stop) // 2])),
-            pressure=fitted.drive.pressure[some].mean(keepdims=True),
-            loads=fitted.drive.loads[some].mean(axis=0, keepdims=True),
+        inputs=replace(
+            fitted.inputs.at(np.array([(start + stop) // 2])),
+            pressure=fitted.inputs.pressure[some].mean(keepdims=True),
+            loads=fitted.inputs.loads[some].mean(axis=0, keepdims=True),
         ),
         x=means[0],
         y=means[1],
@@ -110,21 +110,21 @@ def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> Stance:
     )
 
 
-def held(found: Sequence[Stance]) -> list[Stance]:
+def longest_states(found: Sequence[SteadyState]) -> list[SteadyState]:
     """Leave out the short stances on the way between holds, where the holds span the pressures."""
-    longest = max((stance.frames for stance in found), default=0)
-    holds = [stance for stance in found if stance.frames >= HOLD_SHARE * longest]
-    span = np.ptp([stance.pressure for stance in found]) if found else 0.0
+    longest = max((steady_state.frames for steady_state in found), default=0)
+    holds = [steady_state for steady_state in found if steady_state.frames >= HOLD_SHARE * longest]
+    span = np.ptp([steady_state.pressure for steady_state in found]) if found else 0.0
     if len(holds) >= FEWEST_HOLDS and np.ptp([one.pressure for one in holds]) >= 0.8 * span:
         return holds
     return list(found)
 
 
-def spread(found: Sequence[Stance], count: int) -> list[Stance]:
+def thin(found: Sequence[SteadyState], count: int) -> list[SteadyState]:
     """Choose at most so many stances, evenly over pressure; of neighbors the longest."""
     if not found:
         return []
-    places = np.array([stance.pressure for stance in found])
+    places = np.array([steady_state.pressure for steady_state in found])
     half = 0.5 * float(np.ptp(places)) / max(count - 1, 1)
     chosen: list[int] = []
     for wanted in np.linspace(places.min(), places.max(), count).tolist():
@@ -133,22 +133,22 @@ def spread(found: Sequence[Stance], count: int) -> list[Stance]:
         if free:
             apart = np.abs(places - wanted)
             chosen.append(max(free, key=lambda at: (found[at].frames, -apart[at])))
-    return sorted((found[at] for at in chosen), key=lambda stance: stance.pressure)
+    return sorted((found[at] for at in chosen), key=lambda steady_state: steady_state.pressure)
 
 
-def predicted(arm: Arm, some: Sequence[Stance], arclength: Array) -> Array:
+def predicted(arm: Arm, some: Sequence[SteadyState], arclength: Array) -> Array:
     """Return what the arm does under these loads, (stances, 6, arclength); NaN: no equilibrium.
 
     Fields as of `solver.stations.at_stations`; arclength in m.
     """
     if not some:
         return np.zeros((0, 6, arclength.size))
-    series, drives = Series(arclength), [stance.drive for stance in some]
-    past = [drive.histories for drive in drives if drive.histories is not None]
-    drive = Drive(
-        pressure=np.concatenate([drive.pressure for drive in drives]),
-        loads=np.concatenate([drive.loads for drive in drives]),
+    series, all_inputs = ForwardModel(arclength), [steady_state.inputs for steady_state in some]
+    past = [inputs.histories for inputs in all_inputs if inputs.histories is not None]
+    inputs = Inputs(
+        pressure=np.concatenate([inputs.pressure for inputs in all_inputs]),
+        loads=np.concatenate([inputs.loads for inputs in all_inputs]),
         histories=tuple(map(np.concatenate, zip(*past, strict=True))) if past else None,
     )
-    solved = series.solve(arm, drive)
+    solved = series.solve(arm, inputs)
     return np.where(solved[:, None, None], series.fields, np.nan)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.forward_model import Series
-from pneunet_ros.measurement.inputs import Drive, drives_of
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.neighbors import neighbors
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -43,7 +43,7 @@ class EndForces:
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
-def end_forces(arm: Arm, run: Run, *, tip_only: bool = False) -> EndForces:
+def end_forces(arm: Arm, run: RecordingData, *, tip_only: bool = False) -> EndForces:
     """Find the end force of every frame of a run, without looking at its force readings.
 
     The errors: targets, their placement, the camera's place, pressure, and the model's covariance.
@@ -52,9 +52,9 @@ def end_forces(arm: Arm, run: Run, *, tip_only: bool = False) -> EndForces:
     noise, targets = arm.sensors, arm.target_arclength
     used = np.zeros(targets.size, dtype=bool)
     used[-1 if tip_only else slice(None)] = True
-    (drive,) = drives_of(arm, [run])
-    loads, frames = drive.loads.copy(), len(drive.pressure)
-    series = Series(targets)
+    (inputs,) = inputs_of(arm, [run])
+    loads, frames = inputs.loads.copy(), len(inputs.pressure)
+    series = ForwardModel(targets)
     measured = np.stack([run.x, run.y], axis=1)
     seen = (np.isfinite(measured) & used).reshape(frames, -1)
     errors = point_errors(noise, targets.size)
@@ -64,7 +64,7 @@ def end_forces(arm: Arm, run: Run, *, tip_only: bool = False) -> EndForces:
     for count in range(MOST_STEPS):
         if some.size == 0:
             break
-        now = drive.at(some).with_loads(loads[some])
+        now = inputs.at(some).with_loads(loads[some])
         solved = series.solve(arm, now)
         if count in SPREAD_STEPS:
             moved = model_spread(arm, now)
@@ -117,24 +117,24 @@ def weighted_steps(
     return np.matmul(covariance, normal[:, :, 2:])[:, :, 0], covariance
 
 
-def model_spread(arm: Arm, drive: Drive) -> Array:
+def model_spread(arm: Arm, inputs: Inputs) -> Array:
     """Return what one sigma of the pressure and of each column of the covariance moves.
 
     (frames, 2 targets, 1 + columns) m; NaN-free, zero where a neighbor has no equilibrium.
     """
 
-    def points(arm: Arm, drive: Drive) -> Array:
-        series = Series(arm.target_arclength)
-        solved = series.solve(arm, drive)
+    def points(arm: Arm, inputs: Inputs) -> Array:
+        series = ForwardModel(arm.target_arclength)
+        solved = series.solve(arm, inputs)
         return np.where(solved[:, None, None], series.points, np.nan)
 
     ends = [
-        points(arm, replace(drive, pressure=drive.pressure + sign * PRESSURE_STEP))
+        points(arm, replace(inputs, pressure=inputs.pressure + sign * PRESSURE_STEP))
         for sign in (-1.0, 1.0)
     ]
     moved = [arm.sensors.pressure_std * (ends[1] - ends[0]) / (2.0 * PRESSURE_STEP)]
     for column in () if arm.covariance is None else arm.covariance.columns():
         before, after, distance = neighbors(arm, column)
-        moved.append((points(after, drive) - points(before, drive)) / distance)
-    spread = np.stack([change.reshape(len(drive.pressure), -1) for change in moved], axis=2)
+        moved.append((points(after, inputs) - points(before, inputs)) / distance)
+    spread = np.stack([change.reshape(len(inputs.pressure), -1) for change in moved], axis=2)
     return np.where(np.isfinite(spread), spread, 0.0)

@@ -10,7 +10,7 @@ import time
 
 from pneunet_ros import __version__
 from pneunet_ros.calibration.calibration import calibrate, Calibration
-from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.cli.calibrate_summary import numbers_of, show
 from pneunet_ros.cli.verb import (
     add_json,
@@ -29,9 +29,9 @@ from pneunet_ros.cli.verb import (
     Verb,
 )
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import load_model, save_model
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.offline.calibration_files import (
@@ -72,7 +72,7 @@ def options(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         '--law',
-        choices=tuple(LAW_UNKNOWNS),
+        choices=tuple(MOMENT_LAW_PARAMETERS),
         default=PiecewiseLinearLaw.kind,
         help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10)',
     )
@@ -98,7 +98,7 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Read, fit, write."""
     started = time.perf_counter()
-    frame = load_model(arguments.arm or arguments.earlier or shipped(PAPER_ARM))
+    frame = load_model(arguments.arm or arguments.earlier or share_path(PAPER_ARM))
     earlier = None if arguments.earlier is None else load_knowledge(arguments.earlier)
     check_outputs(arguments)
     with progress_bar(shown=not arguments.json) as bar:
@@ -122,7 +122,7 @@ def run(arguments: Namespace) -> int:
             arm = described_arm(calibration, name, frame, provenance)
             calibration = replace(calibration, arm=arm)
             save_model(arm, arguments.output, overwrite=arguments.overwrite)
-            save_knowledge(calibration.knowledge, arguments.output, overwrite=arguments.overwrite)
+            save_knowledge(calibration.posterior, arguments.output, overwrite=arguments.overwrite)
         if arguments.report is not None:
             bar.update(task, description='writing the report')
             write_report(
@@ -156,7 +156,7 @@ def check_outputs(arguments: Namespace) -> None:
 
 def read_all(
     paths: Sequence[Path], frame: Arm, arguments: Namespace, bar: Progress
-) -> tuple[list[Run], list[str]]:
+) -> tuple[list[RecordingData], list[str]]:
     """Read the recordings of one experiment, and the sentences on what was left out of them."""
     runs, sentences = [], []
     topics = topics_of(arguments.topic, TOPIC_NAMES)
@@ -176,8 +176,8 @@ def provenance_of(arguments: Namespace, calibration: Calibration) -> dict[str, o
         'recordings': inputs_of(roles),
         'arm': (arguments.arm or arguments.earlier or Path(PAPER_ARM)).name,
         'continued': None if arguments.earlier is None else arguments.earlier.name,
-        'chi_squared_per_coordinate': round(joint.chi_squared / joint.freedom, 4),
-        'coordinates': joint.freedom,
+        'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),
+        'coordinates': joint.dof,
         'covariance_share': round(calibration.captured, 4),
     }
 

@@ -15,10 +15,10 @@ from rich.table import Table
 
 def quantities_of(fit: Fit) -> list[dict[str, Any]]:
     """Return every number of the model that was fitted: value, standard error, width before."""
-    names, change = fit.unknowns.quantities()
+    names, change = fit.parameters.quantities()
     values = change @ fit.values
     after = np.sqrt(np.einsum('ij,jk,ik->i', change, fit.covariance, change))
-    before = np.sqrt(np.einsum('ij,jk,ik->i', change, fit.unknowns.prior, change))
+    before = np.sqrt(np.einsum('ij,jk,ik->i', change, fit.parameters.prior, change))
     return [
         {'name': name, 'value': float(value), 'std': float(std), 'prior_std': float(wide)}
         for name, value, std, wide in zip(names, values, after, before, strict=True)
@@ -44,7 +44,7 @@ def numbers_of(calibration: Calibration) -> dict[str, Any]:
                 'unsolved': int(np.count_nonzero(~fitted.solved)),
                 'rms': float(np.sqrt(np.nanmean(fitted.residual**2))),
                 'chi_squared_per_coordinate': float(
-                    fitted.whitened.sum() / max(int(fitted.freedom.sum()), 1)
+                    fitted.whitened.sum() / max(int(fitted.dof.sum()), 1)
                 ),
             }
             for fitted in joint.runs
@@ -120,8 +120,8 @@ def law_table(calibration: Calibration, law: list[dict[str, Any]]) -> Table:
 def curvature_table(calibration: Calibration) -> Table:
     """Return kappa_p0 at every pressure in the middle and its largest standard error."""
     fit = calibration.joint
-    rows, knots = fit.unknowns.pressure, fit.unknowns.arclength
-    cells = fit.unknowns.cells
+    rows, knots = fit.parameters.pressure, fit.parameters.arclength
+    cells = fit.parameters.cells
     values = fit.values[:cells].reshape(rows.size, knots.size)
     std = np.sqrt(np.diag(fit.covariance)[:cells]).reshape(rows.size, knots.size)
     table = Table(title='Intrinsic curvature kappa_p0 (1/m)')

@@ -19,7 +19,7 @@ from pneunet_ros.cli.verb import (
     progress_bar,
     Verb,
 )
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
@@ -51,7 +51,7 @@ def run(arguments: Namespace) -> int:
     """Replay the shipped recording, print its holds, write recording and picture."""
     arm = model_of(arguments)
     estimator = Estimator(arm=arm)
-    recording = open_recording(shipped(RECORDING))
+    recording = open_recording(share_path(RECORDING))
     topics = input_topics(recording, estimator, {})
     mcap, picture = arguments.output / 'table1.mcap', arguments.output / 'shapes.png'
     estimates: list[ShapeEstimate] = []

@@ -28,7 +28,7 @@ from pneunet_ros.cli.verb import (
     Verb,
 )
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.executor import executor_of
+from pneunet_ros.core.executor import open_executor
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Answer
 from pneunet_ros.files.atomic import atomic_output
@@ -145,7 +145,7 @@ def run(arguments: Namespace) -> int:
 
 def simulating(scheduler: str | None) -> AbstractContextManager[Executor | None]:
     """Return where clean data are simulated: here, as it takes less than starting a process."""
-    return nullcontext() if scheduler is None else executor_of(scheduler=scheduler)
+    return nullcontext() if scheduler is None else open_executor(scheduler=scheduler)
 
 
 def check_distinct(inputs: list[dict[str, str]]) -> None:

@@ -19,7 +19,7 @@ from pneunet_ros.cli.verb import (
     Verb,
 )
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.scenario_file import changes_of, FOLDER, load_scenario
 from pneunet_ros.lab.lab_arm import varied
@@ -116,12 +116,14 @@ def scenario_file(name: str) -> Path:
             f'{name} is no scenario file, nor a shipped scenario; shipped are '
             f'{", ".join(shipped_names())}'
         )
-    return shipped(f'{FOLDER}/{name}.yaml')
+    return share_path(f'{FOLDER}/{name}.yaml')
 
 
 def shipped_names() -> list[str]:
     """List the shipped scenarios; what they share, their arm, is none."""
-    return sorted(file.stem for file in shipped(FOLDER).glob('*.yaml') if file.stem != 'lab_arm')
+    return sorted(
+        file.stem for file in share_path(FOLDER).glob('*.yaml') if file.stem != 'lab_arm'
+    )
 
 
 def seed(text: str) -> int:

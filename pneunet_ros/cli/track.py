@@ -27,7 +27,7 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.image import Image
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.track import record_tracking, track_steps, TrackStep, TrackTally
@@ -107,7 +107,7 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Track and summarize."""
     arm = model_of(arguments)
-    settings = load_camera(arguments.camera or shipped(CAMERA))
+    settings = load_camera(arguments.camera or share_path(CAMERA))
     check_request(arguments, settings)
     request = SourceRequest(
         camera_info=arguments.camera_info,

@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.model_file import load_model
@@ -87,7 +87,7 @@ def add_model(parser: ArgumentParser) -> None:
 
 def model_of(arguments: Namespace) -> Arm:
     """Return the model that was asked for."""
-    return load_model(arguments.model or shipped(PAPER_ARM))
+    return load_model(arguments.model or share_path(PAPER_ARM))
 
 
 def add_overwrite(parser: ArgumentParser) -> None:

@@ -16,7 +16,7 @@ PATIENCE = 10  # s, to wait for a scheduler
 
 
 @contextmanager
-def executor_of(workers: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
+def open_executor(workers: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
     """Give an executor: so many processes (None: one per core), or those of a Dask scheduler.
 
     What is submitted must be a function of a module, its arguments and results picklable. A

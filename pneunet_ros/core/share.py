@@ -12,7 +12,7 @@ from pneunet_ros.core.errors import PneunetError
 SHARE = Path('share', 'pneunet_ros')
 
 
-def shipped(relative: str) -> Path:
+def share_path(relative: str) -> Path:
     """Find a shipped file or folder, say 'config/paper_arm.yaml', in a checkout or installed."""
     folders = list(dict.fromkeys(_folders()))
     for folder in folders:

@@ -29,7 +29,7 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
     return STARTS_ANEW, f'time jumped back by {back:.3g} s: state reset'
 
 
-def counted(counts: Mapping[str, int], reason: str) -> Mapping[str, int]:
+def count_reason(counts: Mapping[str, int], reason: str) -> Mapping[str, int]:
     """Return counts by reason with one more of this reason."""
     return MappingProxyType({**counts, reason: counts.get(reason, 0) + 1})
 

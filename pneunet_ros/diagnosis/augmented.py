@@ -36,7 +36,7 @@ def augmented(refit: Refit, found: Fit) -> Arm:
     covariance, _ = low_rank(found, MOST_COLUMNS - count)
     if not count:
         return replace(arm, covariance=covariance)
-    names, change = found.unknowns.quantities()
+    names, change = found.parameters.quantities()
     design, linear = refit.design, refit.linear
     width = design.scale[: design.size, : design.size]
     whole = linear.covariance
@@ -109,7 +109,7 @@ def named(refit: Refit, probability: Mapping[str, float]) -> tuple[NamedEffect, 
 
 def shifts(before: Fit, after: Fit) -> dict[str, Shift]:
     """Return how the base has moved: rigidities, split and kappa_p0 at some stations."""
-    names, change = after.unknowns.quantities()
+    names, change = after.parameters.quantities()
     errors = np.sqrt(np.einsum('ij,jk,ik->i', change, after.covariance, change))
     place = {name: which for which, name in enumerate(names)}
     chosen = []
@@ -118,12 +118,12 @@ def shifts(before: Fit, after: Fit) -> dict[str, Shift]:
     for row in {rows[0], rows[len(rows) // 2], rows[-1]} if rows else ():
         chosen += [name for name in law if name.split('.')[2] == str(row)]
     chosen += [name for name in law if name.count('.') == 1]
-    unknowns = after.unknowns
-    last = unknowns.pressure.size - 1
+    parameters = after.parameters
+    last = parameters.pressure.size - 1
     for share in STATIONS:
-        knot = int(np.argmin(np.abs(unknowns.arclength - share)))
+        knot = int(np.argmin(np.abs(parameters.arclength - share)))
         chosen.append(f'intrinsic_curvature.curvature.{last}.{knot}')
-    _, same = before.unknowns.quantities()
+    _, same = before.parameters.quantities()
     old = same @ before.values if same.shape == change.shape else np.full(len(names), np.nan)
     new = change @ after.values
     return {

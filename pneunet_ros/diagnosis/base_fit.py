@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.calibration.experiments import pressure_span, Stages
-from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
-from pneunet_ros.calibration.noise_estimate import estimated_noise, NoiseEstimate
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
 from pneunet_ros.calibration.preconditions import check_runs, FEWEST_FRAMES
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -34,7 +34,7 @@ class Base:
     fit: Fit
 
 
-def refitted(frame: Arm, training: Sequence[Run], each: Each) -> Base:
+def refitted(frame: Arm, training: Sequence[RecordingData], each: Each) -> Base:
     """Refit; RequestError and RecordingError where the recordings are not fit for it."""
     unloaded = [run for run in training if not run.loaded]
     loaded = [run for run in training if run.loaded]
@@ -46,17 +46,17 @@ def refitted(frame: Arm, training: Sequence[Run], each: Each) -> Base:
     plain = uniform(frame)
     fewest = FEWEST_UNIFORM if plain else FEWEST_FRAMES
     check_runs(unloaded, loaded, frame, first=True, fewest=fewest)
-    noise = estimated_noise(training, frame.target_arclength, frame.sensors)
+    noise = estimate_noise(training, frame.target_arclength, frame.sensors)
     noise = replace(noise, noise=with_harmless_camera(noise.noise, frame.length))
     frame = replace(frame, sensors=noise.noise, covariance=None)
-    low, high = pressure_span(drives_of(frame, training))
+    low, high = pressure_span(inputs_of(frame, training))
     unloaded, loaded = ([run.thinned(FIRST_FRAMES) for run in runs] for runs in (unloaded, loaded))
     stage = Stages(frame, noise, low, high, each, uniform=plain)
-    fit, smoothness = stage.first_experiment(unloaded)
-    if loaded and frame.moment_law.kind in LAW_UNKNOWNS:
-        stiffness = stage.stiffness(unloaded, loaded, fit, smoothness)
+    fit, hyperparameters = stage.first_experiment(unloaded)
+    if loaded and frame.moment_law.kind in MOMENT_LAW_PARAMETERS:
+        stiffness = stage.stiffness(unloaded, loaded, fit, hyperparameters)
         law = stage.law(frame.moment_law.kind, stiffness)
-        fit = stage.joint(unloaded, loaded, fit, smoothness, law, FIRST_FRAMES)
+        fit = stage.joint(unloaded, loaded, fit, hyperparameters, law, FIRST_FRAMES)
     return Base(frame=frame, noise=noise, fit=fit)
 
 

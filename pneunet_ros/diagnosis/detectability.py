@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import itertools
 import math
 
-from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.result import Detectable
 from pneunet_ros.diagnosis.score_test import Candidate, likeness
@@ -16,7 +16,7 @@ ALIKE = 0.3  # cosines of less are not worth a word
 PRIOR_RANGE = 2.0  # standard deviations of the prior: its far end
 
 
-def detectable(
+def detection_limits(
     hypotheses: Sequence[Hypothesis], found: Sequence[Candidate]
 ) -> Mapping[str, Detectable]:
     """Return for every effect the size that gives a chi squared of 25 beside a refitted base.
@@ -30,7 +30,7 @@ def detectable(
         which = item.sizes[0] if candidate is None else candidate.which
         coordinate = item.coordinates[which]
         size = math.inf
-        if candidate is not None and not item.relabels:
+        if candidate is not None and not item.confounded_with_pressure_scale:
             tried = abs(float(candidate.tried[which]))
             size = tried * math.sqrt(VISIBLE / candidate.information)
         smallest = 1.0 / size if coordinate.reciprocal else size
@@ -43,7 +43,7 @@ def detectable(
     return out
 
 
-def cosines(linear: Linear, found: Sequence[Candidate]) -> Mapping[tuple[str, str], float]:
+def cosines(linear: GaussianModel, found: Sequence[Candidate]) -> Mapping[tuple[str, str], float]:
     """Return how alike effects act beside a refitted base, -1 to 1, where it is worth a word."""
     if not found:
         return {}

@@ -11,19 +11,19 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.augmented import augmented, fitted, named, shifts
 from pneunet_ros.diagnosis.base_fit import Each, FRAMES, refitted
-from pneunet_ros.diagnosis.detectability import cosines, detectable
+from pneunet_ros.diagnosis.detectability import cosines, detection_limits
 from pneunet_ros.diagnosis.evaluation import closed, misfit, noise_floor, scores
-from pneunet_ros.diagnosis.experiment_design import proposal
-from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.experiment_design import propose_experiment
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import hypotheses
 from pneunet_ros.diagnosis.lack_of_fit import Group
-from pneunet_ros.diagnosis.linearization import Design, Point
+from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.localization import frames_of, heat_maps, sentence_of, shares
 from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.diagnosis.result import Adequacy, Answer, Diagnosis, Evidence, Side
+from pneunet_ros.diagnosis.result import Adequacy, Answer, Diagnosis, Evaluation, Evidence
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.selection import LEAST_EVIDENCE, LEVEL, margin, Record, Selection, Trial
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
 SAME = 0.98  # cosine of effects that are one class on these recordings
@@ -41,8 +41,8 @@ class Verdict:
 
 def diagnose(
     frame: Arm,
-    training: Sequence[Run],
-    held_out: Sequence[Run],
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
     *,
     seed: int = 0,
     executor: Executor | None = None,
@@ -58,14 +58,16 @@ def diagnose(
     base = refitted(frame, training, each)
     ordered = sorted(training, key=lambda run: run.loaded)  # as the base was fitted
     runs = [run.thinned(FRAMES) for run in ordered]
-    point = Point(unknowns=base.fit.unknowns, values=base.fit.values, placement=base.fit.placement)
+    point = LinearizationPoint(
+        parameters=base.fit.parameters, values=base.fit.values, placement=base.fit.placement
+    )
     whole = (*runs, *(run.thinned(FRAMES) for run in held_out))
-    design = Design(point, whole, len(runs), base.noise.noise)
+    design = Linearization(point, whole, len(runs), base.noise.noise)
     known = tuple(effect.name for effect in base.frame.effects)
     asked = hypotheses(without=known)
     selection = Selection(
         design=design,
-        hypotheses=tuple(item for item in asked if not item.relabels),
+        hypotheses=tuple(item for item in asked if not item.confounded_with_pressure_scale),
         seed=seed,
         each=each,
         mapped=map if executor is None else executor.map,
@@ -73,10 +75,10 @@ def diagnose(
     first = selection.base()
     best = selection.forward(first)
     found = selection.following(first)
-    visible = detectable(asked, found)
+    visible = detection_limits(asked, found)
     alike = cosines(first.refit.linear, found)
     some = any(item.observable for item in visible.values())
-    verdict = judged(selection, first, best, some)
+    verdict = decide(selection, first, best, some)
     each('the gap', 0, 0)
     after = verdict.trial
     before_fit = fitted(first.refit)
@@ -94,7 +96,7 @@ def diagnose(
     if verdict.alternatives:
         names = (*after.names, *verdict.alternatives)
         wished = [item for item in found if item.hypothesis.name in names]
-    advice = proposal(first.refit, wished, wished if verdict.alternatives else ())
+    advice = propose_experiment(first.refit, wished, wished if verdict.alternatives else ())
     effects = named(after.refit, verdict.probability)
     return Diagnosis(
         answer=verdict.answer,
@@ -120,7 +122,7 @@ def diagnose(
     )
 
 
-def judged(selection: Selection, first: Trial, best: Trial, some: bool) -> Verdict:
+def decide(selection: Selection, first: Trial, best: Trial, some: bool) -> Verdict:
     """Decide on the answer; some: an effect could have been seen at all."""
     nothing = Verdict(answer='none', trial=first, alternatives=(), probability={})
     if not best.names:
@@ -134,7 +136,7 @@ def judged(selection: Selection, first: Trial, best: Trial, some: bool) -> Verdi
     rivals = [
         trial
         for trial in possible(selection, best)
-        if trial.freedom <= best.record.freedom
+        if trial.dof <= best.record.dof
         and trial.evidence > best.record.evidence - margin(best.record.evidence)
     ]
     others = sorted({name for trial in rivals for name in trial.names} - set(best.names))
@@ -170,17 +172,17 @@ def probabilities(records: Sequence[Record]) -> dict[str, float]:
 def side(
     refit: Refit,
     fit: Fit,
-    design: Design,
-    linear: Linear,
-    recordings: tuple[Sequence[Run], Sequence[Run]],
-) -> Side:
+    design: Linearization,
+    linear: GaussianModel,
+    recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]],
+) -> Evaluation:
     """Return a model beside all recordings: training and held-out ones."""
     arm = augmented(refit, fit)
     training, held_out = recordings
     every = scores(arm, [*training, *held_out])
     first, rest = every[: len(training)], every[len(training) :]
     runs = range(design.training), range(design.training, len(design.blocks))
-    return Side(
+    return Evaluation(
         arm=arm,
         fit=fit,
         training=misfit(first, linear, runs[0], design),

@@ -8,23 +8,25 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.held_out import Score, score
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import Linear
-from pneunet_ros.diagnosis.linearization import Design
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.result import Misfit
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.forward_model import Series
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
 
-def scores(arm: Arm, runs: Sequence[Run]) -> tuple[Score, ...]:
+def scores(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Score, ...]:
     """Score every run; what the arm remembers is carried on from run to run by their stamps."""
-    pairs = zip(runs, drives_of(arm, runs), strict=True)
-    return tuple(score(arm, run, drive) for run, drive in pairs)
+    pairs = zip(runs, inputs_of(arm, runs), strict=True)
+    return tuple(score(arm, run, inputs) for run, inputs in pairs)
 
 
-def misfit(found: Sequence[Score], linear: Linear, which: range, design: Design) -> Misfit:
+def misfit(
+    found: Sequence[Score], linear: GaussianModel, which: range, design: Linearization
+) -> Misfit:
     """Return what scores of runs come to; chi squared is that of the linear problem's runs.
 
     Whitened residuals at the fit to the training runs: nothing is fitted to held-out ones.
@@ -47,18 +49,18 @@ def distances(error: Array) -> Array:
     return apart[np.isfinite(apart)]
 
 
-def noise_floor(arm: Arm, runs: Sequence[Run], noise: SensorNoise) -> float:
+def noise_floor(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> float:
     """Return the rms (m) that a perfect model would have: white noise, placement, readings."""
     squares, count = 0.0, 0
     stds = np.array([noise.force_std, noise.force_std, noise.moment_std])
-    for run, drive in zip(runs, drives_of(arm, runs), strict=True):
-        series = Series(arm.target_arclength)
-        seen = run.seen & series.solve(arm, drive)[:, None]
+    for run, inputs in zip(runs, inputs_of(arm, runs), strict=True):
+        series = ForwardModel(arm.target_arclength)
+        seen = run.seen & series.solve(arm, inputs)[:, None]
         points = series.points.copy()
         # A load of exactly zero is none, and has no error.
-        attached = np.any(drive.loads != 0.0, axis=1)[:, None]
-        moved = np.sum((series.load_answer(arm, drive) * stds) ** 2, axis=2) * attached
-        series.solve(arm, replace(drive, pressure=drive.pressure + noise.pressure_std))
+        attached = np.any(inputs.loads != 0.0, axis=1)[:, None]
+        moved = np.sum((series.load_answer(arm, inputs) * stds) ** 2, axis=2) * attached
+        series.solve(arm, replace(inputs, pressure=inputs.pressure + noise.pressure_std))
         moved += (series.points - points).reshape(moved.shape) ** 2
         both = np.concatenate([seen, seen], axis=1)
         squares += float(moved[both & np.isfinite(moved)].sum())

@@ -10,11 +10,11 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.detectability import PRIOR_RANGE
-from pneunet_ros.diagnosis.gaussian_model import Linear
-from pneunet_ros.diagnosis.linearization import Design
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import Refit, Refitting
 from pneunet_ros.diagnosis.score_test import Candidate
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 
 FRAMES, RATE = 60, 20.0  # of a recording that is tried out; readings per second
 USUAL_FORCE = 0.2  # N, where none was recorded so far; invented
@@ -22,7 +22,7 @@ Corners = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Idea:
+class Experiment:
     """A recording that could be made: corners of (s, share of pressure, F1, F2 in largest)."""
 
     words: str
@@ -30,35 +30,35 @@ class Idea:
 
 
 IDEAS = (
-    Idea(
+    Experiment(
         words='without a load, steps of pressure up and down with holds of 8 s',
         corners=(
             (0, 0, 0, 0), (8, 0, 0, 0), (9, 0.4, 0, 0), (17, 0.4, 0, 0), (18, 0.9, 0, 0),
             (26, 0.9, 0, 0), (27, 0.4, 0, 0), (35, 0.4, 0, 0), (36, 0, 0, 0), (44, 0, 0, 0),
         ),
     ),
-    Idea(
+    Experiment(
         words='without a load, the same ramp in 1 s and in 15 s, up and down, with holds of 10 s',
         corners=(
             (0, 0.1, 0, 0), (5, 0.1, 0, 0), (6, 0.9, 0, 0), (16, 0.9, 0, 0), (17, 0.1, 0, 0),
             (27, 0.1, 0, 0), (42, 0.9, 0, 0), (52, 0.9, 0, 0), (67, 0.1, 0, 0),
         ),
     ),
-    Idea(
+    Experiment(
         words='a force along the arm at rest (E1), swept up and down at a low and a high pressure',
         corners=(
             (0, 0.2, 0, 0), (10, 0.2, 1, 0), (20, 0.2, 0, 0), (22, 0.8, 0, 0), (32, 0.8, 1, 0),
             (42, 0.8, 0, 0),
         ),
     ),
-    Idea(
+    Experiment(
         words='a force across the arm at rest (E2), swept both ways at a low and a high pressure',
         corners=(
             (0, 0.2, 0, 0), (8, 0.2, 0, 1), (24, 0.2, 0, -1), (32, 0.2, 0, 0), (34, 0.8, 0, 0),
             (42, 0.8, 0, 1), (58, 0.8, 0, -1), (66, 0.8, 0, 0),
         ),
     ),
-    Idea(
+    Experiment(
         words='a fresh arm under a constant load, ramps to half and to full pressure, each twice',
         corners=(
             (0, 0, 0.5, 0.5), (10, 0.5, 0.5, 0.5), (20, 0, 0.5, 0.5), (30, 0.5, 0.5, 0.5),
@@ -68,7 +68,9 @@ IDEAS = (
 )  # fmt: skip
 
 
-def proposal(refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candidate]) -> str:
+def propose_experiment(
+    refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candidate]
+) -> str:
     """Say which recording would show most of the wanted effects, beside their rivals.
 
     Of each wanted effect counts how large, in units of what is visible, it would be at the far
@@ -90,7 +92,7 @@ def proposal(refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candida
     best, words, name = 0.0, '', ''
     for place, idea in enumerate(IDEAS):
         kept = [*range(first), first + place]
-        part = Linear.of(
+        part = GaussianModel.of(
             [linear.columns[which] for which in kept],
             [linear.residuals[which] for which in kept],
             linear.position,
@@ -111,7 +113,7 @@ def proposal(refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candida
     )
 
 
-def made(refit: Refit) -> Design | None:
+def made(refit: Refit) -> Linearization | None:
     """Return a design with a run for each idea behind the training runs."""
     design = refit.design
     training = design.runs[: design.training]
@@ -120,12 +122,14 @@ def made(refit: Refit) -> Design | None:
     stamp = max(int(run.reading_stamp_ns[-1]) for run in training) + NANOSECONDS_PER_SECOND
     runs = [run_of(idea, low, high, force, stamp, training[0].x.shape[1]) for idea in IDEAS]
     try:
-        return Design(refit.point, (*training, *runs), len(training), design.noise)
+        return Linearization(refit.point, (*training, *runs), len(training), design.noise)
     except ModelError:
         return None
 
 
-def run_of(idea: Idea, low: float, high: float, force: float, stamp: int, targets: int) -> Run:
+def run_of(
+    idea: Experiment, low: float, high: float, force: float, stamp: int, targets: int
+) -> RecordingData:
     """Return an idea as a run, its targets at zero."""
     corners = np.array(idea.corners, dtype=np.float64)
     time = np.arange(0.0, corners[-1, 0], 1.0 / RATE)
@@ -134,7 +138,7 @@ def run_of(idea: Idea, low: float, high: float, force: float, stamp: int, target
     loads = np.column_stack([np.interp(time, corners[:, 0], corners[:, i]) for i in (2, 3)])
     stamps = stamp + np.rint(time * NANOSECONDS_PER_SECOND).astype(np.int64)
     none = np.zeros((FRAMES, targets))
-    return Run(
+    return RecordingData(
         name=idea.words,
         reading_stamp_ns=stamps,
         pressure=pressure,
@@ -149,7 +153,7 @@ def run_of(idea: Idea, low: float, high: float, force: float, stamp: int, target
 
 
 def answer(
-    refit: Refit, design: Design, at: Sequence[Array], item: Candidate
+    refit: Refit, design: Linearization, at: Sequence[Array], item: Candidate
 ) -> tuple[Array, ...] | None:
     """Return how all runs of a design answer to an effect; None where they have no shape."""
     effects = (*refit.effects, item.hypothesis.effect(item.tried))
@@ -160,7 +164,7 @@ def answer(
 
 
 def information(
-    linear: Linear, kept: Sequence[int], answers: Sequence[tuple[Array, ...] | None]
+    linear: GaussianModel, kept: Sequence[int], answers: Sequence[tuple[Array, ...] | None]
 ) -> float:
     """Return chi squared of the first of some effects in some runs, beside all others."""
     known = [item for item in answers if item is not None]

@@ -18,14 +18,14 @@ SEEN = 0.3  # of one unit: smaller parts of a field are not seen in these record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Linear:
+class GaussianModel:
     """Runs as one linear problem: columns per run (rows, n), residuals (rows,), position (n,)."""
 
     columns: tuple[Array, ...]
     residuals: tuple[Array, ...]
     position: Array
     grams: tuple[Array, ...]
-    pulls: tuple[Array, ...]
+    information_vectors: tuple[Array, ...]
     squares: tuple[float, ...]
     factor: tuple[Array, bool]
     step: Array
@@ -37,20 +37,22 @@ class Linear:
         residuals: Sequence[Array],
         position: Array,
         grams: Sequence[Array] = (),
-    ) -> Linear:
+    ) -> GaussianModel:
         """Set the problem up and solve it; grams: column^T column per run, where known."""
         grams = tuple(grams) or tuple(item.T @ item for item in columns)
-        pulls = tuple(item.T @ rest for item, rest in zip(columns, residuals, strict=True))
+        information_vectors = tuple(
+            item.T @ rest for item, rest in zip(columns, residuals, strict=True)
+        )
         factor = cho_factor(sum(grams, np.eye(position.size)))
         return cls(
             columns=tuple(columns),
             residuals=tuple(residuals),
             position=position,
             grams=grams,
-            pulls=pulls,
+            information_vectors=information_vectors,
             squares=tuple(float(rest @ rest) for rest in residuals),
             factor=factor,
-            step=cho_solve(factor, sum(pulls, np.zeros(position.size)) - position),
+            step=cho_solve(factor, sum(information_vectors, np.zeros(position.size)) - position),
         )
 
     @property
@@ -61,14 +63,16 @@ class Linear:
 
     def step_without(self, fixed: Sequence[int]) -> tuple[Array, float]:
         """Return the best step with some unknowns kept, and by how much it lowers the cost."""
-        pull = sum(self.pulls, np.zeros(self.position.size)) - self.position
+        information_vector = (
+            sum(self.information_vectors, np.zeros(self.position.size)) - self.position
+        )
         if not fixed:
-            return self.step, 0.5 * float(pull @ self.step)
-        free = np.setdiff1d(np.arange(pull.size), fixed)
-        precision = sum(self.grams, np.eye(pull.size))[np.ix_(free, free)]
-        step = np.zeros(pull.size)
-        step[free] = np.linalg.solve(precision, pull[free])
-        return step, 0.5 * float(pull @ step)
+            return self.step, 0.5 * float(information_vector @ self.step)
+        free = np.setdiff1d(np.arange(information_vector.size), fixed)
+        precision = sum(self.grams, np.eye(information_vector.size))[np.ix_(free, free)]
+        step = np.zeros(information_vector.size)
+        step[free] = np.linalg.solve(precision, information_vector[free])
+        return step, 0.5 * float(information_vector @ step)
 
     def solved(self, right: Array) -> Array:
         """Return the covariance of the unknowns times something (n, k)."""
@@ -105,11 +109,16 @@ class Linear:
         precision = np.eye(size) + sum(
             (self.grams[which] for which in kept), np.zeros((size,) * 2)
         )
-        pull = sum((self.pulls[which] for which in kept), np.zeros(size)) - self.position
+        information_vector = (
+            sum((self.information_vectors[which] for which in kept), np.zeros(size))
+            - self.position
+        )
         lower, _ = factor = cho_factor(precision, lower=True)
         whole = sum(self.squares[which] for which in kept) + float(self.position @ self.position)
         determinant = 2.0 * float(np.log(np.diag(lower)).sum())
-        return -0.5 * (whole - float(pull @ cho_solve(factor, pull)) + determinant)
+        return -0.5 * (
+            whole - float(information_vector @ cho_solve(factor, information_vector)) + determinant
+        )
 
     def evidence(self) -> float:
         """Log probability of every run predicted from the others, summed."""

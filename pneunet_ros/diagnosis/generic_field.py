@@ -14,8 +14,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from scipy.signal import lfilter
 
@@ -26,7 +26,7 @@ WINDOW_MODES = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Surroundings:
+class Regressors:
     """What the arm feels in every frame of all runs, scaled to about one: names and numbers.
 
     functions: per run (frames, n).
@@ -39,19 +39,23 @@ class Surroundings:
     progress: tuple[Array, ...]
 
     @classmethod
-    def of(cls, arm: Arm, runs: Sequence[Run], drives: Sequence[Drive]) -> Surroundings:
+    def of(
+        cls, arm: Arm, runs: Sequence[RecordingData], all_inputs: Sequence[Inputs]
+    ) -> Regressors:
         """Collect it, runs in the order of their stamps."""
         low, high = arm.pressure_range
-        largest = max((float(np.abs(drive.loads).max()) for drive in drives), default=0.0) or 1.0
+        largest = (
+            max((float(np.abs(inputs.loads).max()) for inputs in all_inputs), default=0.0) or 1.0
+        )
         span = high - low
         order = sorted(range(len(runs)), key=lambda which: int(runs[which].reading_stamp_ns[0]))
         top, out, progress = -np.inf, {}, {}
         names: list[str] = []
         for which in order:
-            run, drive = runs[which], drives[which]
+            run, inputs = runs[which], all_inputs[which]
             time = (run.stamp_ns - run.stamp_ns[0]) / max(int(np.ptp(run.stamp_ns)), 1)
-            pressure = (drive.pressure - low) / span
-            f1, f2 = drive.loads[:, 0] / largest, drive.loads[:, 1] / largest
+            pressure = (inputs.pressure - low) / span
+            f1, f2 = inputs.loads[:, 0] / largest, inputs.loads[:, 1] / largest
             past = [behind(run, memory) / span for memory in MEMORIES]
             reached = np.maximum(np.maximum.accumulate(run.pressure), top)
             top = float(reached[-1])
@@ -88,7 +92,7 @@ class Surroundings:
         return self.functions[which][:, [self.names.index(name) for name in names]]
 
 
-def behind(run: Run, memory: float) -> Array:
+def behind(run: RecordingData, memory: float) -> Array:
     """Return by how much (Pa) the pressure is before its own past, at the frames."""
     seconds = (run.reading_stamp_ns - run.reading_stamp_ns[0]) / NANOSECONDS_PER_SECOND
     step = max(float(np.median(np.diff(seconds))), 1e-3) if seconds.size > 1 else 1.0
@@ -133,7 +137,7 @@ TURN_FUNCTIONS = ('1', 'p', 't', 'past 3 s', 'F1', 'F2')
 SINGLE_FUNCTIONS = ('p', 'F1', 'F2')
 
 
-def fields_of(around: Surroundings, which: int, knots: Array, theta: Array) -> Fields:
+def fields_of(around: Regressors, which: int, knots: Array, theta: Array) -> Fields:
     """Return the fields of a run.
 
     knots (frames, 2 targets, knots): how points answer to a curvature of 1/m at each knot; theta

@@ -75,12 +75,12 @@ class Hypothesis:
         return len(self.coordinates)
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Whether it lives by the history of pressure, so that its answer is no straight line."""
         return self.kind.actuate is not Effect.actuate
 
     @property
-    def relabels(self) -> bool:
+    def confounded_with_pressure_scale(self) -> bool:
         """Whether it is another pressure scale alone: kappa_p0(p), fitted anew, takes that up."""
         if self.kind.sense is Effect.sense:
             return False
@@ -127,7 +127,7 @@ class Hypothesis:
         tried = []
         shapes = self.shapes()
         # What has a shape of its own is linear in its size.
-        shares = FIRST_SIZES if self.remembers and len(shapes) == 1 else (FIRST_SIZE,)
+        shares = FIRST_SIZES if self.has_memory and len(shapes) == 1 else (FIRST_SIZE,)
         for shape in shapes:
             for which in self.sizes:
                 for share in shares:

@@ -13,8 +13,8 @@ import zlib
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import Linear, SEEN
-from pneunet_ros.diagnosis.linearization import Design
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel, SEEN
+from pneunet_ros.diagnosis.linearization import Linearization
 from scipy.stats import gamma
 
 SINGLE_FIELD = 1e-4  # m
@@ -30,21 +30,21 @@ class Group:
 
     name: str
     statistic: float
-    freedom: int
+    dof: int
     mean: float
     std: float
 
     @property
     def p_value(self) -> float:
         """How often clean data reach this much, by a gamma law of the same mean and deviation."""
-        if self.freedom == 0:
+        if self.dof == 0:
             return 1.0
         shape = (self.mean / self.std) ** 2
         return float(gamma.sf(self.statistic, shape, scale=self.std**2 / self.mean))
 
     def threshold(self, level: float) -> float:
         """Return what clean data exceed with a probability of `level`."""
-        if self.freedom == 0:
+        if self.dof == 0:
             return np.inf
         shape = (self.mean / self.std) ** 2
         return float(gamma.isf(level, shape, scale=self.std**2 / self.mean))
@@ -65,7 +65,7 @@ class Tested:
 
     name: str
     statistic: float
-    freedom: int
+    dof: int
     disturbed: tuple[tuple[int, Array], ...]
     seed: int
 
@@ -76,7 +76,7 @@ Mapped = Callable[
 
 
 def groups_of(
-    design: Design, linear: Linear, seed: int, mapped: Mapped = map
+    design: Linearization, linear: GaussianModel, seed: int, mapped: Mapped = map
 ) -> tuple[Group, ...]:
     """Test all groups; linear: of all runs of the design. mapped: runs the simulations."""
     training = range(design.training)
@@ -105,7 +105,7 @@ def groups_of(
         groups[item.name] = Group(
             name=item.name,
             statistic=item.statistic + (known.statistic if known else 0.0),
-            freedom=item.freedom + (known.freedom if known else 0),
+            dof=item.dof + (known.dof if known else 0),
             mean=mean + (known.mean if known else 0.0),
             std=float(np.hypot(np.sqrt(variance), known.std if known else 0.0)),
         )
@@ -113,7 +113,12 @@ def groups_of(
 
 
 def test_of(
-    name: str, design: Design, linear: Linear, runs: range, fields: Sequence[Array], seed: int
+    name: str,
+    design: Linearization,
+    linear: GaussianModel,
+    runs: range,
+    fields: Sequence[Array],
+    seed: int,
 ) -> Tested:
     """Set up the test of fields (frames, 2 targets, n) m, given for some of the runs."""
     white = [design.blocks[which].white(item) for which, item in zip(runs, fields, strict=True)]
@@ -142,7 +147,7 @@ def test_of(
     return Tested(
         name=name,
         statistic=float(np.sum((basis.T @ np.asarray(score)) ** 2)),
-        freedom=int(seen.sum()),
+        dof=int(seen.sum()),
         disturbed=tuple(disturbed),
         seed=seed,
     )
@@ -150,13 +155,13 @@ def test_of(
 
 def clean_moments(test: Tested) -> tuple[float, float]:
     """Return mean and variance of a statistic over simulated clean data."""
-    if test.freedom == 0:
+    if test.dof == 0:
         return 0.0, 0.0
     random = np.random.default_rng([test.seed, zlib.crc32(test.name.encode())])
-    draws = random.standard_normal((DRAWS, test.freedom))
+    draws = random.standard_normal((DRAWS, test.dof))
     draws *= 1.0 + WHITE_ERROR * random.standard_normal((DRAWS, 1))
-    for freedom, answer in test.disturbed:
-        factor = freedom / random.chisquare(freedom, (DRAWS, 1))
+    for dof, answer in test.disturbed:
+        factor = dof / random.chisquare(dof, (DRAWS, 1))
         more = np.sqrt(np.maximum(factor - 1.0, 0.0))
         draws += more * (random.standard_normal((DRAWS, answer.shape[1])) @ answer.T)
     clean = np.sum(draws**2, axis=1)

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.calibration.map_estimation import Posterior
-from pneunet_ros.calibration.parameters import Unknowns
+from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Surroundings
+from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Regressors
 from pneunet_ros.effects.effect import Effect
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.forward_model import Series, THETA
-from pneunet_ros.measurement.inputs import Drive, drives_of
-from pneunet_ros.measurement.pressure_filter import calm
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.inputs import Inputs, inputs_of
+from pneunet_ros.measurement.pressure_filter import smooth_pressure
 from pneunet_ros.measurement.whitening import Whitening
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -30,16 +30,16 @@ MOST_LOST = 0.02  # of the frames
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Block:
+class LinearizedRun:
     """One run: whitened columns, and what whitens more of them.
 
     base (rows, n): model and placement, scaled; path (rows, k): what was integrated out; fields:
     generic ones, not whitened; measured (frames, 2, targets) m.
     """
 
-    run: Run
-    drive: Drive
-    series: Series
+    run: RecordingData
+    inputs: Inputs
+    series: ForwardModel
     whitening: Whitening
     directions: Array
     shrink: Array
@@ -61,13 +61,13 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Point:
+class LinearizationPoint:
     """Where recordings are linearized: values of the base model's unknowns, placement, effects.
 
     placement (2, targets) m; effects come beside those of the model.
     """
 
-    unknowns: Unknowns
+    parameters: Parameters
     values: Array
     placement: Array
     effects: tuple[Effect, ...] = ()
@@ -77,35 +77,35 @@ class Point:
         """The arm there."""
         return self.with_effects().arm(self.values)
 
-    def with_effects(self) -> Unknowns:
+    def with_effects(self) -> Parameters:
         """Return the unknowns of an arm that has the effects, too."""
-        frame = self.unknowns.frame
+        frame = self.parameters.frame
         return replace(
-            self.unknowns, frame=replace(frame, effects=(*frame.effects, *self.effects))
+            self.parameters, frame=replace(frame, effects=(*frame.effects, *self.effects))
         )
 
 
-class Design:
+class Linearization:
     """All runs around one point. `training` says how many of the runs, the first, are to fit."""
 
     def __init__(
         self,
-        point: Point,
-        runs: Sequence[Run],
+        point: LinearizationPoint,
+        runs: Sequence[RecordingData],
         training: int,
         noise: SensorNoise,
-        acted: dict[tuple[Effect, ...], list[Drive]] | None = None,
+        acted: dict[tuple[Effect, ...], list[Inputs]] | None = None,
     ) -> None:
         self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
         # What acted does not depend on the base model: one table for all points.
         self.acted = {} if acted is None else acted
-        self.calm = [calm(run) for run in self.runs]
+        self.calm = [smooth_pressure(run) for run in self.runs]
         pairs = zip(self.runs, self.calm, strict=True)
-        self.unrest = [run.frame_pressure - quiet.frame_pressure for run, quiet in pairs]
-        unknowns = point.with_effects()
-        arm = unknowns.arm(point.values)
+        self.pressure_noise = [run.frame_pressure - quiet.frame_pressure for run, quiet in pairs]
+        parameters = point.with_effects()
+        arm = parameters.arm(point.values)
         self.length = arm.length
-        posterior = Posterior(unknowns, self.runs, noise, arm.target_arclength)
+        posterior = Posterior(parameters, self.runs, noise, arm.target_arclength)
         self.size, targets = posterior.size, arm.target_arclength.size
         shared = self.size + 2 * targets
         values = posterior.mean.copy()
@@ -113,11 +113,11 @@ class Design:
         self.scale = posterior.scale[:shared, :shared]
         self.mean = posterior.mean[:shared]
         self.position = np.linalg.solve(self.scale, values[:shared] - self.mean)
-        drives = self.drives(arm)
-        around = Surroundings.of(arm, self.runs, drives)
+        all_inputs = self.all_inputs(arm)
+        around = Regressors.of(arm, self.runs, all_inputs)
         self.blocks = [
-            self.block(posterior, which, arm, drive, values, around)
-            for which, drive in enumerate(drives)
+            self.block(posterior, which, arm, inputs, values, around)
+            for which, inputs in enumerate(all_inputs)
         ]
         self.tolerance = self.tolerances()
         self.fixed = [
@@ -128,12 +128,14 @@ class Design:
         ]
         self.grams = [item.T @ item for item in self.fixed]
 
-    def at(self, point: Point, runs: Sequence[Run] | None = None) -> Design:
+    def at(
+        self, point: LinearizationPoint, runs: Sequence[RecordingData] | None = None
+    ) -> Linearization:
         """Return the same runs, or these, around another point."""
         acted = self.acted if runs is None else None
-        return Design(point, runs or self.runs, self.training, self.noise, acted)
+        return Linearization(point, runs or self.runs, self.training, self.noise, acted)
 
-    def of_training(self) -> Design:
+    def of_training(self) -> Linearization:
         """Return the training runs alone, around the same point."""
         return self.at(self.point, self.runs[: self.training])
 
@@ -142,13 +144,13 @@ class Design:
         posterior: Posterior,
         which: int,
         arm: Arm,
-        drive: Drive,
+        inputs: Inputs,
         values: Array,
-        around: Surroundings,
-    ) -> Block:
+        around: Regressors,
+    ) -> LinearizedRun:
         """Linearize one run."""
         size = self.size
-        fitted, beside = posterior.one(which, arm, drive, values[size:])
+        fitted, beside = posterior.one(which, arm, inputs, values[size:])
         jacobian = posterior.jacobian(which, fitted, arm, values[:size], beside)
         whitening = posterior.whitenings[which]
         assert whitening is not None
@@ -165,12 +167,12 @@ class Design:
             white[:, size + 2 * targets :] @ scale[np.ix_(own, own)][2 * targets :, 2 * targets :]
         )
         directions, shrink = filter_of(path)
-        unknowns = self.point.unknowns
-        knots = jacobian[:, :, : unknowns.cells]
-        knots = knots.reshape(*knots.shape[:2], unknowns.pressure.size, -1).sum(axis=2)
-        block = Block(
+        parameters = self.point.parameters
+        knots = jacobian[:, :, : parameters.cells]
+        knots = knots.reshape(*knots.shape[:2], parameters.pressure.size, -1).sum(axis=2)
+        block = LinearizedRun(
             run=self.runs[which],
-            drive=drive,
+            inputs=inputs,
             series=posterior.series[which],
             whitening=whitening,
             directions=directions,
@@ -215,25 +217,25 @@ class Design:
             out.append(block.white(apart.reshape(len(apart), -1, 1))[:, 0])
         return out
 
-    def drives(self, arm: Arm) -> list[Drive]:
+    def all_inputs(self, arm: Arm) -> list[Inputs]:
         """Return what acted on an arm in all runs; the noise of a reading has no past."""
         key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting))
         if key not in self.acted:
-            drives = drives_of(arm, self.calm)
+            all_inputs = inputs_of(arm, self.calm)
             self.acted[key] = [
-                replace(drive, pressure=drive.pressure + more)
-                for drive, more in zip(drives, self.unrest, strict=True)
+                replace(inputs, pressure=inputs.pressure + more)
+                for inputs, more in zip(all_inputs, self.pressure_noise, strict=True)
             ]
         return self.acted[key]
 
     def points(self, arm: Arm, which: range) -> list[Array] | None:
         """Return the measured points (frames, 2, targets) m of an arm; None where it has none."""
         out = []
-        drives = self.drives(arm)
+        all_inputs = self.all_inputs(arm)
         for place in which:
-            drive = drives[place]
+            inputs = all_inputs[place]
             block = self.blocks[place]
-            solved = block.series.solve(arm, drive)
+            solved = block.series.solve(arm, inputs)
             lost = block.whitening.mask.any(axis=1) & ~solved
             if lost.mean() > MOST_LOST:
                 return None

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.units import kilopascals, NANOSECONDS_PER_SECOND
-from pneunet_ros.diagnosis.gaussian_model import Linear
-from pneunet_ros.diagnosis.linearization import Design
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
 from scipy.stats import chi2
 
@@ -34,23 +34,23 @@ class Frames:
     axes: dict[Axis, Array]
 
 
-def frames_of(design: Design, linear: Linear) -> Frames:
+def frames_of(design: Linearization, linear: GaussianModel) -> Frames:
     """Collect the residuals of the training runs, what was taken for harmless departures added."""
     squares, axes = [], []
     departures = slice(design.mean.size, design.fixed[0].shape[1])
     sizes = (linear.position + linear.step)[departures]
-    span = np.ptp([block.drive.pressure.max() for block in design.blocks] + [0.0])
+    span = np.ptp([block.inputs.pressure.max() for block in design.blocks] + [0.0])
     for which, rest in enumerate(linear.best_residuals()[: design.training]):
         block = design.blocks[which]
-        run, drive = block.run, block.drive
+        run, inputs = block.run, block.inputs
         rest = rest + linear.columns[which][:, departures] @ sizes
         values = rest.reshape(len(run.stamp_ns), 2, -1) ** 2
         squares.append(np.where(run.seen, values.sum(axis=1), np.nan))
         time = (run.stamp_ns - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
-        speed = np.gradient(drive.pressure, time) / max(float(span), 1.0)
+        speed = np.gradient(inputs.pressure, time) / max(float(span), 1.0)
         direction = np.where(np.abs(speed) > MOVING, np.sign(speed), np.nan)
-        force = np.hypot(*drive.loads[:, :2].T)
-        axes.append((drive.pressure, force, time, direction))
+        force = np.hypot(*inputs.loads[:, :2].T)
+        axes.append((inputs.pressure, force, time, direction))
     pressure, force, time, direction = (np.concatenate(item) for item in zip(*axes, strict=True))
     return Frames(
         squares=np.concatenate(squares),
@@ -98,9 +98,9 @@ def shared(axis: Axis, edges: Array, rows: Sequence[Array]) -> list[Share]:
     excess, chances = [], []
     for values in rows:
         known = values[np.isfinite(values)]
-        freedom = 2 * known.size
-        excess.append(max(float(known.sum()) - freedom, 0.0))
-        chances.append(float(chi2.sf(known.sum(), freedom)) if freedom else 1.0)
+        dof = 2 * known.size
+        excess.append(max(float(known.sum()) - dof, 0.0))
+        chances.append(float(chi2.sf(known.sum(), dof)) if dof else 1.0)
     whole = sum(excess) or 1.0
     found = []
     for which, (part, chance) in enumerate(zip(excess, chances, strict=True)):

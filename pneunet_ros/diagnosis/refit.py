@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
-from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
-from pneunet_ros.diagnosis.linearization import Design, Point
+from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.effects.effect import Effect
 
 MOST_STEPS, MOST_HALVINGS = 5, 5
@@ -34,12 +34,12 @@ class Refit:
     base anew changes nothing.
     """
 
-    design: Design
+    design: Linearization
     hypotheses: tuple[Hypothesis, ...]
     numbers: Array
     covariance: Array
     base: Array
-    linear: Linear
+    linear: GaussianModel
     cost: float
     converged: bool
     settled: bool = False
@@ -55,7 +55,7 @@ class Refit:
         return tuple(item.name for item in self.hypotheses)
 
     @property
-    def point(self) -> Point:
+    def point(self) -> LinearizationPoint:
         """Where it ended."""
         design, here = self.design, self.design.point
         values = design.mean + design.scale @ self.base[: design.mean.size]
@@ -85,7 +85,7 @@ class Refitting:
     """The search for the numbers of some hypotheses, in the first runs of a design: training."""
 
     def __init__(
-        self, design: Design, hypotheses: Sequence[Hypothesis], runs: int | None = None
+        self, design: Linearization, hypotheses: Sequence[Hypothesis], runs: int | None = None
     ) -> None:
         self.design, self.hypotheses = design, tuple(hypotheses)
         self.which = range(design.training if runs is None else runs)
@@ -120,7 +120,7 @@ class Refitting:
             for item, rest in zip(columns, at, strict=True)
         ]
 
-    def linear(self, scaled: Array, numbers: Array, at: list[Array]) -> Linear | None:
+    def linear(self, scaled: Array, numbers: Array, at: list[Array]) -> GaussianModel | None:
         """Return the linear problem here."""
         answers = self.answers(scaled, numbers, at)
         if answers is None:
@@ -135,7 +135,7 @@ class Refitting:
             values - fixed[:, size:] @ scaled[size:]
             for fixed, values in zip(self.fixed, at, strict=True)
         ]
-        return Linear.of(columns, rest, position, self.grams_with(columns))
+        return GaussianModel.of(columns, rest, position, self.grams_with(columns))
 
     def grams_with(self, columns: Sequence[Array]) -> list[Array]:
         """Return columns^T columns of each run, of which most is known."""
@@ -223,7 +223,7 @@ class Refitting:
 
 
 def refit(
-    design: Design, hypotheses: Sequence[Hypothesis], numbers: Array, rounds: int
+    design: Linearization, hypotheses: Sequence[Hypothesis], numbers: Array, rounds: int
 ) -> Refit | None:
     """Fit jointly, with the answer of the base model taken anew so many times at most."""
     found = Refitting(design, hypotheses).search(numbers)

@@ -63,7 +63,7 @@ class Misfit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Side:
+class Evaluation:
     """A model, before or after, beside all recordings.
 
     score and errors are after removing each recording's registration; held_out may be empty.
@@ -159,8 +159,8 @@ class Diagnosis:
     where: tuple[Share, ...]
     where_sentence: str
     heat_maps: tuple[HeatMap, ...]
-    before: Side
-    after: Side
+    before: Evaluation
+    after: Evaluation
     noise_floor: float
     closed: float | None
     adequacy_before: Adequacy

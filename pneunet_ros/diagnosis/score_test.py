@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.effects.effect import Effect
@@ -35,7 +35,7 @@ class Candidate:
     direction: tuple[Array, ...]
 
 
-def candidates(refit: Refit, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
+def score_effects(refit: Refit, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
     """Try every hypothesis beside the effects of a refit, the most promising first."""
     own = [item for item in hypotheses if item.name not in refit.names]
     here = residuals(refit, refit.effects)
@@ -45,7 +45,7 @@ def candidates(refit: Refit, hypotheses: Sequence[Hypothesis]) -> list[Candidate
     return sorted((item for item in found if item is not None), key=lambda item: -item.gain)
 
 
-def likeness(linear: Linear, found: Sequence[Candidate]) -> Array:
+def likeness(linear: GaussianModel, found: Sequence[Candidate]) -> Array:
     """Return the cosines of how effects act beside a refitted base, (effects, effects)."""
     columns = [
         np.column_stack([item.direction[run] for item in found])
@@ -57,7 +57,9 @@ def likeness(linear: Linear, found: Sequence[Candidate]) -> Array:
     return alike
 
 
-def clean_score(linear: Linear, found: Sequence[Candidate], level: float, seed: int) -> float:
+def clean_score(
+    linear: GaussianModel, found: Sequence[Candidate], level: float, seed: int
+) -> float:
     """Return what the largest score of all effects exceeds in clean data with a probability.
 
     Simulated: normal scores of the linearized refit, with their correlations.
@@ -97,7 +99,7 @@ def candidate(refit: Refit, hypothesis: Hypothesis, here: list[Array]) -> Candid
         if best is not None and best.gain >= gain:
             continue
         start = numbers.copy()
-        if hypothesis.remembers:
+        if hypothesis.has_memory:
             share = float(np.clip(share, SMALLEST_STEP, LARGEST_STEP))
         start[which] *= share
         best = Candidate(

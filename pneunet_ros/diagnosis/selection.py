@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.base_fit import Each
-from pneunet_ros.diagnosis.gaussian_model import Linear
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.lack_of_fit import Group, groups_of, Mapped
-from pneunet_ros.diagnosis.linearization import Design
+from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import finished, Refit, refit, Refitting, split
-from pneunet_ros.diagnosis.score_test import Candidate, candidates, clean_score
+from pneunet_ros.diagnosis.score_test import Candidate, clean_score, score_effects
 
 MOST_EFFECTS = 3
 SHORTLIST = 5  # hypotheses that are refitted, in order of their score
@@ -41,7 +41,7 @@ class Record:
     """
 
     names: tuple[str, ...]
-    freedom: int
+    dof: int
     evidence: float
     gain: float
     groups: tuple[Group, ...]
@@ -66,7 +66,7 @@ class Trial:
 class Selection:
     """The search over sets of effects, and all that was tried."""
 
-    design: Design
+    design: Linearization
     hypotheses: tuple[Hypothesis, ...]
     seed: int
     each: Each
@@ -89,7 +89,7 @@ class Selection:
         reference = found if base is None else base.refit
         record = Record(
             names=found.names,
-            freedom=found.numbers.size,
+            dof=found.numbers.size,
             evidence=found.linear.evidence() - reference.linear.evidence(),
             gain=2.0 * (reference.cost - found.cost),
             groups=groups,
@@ -120,7 +120,7 @@ class Selection:
         key = frozenset(trial.names)
         if key not in self.scores:
             self.each('scores beside ' + (' + '.join(trial.names) or 'the base model'), 0, 0)
-            self.scores[key] = candidates(trial.refit, self.hypotheses)
+            self.scores[key] = score_effects(trial.refit, self.hypotheses)
         return self.scores[key]
 
     def more(self, trial: Trial) -> bool:
@@ -173,7 +173,7 @@ class Selection:
             out.append(self.recorded(finished(found, ROUNDS), base))
         return out
 
-    def wholly(self, found: Refit) -> tuple[Design, Linear]:
+    def wholly(self, found: Refit) -> tuple[Linearization, GaussianModel]:
         """Return all recordings around a refit, held-out ones too, as a linear problem.
 
         Scores of fields in held-out recordings are then those of what the training ones predict of
@@ -234,7 +234,7 @@ def best_of(trial: Trial, found: Sequence[Trial]) -> Trial | None:
     chosen = adequate or [item for item in better if item.record.adequate] or likely or better
     most = max((item.record.evidence for item in chosen), default=0.0)
     alike = [item for item in chosen if item.record.evidence >= most - margin(most)]
-    return min(alike, key=lambda item: (item.record.freedom, -item.record.evidence), default=None)
+    return min(alike, key=lambda item: (item.record.dof, -item.record.evidence), default=None)
 
 
 def worth_adding(trial: Trial, better: Trial) -> bool:

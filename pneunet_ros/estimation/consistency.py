@@ -1,9 +1,9 @@
 """The running disagreement of measured targets with the estimate: the trigger for a diagnosis.
 
-As the estimator: state in, state out; no clock, no topic, no file. `remembered` is given every
-pressure reading with what became of it, `watched` every frame of targets, and
-`WatchState.disagreement` says where things stand. A frame is compared with the estimate at the
-pressure reading that is nearest by the stamps, within half a period of the readings.
+As the estimator: state in, state out; no clock, no topic, no file. `take_estimate` is given every
+pressure reading with what became of it, `take_targets` every frame of targets, and
+`ConsistencyState.disagreement` says where things stand. A frame is compared with the estimate at
+the pressure reading that is nearest by the stamps, within half a period of the readings.
 """
 
 from __future__ import annotations
@@ -20,11 +20,16 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, TargetSightings
-from pneunet_ros.core.stamps import counted, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.predicted_targets import expected_targets, Gap, gap, Moment
+from pneunet_ros.estimation.predicted_targets import (
+    Innovation,
+    innovation,
+    predict_targets,
+    Snapshot,
+)
 from pneunet_ros.estimation.state import EstimatorState
 
 KEPT = 256  # estimates; frames come later than readings, as images are looked at first
@@ -68,7 +73,7 @@ class Disagreement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RunningGap:
+class RunningInnovation:
     """Means over the frames of the last while, older ones counting less and less.
 
     weight: how many frames they are worth; frames: how many there were; chi_square: per
@@ -88,23 +93,23 @@ class RunningGap:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WatchState:
+class ConsistencyState:
     """All that is remembered from one reading or frame to the next."""
 
-    moments: tuple[Moment, ...] = ()
+    moments: tuple[Snapshot, ...] = ()
     frame_stamp_ns: int | None = None
     waiting: tuple[TargetSightings, ...] = ()
-    running: RunningGap | None = None
+    running: RunningInnovation | None = None
     matched: int = 0
     unmatched: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
-    def fresh(self) -> WatchState:
+    def fresh(self) -> ConsistencyState:
         """Forget readings and frames; only the counts go on."""
-        return WatchState(matched=self.matched, unmatched=self.unmatched)
+        return ConsistencyState(matched=self.matched, unmatched=self.unmatched)
 
-    def missing(self, reason: str) -> WatchState:
+    def missing(self, reason: str) -> ConsistencyState:
         """Count one more frame that cannot be compared."""
-        return replace(self, unmatched=counted(self.unmatched, reason))
+        return replace(self, unmatched=count_reason(self.unmatched, reason))
 
     def disagreement(self) -> Disagreement | None:
         """Return how far measured and estimated targets have been apart; None: too few frames.
@@ -127,13 +132,13 @@ class WatchState:
         )
 
 
-def remembered(
-    state: WatchState,
+def take_estimate(
+    state: ConsistencyState,
     estimator: Estimator,
     reading: PressureReading,
     after: EstimatorState,
     outcome: Outcome,
-) -> WatchState:
+) -> ConsistencyState:
     """Take what became of a pressure reading, and compare the frames that have waited for it.
 
     after: the state of the estimator after the reading.
@@ -142,14 +147,14 @@ def remembered(
         return state
     if state.moments and reading.stamp_ns <= state.moments[-1].reading.stamp_ns:
         state = state.fresh()  # the estimator has started anew
-    moment = Moment(reading=reading, state=after, estimate=outcome)
+    moment = Snapshot(reading=reading, state=after, estimate=outcome)
     state = replace(state, moments=(*state.moments[1 - KEPT :], moment))
     return compared(state, estimator) if state.waiting else state
 
 
-def watched(
-    state: WatchState, estimator: Estimator, sightings: TargetSightings
-) -> tuple[WatchState, Refusal | None]:
+def take_targets(
+    state: ConsistencyState, estimator: Estimator, sightings: TargetSightings
+) -> tuple[ConsistencyState, Refusal | None]:
     """Take a frame; returns why it cannot follow the one before, or None."""
     reason, sentence = stamp_fault('frame of targets', state.frame_stamp_ns, sightings.stamp_ns)
     if reason == STARTS_ANEW:
@@ -167,7 +172,7 @@ def watched(
     return compared(replace(state, waiting=(*state.waiting, sightings)), estimator), None
 
 
-def compared(state: WatchState, estimator: Estimator) -> WatchState:
+def compared(state: ConsistencyState, estimator: Estimator) -> ConsistencyState:
     """Compare the waiting frames whose nearest estimate is known by now."""
     if not state.moments:
         return state
@@ -179,7 +184,9 @@ def compared(state: WatchState, estimator: Estimator) -> WatchState:
     for sightings in waiting:
         moment = nearest(state.moments, sightings.stamp_ns)
         if abs(moment.reading.stamp_ns - sightings.stamp_ns) <= reach:
-            found = gap(expected_targets(estimator, moment), sightings, estimator.arm.sensors)
+            found = innovation(
+                predict_targets(estimator, moment), sightings, estimator.arm.sensors
+            )
             assert found is not None
             running = followed(state.running, found, sightings.stamp_ns, estimator)
             state = replace(state, running=running, matched=state.matched + 1)
@@ -190,7 +197,7 @@ def compared(state: WatchState, estimator: Estimator) -> WatchState:
     return state
 
 
-def nearest(moments: tuple[Moment, ...], stamp_ns: int) -> Moment:
+def nearest(moments: tuple[Snapshot, ...], stamp_ns: int) -> Snapshot:
     """Return the one whose reading is nearest; of two as near the earlier one."""
     after = bisect_left(moments, stamp_ns, key=lambda moment: moment.reading.stamp_ns)
     beside = moments[max(after - 1, 0) : after + 1]
@@ -198,15 +205,15 @@ def nearest(moments: tuple[Moment, ...], stamp_ns: int) -> Moment:
 
 
 def followed(
-    before: RunningGap | None, found: Gap, stamp_ns: int, estimator: Estimator
-) -> RunningGap:
+    before: RunningInnovation | None, found: Innovation, stamp_ns: int, estimator: Estimator
+) -> RunningInnovation:
     """Take a frame into the running means; after a gap of `watch_time` they start anew."""
     time = estimator.settings.watch_time
     chi_square = found.chi_square / found.coordinates
     beyond = float(chi_square > limit(found.coordinates))
     since = math.inf if before is None else seconds_between(before.stamp_ns, stamp_ns)
     if before is None or since > time:
-        return RunningGap(
+        return RunningInnovation(
             stamp_ns=stamp_ns,
             weight=1.0,
             frames=1,
@@ -220,7 +227,7 @@ def followed(
     share = 1.0 / weight
     known = np.where(np.isnan(before.at_targets), found.at_targets, before.at_targets)
     news = np.where(np.isnan(found.at_targets), known, found.at_targets)
-    return RunningGap(
+    return RunningInnovation(
         stamp_ns=stamp_ns,
         weight=weight,
         frames=before.frames + 1,

@@ -22,10 +22,10 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admitted, EstimatorState
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.equilibrium import (
-    Change,
     jacobian_of,
+    linearize,
     out_of_range,
-    respond,
+    Perturbation,
     solve_rod,
     station_arclength,
     with_pressure_change,
@@ -118,7 +118,7 @@ class Estimator:
         if shape.stable is False:
             notes.append('the equilibrium is unstable under dead load')
         changes = self.changes(rods, change, history)
-        response = respond(shape.solution, rods, changes, self.arclength)
+        response = linearize(shape.solution, rods, changes, self.arclength)
         mixing = self.noise_columns(reading, gauge, wrench)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
         if not spread(mixing, response.tip, response.stations, covariance, std):
@@ -143,14 +143,14 @@ class Estimator:
         return state.with_estimate(reading.stamp_ns, history, shape.solution), estimate
 
     def changes(
-        self, rods: Rods, change: Change, history: tuple[History, ...]
-    ) -> tuple[Change, ...]:
+        self, rods: Rods, change: Perturbation, history: tuple[History, ...]
+    ) -> tuple[Perturbation, ...]:
         """Return the change of a record with pressure, then with each column of the covariance."""
         changes = [change]
         for before, after, distance in self.model_columns:
             # With the arm's own history: what other parameters would have made of it is left out.
             less, more = (side.rods(rods.pressure, history) for side in (before, after))
-            changes.append(Change(before=less, after=more, distance=distance))
+            changes.append(Perturbation(before=less, after=more, distance=distance))
         return tuple(changes)
 
     def wrench_at(

@@ -16,7 +16,7 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator, PRESSURE
 from pneunet_ros.estimation.sensor_mapping import gauge_pressure
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.model.equilibrium import respond, with_pressure_change
+from pneunet_ros.model.equilibrium import linearize, with_pressure_change
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.interpolation import at_stations
 
@@ -24,7 +24,7 @@ SMALLEST_STD = 1e-7  # m, of a target; stands for zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Moment:
+class Snapshot:
     """A pressure reading, what was estimated at it, and what the estimator knew then."""
 
     reading: PressureReading
@@ -33,7 +33,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ExpectedTargets:
+class PredictedTargets:
     """Where the targets of the arm must be measured; x, y (targets,) m in the base frame.
 
     errors (sources, 2, targets) m: what one sigma of each independent error of reading or model
@@ -46,7 +46,7 @@ class ExpectedTargets:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Gap:
+class Innovation:
     """How far the targets seen in one frame are from where they must be, in units of the noise.
 
     chi_square is that of all `coordinates` together; at_targets (targets,) that of each target by
@@ -58,7 +58,7 @@ class Gap:
     at_targets: Array
 
 
-def expected_targets(estimator: Estimator, moment: Moment) -> ExpectedTargets:
+def predict_targets(estimator: Estimator, moment: Snapshot) -> PredictedTargets:
     """Return where the targets must be at an estimate of this estimator."""
     arm, shape, history = estimator.arm, moment.estimate.shape, moment.state.history
     assert shape.solution is not None and history is not None
@@ -73,7 +73,7 @@ def expected_targets(estimator: Estimator, moment: Moment) -> ExpectedTargets:
         places,
     )
     changes = estimator.changes(rods, change, history)
-    response = respond(shape.solution, rods, changes, arm.target_arclength)
+    response = linearize(shape.solution, rods, changes, arm.target_arclength)
     wrench, _, _ = estimator.wrench_at(moment.state, moment.reading.stamp_ns)
     gauge = gauge_pressure(estimator.settings, moment.reading.pressure)
     mixing = estimator.noise_columns(moment.reading, gauge, wrench)
@@ -85,10 +85,12 @@ def expected_targets(estimator: Estimator, moment: Moment) -> ExpectedTargets:
         for column, (before, after, distance) in enumerate(estimator.model_columns):
             less, more = (np.stack(side.see(places[0], places[1])) for side in (before, after))
             errors[PRESSURE + 1 + column] += (more - less) / distance
-    return ExpectedTargets(x=x, y=y, errors=errors)
+    return PredictedTargets(x=x, y=y, errors=errors)
 
 
-def gap(expected: ExpectedTargets, sightings: TargetSightings, noise: SensorNoise) -> Gap | None:
+def innovation(
+    expected: PredictedTargets, sightings: TargetSightings, noise: SensorNoise
+) -> Innovation | None:
     """Compare a frame with what was expected; None where no target was seen.
 
     Of the white noise of a target the larger is taken, as the model has it or as the tracker says.
@@ -118,4 +120,4 @@ def gap(expected: ExpectedTargets, sightings: TargetSightings, noise: SensorNois
     at_targets = np.full(seen.size, np.nan)
     quadratic = yy * apart[0] ** 2 - 2.0 * xy * apart[0] * apart[1] + xx * apart[1] ** 2
     at_targets[seen] = 0.5 * quadratic / (xx * yy - xy**2)
-    return Gap(coordinates=2 * targets, chi_square=chi_square, at_targets=at_targets)
+    return Innovation(coordinates=2 * targets, chi_square=chi_square, at_targets=at_targets)

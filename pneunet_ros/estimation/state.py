@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
-from pneunet_ros.core.stamps import counted, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
 from pneunet_ros.effects.effect import History
 from pneunet_ros.solver.solution import SolverNodes
 
@@ -63,7 +63,7 @@ class EstimatorState:
 
     def counting(self, reason: str) -> EstimatorState:
         """Count one more rejected reading."""
-        return replace(self, rejected=counted(self.rejected, reason))
+        return replace(self, rejected=count_reason(self.rejected, reason))
 
 
 def admitted(

@@ -13,7 +13,7 @@ Stamps = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Run:
+class RecordingData:
     """One recording: what was read, and where the targets were seen meanwhile.
 
     `reading_stamp_ns` (readings,) and `pressure` (readings,) Pa are all pressure readings, stamps
@@ -60,14 +60,14 @@ class Run:
         if not (np.all(self.reading >= 0) and np.all(self.reading < readings)):
             raise RecordingError(f'{self.name}: a frame belongs to a reading that is not there')
 
-    def unloaded(self) -> Run:
+    def unloaded(self) -> RecordingData:
         """Return the run with nothing attached: what a force sensor read is its own error."""
         if not self.loaded:
             return self
         frames = len(self.stamp_ns)
         return replace(self, loaded=False, force=np.zeros((frames, 2)), moment=np.zeros(frames))
 
-    def thinned(self, most: int) -> Run:
+    def thinned(self, most: int) -> RecordingData:
         """Return the run with at most so many frames, evenly spread over it."""
         frames = len(self.stamp_ns)
         if frames <= most:

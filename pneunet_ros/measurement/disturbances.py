@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.uncertainty import SensorNoise
 
 PATH_NODES = 9  # of the camera's path in one recording, straight lines between
@@ -54,7 +54,7 @@ class Disturbances:
         own = np.arange(start, start + 2 * PATH_NODES)
         return np.concatenate([np.arange(2 * self.targets), own])
 
-    def answer(self, run: Run, theta: Array) -> Array:
+    def answer(self, run: RecordingData, theta: Array) -> Array:
         """How measured targets (frames, 2, targets) answer to the unknowns of `of_run` (.., n).
 
         theta (frames, targets) rad at the targets.
@@ -72,7 +72,7 @@ class Disturbances:
         return out
 
 
-def path_weights(run: Run) -> Array:
+def path_weights(run: RecordingData) -> Array:
     """Weight of each node of the camera's path at the frames of a run, (frames, PATH_NODES)."""
     span = max(int(run.stamp_ns[-1] - run.stamp_ns[0]), 1)
     at = (PATH_NODES - 1) * (run.stamp_ns - run.stamp_ns[0]) / span

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.solver import collocation
 from pneunet_ros.solver.boundary_value_problem import (
-    Attempt,
+    BoundaryValueProblem,
     DECAY_PER_PANEL,
     FINEST_DETAIL,
     MOST_PANELS,
@@ -29,7 +29,7 @@ Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 X, Y, THETA, CURVATURE, INTRINSIC_CURVATURE, MOMENT = range(6)  # fields at stations
 
 
-class Series:
+class ForwardModel:
     """The shapes of an arm in the frames of a run, kept as starts for the next, changed arm."""
 
     __slots__ = (
@@ -48,17 +48,17 @@ class Series:
         self.arclength = arclength
         self.counts = np.zeros(0, dtype=np.int64)
 
-    def solve(self, arm: Arm, drive: Drive) -> npt.NDArray[np.bool_]:
+    def solve(self, arm: Arm, inputs: Inputs) -> npt.NDArray[np.bool_]:
         """Solve all frames; return which have a shape.
 
         Fills `fields` (frames, 6, stations) and `points` (frames, 2, stations), where the stations
         are measured by a camera of which only the effects of the arm are known.
         """
-        rods = arm.rods(drive.pressure, drive.histories)
-        counts = mesh_counts(rods, drive.loads)
+        rods = arm.rods(inputs.pressure, inputs.histories)
+        counts = mesh_counts(rods, inputs.loads)
         if self.counts.size != counts.size or np.any(counts > self.counts):
-            self.start_anew(counts, len(drive.pressure))
-        self.settle(arm, rods, drive.loads)
+            self.start_anew(counts, len(inputs.pressure))
+        self.settle(arm, rods, inputs.loads)
         self.points = np.stack(arm.see(self.fields[:, X], self.fields[:, Y]), axis=1)
         return self.solved
 
@@ -107,7 +107,7 @@ class Series:
             )
             if first == frames:
                 return
-            attempt = Attempt(
+            attempt = BoundaryValueProblem(
                 rods.one(first),
                 (float(loads[first, 0]), float(loads[first, 1])),
                 float(loads[first, 2]),
@@ -126,30 +126,30 @@ class Series:
                 collocation.unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
             first += 1
 
-    def some(self, frames: npt.NDArray[np.int64]) -> Series:
+    def some(self, frames: npt.NDArray[np.int64]) -> ForwardModel:
         """Return the series of some of the frames, with their solutions."""
-        series = Series(self.arclength)
+        series = ForwardModel(self.arclength)
         series.start_anew(self.counts, frames.size)
         series.nodes[:], series.known[:] = self.nodes[frames], self.known[frames]
         return series
 
-    def load_answer(self, arm: Arm, drive: Drive) -> Array:
+    def load_answer(self, arm: Arm, inputs: Inputs) -> Array:
         """How points (frames, 2 stations) answer to F1, F2 and M, (frames, 2 stations, 3)."""
         none = np.zeros((0, 2), dtype=np.int64)
-        answer = self.answered(arm, drive, none, knot_turning(arm)[:0])
+        answer = self.answered(arm, inputs, none, knot_turning(arm)[:0])
         return answer[:, :, :2].reshape(len(answer), answer.shape[1], -1).transpose(0, 2, 1)
 
-    def answer(self, arm: Arm, drive: Drive, columns: Columns) -> Array:
+    def answer(self, arm: Arm, inputs: Inputs, columns: Columns) -> Array:
         """Return the linear answer of the solved frames, (frames, causes, 6, stations).
 
         x and y as measured; causes: F1, F2, M, the knots of the curvature's table, then these
         columns of sections.
         """
-        return self.answered(arm, drive, columns, knot_turning(arm))
+        return self.answered(arm, inputs, columns, knot_turning(arm))
 
-    def answered(self, arm: Arm, drive: Drive, columns: Columns, unit: Array) -> Array:
+    def answered(self, arm: Arm, inputs: Inputs, columns: Columns, unit: Array) -> Array:
         """Return the answer to loads, knots of this turning and columns, as `answer` does."""
-        rods, loads = arm.rods(drive.pressure, drive.histories), drive.loads
+        rods, loads = arm.rods(inputs.pressure, inputs.histories), inputs.loads
         size = np.abs(rods.sections[:, columns[:, 0], columns[:, 1]]).mean(axis=0)
         steps = 1e-4 * np.where(size > 0.0, size, 1.0)
         causes = 3 + unit.shape[0] + len(columns)

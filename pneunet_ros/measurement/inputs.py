@@ -10,12 +10,12 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, pressure_rows
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History, Load
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Drive:
+class Inputs:
     """What really acted on the arm at the frames of a run.
 
     pressure (frames,) Pa in the chamber; loads (frames, 3): F1, F2 (N), M (N m); histories: per
@@ -26,16 +26,16 @@ class Drive:
     loads: Array
     histories: tuple[Array, ...] | None = None
 
-    def at(self, frames: npt.NDArray[np.int64]) -> Drive:
+    def at(self, frames: npt.NDArray[np.int64]) -> Inputs:
         """Return the same for some of the frames."""
         past = self.histories
-        return Drive(
+        return Inputs(
             pressure=self.pressure[frames],
             loads=self.loads[frames],
             histories=None if past is None else tuple(one[frames] for one in past),
         )
 
-    def with_loads(self, loads: Array) -> Drive:
+    def with_loads(self, loads: Array) -> Inputs:
         """Return the same under other loads."""
         return replace(self, loads=loads)
 
@@ -56,16 +56,16 @@ class Drive:
         return weights
 
 
-def drives_of(arm: Arm, runs: Sequence[Run]) -> tuple[Drive, ...]:
+def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
     """Return what acted in each run; history is carried from one to the next by their stamps.
 
     The arm is taken to have rested at the first pressure before the first run, and to have held
     still between two.
     """
     if not arm.acting:
-        return tuple(steady_drive(arm, run) for run in runs)
+        return tuple(steady_inputs(arm, run) for run in runs)
     order = sorted(range(len(runs)), key=lambda which: int(runs[which].reading_stamp_ns[0]))
-    drives: dict[int, Drive] = {}
+    all_inputs: dict[int, Inputs] = {}
     history: tuple[History, ...] | None = None
     before = 0
     for which in order:
@@ -81,8 +81,8 @@ def drives_of(arm: Arm, runs: Sequence[Run]) -> tuple[Drive, ...]:
             history, chamber[place] = arm.actuate(history, seconds, sensed)
             histories.append(history)
             before = stamp
-        steady = steady_drive(arm, run)
-        drives[which] = Drive(
+        steady = steady_inputs(arm, run)
+        all_inputs[which] = Inputs(
             pressure=chamber[run.reading],
             loads=steady.loads,
             histories=tuple(
@@ -90,19 +90,19 @@ def drives_of(arm: Arm, runs: Sequence[Run]) -> tuple[Drive, ...]:
                 for place in range(len(arm.acting))
             ),
         )
-    return tuple(drives[which] for which in range(len(runs)))
+    return tuple(all_inputs[which] for which in range(len(runs)))
 
 
-def steady_drive(arm: Arm, run: Run) -> Drive:
+def steady_inputs(arm: Arm, run: RecordingData) -> Inputs:
     """Return what acted by the readings alone, without history."""
     loads = np.column_stack([run.force, run.moment])
     if not arm.sensing:
-        return Drive(pressure=run.frame_pressure, loads=loads)
+        return Inputs(pressure=run.frame_pressure, loads=loads)
     true = [
         arm.sense(Load(pressure=p, force_x=f1, force_y=f2, moment=m))
         for p, (f1, f2, m) in zip(run.frame_pressure.tolist(), loads.tolist(), strict=True)
     ]
-    return Drive(
+    return Inputs(
         pressure=np.array([load.pressure for load in true]),
         loads=np.array([[load.force_x, load.force_y, load.moment] for load in true]),
     )

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from scipy.ndimage import uniform_filter1d
 
 CALM = 5  # readings
 READINGS = 400  # of a run, beside those of its frames
 
 
-def calm(run: Run) -> Run:
+def smooth_pressure(run: RecordingData) -> RecordingData:
     """Return a run with fewer pressure readings, each a mean of neighbors, without most noise.
 
     A line or a play would else do good by smoothing the noise of the sensor alone. The noise of

@@ -6,15 +6,15 @@ from typing import Any
 
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.estimation.consistency import watched, WatchState
+from pneunet_ros.estimation.consistency import ConsistencyState, take_targets
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.readings import decode_targets
 
 
 def watched_message(
-    state: WatchState, estimator: Estimator, message: Any
-) -> tuple[WatchState, Refusal | None]:
+    state: ConsistencyState, estimator: Estimator, message: Any
+) -> tuple[ConsistencyState, Refusal | None]:
     """Take a message of targets, or say why it cannot be compared with anything.
 
     With an arm whose model has no targets there is nothing to compare.
@@ -27,4 +27,4 @@ def watched_message(
     except MessageError as error:
         refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
         return state.missing(UNREADABLE), refusal
-    return watched(state, estimator, sightings)
+    return take_targets(state, estimator, sightings)

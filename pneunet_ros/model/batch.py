@@ -16,7 +16,7 @@ from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.equilibrium import (
     DEFAULT_STATIONS,
-    linearized,
+    linearized_ends,
     panels_of,
     solve_rod,
     station_arclength,
@@ -96,7 +96,7 @@ def solve_many(
     converged = inside & (residual <= ACCEPTED) & (detail <= FINEST_DETAIL * arm.length)
     converged &= ~np.any(rods.sections[:, :, CUBIC] != 0.0, axis=1)
     for which in np.flatnonzero(~converged):
-        shape = alone(arm, rods.one(int(which)), loads[which], start, arclength)
+        shape = solve_alone(arm, rods.one(int(which)), loads[which], start, arclength)
         converged[which], residual[which] = shape.converged, shape.residual
         for field, name in enumerate(FIELDS):
             fields[field, which] = getattr(shape, name)
@@ -118,13 +118,13 @@ def predicted(arm: Arm, start: Shape, causes: Array) -> Array:
     chamber = steady_pressure(arm, start.pressure)
     _, change = with_pressure_change(arm, chamber)
     difference = panels_of(change.after, solution) - panels_of(change.before, solution)
-    nodes, _, _ = linearized(solution, difference[None] / change.distance, np.zeros((1, 6)))
+    nodes, _, _ = linearized_ends(solution, difference[None] / change.distance, np.zeros((1, 6)))
     moved = causes - np.array([*start.force, start.end_moment, chamber])
     tangent = nodes.reshape(nodes.shape[0], -1)
     return np.ascontiguousarray(solution.nodes.reshape(-1, 1) + tangent.T @ moved.T)
 
 
-def alone(arm: Arm, rod: Rods, load: Array, start: Shape, arclength: Array) -> Shape:
+def solve_alone(arm: Arm, rod: Rods, load: Array, start: Shape, arclength: Array) -> Shape:
     """One of the rods by the single solver."""
     true = Load(
         pressure=float(rod.pressure[0]),

@@ -19,7 +19,7 @@ from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver import collocation
-from pneunet_ros.solver.boundary_value_problem import Attempt
+from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.interpolation import at_stations, station_changes
 from pneunet_ros.solver.rod import REST_STRAIN, RIGIDITY, Rods
 from pneunet_ros.solver.sensitivity import LOADS, sensitivities
@@ -33,7 +33,7 @@ PRESSURE_STEP = 1e-5  # of the calibrated range, for the change of the record wi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Change:
+class Perturbation:
     """A small change of the record of a rod: two records and how far apart their cause is."""
 
     before: Rods
@@ -42,7 +42,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Response:
+class Sensitivity:
     """How a solved rod answers to unit changes of F1, F2, M and of further causes, in that order.
 
     tip (causes, 3): x, y, theta of the free end. stations (causes, 6, stations): x, y, theta,
@@ -112,7 +112,7 @@ def solve_rod(
     if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > SHORTEST:
         sentence = 'rest strain shortens the arm to less than 5 % of its length'
         return failed(arm, load, arclength, sentence, math.nan, 0)
-    attempt = Attempt(rods, (load.force_x, load.force_y), load.moment, tolerance)
+    attempt = BoundaryValueProblem(rods, (load.force_x, load.force_y), load.moment, tolerance)
     reason = attempt.solve(start, quick)
     if reason:
         return failed(arm, load, arclength, reason, attempt.residual, attempt.iterations)
@@ -190,7 +190,7 @@ def out_of_range(arm: Arm, pressure: float) -> str:
     )
 
 
-def linearized(
+def linearized_ends(
     solution: SolverNodes, panel_changes: Array, end_changes: Array
 ) -> tuple[Array, Array, bool]:
     """Return changes of nodes and tip per cause (F1, F2, M, further), and whether it is stable."""
@@ -205,12 +205,12 @@ def linearized(
 
 def is_stable(solution: SolverNodes) -> bool:
     """Whether a rod of positive rigidity is at a minimum of energy under dead load."""
-    return linearized(solution, NO_PANELS, NO_ENDS)[2]
+    return linearized_ends(solution, NO_PANELS, NO_ENDS)[2]
 
 
-def respond(
-    solution: SolverNodes, rods: Rods, changes: tuple[Change, ...], arclength: Array
-) -> Response:
+def linearize(
+    solution: SolverNodes, rods: Rods, changes: tuple[Perturbation, ...], arclength: Array
+) -> Sensitivity:
     """Linear answer of a solved rod to the loads and to changes of its record, at stations (m)."""
     panel_changes = np.empty((len(changes), *solution.panels.shape))
     end_changes = np.zeros((len(changes), 6))
@@ -221,7 +221,7 @@ def respond(
         panel_changes[index] = scale * (panels_of(after, solution) - panels_of(before, solution))
         end_changes[index, :3] = scale * (after.clamp[0] - before.clamp[0])
         turning_changes[index] = scale * (after.turning[0] - before.turning[0])
-    nodes, tip, stable = linearized(solution, panel_changes, end_changes)
+    nodes, tip, stable = linearized_ends(solution, panel_changes, end_changes)
     out = np.empty((tip.shape[0], 6, arclength.size))
     station_changes(
         solution.panels,
@@ -235,7 +235,7 @@ def respond(
         out,
     )
     positive = min(solution.panels[:, 1].tolist()) > 0.0
-    return Response(tip=tip, stations=out, stable=stable if positive else None)
+    return Sensitivity(tip=tip, stations=out, stable=stable if positive else None)
 
 
 def panels_of(rods: Rods, solution: SolverNodes) -> Array:
@@ -255,12 +255,12 @@ def panels_of(rods: Rods, solution: SolverNodes) -> Array:
 
 def with_pressure_change(
     arm: Arm, chamber_pressure: float, history: tuple[History, ...] | None = None
-) -> tuple[Rods, Change]:
+) -> tuple[Rods, Perturbation]:
     """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal."""
     step = PRESSURE_STEP * (arm.pressure_range[1] - arm.pressure_range[0])
     pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
     rods = arm.rods(np.array(pressures), history)
-    return rods.one(0), Change(before=rods.one(1), after=rods.one(2), distance=2.0 * step)
+    return rods.one(0), Perturbation(before=rods.one(1), after=rods.one(2), distance=2.0 * step)
 
 
 def tip_jacobian(arm: Arm, shape: Shape) -> Array:
@@ -270,11 +270,11 @@ def tip_jacobian(arm: Arm, shape: Shape) -> Array:
     rested = arm.initial_history(shape.pressure)
     history, chamber = arm.actuate(rested, 0.0, shape.pressure)
     rods, change = with_pressure_change(arm, chamber, history)
-    response = respond(shape.solution, rods, (change,), shape.arclength[-1:])
+    response = linearize(shape.solution, rods, (change,), shape.arclength[-1:])
     return jacobian_of(arm, response, history)
 
 
-def jacobian_of(arm: Arm, response: Response, history: tuple[History, ...]) -> Array:
+def jacobian_of(arm: Arm, response: Sensitivity, history: tuple[History, ...]) -> Array:
     """Return the tip's Jacobian from a response whose first cause after the loads is pressure."""
     jacobian = response.tip[[LOADS, 0, 1, 2]].T
     if not arm.follows(history):  # the play takes up what the pressure changes

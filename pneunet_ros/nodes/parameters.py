@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 
@@ -109,4 +109,4 @@ def without_effect(node: Any) -> list[str]:
 
 def model_path(model_file: str) -> Path:
     """Return where the model file is that the parameter `model_file` names."""
-    return Path(model_file) if model_file else shipped(SHIPPED_MODEL)
+    return Path(model_file) if model_file else share_path(SHIPPED_MODEL)

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
-from pneunet_ros.calibration.posterior import Knowledge
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
@@ -50,7 +50,7 @@ def described_arm(
     sources = {key: text for key, text in frame.sources.items() if key.startswith('arm.')}
     fitted = f'fitted to {len(joint.runs)} recordings'
     sources['intrinsic_curvature'] = fitted
-    if joint.unknowns.law is not None:
+    if joint.parameters.law is not None:
         sources['moment_law'] = fitted
         sources['moment_law.moment_offset'] = (
             'fixed at zero: beside kappa_p0 it cannot be identified'
@@ -67,7 +67,7 @@ def knowledge_file(model: Path) -> Path:
     return model.with_name(f'{model.stem}{KNOWLEDGE_SUFFIX}')
 
 
-def save_knowledge(knowledge: Knowledge, model: Path, *, overwrite: bool) -> None:
+def save_knowledge(knowledge: PosteriorState, model: Path, *, overwrite: bool) -> None:
     """Write the knowledge beside its model file."""
     with atomic_output(knowledge_file(model), overwrite=overwrite) as temporary:
         arrays = {
@@ -76,20 +76,21 @@ def save_knowledge(knowledge: Knowledge, model: Path, *, overwrite: bool) -> Non
         np.savez_compressed(temporary, allow_pickle=False, **arrays)
 
 
-def load_knowledge(model: Path) -> Knowledge:
+def load_knowledge(model: Path) -> PosteriorState:
     """Read the knowledge beside a model file; ModelError where there is none or it is damaged."""
     path = knowledge_file(model)
     try:
-        values = read_arrays(path, [item.name for item in fields(Knowledge)])
+        values = read_arrays(path, [item.name for item in fields(PosteriorState)])
         kind = values.pop('kind')
         for name, array in values.items():
             if array.dtype.kind not in 'iuf' or not np.isfinite(array).all():
                 raise ValueError(f'{name} holds what is no number')
         for name in ('stiffness', 'low', 'high'):
             values[name] = float(values[name])
-        if kind.shape or str(kind) not in ('', *LAW_UNKNOWNS):
-            raise ValueError(f'the kind of its moment law is none of {", ".join(LAW_UNKNOWNS)}')
-        return Knowledge(**values, kind=str(kind))
+        if kind.shape or str(kind) not in ('', *MOMENT_LAW_PARAMETERS):
+            allowed = ', '.join(MOMENT_LAW_PARAMETERS)
+            raise ValueError(f'the kind of its moment law is none of {allowed}')
+        return PosteriorState(**values, kind=str(kind))
     except FileNotFoundError:
         raise ModelError(
             f'{path} is missing: `pneunet calibrate` writes it beside a model, and it is needed '

@@ -19,7 +19,7 @@ from pneunet_ros.core.units import kilopascals, seconds_between
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.steady_estimates import held_spans
-from pneunet_ros.measurement.dataset import Run, Stamps
+from pneunet_ros.measurement.dataset import RecordingData, Stamps
 from pneunet_ros.messages.readings import TARGETS_NAME
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.replay import input_topics
@@ -207,7 +207,7 @@ def doubts(series: Mapping[str, Series], request: CheckRequest) -> list[str]:
 
 def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any]]:
     """Return for each use whether the recording serves it, and why not or how."""
-    run: list[Run] = []
+    run: list[RecordingData] = []
     settings, overrides = request.settings, request.overrides
 
     def needs(name: str) -> None:
@@ -215,7 +215,7 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         if find_series(recording, name, overrides, required=False) is None:
             raise RecordingError(f'there is no topic {name} of type {SERIES_TYPES[name]}')
 
-    def reads_as_run() -> Run:
+    def reads_as_run() -> RecordingData:
         """Read it once; raises each time where it cannot be read."""
         if not run:
             needs('pressure')

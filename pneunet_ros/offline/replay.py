@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading
-from pneunet_ros.estimation.consistency import Disagreement, remembered, WatchState
+from pneunet_ros.estimation.consistency import ConsistencyState, Disagreement, take_estimate
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
@@ -33,7 +33,7 @@ class Step:
     message: RecordedMessage
     outcome: Outcome
     state: EstimatorState
-    watch: WatchState = field(default_factory=WatchState)
+    watch: ConsistencyState = field(default_factory=ConsistencyState)
 
 
 def input_topics(
@@ -76,7 +76,7 @@ def steps(
 
     targets: a topic of targets, to be compared with the estimates.
     """
-    state, watch = EstimatorState(), WatchState()
+    state, watch = EstimatorState(), ConsistencyState()
     for message in recording.messages([*topics, *([] if targets is None else [targets])]):
         outcome: Outcome
         if message.topic == targets:
@@ -93,7 +93,7 @@ def steps(
         else:
             state, outcome = estimator.step(state, reading)
             if targets is not None and isinstance(reading, PressureReading):
-                watch = remembered(watch, estimator, reading, state, outcome)
+                watch = take_estimate(watch, estimator, reading, state, outcome)
         yield Step(message=message, outcome=outcome, state=state, watch=watch)
 
 
@@ -147,7 +147,7 @@ class Tally:
     last: ShapeEstimate | None = None
     worst_residual: float = 0.0
     refusal: Refusal | None = None
-    watch: WatchState = field(default_factory=WatchState)
+    watch: ConsistencyState = field(default_factory=ConsistencyState)
     disagreement: Disagreement | None = None
 
     def count(self, step: Step, pressure_topic: str) -> None:
@@ -162,7 +162,7 @@ class Tally:
             self.last = step.outcome
             self.worst_residual = max(self.worst_residual, step.outcome.shape.residual)
 
-    def compare(self, watch: WatchState) -> None:
+    def compare(self, watch: ConsistencyState) -> None:
         """Keep the largest disagreement there was, one that is more than noise before all."""
         if watch.running is not self.watch.running:
             found = watch.disagreement()

@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.messages.readings import TARGETS_NAME
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series
 from pneunet_ros.recordings.recording import open_recording
@@ -26,7 +26,7 @@ def read_run(
     targets: int,
     overrides: Mapping[str, str] = _NO_OVERRIDES,
     settings: EstimatorSettings = _AS_SHIPPED,
-) -> tuple[Run, tuple[str, ...]]:
+) -> tuple[RecordingData, tuple[str, ...]]:
     """Return a recording of pressure, end wrench and targets, and sentences on what is left out.
 
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
@@ -76,7 +76,7 @@ def read_run(
         load = wrench.values[at]
     if not keep.any():
         raise RecordingError(f'{path}: no frame is left: {"; ".join(sentences)}')
-    run = Run(
+    run = RecordingData(
         name=str(path),
         reading_stamp_ns=series['pressure'].stamp_ns,
         pressure=series['pressure'].values[:, 0],

@@ -34,7 +34,7 @@ CONTINUATION_STEPS = 20
 newton = collocation.newton if HAVE_NUMBA else collocation_numpy.newton
 
 
-class Attempt:
+class BoundaryValueProblem:
     """One rod under one load on a mesh that is refined until it carries the solution."""
 
     __slots__ = (

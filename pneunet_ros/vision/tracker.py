@@ -10,7 +10,7 @@ from pneunet_ros.core.errors import CameraError, ModelError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import unseen_targets
-from pneunet_ros.core.stamps import counted, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.association import LEAST_TARGETS
 from pneunet_ros.vision.camera_model import Lens
@@ -102,7 +102,7 @@ class Tracker:
             row=None,
             stamp_ns=image.stamp_ns,
             frames=state.frames + 1,
-            unexplained=counted(state.unexplained, failure.reason),
+            unexplained=count_reason(state.unexplained, failure.reason),
         )
         return state, Tracking(
             sightings=unseen_targets(image.stamp_ns, self.arclength.size),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.core.stamps import counted
+from pneunet_ros.core.stamps import count_reason
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.frame_tracker import FollowedRow
 from pneunet_ros.vision.rest_plane import RestAverage
@@ -78,4 +78,4 @@ class TrackerState:
 
     def counting(self, reason: str) -> TrackerState:
         """Count one more image that was not looked at."""
-        return replace(self, rejected=counted(self.rejected, reason))
+        return replace(self, rejected=count_reason(self.rejected, reason))

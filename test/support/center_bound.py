@@ -81,10 +81,10 @@ def bound_per_noise(radius, amplitude, background, blur):
 
     variances = []
     for u, v in ((0.0, 0.25), (0.5, 0.4)):
-        unknowns = np.array([u, v, radius, amplitude, background])
+        parameters = np.array([u, v, radius, amplitude, background])
         derivatives = []
         for change in np.eye(5) * [step, step, step, 1.0, 1.0]:
-            difference = picture(*(unknowns + change)) - picture(*(unknowns - change))
+            difference = picture(*(parameters + change)) - picture(*(parameters - change))
             derivatives.append(difference.ravel() / (2.0 * change.sum()))
         information = np.array(derivatives) @ np.array(derivatives).T
         variances.append(np.linalg.inv(information).diagonal()[:2].mean())

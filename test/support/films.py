@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros import load_model, solve
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.lab.lens import looking_down
 from pneunet_ros.lab.renderer import Renderer
 from pneunet_ros.lab.scene import Dots, Moment, Scene
@@ -22,7 +22,7 @@ from pneunet_ros.recordings.recording_writer import write_recording
 
 from support.made_recordings import header, PRESSURE, pressure
 
-ARM = load_model(shipped('config/paper_arm.yaml'))
+ARM = load_model(share_path('config/paper_arm.yaml'))
 WIDTH, HEIGHT = 640, 480
 RATE = 25.0  # Hz
 PERIOD_NS = 40_000_000

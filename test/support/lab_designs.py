@@ -12,15 +12,15 @@ import functools
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.base_fit import refitted
 from pneunet_ros.diagnosis.hypothesis import Hypothesis, hypothesis
-from pneunet_ros.diagnosis.linearization import Design, Point
+from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.refit import Refit, refit
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -37,12 +37,12 @@ BETWEEN = 5.0  # s from one recording to the next
 
 
 @functools.cache
-def recorded(effect: str = '', day: int = 0) -> tuple[Run, ...]:
+def recorded(effect: str = '', day: int = 0) -> tuple[RecordingData, ...]:
     """Return the recordings of one day, the last held out; effect: the one of HIDDEN in it."""
     hidden = {effect: HIDDEN[effect]} if effect else {}
     memory, start, runs = None, 0.0, []
     for place, name in enumerate((*TRAINING, HELD_OUT)):
-        scenario = load_scenario(shipped(f'scenarios/{name}.yaml')).with_effects(hidden)
+        scenario = load_scenario(share_path(f'scenarios/{name}.yaml')).with_effects(hidden)
         scenario = replace(scenario, seed=100 * day + place, start=start)
         recording = simulated(scenario, memory)
         memory = recording.memory
@@ -54,16 +54,16 @@ def recorded(effect: str = '', day: int = 0) -> tuple[Run, ...]:
 @functools.cache
 def frame() -> Arm:
     """Return the arm that is fitted: what is known of the lab's without any recording."""
-    scenario = load_scenario(shipped('scenarios/strings.yaml'))
+    scenario = load_scenario(share_path('scenarios/strings.yaml'))
     return replace(
-        load_model(shipped('config/paper_arm.yaml')), target_arclength=scenario.arm.targets
+        load_model(share_path('config/paper_arm.yaml')), target_arclength=scenario.arm.targets
     )
 
 
 @functools.cache
 def noise() -> SensorNoise:
     """Return the noise of the lab's sensors."""
-    own = load_scenario(shipped('scenarios/strings.yaml')).noise
+    own = load_scenario(share_path('scenarios/strings.yaml')).noise
     return SensorNoise(**{item.name: getattr(own, item.name) for item in fields(SensorNoise)})
 
 
@@ -74,12 +74,14 @@ def base() -> Fit:
 
 
 @functools.cache
-def design(effect: str = '', day: int = 0) -> Design:
+def design(effect: str = '', day: int = 0) -> Linearization:
     """Return the recordings of a day around the base model."""
     fit = base()
-    point = Point(unknowns=fit.unknowns, values=fit.values, placement=fit.placement)
+    point = LinearizationPoint(
+        parameters=fit.parameters, values=fit.values, placement=fit.placement
+    )
     runs = [run.thinned(FRAMES) for run in recorded(effect, day)]
-    return Design(point, runs, len(TRAINING), noise())
+    return Linearization(point, runs, len(TRAINING), noise())
 
 
 def asked(name: str) -> Hypothesis:

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial import legendre
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_recording import LabRecording
@@ -49,4 +49,4 @@ def lab_arm_of(arm: Arm) -> LabArm:
 @cache
 def recorded(name: str) -> LabRecording:
     """Return the recording of a shipped scenario."""
-    return simulated(load_scenario(shipped(f'scenarios/{name}.yaml')))
+    return simulated(load_scenario(share_path(f'scenarios/{name}.yaml')))

@@ -9,7 +9,7 @@ from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
@@ -18,10 +18,10 @@ from pneunet_ros.model.uncertainty import SensorNoise
 KNOTS = 41  # of the true model's splines, which are then within 1e-6 m of the truth at the tip
 
 
-def run_of(recording: LabRecording) -> Run:
+def run_of(recording: LabRecording) -> RecordingData:
     """Return the run in a recording of the virtual lab; frames without any target are left out."""
     kept = np.isfinite(recording.x).any(axis=1)
-    return Run(
+    return RecordingData(
         name=recording.scenario.name,
         reading_stamp_ns=recording.reading_stamp_ns,
         pressure=recording.pressure,

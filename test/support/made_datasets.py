@@ -8,12 +8,12 @@ from functools import cache
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.forward_model import Series, THETA
-from pneunet_ros.measurement.inputs import drives_of
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -47,7 +47,7 @@ def made(
     painted: int = 0,
     name: str = 'made',
     start: int = 0,
-) -> Run:
+) -> RecordingData:
     """Return what is read and seen of an arm at these pressures (frames,) and forces (frames, 2).
 
     noise: None for none at all; painted: seed of the places of the targets. start: frames that
@@ -57,7 +57,7 @@ def made(
     loaded = force is not None
     force = np.zeros((frames, 2)) if force is None else force
     stamp = (1 + start + np.arange(frames)) * PERIOD
-    run = Run(
+    run = RecordingData(
         name=name,
         reading_stamp_ns=stamp,
         pressure=pressure,
@@ -69,8 +69,8 @@ def made(
         x=np.zeros((frames, targets)),
         y=np.zeros((frames, targets)),
     )
-    series, (drive,) = Series(arm.target_arclength), drives_of(arm, [run])
-    assert series.solve(arm, drive).all()
+    series, (inputs,) = ForwardModel(arm.target_arclength), inputs_of(arm, [run])
+    assert series.solve(arm, inputs).all()
     points = series.points.copy()
     if noise is None:
         return replace(run, x=points[:, 0], y=points[:, 1])
@@ -94,7 +94,7 @@ def made(
 
 def experiments(
     arm: Arm, noise: SensorNoise | None = None, seed: int = 0, frames: int = FRAMES
-) -> tuple[list[Run], list[Run]]:
+) -> tuple[list[RecordingData], list[RecordingData]]:
     """Return unloaded and loaded runs over 0 to 60 kPa: two ramps; weights, two sweeps."""
     up = np.linspace(0.0, 60e3, frames)
     turn = np.linspace(0.0, 1.0, frames)
@@ -118,18 +118,18 @@ def experiments(
 
 
 @cache
-def exact() -> tuple[list[Run], list[Run]]:
+def exact() -> tuple[list[RecordingData], list[RecordingData]]:
     """Return the experiments of the paper's arm without any noise."""
     return experiments(paper_arm(), frames=24)
 
 
 @cache
-def noisy() -> tuple[list[Run], list[Run]]:
+def noisy() -> tuple[list[RecordingData], list[RecordingData]]:
     """Return the experiments of the paper's arm with noise of the usual size."""
     return experiments(paper_arm(), USUAL, frames=30)
 
 
 @cache
-def lab_run(name: str, frames: int = 60) -> Run:
+def lab_run(name: str, frames: int = 60) -> RecordingData:
     """Return a thinned recording of a shipped scenario of the virtual lab."""
-    return run_of(simulated(load_scenario(shipped(f'scenarios/{name}.yaml')))).thinned(frames)
+    return run_of(simulated(load_scenario(share_path(f'scenarios/{name}.yaml')))).thinned(frames)

@@ -12,15 +12,15 @@ from pneunet_ros.calibration.experiments import LawScore
 from pneunet_ros.calibration.held_out import score
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.map_estimation import fit
-from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
-from pneunet_ros.calibration.parameters import Smoothness, Unknowns
-from pneunet_ros.calibration.posterior import knowledge_of
+from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
+from pneunet_ros.calibration.posterior import posterior_of
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.share import shipped
-from pneunet_ros.measurement.dataset import Run
-from pneunet_ros.measurement.forward_model import Series, THETA
-from pneunet_ros.measurement.inputs import Drive
+from pneunet_ros.core.share import share_path
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -35,19 +35,19 @@ NOISE = SensorNoise(
 )
 FRAMES = 24
 TOP = 60e3  # Pa
-ARM = load_model(shipped('config/paper_arm.yaml'))
+ARM = load_model(share_path('config/paper_arm.yaml'))
 
 
 def measured(
     arm: Arm, name: str, pressure: Array, force: Array | None, placement: Array, seed: int
-) -> Run:
+) -> RecordingData:
     """Return a run of an arm with honest noise; force (frames, 2) N, None: nothing attached."""
     rng, frames = np.random.default_rng(seed), pressure.size
     loads = np.zeros((frames, 3))
     if force is not None:
         loads[:, :2] = force
-    series = Series(arm.target_arclength)
-    assert series.solve(arm, Drive(pressure=pressure, loads=loads)).all()
+    series = ForwardModel(arm.target_arclength)
+    assert series.solve(arm, Inputs(pressure=pressure, loads=loads)).all()
     cosine, sine = np.cos(series.fields[:, THETA]), np.sin(series.fields[:, THETA])
     place = rng.normal(0.0, NOISE.registration_std, 2)
     points = series.points + place[:, None]
@@ -59,7 +59,7 @@ def measured(
     read = np.zeros((frames, 2))
     if force is not None:
         read = force + rng.normal(0.0, NOISE.force_std, (frames, 2))
-    return Run(
+    return RecordingData(
         name=name,
         reading_stamp_ns=stamps,
         pressure=pressure + rng.normal(0.0, NOISE.pressure_std, frames),
@@ -73,7 +73,7 @@ def measured(
     )
 
 
-def runs_of(arm: Arm) -> tuple[list[Run], list[Run]]:
+def runs_of(arm: Arm) -> tuple[list[RecordingData], list[RecordingData]]:
     """Return unloaded and loaded runs."""
     size = arm.target_arclength.size
     placement = np.random.default_rng(7).normal(0.0, NOISE.placement_std, (2, size))
@@ -98,8 +98,8 @@ def calibration(with_load: bool = True) -> Calibration:
     free, loaded = runs_of(ARM)
     frame = replace(ARM, sensors=NOISE)
     rows, knots = np.linspace(-300.0, TOP + 300.0, 4), np.linspace(0.0, 1.0, 7)
-    smoothness = Smoothness(amplitude=50.0, deviation=5.0, reach=0.3)
-    law = LAW_UNKNOWNS['piecewise_linear'](
+    hyperparameters = Hyperparameters(amplitude=50.0, deviation=5.0, reach=0.3)
+    law = MOMENT_LAW_PARAMETERS['piecewise_linear'](
         stiffness=1.3e-4,
         low=float(rows[0]),
         high=float(rows[-1]),
@@ -107,25 +107,25 @@ def calibration(with_load: bool = True) -> Calibration:
         weight=ARM.weight,
     )
     parts = {
-        'frame': frame, 'pressure': rows, 'arclength': knots, 'smoothness': smoothness
+        'frame': frame, 'pressure': rows, 'arclength': knots, 'smoothness': hyperparameters
     }  # fmt: skip
     table = np.array([ARM.intrinsic_curvature.at(float(row), knots) for row in rows]).ravel()
-    first = fit(Unknowns(**parts, law=None), free, NOISE, ARM.target_arclength, table)
+    first = fit(Parameters(**parts, law=None), free, NOISE, ARM.target_arclength, table)
     joint, laws = first, ()
     if with_load:
         start = np.concatenate([first.values, law.mean])
-        unknowns = Unknowns(**parts, law=law)
-        joint = fit(unknowns, [*free, *loaded], NOISE, ARM.target_arclength, start)
+        parameters = Parameters(**parts, law=law)
+        joint = fit(parameters, [*free, *loaded], NOISE, ARM.target_arclength, start)
         scores = tuple(score(joint.arm, run) for run in loaded)
-        laws = tuple(LawScore(kind=kind, scores=scores) for kind in LAW_UNKNOWNS)
+        laws = tuple(LawScore(kind=kind, scores=scores) for kind in MOMENT_LAW_PARAMETERS)
     covariance, captured = low_rank(joint)
     return Calibration(
         arm=replace(joint.arm, covariance=covariance),
         noise=NoiseEstimate(
             noise=NOISE, sources={item.name: f'source of {item.name}' for item in fields(NOISE)}
         ),
-        smoothness=smoothness,
-        knowledge=knowledge_of(joint, law.low, law.high),
+        hyperparameters=hyperparameters,
+        posterior=posterior_of(joint, law.low, law.high),
         free=first,
         joint=joint,
         laws=laws,

@@ -10,8 +10,8 @@ import numpy as np
 from pneunet_ros.calibration.held_out import Score, score
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.map_estimation import fit
-from pneunet_ros.calibration.moment_law_parameters import LAW_UNKNOWNS
-from pneunet_ros.calibration.parameters import Smoothness, Unknowns
+from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import quantities
@@ -21,17 +21,17 @@ from pneunet_ros.diagnosis.result import (
     Detectable,
     Diagnosis,
     Estimated,
+    Evaluation,
     Evidence,
     HeatMap,
     Misfit,
     NamedEffect,
     Share,
     Shift,
-    Side,
 )
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.effects.extensibility import Extensibility
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
 from support.example_arms import paper_arm
@@ -46,7 +46,7 @@ PROVENANCE = {
 }
 
 
-def recorded(truth: Arm) -> tuple[list[Run], list[Run]]:
+def recorded(truth: Arm) -> tuple[list[RecordingData], list[RecordingData]]:
     """Return training and held-out runs: pressure up and down, and forces."""
     turn = np.linspace(0.0, 1.0, FRAMES)
     bow = TOP * (1.0 - np.abs(1.0 - 2.0 * turn))
@@ -69,26 +69,26 @@ def recorded(truth: Arm) -> tuple[list[Run], list[Run]]:
     return runs[:3], runs[3:]
 
 
-def fitted(frame: Arm, runs: Sequence[Run]) -> Fit:
+def fitted(frame: Arm, runs: Sequence[RecordingData]) -> Fit:
     """Fit with few unknowns, begun near the truth."""
     rows, knots = np.linspace(-300.0, TOP + 300.0, 4), np.linspace(0.0, 1.0, 7)
-    law = LAW_UNKNOWNS['piecewise_linear'](
+    law = MOMENT_LAW_PARAMETERS['piecewise_linear'](
         stiffness=1.3e-4,
         low=float(rows[0]),
         high=float(rows[-1]),
         length=frame.length,
         weight=frame.weight,
     )
-    unknowns = Unknowns(
+    parameters = Parameters(
         frame=frame,
         pressure=rows,
         arclength=knots,
-        smoothness=Smoothness(amplitude=50.0, deviation=5.0, reach=0.3),
+        hyperparameters=Hyperparameters(amplitude=50.0, deviation=5.0, reach=0.3),
         law=law,
     )
     table = np.array([frame.intrinsic_curvature.at(float(row), knots) for row in rows]).ravel()
     start = np.concatenate([table, law.mean])
-    return fit(unknowns, runs, USUAL, frame.target_arclength, start)
+    return fit(parameters, runs, USUAL, frame.target_arclength, start)
 
 
 def misfit(scores: Sequence[Score]) -> Misfit:
@@ -101,11 +101,13 @@ def misfit(scores: Sequence[Score]) -> Misfit:
     )
 
 
-def side(found: Fit, training: Sequence[Run], held_out: Sequence[Run]) -> Side:
+def side(
+    found: Fit, training: Sequence[RecordingData], held_out: Sequence[RecordingData]
+) -> Evaluation:
     """Return a model beside all recordings."""
     arm = replace(found.arm, covariance=low_rank(found)[0])
     here, there = ([score(arm, run) for run in some] for some in (training, held_out))
-    return Side(
+    return Evaluation(
         arm=arm,
         fit=found,
         training=misfit(here),
@@ -115,7 +117,7 @@ def side(found: Fit, training: Sequence[Run], held_out: Sequence[Run]) -> Side:
     )
 
 
-def heat_maps(before: Side, after: Side) -> tuple[HeatMap, ...]:
+def heat_maps(before: Evaluation, after: Evaluation) -> tuple[HeatMap, ...]:
     """Return maps of the residuals of the training recordings."""
     runs = [item.run for item in before.fit.runs]
     first, last = (
@@ -163,7 +165,9 @@ SHARES = tuple(
 
 
 @functools.cache
-def diagnosis(effect: Effect = EFFECT) -> tuple[Diagnosis, tuple[Run, ...], tuple[Run, ...]]:
+def diagnosis(
+    effect: Effect = EFFECT,
+) -> tuple[Diagnosis, tuple[RecordingData, ...], tuple[RecordingData, ...]]:
     """Return the diagnosis of a hidden effect, training and held-out runs; made once."""
     base = replace(paper_arm(), sensors=USUAL)
     training, held_out = recorded(replace(base, effects=(effect,)))
@@ -171,7 +175,7 @@ def diagnosis(effect: Effect = EFFECT) -> tuple[Diagnosis, tuple[Run, ...], tupl
     after = side(fitted(replace(base, effects=(effect,)), training), training, held_out)
     parameter = quantities(effect)[0]
     value, unit = getattr(effect, parameter.name), parameter.metadata['unit']
-    names, change = before.fit.unknowns.quantities()
+    names, change = before.fit.parameters.quantities()
     errors = np.sqrt(np.diag(change @ after.fit.covariance @ change.T))
     shift = {
         key: Shift(before=first, after=last, std=std, unit='-')

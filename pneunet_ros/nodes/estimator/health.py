@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.estimation.consistency import Disagreement, WatchState
+from pneunet_ros.estimation.consistency import ConsistencyState, Disagreement
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.nodes.health import age, counted, Latencies, Level, Report, texts
 
-NOTHING_WATCHED = WatchState()
+NOTHING_WATCHED = ConsistencyState()
 
 
 class EstimatorHealth:
@@ -64,7 +64,7 @@ class EstimatorHealth:
         self._targets_at = now
 
     def disagreement(
-        self, settings: EstimatorSettings, watch: WatchState, now: float
+        self, settings: EstimatorSettings, watch: ConsistencyState, now: float
     ) -> Disagreement | None:
         """Return how far targets are from estimates; None where nothing was compared lately."""
         if self._targets_at is None or now - self._targets_at > settings.watch_time:
@@ -88,7 +88,7 @@ class EstimatorHealth:
         state: EstimatorState,
         settings: EstimatorSettings,
         now: float,
-        watch: WatchState = NOTHING_WATCHED,
+        watch: ConsistencyState = NOTHING_WATCHED,
     ) -> Report:
         """Sum up the time since the last report, and begin the next one."""
         rate = self._estimates / max(now - self._reported, 1e-9)
@@ -145,7 +145,7 @@ class EstimatorHealth:
         return texts(values) | counted('rejected', state.rejected)
 
     def _watch_values(
-        self, watch: WatchState, found: Disagreement | None, now: float
+        self, watch: ConsistencyState, found: Disagreement | None, now: float
     ) -> dict[str, str]:
         values: dict[str, Any] = {
             'disagreement': found.rms if found else None,

@@ -14,7 +14,7 @@ from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.estimation.consistency import remembered, WatchState
+from pneunet_ros.estimation.consistency import ConsistencyState, take_estimate
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.pressure_tare import pressure_zero
 from pneunet_ros.estimation.state import EstimatorState
@@ -58,7 +58,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('estimator', PARAMETERS, configured_estimator)
         self.state = EstimatorState()
-        self.watch = WatchState()
+        self.watch = ConsistencyState()
         self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)
 
         settings = self.configuration.estimator.settings
@@ -119,7 +119,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.health.took_pressure(outcome, end, end - begin)
         estimator = self.configuration.estimator
         if estimator.settings.watch_targets:
-            self.note_watch(remembered(self.watch, estimator, reading, self.state, outcome))
+            self.note_watch(take_estimate(self.watch, estimator, reading, self.state, outcome))
         self.note_reset(resets)
         if isinstance(outcome, Refusal):
             self.log_refusal(outcome)
@@ -135,7 +135,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.health.refused(refusal)
             self.log_refusal(refusal)
 
-    def note_watch(self, watch: WatchState) -> None:
+    def note_watch(self, watch: ConsistencyState) -> None:
         """Keep what is known of targets, and when a frame was last compared."""
         if watch.running is not self.watch.running:
             self.health.compared_targets(time.monotonic())

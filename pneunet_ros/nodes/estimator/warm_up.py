@@ -6,11 +6,11 @@ import numpy as np
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.predicted_targets import expected_targets, Moment
+from pneunet_ros.estimation.predicted_targets import predict_targets, Snapshot
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.cdr_template import ClaimSerializer
 from pneunet_ros.messages.topics import OUTPUTS
-from pneunet_ros.solver.boundary_value_problem import Attempt
+from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.collocation import TOLERANCE
 
 
@@ -23,7 +23,7 @@ def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
     arm = estimator.arm
     low, high = arm.pressure_range
     middle = 0.5 * (low + high)
-    Attempt(arm.rods(np.array([middle])), (0.0, 0.0), 0.0, TOLERANCE).continued()
+    BoundaryValueProblem(arm.rods(np.array([middle])), (0.0, 0.0), 0.0, TOLERANCE).continued()
     last = PressureReading(stamp_ns=2, pressure=sensed(estimator, middle + 0.01 * (high - low)))
     readings = (
         WrenchReading(
@@ -44,7 +44,7 @@ def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
     for topic in OUTPUTS:
         serializer.bytes_of(topic, outcome)
     if estimator.settings.watch_targets:
-        expected_targets(estimator, Moment(reading=last, state=state, estimate=outcome))
+        predict_targets(estimator, Snapshot(reading=last, state=state, estimate=outcome))
     return ''
 
 

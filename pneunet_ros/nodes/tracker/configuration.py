@@ -10,7 +10,7 @@ from typing import Any
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.settings import check_settings, setting
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.nodes.model_info import model_info, model_label
@@ -46,7 +46,7 @@ class TrackerSettings:
     @property
     def camera_path(self) -> Path:
         """Where the camera file is."""
-        return Path(self.camera_file) if self.camera_file else shipped(SHIPPED_CAMERA)
+        return Path(self.camera_file) if self.camera_file else share_path(SHIPPED_CAMERA)
 
 
 PARAMETERS = ParameterTable(

@@ -13,7 +13,7 @@ from pneunet_ros import __version__
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.settings import check_settings, setting
-from pneunet_ros.core.share import shipped
+from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import quantity
 from pneunet_ros.files.scenario_file import changes_of, load_lab
 from pneunet_ros.lab.live import LiveLab
@@ -60,7 +60,7 @@ class VirtualArmSettings:
     @property
     def path(self) -> Path:
         """Where the file of the arm or the scenario is."""
-        return Path(self.scenario_file) if self.scenario_file else shipped(SHIPPED_ARM)
+        return Path(self.scenario_file) if self.scenario_file else share_path(SHIPPED_ARM)
 
 
 PARAMETERS = ParameterTable(

@@ -9,7 +9,12 @@ import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.moment_curvature import moment_view, MomentView
 from pneunet_ros.calibration.result import FittedRun
-from pneunet_ros.calibration.steady_states import held, spread, Stance, stances
+from pneunet_ros.calibration.steady_states import (
+    find_steady_states,
+    longest_states,
+    SteadyState,
+    thin,
+)
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.reports.style import PressureColors
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, smoother_for
@@ -29,9 +34,9 @@ class FigureData:
 
     calibration: Calibration
     colors: PressureColors
-    free: tuple[Stance, ...]
+    free: tuple[SteadyState, ...]
     free_views: tuple[MomentView, ...]
-    main: tuple[Stance, ...]
+    main: tuple[SteadyState, ...]
     main_views: tuple[MomentView, ...]
 
     @property
@@ -43,14 +48,14 @@ class FigureData:
 def figure_data(calibration: Calibration, each: Each) -> FigureData:
     """Work out what the pictures show."""
     fit = calibration.joint
-    everything = [(item.run, stances(item, fit.arm)) for item in fit.runs]
-    free = [stance for run, some in everything if not run.loaded for stance in some]
+    everything = [(item.run, find_steady_states(item, fit.arm)) for item in fit.runs]
+    free = [steady_state for run, some in everything if not run.loaded for steady_state in some]
     loaded = [(run, some) for run, some in everything if run.loaded]
-    main: tuple[Stance, ...] = ()
+    main: tuple[SteadyState, ...] = ()
     if loaded:
         _, main = max(loaded, key=lambda item: float(np.ptp(item[0].frame_pressure)))
-    groups = [spread(free, UNLOADED_SHOWN), spread(held(main), LOADED_SHOWN)]
-    pressures = [stance.pressure for group in groups for stance in group]
+    groups = [thin(free, UNLOADED_SHOWN), thin(longest_states(main), LOADED_SHOWN)]
+    pressures = [steady_state.pressure for group in groups for steady_state in group]
     each('measured curvature', 0, 1)
     views = views_of(calibration, groups)
     each('measured curvature', 1, 1)
@@ -65,7 +70,7 @@ def figure_data(calibration: Calibration, each: Each) -> FigureData:
 
 
 def views_of(
-    calibration: Calibration, groups: Sequence[Sequence[Stance]]
+    calibration: Calibration, groups: Sequence[Sequence[SteadyState]]
 ) -> list[tuple[MomentView, ...]]:
     """Return the views of the stances that have one, group by group."""
     fit, arm = calibration.joint, calibration.joint.arm
@@ -73,13 +78,15 @@ def views_of(
         return [() for _ in groups]
     # The placement that was found is taken off the targets, so no more of it is expected.
     smoother = smoother_for(replace(arm, sensors=replace(arm.sensors, placement_std=0.0)))
-    found = [[moment_view(fit, smoother, stance) for stance in group] for group in groups]
+    found = [
+        [moment_view(fit, smoother, steady_state) for steady_state in group] for group in groups
+    ]
     return [tuple(view for view in group if view is not None) for group in found]
 
 
 def nearest_view(views: tuple[MomentView, ...], pressure: float) -> MomentView:
     """Return the view at the pressure nearest to this one (Pa)."""
-    return min(views, key=lambda view: abs(view.stance.pressure - pressure))
+    return min(views, key=lambda view: abs(view.steady_state.pressure - pressure))
 
 
 def stations_of(length: float, count: int = 113) -> Array:

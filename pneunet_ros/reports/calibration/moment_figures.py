@@ -31,7 +31,7 @@ def moments(data: FigureData) -> Picture:
     """Figure 7: M_est along the arm and against kappa - kappa0, per load."""
     figure, (along, against) = panels(2)
     for view in data.main_views:
-        color = data.colors(view.stance.pressure)
+        color = data.colors(view.steady_state.pressure)
         along.plot(view.arclength / data.calibration.arm.length, MILLI * view.moment, color=color)
         against.plot(view.change, MILLI * view.moment, color=color, linewidth=1.4)
         against.plot(
@@ -65,7 +65,7 @@ def one_moment(data: FigureData) -> Picture:
     """Figure 8 (a): the two lines of Eq 10 at one pressure."""
     arm = data.calibration.arm
     view = nearest_view(data.main_views, PAPER_PRESSURE)
-    pressure = float(view.stance.drive.pressure[0])
+    pressure = float(view.steady_state.inputs.pressure[0])
     figure, (lines, along) = panels(2)
     sections = arm.moment_law.sections(
         np.clip([pressure], *arm.pressure_range), arm.length, arm.weight
@@ -124,7 +124,7 @@ def one_moment(data: FigureData) -> Picture:
     lines.axhline(0.0, color='0.6', linewidth=0.7)
     lines.axvline(0.0, color='0.6', linewidth=0.7)
     lines.set(
-        title=f'(a) {load_label(view.stance)}',
+        title=f'(a) {load_label(view.steady_state)}',
         xlabel='kappa - kappa0 (1/m)',
         ylabel='moment M_est (mN m)',
     )
@@ -139,7 +139,7 @@ def one_moment(data: FigureData) -> Picture:
     return picture(
         '08a_moment_law',
         'The moment law at one pressure (Eq 10)',
-        f'Recording {view.stance.run}. {line_sentence(view, data)} Points scatter about the '
+        f'Recording {view.steady_state.run}. {line_sentence(view, data)} Points scatter about the '
         "lines of the fitted law by their bars. The dashed lines are the paper's way, straight "
         'lines through measured points with an intercept of their own; they are a view: M_O '
         'cannot be told from kappa0, and the smoothed curvature rounds off the step at l1.',
@@ -194,7 +194,7 @@ def law(data: FigureData) -> Picture:
         name = f'alpha{place + 1}' if two else 'alpha'
         draw_law(axes[0], fitted, place, color, f'{name}, fitted, 2 sigma')
         found = [
-            (view.stance.pressure, item)
+            (view.steady_state.pressure, item)
             for view in data.main_views
             for item in [view.lines[place]]
             if item is not None and worth(item)

@@ -87,7 +87,7 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
         ('Pressures', f'{low:.1f} to {high:.1f} kPa'),
         ('Moment law', f'{arm.moment_law.kind}'),
         ('Fit', f'{fit.status} after {fit.steps} steps'),
-        ('Chi squared per coordinate', f'{fit.chi_squared / fit.freedom:.3f}; 1 is expected'),
+        ('Chi squared per coordinate', f'{fit.chi_squared / fit.dof:.3f}; 1 is expected'),
         ('Residual', f'{millimeters(float(np.sqrt(squares.mean()))):.3f} mm rms per coordinate'),
         ('Numbers determined', f'{sum(row.determined for row in rows)} of {len(rows)}'),
         (
@@ -96,7 +96,7 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
         ),
     ]
     if loaded:
-        first = f'{free.status}, chi squared per coordinate {free.chi_squared / free.freedom:.3f}'
+        first = f'{free.status}, chi squared per coordinate {free.chi_squared / free.dof:.3f}'
         found.insert(4, ('Fit of the unloaded recordings alone', first))
     if missing:
         found.append(('Frames without an equilibrium', f'{missing} of {frames}, not counted'))

@@ -62,15 +62,15 @@ def over_frames(data: FigureData) -> Picture:
         'readings explain (dots; line: running mean). It should scatter about 1 without a trend: '
         'a hump means that something in the arm is missing in the model, a constant level '
         'other than 1 that the noise is another. Over all frames chi squared per coordinate is '
-        f'{fit.chi_squared / fit.freedom:.3f}.',
+        f'{fit.chi_squared / fit.dof:.3f}.',
         figure,
     )
 
 
 def whitened_size(item: FittedRun) -> Array:
     """Root mean square whitened residual of every frame that has one; 1 is expected."""
-    some = item.solved & (item.freedom > 0)
-    return np.asarray(np.sqrt(item.whitened[some] / item.freedom[some]))
+    some = item.solved & (item.dof > 0)
+    return np.asarray(np.sqrt(item.whitened[some] / item.dof[some]))
 
 
 def running_mean(values: Array) -> Array:
@@ -143,7 +143,7 @@ def over_runs(data: FigureData) -> Picture:
     names = [short(item.run.name) for item in runs]
     rms = [MICRO * root_mean_square(item.residual[item.solved]) for item in runs]
     white = [
-        float(np.sqrt(item.whitened[item.solved].sum() / max(item.freedom[item.solved].sum(), 1)))
+        float(np.sqrt(item.whitened[item.solved].sum() / max(item.dof[item.solved].sum(), 1)))
         for item in runs
     ]
     colors = [SECOND if item.run.loaded else FIRST for item in runs]

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 import numpy as np
 from pneunet_ros.calibration.moment_curvature import curvature_std, MomentView
-from pneunet_ros.calibration.steady_states import predicted, Stance
+from pneunet_ros.calibration.steady_states import predicted, SteadyState
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.forward_model import CURVATURE, X, Y
@@ -37,9 +37,11 @@ def free_shapes(data: FigureData) -> Picture:
     figure, (shapes, curvatures) = panels(2)
     stations = stations_of(arm.length)
     fields = predicted(arm, data.free, stations)
-    for stance, field in zip(data.free, fields, strict=True):
-        draw_shape(shapes, stance, field, data.colors(stance.pressure))
-    pressures = [stance.pressure for stance in data.free] or fit.unknowns.pressure.tolist()
+    for steady_state, field in zip(data.free, fields, strict=True):
+        draw_shape(shapes, steady_state, field, data.colors(steady_state.pressure))
+    pressures = [
+        steady_state.pressure for steady_state in data.free
+    ] or fit.parameters.pressure.tolist()
     share = stations / arm.length
     for pressure in pressures:
         color = data.colors(pressure)
@@ -50,7 +52,7 @@ def free_shapes(data: FigureData) -> Picture:
         )
         curvatures.plot(share, value, color=color, linewidth=1.6)
     for view in data.free_views:
-        draw_measured(curvatures, view, arm.length, data.colors(view.stance.pressure))
+        draw_measured(curvatures, view, arm.length, data.colors(view.steady_state.pressure))
     as_shapes(shapes, '(a) shapes without load')
     legend(shapes, handles=STYLES, loc='best')
     as_curvatures(curvatures, '(b) intrinsic curvature kappa_p0 with 2-sigma band')
@@ -73,12 +75,12 @@ def loaded_shapes(data: FigureData) -> Picture:
     arm = data.calibration.arm
     figure, (shapes, curvatures) = panels(2)
     fields = predicted(arm, data.main, stations_of(arm.length))
-    for stance, field in zip(data.main, fields, strict=True):
-        color = data.colors(stance.pressure)
-        draw_shape(shapes, stance, field, color)
-        draw_force(shapes, stance, field, color)
+    for steady_state, field in zip(data.main, fields, strict=True):
+        color = data.colors(steady_state.pressure)
+        draw_shape(shapes, steady_state, field, color)
+        draw_force(shapes, steady_state, field, color)
     for view in data.main_views:
-        color = data.colors(view.stance.pressure)
+        color = data.colors(view.steady_state.pressure)
         share = view.arclength / arm.length
         curvatures.plot(share, view.curvature, color=color, linewidth=1.4)
     as_shapes(shapes, '(a) shapes under load, with the end force')
@@ -103,10 +105,10 @@ def predicted_shapes(data: FigureData) -> Picture:
     some = chosen(data.main_views)
     stations = stations_of(arm.length)
     share = stations / arm.length
-    fields = predicted(arm, [view.stance for view in some], stations)
+    fields = predicted(arm, [view.steady_state for view in some], stations)
     for view, field in zip(some, fields, strict=True):
-        stance, color = view.stance, data.colors(view.stance.pressure)
-        draw_shape(shapes, stance, field, color)
+        steady_state, color = view.steady_state, data.colors(view.steady_state.pressure)
+        draw_shape(shapes, steady_state, field, color)
         curvatures.plot(share, field[CURVATURE], color=color, linewidth=1.6)
         width = BAND_SIGMAS * view.std
         measured = view.arclength / arm.length
@@ -124,8 +126,8 @@ def predicted_shapes(data: FigureData) -> Picture:
         Line2D(
             [],
             [],
-            color=data.colors(view.stance.pressure),
-            label=load_label(view.stance),
+            color=data.colors(view.steady_state.pressure),
+            label=load_label(view.steady_state),
         )
         for view in some
     ]
@@ -148,24 +150,24 @@ def chosen(views: Sequence[MomentView]) -> list[MomentView]:
     return [views[place] for place in places.tolist()]
 
 
-def load_label(stance: Stance) -> str:
+def load_label(steady_state: SteadyState) -> str:
     """Name a load: kPa, and F1, F2 in mN."""
-    f1, f2 = (round(1000.0 * value) for value in stance.force.tolist())
-    return f'{kilopascals(stance.pressure):.1f} kPa, F = ({f1}, {f2}) mN'
+    f1, f2 = (round(1000.0 * value) for value in steady_state.force.tolist())
+    return f'{kilopascals(steady_state.pressure):.1f} kPa, F = ({f1}, {f2}) mN'
 
 
 def run_label(data: FigureData) -> str:
     """Name the recording of Figures 6, 7 and 11."""
-    names = {stance.run for stance in data.main}
+    names = {steady_state.run for steady_state in data.main}
     return f'Recording {", ".join(sorted(names))}'
 
 
-def draw_shape(axes: Axes, stance: Stance, field: Array, color: Color) -> None:
+def draw_shape(axes: Axes, steady_state: SteadyState, field: Array, color: Color) -> None:
     """Model as a line, mean targets as dots, mm."""
     axes.plot(millimeters(1.0) * field[X], millimeters(1.0) * field[Y], color=color, linewidth=1.4)
     axes.plot(
-        millimeters(1.0) * stance.x,
-        millimeters(1.0) * stance.y,
+        millimeters(1.0) * steady_state.x,
+        millimeters(1.0) * steady_state.y,
         linestyle='',
         marker='o',
         markersize=3.2,
@@ -174,10 +176,10 @@ def draw_shape(axes: Axes, stance: Stance, field: Array, color: Color) -> None:
     )
 
 
-def draw_force(axes: Axes, stance: Stance, field: Array, color: Color) -> None:
+def draw_force(axes: Axes, steady_state: SteadyState, field: Array, color: Color) -> None:
     """Draw the end force as an arrow at the free end."""
     tip = millimeters(1.0) * field[[X, Y], -1]
-    head = tip + FORCE_SCALE * stance.force
+    head = tip + FORCE_SCALE * steady_state.force
     if not np.all(np.isfinite(head)):
         return
     axes.annotate(

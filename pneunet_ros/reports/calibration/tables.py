@@ -46,10 +46,10 @@ class CurvatureTable:
 def number_rows(calibration: Calibration) -> tuple[Row, ...]:
     """Return all fitted numbers of the model, in the order of `Unknowns.quantities`."""
     fit = calibration.joint
-    names, change = fit.unknowns.quantities()
+    names, change = fit.parameters.quantities()
     values = change @ fit.values
     stds = np.sqrt(np.diag(change @ fit.covariance @ change.T))
-    priors = np.sqrt(np.diag(change @ fit.unknowns.prior @ change.T))
+    priors = np.sqrt(np.diag(change @ fit.parameters.prior @ change.T))
     return tuple(
         Row(
             meaning=meaning_of(name, calibration.arm),
@@ -87,14 +87,14 @@ def meaning_of(name: str, arm: Arm) -> str:
 
 def curvature_table(calibration: Calibration, rows: tuple[Row, ...]) -> CurvatureTable:
     """Return the rows of kappa_p0 as a table over pressure and arclength."""
-    unknowns = calibration.joint.unknowns
+    parameters = calibration.joint.parameters
     cells = {row.name: row for row in rows}
     lines = []
-    for knot, share in enumerate(unknowns.arclength.tolist()):
-        found = [cells[f'{CURVATURE}.{place}.{knot}'] for place in range(unknowns.pressure.size)]
+    for knot, share in enumerate(parameters.arclength.tolist()):
+        found = [cells[f'{CURVATURE}.{place}.{knot}'] for place in range(parameters.pressure.size)]
         lines.append((share, tuple((row.value, row.std, row.determined) for row in found)))
     return CurvatureTable(
-        pressures=tuple(kilopascals(value) for value in unknowns.pressure.tolist()),
+        pressures=tuple(kilopascals(value) for value in parameters.pressure.tolist()),
         rows=tuple(lines),
     )
 

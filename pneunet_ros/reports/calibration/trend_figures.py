@@ -31,16 +31,16 @@ CLEAR = 3.0  # standard errors: a departure that is more than chance
 
 def sensitivity(data: FigureData) -> Picture:
     """Figure 10: one quantity at a time."""
-    stance = nearest_view(data.main_views, PAPER_PRESSURE).stance
-    found = variations(data.calibration.arm, stance)
+    steady_state = nearest_view(data.main_views, PAPER_PRESSURE).steady_state
+    found = variations(data.calibration.arm, steady_state)
     nominal = found[0].shapes[FACTORS.index(1.0)]
     figure, axes = panels(len(found), rows=2, height=6.4)
     shapes, moved = axes[: len(found)], axes[len(found) :]
     for place, variation in enumerate(found):
         draw_variation(shapes[place], moved[place], variation, nominal)
         shapes[place].plot(
-            millimeters(1.0) * stance.x,
-            millimeters(1.0) * stance.y,
+            millimeters(1.0) * steady_state.x,
+            millimeters(1.0) * steady_state.y,
             linestyle='',
             marker='o',
             markersize=2.6,
@@ -62,8 +62,8 @@ def sensitivity(data: FigureData) -> Picture:
     return picture(
         '10_sensitivity',
         'Sensitivity of the shape',
-        f'Predicted shapes at {load_label(stance)}, with one quantity changed at a time; dots are '
-        'measured. Below, how far each point of the arm moves from where the fitted model has it, '
+        f'Predicted shapes at {load_label(steady_state)}, with one quantity changed at a time; dots '
+        'are measured. Below, how far each point of the arm moves from where the fitted model has it, '
         'to one scale. The larger, the better recordings like this one determine that quantity, '
         'and the more an error of it costs.',
         figure,

@@ -10,8 +10,8 @@ import numpy as np
 from pneunet_ros.calibration.held_out import Score
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters, seconds_between
-from pneunet_ros.diagnosis.result import Diagnosis, Misfit, Side
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Misfit
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.reports.style import (
     as_shapes,
     FIRST,
@@ -35,7 +35,7 @@ MOST_RECORDINGS = 8  # in a picture
 class Beside:
     """A recording beside both models: errors (frames, 2, targets) m, registration removed."""
 
-    run: Run
+    run: RecordingData
     before: Array
     after: Array
 
@@ -53,7 +53,7 @@ class Beside:
 
 
 def beside(
-    diagnosis: Diagnosis, training: Sequence[Run], held_out: Sequence[Run]
+    diagnosis: Diagnosis, training: Sequence[RecordingData], held_out: Sequence[RecordingData]
 ) -> tuple[Beside, ...]:
     """Return the held-out recordings beside both models; without any, those of the training."""
     before, after = diagnosis.before, diagnosis.after
@@ -108,7 +108,7 @@ def gap(diagnosis: Diagnosis) -> Picture:
     )
 
 
-def single_scores(side: Side) -> list[tuple[str, Score]]:
+def single_scores(side: Evaluation) -> list[tuple[str, Score]]:
     """Return name and score of every held-out recording; without any, of the training."""
     scores = side.training_scores if side.held_out is None else side.held_out_scores
     return [(item.name, item) for item in scores]
@@ -156,7 +156,7 @@ def draw_pairs(axes: Axes, names: list[str], before: list[float], after: list[fl
 
 
 def shapes(
-    diagnosis: Diagnosis, training: Sequence[Run], held_out: Sequence[Run]
+    diagnosis: Diagnosis, training: Sequence[RecordingData], held_out: Sequence[RecordingData]
 ) -> Picture | None:
     """Measured, before and after, in a few frames in which the model is far off; None without."""
     some = telling(beside(diagnosis, training, held_out))
@@ -234,7 +234,7 @@ def draw_shapes(axes: Axes, item: Beside, frame: int) -> None:
     )
 
 
-def frame_label(run: Run, frame: int) -> str:
+def frame_label(run: RecordingData, frame: int) -> str:
     """Name a frame: recording, time, pressure and end force."""
     seconds = seconds_between(int(run.stamp_ns[0]), int(run.stamp_ns[frame]))
     f1, f2 = (round(1000.0 * value) for value in run.force[frame].tolist())

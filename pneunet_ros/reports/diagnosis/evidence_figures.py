@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.moment_curvature import law_view
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.diagnosis.result import Diagnosis, Evidence, Side
+from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
 from pneunet_ros.reports.diagnosis.error_figures import AFTER, BEFORE
 from pneunet_ros.reports.diagnosis.tables import ranked
 from pneunet_ros.reports.diagnosis.words import rounded
@@ -107,7 +107,7 @@ def hidden(diagnosis: Diagnosis) -> Picture:
     )
 
 
-def draw_rigidities(axes: Axes, side: Side, color: str, name: str) -> None:
+def draw_rigidities(axes: Axes, side: Evaluation, color: str, name: str) -> None:
     """Draw the rigidities of a side over pressure, with bands where they were fitted."""
     pressure = np.linspace(*side.arm.pressure_range, 61)
     known = np.clip(pressure, *side.arm.moment_law.pressure_range)

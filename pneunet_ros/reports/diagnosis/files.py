@@ -12,7 +12,7 @@ from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Misfit
 from pneunet_ros.files.json_text import json_text, plain
 from pneunet_ros.files.model_file import save_model
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.calibration.figure_data import Each
 from pneunet_ros.reports.diagnosis.report import diagnosis_figures, report_page
@@ -27,8 +27,8 @@ def write_diagnosis(
     folder: Path,
     *,
     frame: Arm,
-    training: Sequence[Run],
-    held_out: Sequence[Run],
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
     provenance: Mapping[str, Any],
     each: Each = lambda stage, done, total: None,
 ) -> dict[str, Any]:
@@ -133,7 +133,7 @@ def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any
     )
 
 
-def valid_range(runs: Sequence[Run]) -> dict[str, list[float]]:
+def valid_range(runs: Sequence[RecordingData]) -> dict[str, list[float]]:
     """Return what the training recordings span: pressure (Pa), force (N), moment (N m)."""
     spans = {
         'pressure': np.concatenate([run.frame_pressure for run in runs]),

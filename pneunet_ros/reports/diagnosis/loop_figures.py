@@ -10,7 +10,7 @@ from pneunet_ros.calibration.moment_curvature import moment_view
 from pneunet_ros.calibration.steady_states import arm_points, averaged
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.diagnosis.result import Diagnosis, Side
+from pneunet_ros.diagnosis.result import Diagnosis, Evaluation
 from pneunet_ros.measurement.forward_model import CURVATURE, INTRINSIC_CURVATURE
 from pneunet_ros.reports.style import FIRST, GREY, legend, panels, Picture, picture, SECOND
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, smoother_for
@@ -86,7 +86,7 @@ def loops(diagnosis: Diagnosis) -> Picture | None:
     )
 
 
-def loop_of(side: Side) -> Loop:
+def loop_of(side: Evaluation) -> Loop:
     """Return what the middle of the arm did in some frames of every training recording."""
     fit = side.fit
     arm = fit.arm
@@ -114,7 +114,7 @@ def loop_of(side: Side) -> Loop:
             )
             rows.append(
                 (
-                    view.stance.pressure,
+                    view.steady_state.pressure,
                     directions[frame],
                     view.moment[middle].mean(),
                     view.change[middle].mean(),

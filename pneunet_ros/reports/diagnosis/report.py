@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pneunet_ros.diagnosis.result import Diagnosis
-from pneunet_ros.measurement.dataset import Run
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.reports.calibration.figure_data import Each
 from pneunet_ros.reports.calibration.tables import flat
 from pneunet_ros.reports.diagnosis.error_figures import gap, gap_sentence, shapes
@@ -50,7 +50,10 @@ class Pictures:
 
 
 def diagnosis_figures(
-    diagnosis: Diagnosis, training: Sequence[Run], held_out: Sequence[Run], each: Each
+    diagnosis: Diagnosis,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+    each: Each,
 ) -> Pictures:
     """Draw all pictures that there is something for; `each` is told how far it is."""
     draws: list[tuple[str, Callable[[], Picture | None]]] = [
