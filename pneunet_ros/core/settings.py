@@ -1,4 +1,8 @@
-"""Settings: numbers that decide, each with its meaning and what is allowed."""
+"""Settings: numbers that decide, each with its meaning, its source and what is allowed.
+
+One frozen dataclass per algorithm holds its numbers as fields made by `tuned`; a result says by
+`settings_used` which were used, and by `settings_changed` which of them were not the default.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +25,30 @@ def setting(
     if bounds is not None:
         metadata['bounds'] = bounds
     return field(default=default, metadata=metadata)
+
+
+def tuned(default: Any, meaning: str, *, unit: str = '-', source: str = 'invented') -> Any:
+    """Declare a number by which an algorithm decides.
+
+    unit: SI unit, '-' for none, or what it is a share or a multiple of. source: where the number
+    comes from: 'measured', 'literature: ...', 'convention', or 'invented' where somebody chose it.
+    """
+    return field(default=default, metadata={'meaning': meaning, 'used_unit': unit, 'from': source})
+
+
+def settings_used(*owners: Any) -> dict[str, Any]:
+    """Return every number by which these settings decide, by `Class.field`."""
+    return {
+        f'{type(owner).__name__}.{item.name}': getattr(owner, item.name)
+        for owner in owners
+        for item in dataclasses.fields(owner)
+    }
+
+
+def settings_changed(*owners: Any) -> dict[str, Any]:
+    """Return the settings that are not the default, by `Class.field`."""
+    defaults = settings_used(*(type(owner)() for owner in owners))
+    return {key: value for key, value in settings_used(*owners).items() if value != defaults[key]}
 
 
 def check_settings(owner: Any) -> None:
