@@ -30,7 +30,8 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.batch import MOST_ITERATIONS, predicted, TOLERANCE
-from pneunet_ros.model.equilibrium import linearized_ends, panels_of, with_pressure_change
+from pneunet_ros.model.equilibrium import changes_on_mesh, linearized_ends
+from pneunet_ros.model.perturbation import with_pressure_change
 from pneunet_ros.solver import (
     collocation,
     sensitivity,
@@ -222,9 +223,7 @@ class Case:
         self.start, self.counts, self.ends = attempt.nodes.copy(), attempt.counts, attempt.ends
         self.nodes = np.empty_like(self.start)
         solution = self.shape.solution
-        difference = panels_of(change.after, solution) - panels_of(change.before, solution)
-        self.panel_changes = (difference / change.distance)[None]
-        self.end_changes = np.zeros((1, 6))
+        self.panel_changes, self.end_changes = changes_on_mesh(solution, change)
         self.node_changes, self.tip, _ = linearized_ends(
             solution, self.panel_changes, self.end_changes
         )

@@ -31,13 +31,12 @@ from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.model.equilibrium import (
     linearize,
-    Perturbation,
     solve,
     solve_rod,
     station_arclength,
     tip_jacobian,
-    with_pressure_change,
 )
+from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 from pneunet_ros.model.uncertainty import ModelCovariance
 from pneunet_ros.solver.rod import RIGIDITY
 import pytest
@@ -302,11 +301,11 @@ def test_solving_anew_agrees_with_the_linear_response(parameter, company):
     history, _, chamber = up_and_down(arm)
     rods, per_pascal = with_pressure_change(arm, chamber, history)
     before, after = (side.rods(rods.pressure, up_and_down(side)[0]) for side in (less, more))
-    change = Perturbation(before=before, after=after, distance=2 * h)
-    response = linearize(shape.solution, rods, (per_pascal, change), shape.arclength)
+    changes = per_pascal.joined(Perturbation.between(before, after, 2 * h))
+    response = linearize(shape.solution, rods, changes)
     # Through what a reading means and the chamber pressure; and through the record of the rod.
     through = [*((causes(more) - causes(less)) / (2 * h)), 1.0]
-    linear = np.tensordot(through, response.stations, axes=1)
+    linear = np.tensordot(through, response.stations(shape.arclength), axes=1)
     tip = through @ response.tip
 
     assert np.abs(anew[:2]).max() * (parameter.prior[1] - parameter.prior[0]) > 1e-5  # m

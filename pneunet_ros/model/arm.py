@@ -141,6 +141,12 @@ class Arm:
         """Yield what every effect adds to the rod, with arguments as those of `rods`."""
         for effect in self.effects:
             yield effect.terms(pressure)
+        yield from self.history_terms(history)
+
+    def history_terms(
+        self, history: tuple[History, ...] | tuple[Array, ...] | None
+    ) -> Iterator[Terms]:
+        """Yield what the history of every effect that has one adds to the rod."""
         for place in () if history is None else self.history_dependent:
             assert history is not None
             yield self.acting[place].history_terms(np.asarray(history[place]), self.scale)

@@ -89,11 +89,11 @@ def steps(
             outcome = Refusal(
                 stamp_ns=message.log_time_ns, reason=UNREADABLE, sentence=str(error), error=False
             )
-            state = state.counting(UNREADABLE)
+            state = state.count_rejected(UNREADABLE)
         else:
             state, outcome = estimator.step(state, reading)
             if targets is not None and isinstance(reading, PressureReading):
-                watch = take_estimate(watch, estimator, reading, state, outcome)
+                watch = take_estimate(watch, estimator, outcome)
         yield Step(message=message, outcome=outcome, state=state, watch=watch)
 
 

@@ -119,7 +119,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.health.took_pressure(outcome, end, end - begin)
         estimator = self.configuration.estimator
         if estimator.settings.watch_targets:
-            self.note_watch(take_estimate(self.watch, estimator, reading, self.state, outcome))
+            self.note_watch(take_estimate(self.watch, estimator, outcome))
         self.note_reset(resets)
         if isinstance(outcome, Refusal):
             self.log_refusal(outcome)
@@ -144,7 +144,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     def refuse_message(self, error: MessageError) -> None:
         """Count a message that could not be decoded."""
         refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
-        self.state = self.state.counting(UNREADABLE)
+        self.state = self.state.count_rejected(UNREADABLE)
         self.health.refused(refusal)
         self.log_refusal(refusal)
 
