@@ -64,8 +64,8 @@ def sensitivity(data: FigureData) -> Picture:
         'Sensitivity of the shape',
         f'Predicted shapes at {load_label(steady_state)}, with one quantity changed at a time; '
         'dots are measured. Below, how far each point of the arm moves from where the fitted '
-        'model has it, to one scale. The larger, the better recordings like this one determine that quantity, '
-        'and the more an error of it costs.',
+        'model has it, to one scale. The larger, the better recordings like this one determine '
+        'that quantity, and the more an error of it costs.',
         figure,
         number='10',
     )
