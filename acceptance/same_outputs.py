@@ -163,7 +163,7 @@ def recording_leaves(path: Path) -> Iterator[tuple[str, Any]]:
 
 
 def file_leaves(path: Path, folder: Path) -> list[tuple[str, Any]]:
-    """Return what a recorded file holds; the folder's own path, in names and words, is left out."""
+    """Return what a recorded file holds; the path of the folder is left out of it."""
     if path.suffix == '.mcap':
         return list(recording_leaves(path))
     text = path.read_text(encoding='utf-8').replace(str(folder.resolve()), '')
