@@ -22,7 +22,7 @@ def own_domain() -> int:
     return (zlib.crc32(run.encode()) + int(worker)) % 101 + 1
 
 
-# A shell starts what runs in the background with Ctrl-C ignored, and children inherit that: not ours.
+# A shell starts background jobs with Ctrl-C ignored, and children would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
