@@ -90,7 +90,7 @@ def test_without_the_structure_of_noise_clean_data_raise_a_false_alarm(monkeypat
         noise = replace(estimate.noise, target_std=WHITE_SIZE, **changes)
         return replace(estimate, noise=noise)
 
-    monkeypatch.setattr(base, 'estimated_noise', white)
+    monkeypatch.setattr(base, 'estimate_noise', white)
     monkeypatch.setattr(base, 'with_harmless_camera', lambda noise, length: noise)
     wrong = found()
     assert wrong.answer != 'none'

@@ -9,7 +9,7 @@ from pneunet_ros.diagnosis.refit import effects_of, finished, refit, Refitting, 
 import pytest
 from support.lab_designs import asked, design, fitted, HIDDEN
 
-HYPOTHESES = list(HIDDEN)
+HYPOTHESES = ['load_offset', 'extensibility']
 
 
 @pytest.mark.parametrize('name', HYPOTHESES)

@@ -502,13 +502,13 @@ from support import films as filmed
 from support.manuals import same_as_running
 import numpy as np
 from numba.core.dispatcher import Dispatcher
-from pneunet_ros.cdr_template import ClaimSerializer
+from pneunet_ros.messages.cdr_template import ClaimSerializer
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
-from pneunet_ros.nodes.tracker_configuration import configured_tracker, PARAMETERS
-from pneunet_ros.nodes.tracker_warm_up import warm_up
-from pneunet_ros.overlay import curve_in_image, draw
-from pneunet_ros.tracker_messages import decode_camera_info, decode_image
-from pneunet_ros.tracker_state import TrackerState
+from pneunet_ros.nodes.tracker.configuration import configured_tracker, PARAMETERS
+from pneunet_ros.nodes.tracker.warm_up import warm_up
+from pneunet_ros.vision.overlay import curve_in_image, draw
+from pneunet_ros.messages.tracker import decode_camera_info, decode_image
+from pneunet_ros.vision.tracker_state import TrackerState
 
 def compiled():
     kernels = [item for item in gc.get_objects() if isinstance(item, Dispatcher)]
