@@ -210,8 +210,8 @@ def lines(story: Story) -> list[str]:
     out = [
         f'diagnosis: {found.answer}, axial stiffness {stiffness.value:.1f} +- '
         f'{stiffness.std:.1f} N, true {STIFFNESS:.1f}',
-        f'gap on Table 1: {millimeters(before.rms):.2f} to {millimeters(after.rms):.2f} mm rms, '
-        f'noise alone {millimeters(found.noise_floor):.2f}',
+        f'model error on Table 1: {millimeters(before.rms):.2f} to '
+        f'{millimeters(after.rms):.2f} mm rms, noise alone {millimeters(found.noise_floor):.2f}',
         '',
         'p kPa   true F1   F2    tip, inextensible     all, inextensible     all, extensible',
     ]

@@ -95,7 +95,7 @@ class LiveLab:
         object.__setattr__(self, 'registration', freeze(noise.registration_std * beside))
 
     def begin(self, time: float = 0.0) -> LiveState:
-        """Return a virgin arm, at rest at the lowest pressure it is described for."""
+        """Return an unconditioned arm at rest at its lowest pressure."""
         pressure = max(0.0, self.scenario.arm.pressure_range[0])
         return self._at(time, pressure, Load(), {})
 

@@ -13,7 +13,7 @@ from pneunet_ros.lab.lab_effect import Course, LabEffect, Past
 
 RECOVERY_TIME = 120.0  # s, in which a part of a rich Mullins effect is forgotten
 RECOVERING = 0.05  # that part; invented, in real rubber it is small at room temperature
-# Share of the arm's largest pressure over which a softened arm comes back to its virgin curve:
+# Share of the arm's largest pressure over which a softened arm comes back to its first curve:
 # hardly any by the plain law, and more by a rich one.
 REJOINING, RICH_REJOINING = 0.002, 0.02
 

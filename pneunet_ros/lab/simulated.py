@@ -28,8 +28,8 @@ def simulated(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordi
     """Return the recording that a scenario makes, deterministic to the last bit.
 
     memory: what the arm remembers of an earlier recording (`LabRecording.memory`); without one it
-    is virgin and has rested. Raises RequestError where protocol and arm do not fit together, and
-    where the arm finds no equilibrium.
+    is unconditioned (no prior loading) and has rested. Raises RequestError where protocol and arm
+    do not fit together, and where the arm finds no equilibrium.
     """
     events = scenario.protocol.timeline()
     check_pressures(scenario, events)

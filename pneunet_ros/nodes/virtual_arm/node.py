@@ -239,13 +239,13 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.publish_report('arm', Report(level=level, message=message, values=said))
 
     def forget(self) -> str:
-        """Put a virgin arm in its place, vented and without a load."""
+        """Put an unconditioned arm in its place, vented and without a load."""
         self.command, self.load = 0.0, Load()
         self.state = self.configuration.lab.begin(self.now())
-        return 'a virgin arm, vented and without a load'
+        return 'an unconditioned arm, vented and without a load'
 
     def take_over(self, configuration: VirtualArmConfiguration) -> None:
-        """Go on with other effects, or with another arm, which is a virgin one."""
+        """Go on with other effects, or with another arm, which is an unconditioned one."""
         lab = configuration.lab
         self.film = self.camera(lab)
         if lab.scenario.arm is self.configuration.lab.scenario.arm:
