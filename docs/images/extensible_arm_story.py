@@ -24,7 +24,7 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.chain_effects import LabExtensibility
+from pneunet_ros.lab.lab_effects import LabExtensibility
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.simulated import simulated
