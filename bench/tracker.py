@@ -36,7 +36,7 @@ from pneunet_ros.core.share import share_path  # noqa: E402
 from pneunet_ros.files.json_text import plain  # noqa: E402
 from pneunet_ros.lab.lens import looking_down  # noqa: E402
 from pneunet_ros.lab.renderer import as_image, Renderer  # noqa: E402
-from pneunet_ros.lab.scene import Dots, Moment, Scene  # noqa: E402
+from pneunet_ros.lab.scene import Dots, FrameState, Scene  # noqa: E402
 from pneunet_ros.vision.blobs import find_areas  # noqa: E402
 from pneunet_ros.vision.camera_settings import CameraSettings  # noqa: E402
 from pneunet_ros.vision.tracker import Tracker  # noqa: E402
@@ -71,7 +71,7 @@ def center_errors(images: int) -> list[dict[str, float]]:
             grid = np.stack(np.meshgrid(np.arange(-6, 7), np.arange(-4, 5)), axis=-1)
             places = 45e-4 * grid.reshape(-1, 2) + rng.uniform(-5e-5, 5e-5, (117, 2))
             dots = Dots(x=places[:, 0], y=places[:, 1], radius=radius * 1e-4, grey=WHITE)
-            grey, truth = renderer.render(Moment(dots=dots), rng)
+            grey, truth = renderer.render(FrameState(dots=dots), rng)
             image = as_image(grey, stamp_ns=number + 1)
             areas = find_areas(image, settings.grey_band, settings.area)
             apart_u = areas.u[None] - truth.centroid_u[:, None]

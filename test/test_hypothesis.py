@@ -63,14 +63,14 @@ def test_without_any_size_nothing_happens(name):
             history, chamber = effect.actuate(history, seconds, pressure, SCALE)
             assert chamber == pytest.approx(pressure, rel=1e-12)
         if history:
-            nothing(effect.recall(np.array([history]), SCALE))
+            nothing(effect.history_terms(np.array([history]), SCALE))
         nothing(effect.terms(PRESSURE))
 
 
 def nothing(terms: Terms) -> None:
-    """Check that terms do not change a rod; what comes late matters by its share alone."""
+    """Check that terms do not change a rod; a mixture of rows matters by its share alone."""
     for item in fields(Terms):
-        if item.name != 'late_weights':
+        if item.name != 'row_weights':
             value = np.asarray(getattr(terms, item.name), dtype=np.float64)
             assert np.all(value == getattr(NO_TERMS, item.name)), item.name
 

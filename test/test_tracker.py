@@ -49,7 +49,7 @@ class Film:
 
     def picture(self, pressure=0.0):
         """Return a picture and its truth."""
-        return self.renderer.render(self.motion.moment(pressure), self.rng)
+        return self.renderer.render(self.motion.frame_state(pressure), self.rng)
 
     def show(self, grey, **changes):
         """Show a picture to the tracker as the next frame."""

@@ -34,8 +34,8 @@ from pneunet_ros.diagnosis.result import Answer
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 from pneunet_ros.offline.calibration_files import inputs_of
-from pneunet_ros.reports.calibration.figure_data import Each
 from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
+from pneunet_ros.reports.figure import OnProgress
 from rich.progress import Progress
 import scipy
 
@@ -70,8 +70,8 @@ def options(parser: ArgumentParser) -> None:
         nargs='+',
         default=[],
         metavar='REC',
-        help='other recordings, on which the gap before and after is measured (default: none, '
-        'and then the answer is not tested on anything new)',
+        help='other recordings, on which the model error before and after is measured '
+        '(default: none, and then the answer is not tested on anything new)',
     )
     parser.add_argument(
         '--output',
@@ -132,7 +132,7 @@ def run(arguments: Namespace) -> int:
                 'inputs': inputs,
                 'versions': versions(),
             },
-            each=each,
+            on_progress=each,
         )
     if arguments.json:
         seconds = time.perf_counter() - started
@@ -160,7 +160,7 @@ def check_distinct(inputs: list[dict[str, str]]) -> None:
             )
 
 
-def told(bar: Progress) -> Each:
+def told(bar: Progress) -> OnProgress:
     """Return what shows how far a diagnosis is; a total of 0 is not known."""
     task = bar.add_task('diagnosing', total=None)
     return lambda stage, done, total: bar.update(

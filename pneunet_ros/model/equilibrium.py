@@ -277,6 +277,6 @@ def tip_jacobian(arm: Arm, shape: Shape) -> Array:
 def jacobian_of(arm: Arm, response: Sensitivity, history: tuple[History, ...]) -> Array:
     """Return the tip's Jacobian from a response whose first cause after the loads is pressure."""
     jacobian = response.tip[[LOADS, 0, 1, 2]].T
-    if not arm.follows(history):  # the play takes up what the pressure changes
+    if arm.in_play(history):  # the play takes up what the pressure changes
         jacobian[:, 0] = 0.0
     return freeze(jacobian)

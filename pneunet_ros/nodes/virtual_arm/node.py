@@ -17,9 +17,9 @@ from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, WrenchReading
-from pneunet_ros.lab.chain import Lying
-from pneunet_ros.lab.film import Film, SCENE
+from pneunet_ros.lab.chain import ChainShape
 from pneunet_ros.lab.live import LiveLab, Load
+from pneunet_ros.lab.motion import Film, SCENE
 from pneunet_ros.messages.builders import header, POINTS_TYPE, UNREADABLE
 from pneunet_ros.messages.camera import camera_info_message, grey_image_message
 from pneunet_ros.messages.readings import pressure_message, targets_message, wrench_message
@@ -171,7 +171,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         if self.tips.get_subscription_count():
             self.with_shape(lambda shape: self.tips.publish(self.tip(shape, stamp_ns)))
 
-    def with_shape(self, use: Callable[[Lying], None]) -> None:
+    def with_shape(self, use: Callable[[ChainShape], None]) -> None:
         """Do something with the shape of the arm, if it has one."""
         try:
             self.state, shape = self.configuration.lab.shape(self.state)
@@ -183,7 +183,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         else:
             use(shape)
 
-    def tip(self, shape: Lying, stamp_ns: int) -> Any:
+    def tip(self, shape: ChainShape, stamp_ns: int) -> Any:
         """Return the pose of the true free end."""
         length = self.configuration.lab.scenario.arm.length
         x, y, theta = (float(rows[0, 0]) for rows in shape.points([length]))
@@ -199,7 +199,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         stamp_ns = self.advance()
         lab, frame_id = self.configuration.lab, self.configuration.node.frame_id
 
-        def show(shape: Lying) -> None:
+        def show(shape: ChainShape) -> None:
             x, y = lab.sighted(shape, self.random).T
             std = lab.scenario.noise.target_std
             self.targets.publish(targets_message(stamp_ns, x, y, frame_id, RCLPY_TYPES, std))
@@ -210,7 +210,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         """Publish an image of the arm, the camera first."""
         stamp_ns = self.advance()
 
-        def show(shape: Lying) -> None:
+        def show(shape: ChainShape) -> None:
             assert self.film is not None
             grey = self.film.image(shape, self.random)
             end = (stamp_ns, CAMERA_FRAME, RCLPY_TYPES)
@@ -239,13 +239,13 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.publish_report('arm', Report(level=level, message=message, values=said))
 
     def forget(self) -> str:
-        """Put a virgin arm in its place, vented and without a load."""
+        """Put an unconditioned arm in its place, vented and without a load."""
         self.command, self.load = 0.0, Load()
         self.state = self.configuration.lab.begin(self.now())
-        return 'a virgin arm, vented and without a load'
+        return 'an unconditioned arm, vented and without a load'
 
     def take_over(self, configuration: VirtualArmConfiguration) -> None:
-        """Go on with other effects, or with another arm, which is a virgin one."""
+        """Go on with other effects, or with another arm, which is an unconditioned one."""
         lab = configuration.lab
         self.film = self.camera(lab)
         if lab.scenario.arm is self.configuration.lab.scenario.arm:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ from pneunet_ros.files.json_text import json_text, plain
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.reports.calibration.figure_data import Each
-from pneunet_ros.reports.diagnosis.report import diagnosis_figures, report_page
+from pneunet_ros.reports.diagnosis.figure_data import FigureData
+from pneunet_ros.reports.diagnosis.figures import FIGURES
+from pneunet_ros.reports.diagnosis.report import report_page
 from pneunet_ros.reports.diagnosis.tables import added_effects
+from pneunet_ros.reports.figure import draw_figures, OnProgress
 
 NUMBERS, MODEL, PAGE = 'diagnosis.json', 'model.yaml', 'report.html'
 REPLACEABLE = (NUMBERS, MODEL, PAGE, 'figure_*.png')  # all that a folder of an earlier one holds
@@ -30,21 +33,22 @@ def write_diagnosis(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     provenance: Mapping[str, Any],
-    each: Each = lambda stage, done, total: None,
+    on_progress: OnProgress = lambda stage, done, total: None,
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
     frame: the model that was given; training, held_out: the runs as given to the diagnosis;
     provenance: `inputs` (file, sha256 and role of each) and `versions`. The folder must not
-    exist; `output.atomic_output` makes it appear as a whole.
+    exist; `files.atomic.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
-    pictures = diagnosis_figures(diagnosis, training, held_out, each)
-    for item in pictures.all:
+    data = FigureData(diagnosis=diagnosis, training=training, held_out=held_out)
+    pictures = draw_figures(FIGURES, data, on_progress)
+    for item in itertools.chain(*pictures.values()):
         (folder / item.file).write_bytes(item.png)
-    whole = {**provenance, 'seed': diagnosis.seed}
-    (folder / PAGE).write_text(report_page(diagnosis, pictures, whole), encoding='utf-8')
-    save_model(diagnosed_arm(diagnosis, frame, whole), folder / MODEL)
+    origin = {**provenance, 'seed': diagnosis.seed}
+    (folder / PAGE).write_text(report_page(diagnosis, pictures, origin), encoding='utf-8')
+    save_model(diagnosed_arm(diagnosis, frame, origin), folder / MODEL)
     content = diagnosis_content(diagnosis, provenance)
     (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')
     return content
@@ -53,54 +57,55 @@ def write_diagnosis(
 def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
     before, after = diagnosis.before, diagnosis.after
-    content = {
-        'answer': diagnosis.answer,
-        'sentence': diagnosis.sentence,
-        'effects': [asdict(effect) for effect in diagnosis.effects],
-        'alternatives': diagnosis.alternatives,
-        'where': [
-            {
-                'axis': item.axis,
-                'from': item.start,
-                'to': item.stop,
-                'share': item.share,
-                'p_value': item.p_value,
-                'sentence': item.sentence,
-            }
-            for item in diagnosis.where
-        ],
-        'where_sentence': diagnosis.where_sentence,
-        'gap': {
-            'training': {
-                'before': misfit_content(before.training),
-                'after': misfit_content(after.training),
+    content: dict[str, Any] = plain(
+        {
+            'answer': diagnosis.answer,
+            'sentence': diagnosis.sentence,
+            'effects': [asdict(effect) for effect in diagnosis.effects],
+            'alternatives': diagnosis.alternatives,
+            'where': [
+                {
+                    'axis': item.axis,
+                    'from': item.start,
+                    'to': item.stop,
+                    'share': item.share,
+                    'p_value': item.p_value,
+                    'sentence': item.sentence,
+                }
+                for item in diagnosis.where
+            ],
+            'where_sentence': diagnosis.where_sentence,
+            'gap': {
+                'training': {
+                    'before': misfit_content(before.training),
+                    'after': misfit_content(after.training),
+                },
+                'heldout': None
+                if before.held_out is None or after.held_out is None
+                else {
+                    'before': misfit_content(before.held_out),
+                    'after': misfit_content(after.held_out),
+                },
+                'noise_floor_m': diagnosis.noise_floor,
+                'closed': diagnosis.closed,
             },
-            'heldout': None
-            if before.held_out is None or after.held_out is None
-            else {
-                'before': misfit_content(before.held_out),
-                'after': misfit_content(after.held_out),
+            'adequacy': {
+                'before': asdict(diagnosis.adequacy_before),
+                'after': asdict(diagnosis.adequacy_after),
             },
-            'noise_floor_m': diagnosis.noise_floor,
-            'closed': diagnosis.closed,
-        },
-        'adequacy': {
-            'before': asdict(diagnosis.adequacy_before),
-            'after': asdict(diagnosis.adequacy_after),
-        },
-        'detectable': {name: asdict(item) for name, item in diagnosis.detectable.items()},
-        'parameter_shift': {name: asdict(item) for name, item in diagnosis.shift.items()},
-        'evidence': [asdict(item) for item in diagnosis.evidence],
-        'cosines': [
-            {'effects': pair, 'cosine': value} for pair, value in diagnosis.cosines.items()
-        ],
-        'proposal': diagnosis.proposal,
-        'notes': diagnosis.notes,
-        **provenance,
-        'seed': diagnosis.seed,
-    }
-    found: dict[str, Any] = plain(content)
-    return found
+            'detectable': {name: asdict(item) for name, item in diagnosis.detectable.items()},
+            'parameter_shift': {name: asdict(item) for name, item in diagnosis.shift.items()},
+            'evidence': [asdict(item) for item in diagnosis.evidence],
+            'cosines': [
+                {'effects': pair, 'cosine': value} for pair, value in diagnosis.cosines.items()
+            ],
+            'proposal': diagnosis.proposal,
+            'notes': diagnosis.notes,
+            **provenance,
+            'seed': diagnosis.seed,
+        }
+    )
+    return content
 
 
 def misfit_content(misfit: Misfit) -> dict[str, float]:
@@ -141,4 +146,4 @@ def valid_range(runs: Sequence[RecordingData]) -> dict[str, list[float]]:
         'force_y': np.concatenate([run.force[:, 1] for run in runs]),
         'moment': np.concatenate([run.moment for run in runs]),
     }
-    return {name: [float(one.min()), float(one.max())] for name, one in spans.items()}
+    return {name: [float(values.min()), float(values.max())] for name, values in spans.items()}

@@ -6,8 +6,8 @@ import numpy as np
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import load_model
-from pneunet_ros.lab.film import Film, SCENE
 from pneunet_ros.lab.live import LiveLab, Load
+from pneunet_ros.lab.motion import Film, SCENE
 from pneunet_ros.messages.camera import camera_info_message, grey_image_message
 from pneunet_ros.messages.tracker import decode_camera_info, decode_image
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
