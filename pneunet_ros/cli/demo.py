@@ -62,12 +62,12 @@ def run(arguments: Namespace) -> int:
     ):
         task = bar.add_task('replaying Table 1', total=recording.count(topics))
 
-        def each(step: Step) -> None:
+        def on_progress(step: Step) -> None:
             bar.advance(task)
             if isinstance(step.outcome, ShapeEstimate):
                 estimates.append(step.outcome)
 
-        record_steps(writer, recording, estimator, topics, each)
+        record_steps(writer, recording, estimator, topics, on_progress)
         holds = first_of_each_pressure(held_estimates(estimates))
         from pneunet_ros.reports.demo_plot import draw_holds
 

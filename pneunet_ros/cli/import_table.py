@@ -10,6 +10,7 @@ from pathlib import Path
 from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json, Verb
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
+from pneunet_ros.messages.readings import TARGETS
 from pneunet_ros.offline.table_conversion import record_table
 from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.tables.columns import known_names
@@ -67,7 +68,7 @@ def run(arguments: Namespace) -> int:
         'table': arguments.table,
         'output': arguments.output,
         'rows': len(table.stamp_ns),
-        'targets': table.x.shape[1],
+        'targets': table.values[TARGETS.name].shape[2],
         'seconds': seconds,
         'topics': topics,
         'sentences': list(sentences),

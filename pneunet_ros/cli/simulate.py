@@ -92,7 +92,7 @@ def run(arguments: Namespace) -> int:
             recording,
             arguments.output,
             overwrite=arguments.overwrite,
-            each=lambda: bar.advance(task),
+            on_progress=lambda: bar.advance(task),
         )
     summary = summary_of(recording) | {
         'output': arguments.output,
