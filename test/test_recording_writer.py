@@ -243,7 +243,7 @@ def test_a_disk_that_is_really_full_leaves_nothing(tmp_path, foreign_environment
     # No device of limited size without root: a limit on the size of files is as good.
     code = (
         'import resource, signal, sys\n'
-        'from bags import write_readings\n'
+        'from support.made_recordings import write_readings\n'
         'from pneunet_ros.core.errors import RecordingError\n'
         'signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n'
         'resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n'
@@ -261,7 +261,7 @@ def test_a_disk_that_is_really_full_leaves_nothing(tmp_path, foreign_environment
 def test_after_a_kill_nothing_stands_under_the_name(tmp_path, name, foreign_environment):
     code = (
         'import itertools, os, signal, sys\n'
-        'from bags import PRESSURE, pressure\n'
+        'from support.made_recordings import PRESSURE, pressure\n'
         'from pneunet_ros.messages.readings import PRESSURE_TYPE\n'
         'from pneunet_ros.recordings.recording_writer import write_recording\n'
         'with write_recording(sys.argv[1]) as writer:\n'

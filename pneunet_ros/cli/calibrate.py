@@ -26,7 +26,6 @@ from pneunet_ros.cli.verb import (
     SENSOR_SETTINGS,
     settings_of,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.share import share_path
@@ -179,11 +178,3 @@ def provenance_of(arguments: Namespace, calibration: Calibration) -> dict[str, o
         'coordinates': joint.dof,
         'covariance_share': round(calibration.captured, 4),
     }
-
-
-VERB = Verb(
-    name='calibrate',
-    help="recordings without and with end load -> a model with error bars, the paper's way",
-    options=options,
-    run=run,
-)

@@ -18,7 +18,6 @@ from pneunet_ros.cli.verb import (
     SENSOR_SETTINGS,
     settings_of,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.messages.readings import SENSORS
@@ -119,11 +118,3 @@ def range_lines(ranges: dict[str, Any]) -> list[str]:
             + (f'not seen, by target: {missing}' if missing else 'all always seen')
         )
     return lines
-
-
-VERB = Verb(
-    name='check',
-    help='tell what recordings hold and lack, and what they can be used for',
-    options=options,
-    run=run,
-)

@@ -18,7 +18,6 @@ from pneunet_ros.cli.verb import (
     SENSOR_SETTINGS,
     settings_of,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
@@ -117,11 +116,3 @@ def read_tips(recording: Recording, topic: str) -> dict[int, Array]:
             ) from error
         tips[stamp_ns] = np.array([pose.position.x, pose.position.y, heading])
     return tips
-
-
-VERB = Verb(
-    name='export',
-    help='write the readings of a recording as a table, CSV or npz',
-    options=options,
-    run=run,
-)

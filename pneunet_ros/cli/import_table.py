@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import math
 from pathlib import Path
 
-from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json, Verb
+from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.messages.readings import TARGETS
@@ -105,11 +105,3 @@ def number(option: str, text: str) -> float:
     if not math.isfinite(value):
         raise RequestError(f'{option}: {text!r} is no number')
     return value
-
-
-VERB = Verb(
-    name='import',
-    help='make a recording of a CSV table whose columns are named with their units',
-    options=options,
-    run=run,
-)

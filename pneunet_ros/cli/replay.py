@@ -22,7 +22,6 @@ from pneunet_ros.cli.verb import (
     progress_bar,
     settings_of,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.estimator import Estimator
@@ -180,11 +179,3 @@ def show(summary: dict[str, object], tally: Tally) -> None:
         console.print('Nothing written; --output OUT.mcap writes inputs and all estimator topics.')
     else:
         console.print(f'wrote {summary["output"]}')
-
-
-VERB = Verb(
-    name='replay',
-    help='run the estimator on a recording of pressure and end wrench',
-    options=options,
-    run=run,
-)

@@ -16,7 +16,6 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     progress_bar,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
@@ -191,11 +190,3 @@ def effect_texts(scenario: Scenario) -> list[str]:
         ]
         texts.append(f'{effect.name} ({", ".join(set_)})')
     return texts
-
-
-VERB = Verb(
-    name='simulate',
-    help='make a recording in the virtual lab, with its truth in a file beside it',
-    options=options,
-    run=run,
-)
