@@ -30,7 +30,9 @@ def lab(tmp_path_factory) -> Path:
     for name in NAMES:
         scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
         scenario = replace(scenario, rates=replace(scenario.rates, frames=1.0))
-        write_lab(simulated(scenario), folder / f'{name}.mcap', overwrite=False, each=lambda: None)
+        write_lab(
+            simulated(scenario), folder / f'{name}.mcap', overwrite=False, on_progress=lambda: None
+        )
     return folder
 
 

@@ -88,12 +88,12 @@ def test_the_table_of_effects_has_it(copy):
 
 OUTPUT = """
 from support.random_estimates import random_estimate
-from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, deserialize, jazzy, serialize
-from pneunet_ros.messages.topics import OUTPUTS
+from pneunet_ros.messages.estimate import OUTPUTS
 
 (output,) = (item for item in OUTPUTS if item.name == 'chamber_pressure')
-serializer = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
+serializer = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
 raw = serializer.bytes_of(output, random_estimate())
 message = deserialize(raw, output.type, jazzy())
 print(message.fluid_pressure, message.header.stamp.sec, message.header.frame_id)

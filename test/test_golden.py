@@ -8,7 +8,12 @@ from pathlib import Path
 import subprocess
 import sys
 
-from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import (
+    decode_pressure,
+    decode_wrench,
+    PRESSURE_TYPE,
+    WRENCH_TYPE,
+)
 from pneunet_ros.recordings.recording import open_recording
 import pytest
 from rosbags.rosbag2 import Reader

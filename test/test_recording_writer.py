@@ -10,8 +10,9 @@ import sys
 
 from mcap.reader import make_reader
 from pneunet_ros.core.errors import MessageError, RecordingError
-from pneunet_ros.messages.cdr_template import ClaimSerializer
-from pneunet_ros.messages.topics import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -89,7 +90,7 @@ def test_a_bare_file_is_all_that_is_left(tmp_path):
 
 def test_all_outputs_of_the_estimator_come_back(tmp_path):
     estimates = [random_estimate(stamp_ns=index * STEP_NS, seed=index) for index in range(20)]
-    filled = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
+    filled = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
     with write_recording(tmp_path / 'r.mcap') as writer:
         handles = {output: writer.add(f'/arm/{output.name}', output.type) for output in OUTPUTS}
         for estimate in estimates:
@@ -261,7 +262,7 @@ def test_after_a_kill_nothing_stands_under_the_name(tmp_path, name, foreign_envi
     code = (
         'import itertools, os, signal, sys\n'
         'from support.made_recordings import PRESSURE, pressure\n'
-        'from pneunet_ros.messages.topics import PRESSURE_TYPE\n'
+        'from pneunet_ros.messages.readings import PRESSURE_TYPE\n'
         'from pneunet_ros.recordings.recording_writer import write_recording\n'
         'with write_recording(sys.argv[1]) as writer:\n'
         '    handle = writer.add(PRESSURE, PRESSURE_TYPE)\n'

@@ -25,7 +25,7 @@ from pneunet_ros.lab.lens import looking_down
 from pneunet_ros.lab.motion import ArmMotion, up_and_down
 from pneunet_ros.lab.renderer import Renderer, Truth
 from pneunet_ros.lab.scene import Dots, Glint, hand, Label, Light, Occluder, Scene, Spot
-from pneunet_ros.messages.topics import PRESSURE_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE
 from pneunet_ros.recordings.bag_folder import METADATA
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording

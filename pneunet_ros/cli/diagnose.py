@@ -25,7 +25,6 @@ from pneunet_ros.cli.verb import (
     print_json,
     progress_bar,
     SENSOR_SETTINGS,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
@@ -176,11 +175,3 @@ def versions() -> dict[str, str]:
         'numpy': np.__version__,
         'scipy': scipy.__version__,
     }
-
-
-VERB = Verb(
-    name='diagnose',
-    help='model and recordings -> what the model lacks, the model with it, and a report',
-    options=options,
-    run=run,
-)

@@ -22,7 +22,6 @@ from pneunet_ros.cli.verb import (
     print_json,
     progress_bar,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
@@ -227,11 +226,3 @@ def views_of(
             preview.add(step.item.log_time_ns, image, tracking, step.state)
 
     return [*views, collect]
-
-
-VERB = Verb(
-    name='track',
-    help='find the white targets in camera images: points, smoothed centerline, curvature',
-    options=options,
-    run=run,
-)

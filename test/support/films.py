@@ -15,8 +15,9 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.lab.lens import looking_down
 from pneunet_ros.lab.renderer import Renderer
 from pneunet_ros.lab.scene import Dots, FrameState, Scene
-from pneunet_ros.messages.topics import PRESSURE_TYPE
-from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE, IMAGE_TYPE
+from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 

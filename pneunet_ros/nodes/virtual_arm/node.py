@@ -20,11 +20,16 @@ from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.lab.chain import ChainShape
 from pneunet_ros.lab.live import LiveLab, Load
 from pneunet_ros.lab.motion import Film, SCENE
-from pneunet_ros.messages.builders import header, POINTS_TYPE, UNREADABLE
-from pneunet_ros.messages.camera import camera_info_message, grey_image_message
-from pneunet_ros.messages.readings import pressure_message, targets_message, wrench_message
-from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, IMAGE_TYPE
+from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
+from pneunet_ros.messages.readings import (
+    END_WRENCH,
+    PRESSURE,
+    pressure_message,
+    TARGETS,
+    targets_message,
+    wrench_message,
+)
+from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
 from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.health import counted, Level, Report, texts
@@ -70,12 +75,12 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.trouble: Refusal | None = None
         self.readings, self.reported = 0, time.monotonic()
 
-        self.pressures = publisher(self, PRESSURE_TYPE, 'pressure', output_qos())
-        self.wrenches = publisher(self, WRENCH_TYPE, 'end_wrench', output_qos())
+        self.pressures = publisher(self, PRESSURE.type, PRESSURE.name, output_qos())
+        self.wrenches = publisher(self, END_WRENCH.type, END_WRENCH.name, output_qos())
         self.tips = publisher(self, TIP_TYPE, 'true_tip', output_qos())
         self.every(1.0 / settings.rate, self.measure)
         if settings.camera == 'targets':
-            self.targets = publisher(self, POINTS_TYPE, 'targets', output_qos())
+            self.targets = publisher(self, TARGETS.type, TARGETS.name, output_qos())
             self.every(1.0 / settings.frame_rate, self.show_targets)
         elif settings.camera == 'images':
             self.infos = publisher(self, CAMERA_INFO_TYPE, 'camera_info', output_qos())
@@ -83,8 +88,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.every(1.0 / settings.frame_rate, self.show_image)
         self.open_services()
         for kind, topic, take in (
-            (PRESSURE_TYPE, 'pressure_command', self.take_command),
-            (WRENCH_TYPE, 'force_command', self.take_load),
+            (PRESSURE.type, 'pressure_command', self.take_command),
+            (END_WRENCH.type, 'force_command', self.take_load),
         ):
             subscription(self, kind, topic, take, input_qos())
         self.tell_ready()
@@ -111,7 +116,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def take_command(self, message: Any) -> None:
         """Take a commanded pressure; its stamp is not looked at."""
         try:
-            command = decode_pressure(message).pressure
+            command = PRESSURE.decode(message).pressure
         except MessageError as error:
             self.refuse(UNREADABLE, str(error))
             return
@@ -127,7 +132,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def take_load(self, message: Any) -> None:
         """Take a load that is put on the free end from now on."""
         try:
-            wanted = decode_wrench(message)
+            wanted = END_WRENCH.decode(message)
         except MessageError as error:
             self.refuse(UNREADABLE, str(error))
             return
@@ -213,9 +218,9 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         def show(shape: ChainShape) -> None:
             assert self.film is not None
             grey = self.film.image(shape, self.random)
-            end = (stamp_ns, CAMERA_FRAME, RCLPY_TYPES)
-            self.infos.publish(camera_info_message(SCENE.camera, *end))
-            self.images.publish(grey_image_message(grey, *end))
+            info = camera_info_message(SCENE.camera, stamp_ns, CAMERA_FRAME, RCLPY_TYPES)
+            self.infos.publish(info)
+            self.images.publish(image(grey, info.header, RCLPY_TYPES))
 
         self.with_shape(show)
 
