@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Misfit
 from pneunet_ros.files.json_text import json_text, plain
@@ -42,9 +43,9 @@ def write_diagnosis(
     pictures = diagnosis_figures(diagnosis, training, held_out, each)
     for item in pictures.all:
         (folder / item.file).write_bytes(item.png)
-    whole = {**provenance, 'seed': diagnosis.seed}
-    (folder / PAGE).write_text(report_page(diagnosis, pictures, whole), encoding='utf-8')
-    save_model(diagnosed_arm(diagnosis, frame, whole), folder / MODEL)
+    origin = {**provenance, 'seed': diagnosis.seed}
+    (folder / PAGE).write_text(report_page(diagnosis, pictures, origin), encoding='utf-8')
+    save_model(diagnosed_arm(diagnosis, frame, origin), folder / MODEL)
     content = diagnosis_content(diagnosis, provenance)
     (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')
     return content
@@ -52,7 +53,7 @@ def write_diagnosis(
 
 def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
-    before, after = diagnosis.before, diagnosis.after
+    before, after, settings = diagnosis.before, diagnosis.after, diagnosis.settings.parts
     content = {
         'answer': diagnosis.answer,
         'sentence': diagnosis.sentence,
@@ -71,16 +72,8 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
         ],
         'where_sentence': diagnosis.where_sentence,
         'gap': {
-            'training': {
-                'before': misfit_content(before.training),
-                'after': misfit_content(after.training),
-            },
-            'heldout': None
-            if before.held_out is None or after.held_out is None
-            else {
-                'before': misfit_content(before.held_out),
-                'after': misfit_content(after.held_out),
-            },
+            'training': misfits_content(before.training, after.training),
+            'heldout': misfits_content(before.held_out, after.held_out),
             'noise_floor_m': diagnosis.noise_floor,
             'closed': diagnosis.closed,
         },
@@ -98,14 +91,20 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
         'notes': diagnosis.notes,
         **provenance,
         'seed': diagnosis.seed,
+        'settings': {'used': settings_used(*settings), 'not_default': settings_changed(*settings)},
     }
-    found: dict[str, Any] = plain(content)
-    return found
+    plain_content: dict[str, Any] = plain(content)
+    return plain_content
 
 
-def misfit_content(misfit: Misfit) -> dict[str, float]:
-    """Return how far a model is from recordings, by the names of the contract."""
-    return {'rms_m': misfit.rms, 'p95_m': misfit.p95, 'chi2_per_dof': misfit.chi_squared}
+def misfits_content(before: Misfit | None, after: Misfit | None) -> dict[str, Any] | None:
+    """Return the model errors before and after, by the names of the contract."""
+    if before is None or after is None:
+        return None
+    return {
+        when: {'rms_m': item.rms, 'p95_m': item.p95, 'chi2_per_dof': item.chi_squared}
+        for when, item in (('before', before), ('after', after))
+    }
 
 
 def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any]) -> Arm:
@@ -141,4 +140,4 @@ def valid_range(runs: Sequence[RecordingData]) -> dict[str, list[float]]:
         'force_y': np.concatenate([run.force[:, 1] for run in runs]),
         'moment': np.concatenate([run.moment for run in runs]),
     }
-    return {name: [float(one.min()), float(one.max())] for name, one in spans.items()}
+    return {name: [float(values.min()), float(values.max())] for name, values in spans.items()}
