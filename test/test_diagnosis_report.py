@@ -9,6 +9,7 @@ import math
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.diagnosis.result import Estimated
+from pneunet_ros.diagnosis.settings import SelectionSettings
 from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.diagnosis.error_figures import (
     error_sentence,
@@ -128,6 +129,15 @@ def test_the_numbers_are_those_of_the_contract(written):
     assert set(content['parameter_shift']['moment_law.rigidity.0.1']) >= {'before', 'after', 'std'}
     assert content['inputs'] == PROVENANCE['inputs']
     assert (content['seed'], content['versions']) == (7, PROVENANCE['versions'])
+    assert content['settings']['used']['LackOfFitSettings.level'] == 0.002
+    assert content['settings']['not_default'] == {}
+
+
+def test_settings_that_are_not_the_default_are_said():
+    found, *_ = diagnosis()
+    changed = replace(found.settings, selection=SelectionSettings(most_effects=1))
+    content = diagnosis_content(replace(found, settings=changed), PROVENANCE)
+    assert content['settings']['not_default'] == {'SelectionSettings.most_effects': 1}
 
 
 def test_the_model_has_what_was_missing(written):

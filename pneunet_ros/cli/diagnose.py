@@ -118,7 +118,7 @@ def run(arguments: Namespace) -> int:
         each = told(bar)
         with simulating(arguments.scheduler) as executor:
             found = diagnose(
-                frame, training, held_out, seed=arguments.seed, executor=executor, each=each
+                frame, training, held_out, seed=arguments.seed, executor=executor, on_progress=each
             )
         content = write_diagnosis(
             found,

@@ -13,7 +13,7 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.base_fit import refitted
+from pneunet_ros.diagnosis.base_fit import fit_base
 from pneunet_ros.diagnosis.hypothesis import Hypothesis, hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.refit import Refit, refit
@@ -73,7 +73,7 @@ def noise() -> SensorNoise:
 @functools.cache
 def base() -> Fit:
     """Return the base model fitted to the recordings without any effect."""
-    return refitted(frame(), recorded()[: len(TRAINING)], lambda *stage: None).fit
+    return fit_base(frame(), recorded()[: len(TRAINING)], lambda *stage: None).fit
 
 
 @functools.cache

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Misfit
 from pneunet_ros.files.json_text import json_text, plain
@@ -56,61 +57,58 @@ def write_diagnosis(
 
 def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
-    before, after = diagnosis.before, diagnosis.after
-    content: dict[str, Any] = plain(
-        {
-            'answer': diagnosis.answer,
-            'sentence': diagnosis.sentence,
-            'effects': [asdict(effect) for effect in diagnosis.effects],
-            'alternatives': diagnosis.alternatives,
-            'where': [
-                {
-                    'axis': item.axis,
-                    'from': item.start,
-                    'to': item.stop,
-                    'share': item.share,
-                    'p_value': item.p_value,
-                    'sentence': item.sentence,
-                }
-                for item in diagnosis.where
-            ],
-            'where_sentence': diagnosis.where_sentence,
-            'gap': {
-                'training': {
-                    'before': misfit_content(before.training),
-                    'after': misfit_content(after.training),
-                },
-                'heldout': None
-                if before.held_out is None or after.held_out is None
-                else {
-                    'before': misfit_content(before.held_out),
-                    'after': misfit_content(after.held_out),
-                },
-                'noise_floor_m': diagnosis.noise_floor,
-                'closed': diagnosis.closed,
-            },
-            'adequacy': {
-                'before': asdict(diagnosis.adequacy_before),
-                'after': asdict(diagnosis.adequacy_after),
-            },
-            'detectable': {name: asdict(item) for name, item in diagnosis.detectable.items()},
-            'parameter_shift': {name: asdict(item) for name, item in diagnosis.shift.items()},
-            'evidence': [asdict(item) for item in diagnosis.evidence],
-            'cosines': [
-                {'effects': pair, 'cosine': value} for pair, value in diagnosis.cosines.items()
-            ],
-            'proposal': diagnosis.proposal,
-            'notes': diagnosis.notes,
-            **provenance,
-            'seed': diagnosis.seed,
-        }
-    )
-    return content
+    before, after, settings = diagnosis.before, diagnosis.after, diagnosis.settings.parts
+    content = {
+        'answer': diagnosis.answer,
+        'sentence': diagnosis.sentence,
+        'effects': [asdict(effect) for effect in diagnosis.effects],
+        'alternatives': diagnosis.alternatives,
+        'where': [
+            {
+                'axis': item.axis,
+                'from': item.start,
+                'to': item.stop,
+                'share': item.share,
+                'p_value': item.p_value,
+                'sentence': item.sentence,
+            }
+            for item in diagnosis.where
+        ],
+        'where_sentence': diagnosis.where_sentence,
+        'gap': {
+            'training': misfits_content(before.training, after.training),
+            'heldout': misfits_content(before.held_out, after.held_out),
+            'noise_floor_m': diagnosis.noise_floor,
+            'closed': diagnosis.closed,
+        },
+        'adequacy': {
+            'before': asdict(diagnosis.adequacy_before),
+            'after': asdict(diagnosis.adequacy_after),
+        },
+        'detectable': {name: asdict(item) for name, item in diagnosis.detectable.items()},
+        'parameter_shift': {name: asdict(item) for name, item in diagnosis.shift.items()},
+        'evidence': [asdict(item) for item in diagnosis.evidence],
+        'cosines': [
+            {'effects': pair, 'cosine': value} for pair, value in diagnosis.cosines.items()
+        ],
+        'proposal': diagnosis.proposal,
+        'notes': diagnosis.notes,
+        **provenance,
+        'seed': diagnosis.seed,
+        'settings': {'used': settings_used(*settings), 'not_default': settings_changed(*settings)},
+    }
+    plain_content: dict[str, Any] = plain(content)
+    return plain_content
 
 
-def misfit_content(misfit: Misfit) -> dict[str, float]:
-    """Return how far a model is from recordings, by the names of the contract."""
-    return {'rms_m': misfit.rms, 'p95_m': misfit.p95, 'chi2_per_dof': misfit.chi_squared}
+def misfits_content(before: Misfit | None, after: Misfit | None) -> dict[str, Any] | None:
+    """Return the model errors before and after, by the names of the contract."""
+    if before is None or after is None:
+        return None
+    return {
+        when: {'rms_m': item.rms, 'p95_m': item.p95, 'chi2_per_dof': item.chi_squared}
+        for when, item in (('before', before), ('after', after))
+    }
 
 
 def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any]) -> Arm:
