@@ -36,8 +36,7 @@ from pneunet_ros.vision.camera_settings import (
     RestPlane,
 )
 from pneunet_ros.vision.overlay import curve_in_image, draw
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from support import films as filmed
 from support.manuals import same_as_running

@@ -34,7 +34,7 @@ from pneunet_ros.messages.builders import (
 from pneunet_ros.messages.compressed_image import decode_compressed
 from pneunet_ros.vision.camera_model import check_whole_image, Lens
 from pneunet_ros.vision.smoother import MeasuredCurve
-from pneunet_ros.vision.tracker_state import Tracking
+from pneunet_ros.vision.tracker import Tracking
 
 IMAGE_TYPE = 'sensor_msgs/msg/Image'
 COMPRESSED_TYPE = 'sensor_msgs/msg/CompressedImage'
