@@ -20,7 +20,6 @@ from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.settings import tuned
 
 Integers = npt.NDArray[np.int64]
-Labels = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 Box = tuple[Integers, Integers, Integers, Integers]  # first and last column, first and last row
 
@@ -80,21 +79,25 @@ class Crops:
 
 
 def cut_crops(
-    grey: Bytes, labels: Labels, numbers: Integers, boxes: Integers, settings: CentroidSettings
+    grey: Bytes, boxes: Integers, seeds: Integers, level: Integers, settings: CentroidSettings
 ) -> Crops:
-    """Cut out the areas with these labels (n,); boxes (n, 4): left, top, width, height in px."""
+    """Cut out areas of pixels that are at `level` (n,) or brighter.
+
+    boxes (n, 4): left, top, width, height in px; seeds (n, 2): u, v of one of their pixels.
+    """
     longest = max(16, 1 << int(boxes[:, 2:].max() - 1).bit_length())
     side = longest + 2 * (settings.gap + settings.ring + settings.growth)
     left = boxes[:, 0] + (boxes[:, 2] - side) // 2
     top = boxes[:, 1] + (boxes[:, 3] - side) // 2
     columns, rows = left[:, None] + np.arange(side), top[:, None] + np.arange(side)
     height, width = grey.shape
-    inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[
-        :, None, :
-    ]
+    inside_u, inside_v = (columns >= 0) & (columns < width), (rows >= 0) & (rows < height)
+    inside = inside_v[:, :, None] & inside_u[:, None, :]
     at = np.clip(rows, 0, height - 1)[:, :, None], np.clip(columns, 0, width - 1)[:, None, :]
-    own = (labels[at] == numbers[:, None, None]) & inside
-    return Crops(grey=grey[at], own=own, inside=inside, left=left, top=top, size=(width, height))
+    pixels = grey[at]
+    white = (pixels >= level[:, None, None]) & inside
+    own = _connected(white, seeds[:, 0] - left, seeds[:, 1] - top)
+    return Crops(grey=pixels, own=own, inside=inside, left=left, top=top, size=(width, height))
 
 
 def measure_crops(crops: Crops, level: Integers, look: Look, settings: CentroidSettings) -> Array:
@@ -105,7 +108,8 @@ def measure_crops(crops: Crops, level: Integers, look: Look, settings: CentroidS
     around = _histograms(crops.grey, _ring(crops, _box_of(crops.own), settings))
     background, scatter = _median_and_scatter(around)
     plateau, edge = _plateau_and_edge(_histograms(crops.grey, crops.own), background, level)
-    bright, counts, box, pixels = _areas_at_half_height(crops, (background + plateau + 1) // 2)
+    bright, counts = _areas_at_half_height(crops, (background + plateau + 1) // 2)
+    pixels, box = bright.sum((1, 2)), _box_of(bright)
     _close_holes(bright, counts, look.hole)
     rows = _weigh(
         crops, bright, counts, plateau, edge,
@@ -127,7 +131,7 @@ def measure_crops(crops: Crops, level: Integers, look: Look, settings: CentroidS
 
 
 def _box_of(mask: Mask) -> Box:
-    """Return the boxes around the pixels of masks (n, side, side), which have some."""
+    """Return the boxes around the pixels of masks (n, side, side)."""
     last = mask.shape[1] - 1
     columns, rows = np.any(mask, axis=1), np.any(mask, axis=2)
     return (
@@ -181,39 +185,38 @@ def _plateau_and_edge(
     return plateau, between * (height / (light - dim))
 
 
-def _areas_at_half_height(crops: Crops, half: Integers) -> tuple[Mask, Mask, Box, Integers]:
+def _areas_at_half_height(crops: Crops, half: Integers) -> tuple[Mask, Mask]:
     """Return the area at half height, which is as large as it is without blur.
 
-    Return its pixels, all pixels but those of other white areas, its box and how many pixels it
-    has. It begins at the brightest pixel.
+    It begins at the brightest pixel. Return its pixels, and all but those of other white areas.
     """
     count, side = crops.grey.shape[:2]
     white = (crops.grey >= half[:, None, None]) & crops.inside
-    white[:, 0] = False  # between crops one above the other
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(
-        white.reshape(-1, side).view(np.uint8), connectivity=8
-    )
-    labels = labels.reshape(white.shape)
     brightest = np.where(crops.own, crops.grey, 0).reshape(count, -1).argmax(1)
-    label = labels.reshape(count, -1)[np.arange(count), brightest]
-    bright = white & (labels == label[:, None, None])
-    left, top, width, height, pixels = stats[label].T.astype(np.int64)
-    top -= side * np.arange(count)
-    return bright, bright | ~white, (left, left + width - 1, top, top + height - 1), pixels
+    bright = _connected(white, brightest % side, brightest // side)
+    return bright, bright | ~white
+
+
+def _connected(white: Mask, u: Integers, v: Integers) -> Mask:
+    """Return the white pixels of crops that hang together with the pixels u, v (n,)."""
+    white[:, 0] = False  # between crops one above the other
+    flat = white.reshape(-1, white.shape[1]).view(np.uint8)
+    labels = np.asarray(cv2.connectedComponents(flat, connectivity=8)[1]).reshape(white.shape)
+    return np.asarray(white & (labels == labels[np.arange(len(white)), v, u][:, None, None]))
 
 
 def _close_holes(bright: Mask, counts: Mask, largest: float) -> None:
     """Add dark holes of up to `largest` px^2 to bright areas; they count as they are."""
     dark = ~bright
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(
-        dark.reshape(-1, dark.shape[1]).view(np.uint8), connectivity=4
-    )
-    hole = stats[:, cv2.CC_STAT_AREA] <= largest
-    hole[[0, labels[0, 0]]] = False  # the areas themselves, and all that is around them
-    if hole.any():
-        closed = hole[labels].reshape(dark.shape)
-        bright |= closed
-        counts &= ~closed
+    flat = dark.reshape(-1, dark.shape[1]).view(np.uint8)
+    count, labels = cv2.connectedComponents(flat, connectivity=4)
+    if count == 2:  # the areas themselves, and all that is around them
+        return
+    hole = np.bincount(labels.ravel()) <= largest
+    hole[[0, labels[0, 0]]] = False
+    closed = hole[labels].reshape(dark.shape)
+    bright |= closed
+    counts &= ~closed
 
 
 def _cut_off(crops: Crops, box: Box) -> Mask:
