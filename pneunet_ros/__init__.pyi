@@ -20,6 +20,6 @@ from pneunet_ros.model.shape import Shape as Shape
 from pneunet_ros.recordings.dataset_reader import read_run as read_run
 from pneunet_ros.vision.camera_settings import CameraSettings as CameraSettings
 from pneunet_ros.vision.tracker import Tracker as Tracker
-from pneunet_ros.vision.tracker_state import TrackerState as TrackerState
+from pneunet_ros.vision.tracker import TrackerState as TrackerState
 
 __version__: str

@@ -12,8 +12,7 @@ from pneunet_ros.messages.builders import header, image
 from pneunet_ros.messages.tracker import camera_info_message, decode_camera_info, decode_image
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.vision.camera_settings import PosePlane
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 from support.lab_pairs import recorded
 
 HEADING = ('camera', ROSBAGS_TYPES)

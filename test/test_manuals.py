@@ -17,7 +17,7 @@ from pneunet_ros.messages.markers import markers_output, transform_output
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.vision.rest_plane import RESTING
-from pneunet_ros.vision.tracker_state import TrackerState
+from pneunet_ros.vision.tracker import TrackerState
 import pytest
 from support.manuals import page, reasons_in, table, topics, values
 

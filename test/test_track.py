@@ -21,8 +21,7 @@ from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.tables.length_unit import length_unit
 from pneunet_ros.tables.target_table import write_table
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from support.films import (
     ARM,

@@ -20,8 +20,7 @@ from pneunet_ros.vision.camera_settings import (
     HomographyPlane,
     PosePlane,
 )
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from scipy.spatial.transform import Rotation
 from support.moving_arm import motion_of

@@ -36,8 +36,7 @@ from pneunet_ros.vision.camera_settings import (
     RestPlane,
 )
 from pneunet_ros.vision.overlay import curve_in_image, draw
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from support import films as filmed
 from support.manuals import same_as_running
@@ -508,7 +507,7 @@ from pneunet_ros.nodes.tracker.configuration import configured_tracker, PARAMETE
 from pneunet_ros.nodes.tracker.warm_up import warm_up
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.messages.tracker import decode_camera_info, decode_image
-from pneunet_ros.vision.tracker_state import TrackerState
+from pneunet_ros.vision.tracker import TrackerState
 
 def compiled():
     kernels = [item for item in gc.get_objects() if isinstance(item, Dispatcher)]

@@ -37,8 +37,7 @@ from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.tables.length_unit import length_unit, LENGTHS, LengthUnit
 from pneunet_ros.tables.target_table import write_table
 from pneunet_ros.vision.camera_settings import CameraSettings, PosePlane
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import Tracking
+from pneunet_ros.vision.tracker import Tracker, Tracking
 
 CAMERA = 'config/camera.yaml'
 PREVIEWS = ('.png', '.mp4')

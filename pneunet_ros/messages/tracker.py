@@ -36,7 +36,7 @@ from pneunet_ros.messages.builders import (
 from pneunet_ros.messages.compressed_image import decode_compressed
 from pneunet_ros.vision.camera_model import check_whole_image, Lens
 from pneunet_ros.vision.smoother import MeasuredCurve
-from pneunet_ros.vision.tracker_state import Tracking
+from pneunet_ros.vision.tracker import Tracking
 
 COMPRESSED_TYPE = 'sensor_msgs/msg/CompressedImage'
 CAMERA_INFO_TYPE = 'sensor_msgs/msg/CameraInfo'

@@ -39,7 +39,7 @@ from pneunet_ros.nodes.tracker.configuration import (
 from pneunet_ros.nodes.tracker.health import IMAGE_TIMEOUT, TrackerHealth
 from pneunet_ros.nodes.tracker.warm_up import warm_up
 from pneunet_ros.vision.overlay import curve_in_image, draw
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import TrackerState, Tracking
 
 USAGE = """usage: tracker [--ros-args ...]
 

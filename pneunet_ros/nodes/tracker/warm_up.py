@@ -12,8 +12,7 @@ from pneunet_ros.messages.tracker import outputs_of
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import CameraSettings, FixedBand, RestPlane
 from pneunet_ros.vision.overlay import curve_in_image, draw
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
 
 def warm_up(tracker: Tracker, serializer: MessageSerializer) -> str:
