@@ -36,7 +36,7 @@ from pneunet_ros.core.share import share_path  # noqa: E402
 from pneunet_ros.files.json_text import plain  # noqa: E402
 from pneunet_ros.lab.lens import looking_down  # noqa: E402
 from pneunet_ros.lab.renderer import as_image, Renderer  # noqa: E402
-from pneunet_ros.lab.scene import Dots, FrameState, Scene  # noqa: E402  # noqa: E402
+from pneunet_ros.lab.scene import Dots, FrameState, Scene  # noqa: E402
 from pneunet_ros.vision.blobs import (  # noqa: E402
     find_blobs,
 )
