@@ -112,7 +112,7 @@ REASONS = {
         UNREADABLE,
         RESTING,
         WRONG_CAMERA_INFO,
-        *(reasons_in(m) for m in ('vision/tracker', 'vision/rest_plane', 'vision/frame_tracker')),
+        *(reasons_in(m) for m in ('vision/tracker', 'vision/rest_plane', 'vision/row_tracker')),
     ],
 }
 
