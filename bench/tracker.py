@@ -36,11 +36,12 @@ from pneunet_ros.core.share import share_path  # noqa: E402
 from pneunet_ros.files.json_text import plain  # noqa: E402
 from pneunet_ros.lab.lens import looking_down  # noqa: E402
 from pneunet_ros.lab.renderer import as_image, Renderer  # noqa: E402
-from pneunet_ros.lab.scene import Dots, Moment, Scene  # noqa: E402
-from pneunet_ros.vision.blobs import find_areas  # noqa: E402
+from pneunet_ros.lab.scene import Dots, FrameState, Scene  # noqa: E402
+from pneunet_ros.vision.blobs import (  # noqa: E402
+    find_blobs,
+)
 from pneunet_ros.vision.camera_settings import CameraSettings  # noqa: E402
-from pneunet_ros.vision.tracker import Tracker  # noqa: E402
-from pneunet_ros.vision.tracker_state import TrackerState  # noqa: E402
+from pneunet_ros.vision.tracker import Tracker, TrackerState  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import track  # noqa: E402
 from scipy.optimize import linear_sum_assignment  # noqa: E402
@@ -71,9 +72,9 @@ def center_errors(images: int) -> list[dict[str, float]]:
             grid = np.stack(np.meshgrid(np.arange(-6, 7), np.arange(-4, 5)), axis=-1)
             places = 45e-4 * grid.reshape(-1, 2) + rng.uniform(-5e-5, 5e-5, (117, 2))
             dots = Dots(x=places[:, 0], y=places[:, 1], radius=radius * 1e-4, grey=WHITE)
-            grey, truth = renderer.render(Moment(dots=dots), rng)
+            grey, truth = renderer.render(FrameState(dots=dots), rng)
             image = as_image(grey, stamp_ns=number + 1)
-            areas = find_areas(image, settings.grey_band, settings.area)
+            areas = find_blobs(image, settings.grey_band, settings.area)
             apart_u = areas.u[None] - truth.centroid_u[:, None]
             apart_v = areas.v[None] - truth.centroid_v[:, None]
             nearest = np.hypot(apart_u, apart_v).argmin(axis=1)

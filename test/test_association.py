@@ -9,9 +9,9 @@ from pneunet_ros.vision.association import (
     least_seen,
     row_from_clamp,
     rows_anywhere,
-    share_of_areas,
+    share_of_blobs,
 )
-from pneunet_ros.vision.gating import believable, FARTHEST
+from pneunet_ros.vision.gating import consistent_spacing, GATING
 import pytest
 from support.target_rows import arc, ARCLENGTH, away_from, Mixture, SPACING
 
@@ -21,7 +21,7 @@ TARGETS = np.arange(ARCLENGTH.size)
 def believed(mixture, row):
     """Return who is in a row, after the check that follows the search."""
     points = np.where(row.chosen[:, None] >= 0, mixture.points[row.chosen], np.nan)
-    seen = believable(*np.ascontiguousarray(points.T), ARCLENGTH, FARTHEST)
+    seen = consistent_spacing(*np.ascontiguousarray(points.T), ARCLENGTH, GATING.farthest, GATING)
     return np.where(seen, mixture.named(row.chosen), -1)
 
 
@@ -74,7 +74,9 @@ def test_spots_without_a_row_are_no_row(count):
         areas = rng.uniform(15.0, 400.0, count)
         row = row_from_clamp(points, areas, ARCLENGTH, 0.0)
         found = np.where(row.chosen[:, None] >= 0, points[row.chosen], np.nan)
-        seen = believable(*np.ascontiguousarray(found.T), ARCLENGTH, FARTHEST)
+        seen = consistent_spacing(
+            *np.ascontiguousarray(found.T), ARCLENGTH, GATING.farthest, GATING
+        )
         assert np.count_nonzero(seen) < least_seen(TARGETS.size)
         assert all(row.seen <= TARGETS.size for row in rows_anywhere(points, areas, ARCLENGTH))
 
@@ -115,7 +117,7 @@ def test_two_rows_alike_are_both_given():
     points = np.vstack([one, one + np.array([0.0, 100.0])])
     rows = rows_anywhere(points, np.full(len(points), 80.0), ARCLENGTH)
     assert len(rows) == 4
-    assert {share_of_areas(rows[0], row) for row in rows} == {0.0, 1.0}
+    assert {share_of_blobs(rows[0], row) for row in rows} == {0.0, 1.0}
 
 
 def test_a_glint_beside_the_arm_does_not_lead_astray():

@@ -6,15 +6,12 @@ from functools import cache
 
 import numpy as np
 from pneunet_ros.core.image import ENCODINGS, Image
-from pneunet_ros.core.jit import HAVE_NUMBA
-from pneunet_ros.vision import blob_kernels as area_kernels
-from pneunet_ros.vision.blobs import find_areas, measure_areas
+from pneunet_ros.vision.blobs import Blobs, find_blobs, find_components
 from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, FixedBand
 import pytest
 from support.center_bound import center_bound, draw_dot
 
 BAND, LIMITS = AdaptiveBand(), AreaLimits()
-compiled = pytest.mark.skipif(not HAVE_NUMBA, reason='takes long in plain Python')
 
 
 def image_of(grey, encoding='mono8', padding=0):
@@ -32,9 +29,13 @@ def image_of(grey, encoding='mono8', padding=0):
     )
 
 
-def measured(picture, around, reach=10.0, size=10.0, band=BAND, limits=LIMITS, **layout):
+def nearest(image, around, reach=10.0, band=BAND, limits=LIMITS):
     around = np.atleast_2d(np.asarray(around, float))
-    return measure_areas(image_of(picture, **layout), around, reach, size, band, limits)
+    return Blobs(find_components(image, band, limits).nearest(around, reach).T)
+
+
+def measured(picture, around, reach=10.0, band=BAND, limits=LIMITS, **layout):
+    return nearest(image_of(picture, **layout), around, reach, band, limits)
 
 
 def statistics(radius, noise, phases=10, repeats=24, **look):
@@ -50,11 +51,10 @@ def statistics(radius, noise, phases=10, repeats=24, **look):
     )
     centers = centers.reshape(-1, 2)
     around = np.rint(centers) + random.integers(-3, 4, centers.shape)
-    areas = measured(picture, around, size=2 * radius)
+    areas = measured(picture, around)
     return np.column_stack([areas.u, areas.v]) - centers, areas
 
 
-@compiled
 @pytest.mark.parametrize('blur', [0.0, 0.7, 1.0])
 @pytest.mark.parametrize('noise', [2.0, 4.0, 8.0])
 @pytest.mark.parametrize('radius', [3.0, 4.0, 5.0, 8.0])
@@ -66,7 +66,6 @@ def test_a_center_is_nearly_as_good_as_it_can_be(radius, noise, blur):
     assert np.abs(errors.mean(0)).max() < 0.005 + 3 * rms / np.sqrt(len(errors))
 
 
-@compiled
 @pytest.mark.parametrize(
     'look',
     [
@@ -87,7 +86,6 @@ def test_looks_do_not_matter_much(look):
     assert np.abs(errors.mean(0)).max() < 0.005
 
 
-@compiled
 def test_the_place_within_a_pixel_does_not_matter():
     for u in np.linspace(-0.5, 0.5, 11):
         center = np.array([20 + u, 20 + 0.3 * u])
@@ -113,7 +111,7 @@ def test_encoding_and_step_do_not_matter(encoding):
     picture = draw_dot((41, 43), (20.2, 19.7), 4.0)
     plain = measured(picture, [(20, 20)])
     assert np.array_equal(measured(picture, [(20, 20)], encoding=encoding, padding=7).u, plain.u)
-    found = find_areas(image_of(picture, encoding, 7), BAND, LIMITS)
+    found = find_blobs(image_of(picture, encoding, 7), BAND, LIMITS)
     assert np.allclose(found.table, plain.table, atol=1e-3)
 
 
@@ -130,8 +128,8 @@ def test_colors_are_weighed_as_opencv_does():
         data=picture.tobytes(),
     )
     around = np.array([[20.0, 20.0]])
-    from_color = measure_areas(color, around, 5.0, 10.0, BAND, LIMITS)
-    from_grey = measured(color.grey(), around, 5.0, 10.0)
+    from_color = nearest(color, around, 5.0)
+    from_grey = measured(color.grey(), around, 5.0)
     assert np.array_equal(from_color.table, from_grey.table)
     assert np.isfinite(from_grey.u[0])
 
@@ -155,7 +153,7 @@ CENTERS = np.array([(20.3, 30.1), (45.6, 31.4), (70.2, 34.9), (95.7, 40.2)])
 
 def test_found_and_measured_are_the_same():
     picture = dots((70, 120), CENTERS)
-    found = find_areas(image_of(picture), BAND, LIMITS)
+    found = find_blobs(image_of(picture), BAND, LIMITS)
     near = measured(picture, CENTERS)
     assert len(found) == 4 and not found.crowded
     order = np.argsort(found.u)
@@ -218,7 +216,7 @@ def test_the_background_of_a_dot_is_the_dark_arm_it_is_on(behind):
     picture = dots((70, 95), centers, noise=0.0, background=behind)
     picture[25:46] -= behind - 45.0
     picture += 3.0 * np.random.default_rng(6).standard_normal(picture.shape)
-    found = find_areas(image_of(picture), BAND, LIMITS)
+    found = find_blobs(image_of(picture), BAND, LIMITS)
     near = measured(picture, centers)
     assert len(found) == 3
     for areas in (found, near):
@@ -247,17 +245,15 @@ def test_a_half_covered_dot_shows_in_its_area():
     assert areas.major[0] / areas.minor[0] > 1.5
 
 
-@compiled
 @pytest.mark.parametrize('side', [(1, 1), (3, 200), (480, 640)])
 @pytest.mark.parametrize('level', [0, 128, 255])
 def test_plain_frames_hold_nothing(side, level):
     picture = np.full(side, level)
     for band in (BAND, FixedBand()):
-        assert len(find_areas(image_of(picture), band, LIMITS)) == 0
+        assert len(find_blobs(image_of(picture), band, LIMITS)) == 0
         assert np.isnan(measured(picture, [(0, 0), (300, 200)], band=band).u).all()
 
 
-@compiled
 def test_strange_frames_do_no_harm():
     random = np.random.default_rng(2)
     for picture in (
@@ -268,7 +264,7 @@ def test_strange_frames_do_no_harm():
         np.kron(random.integers(0, 2, (48, 64)) * 255, np.ones((10, 10))),
     ):
         for band in (BAND, FixedBand()):
-            areas = find_areas(image_of(picture), band, LIMITS)
+            areas = find_blobs(image_of(picture), band, LIMITS)
             assert np.isfinite(areas.table).all()
             assert (areas.area <= LIMITS.largest).all()
             assert (areas.major <= LIMITS.elongation * areas.minor).all()
@@ -278,33 +274,21 @@ def test_strange_frames_do_no_harm():
             assert not (distance > 20.0).any()
 
 
-@compiled
 def test_spots_are_counted_until_there_are_too_many():
     column, row = np.meshgrid(np.arange(20), np.arange(10))
     centers = np.column_stack([20 + 30 * column.ravel(), 20 + 30 * row.ravel()])
-    found = find_areas(image_of(dots((320, 620), centers)), BAND, LIMITS)
+    found = find_blobs(image_of(dots((320, 620), centers)), BAND, LIMITS)
     assert len(found) == 200
     crowd = np.tile(np.pad(np.full((4, 4), 200), 3), (40, 40))
-    areas = find_areas(image_of(crowd), BAND, LIMITS)
+    areas = find_blobs(image_of(crowd), BAND, LIMITS)
     assert len(areas) == 0 and areas.crowded
 
 
-@compiled
 def test_a_blurred_frame_gives_dim_dots_or_none():
     picture = dots((70, 120), CENTERS, noise=1.0)
     strong = draw_dot((70, 70), (35.2, 34.6), 5.0, blur=4.0)
-    assert len(find_areas(image_of(strong), BAND, LIMITS)) == 1
-    assert measured(strong, [(35, 35)]).u[0] == pytest.approx(35.2, abs=0.03)
-    assert len(find_areas(image_of(0.1 * picture), BAND, LIMITS)) == 0
-
-
-@pytest.mark.skipif(not HAVE_NUMBA, reason='nothing is compiled')
-def test_kernels_are_compiled_once():
-    picture = draw_dot((41, 43), (20.2, 19.7), 4.0)
-    for encoding in ENCODINGS:
-        for band in (BAND, FixedBand(low=100.0)):
-            measured(picture, [(20, 20)], encoding=encoding, band=band)
-            measured(picture, np.asfortranarray([(20, 20), (9, 9)]), band=band)
-            find_areas(image_of(picture, encoding), band, LIMITS)
-    assert len(area_kernels.measure_nearest.signatures) == 1
-    assert len(area_kernels.measure_all.signatures) == 1
+    assert len(find_blobs(image_of(strong), BAND, LIMITS)) == 1
+    for u in np.linspace(34.5, 35.5, 11):
+        shifted = draw_dot((70, 70), (u, 34.6), 5.0, blur=4.0)
+        assert measured(shifted, [(35, 35)]).u[0] == pytest.approx(u, abs=0.055)
+    assert len(find_blobs(image_of(0.1 * picture), BAND, LIMITS)) == 0

@@ -40,7 +40,9 @@ def lab(tmp_path_factory) -> Path:
     """Return a folder with recordings of the lab."""
     folder = tmp_path_factory.mktemp('lab')
     for name in (*FREE, *LOADED):
-        write_lab(recorded(name), folder / f'{name}.mcap', overwrite=False, each=lambda: None)
+        write_lab(
+            recorded(name), folder / f'{name}.mcap', overwrite=False, on_progress=lambda: None
+        )
     return folder
 
 

@@ -6,19 +6,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.vision.gating import (
-    believable,
-    expected,
-    FARTHEST,
-    first_size,
-    look_alike,
-    moved_together,
+    consistent_motion,
+    consistent_size,
+    consistent_spacing,
+    expected_points,
+    GATING,
+    initial_area,
 )
 import pytest
 from support.target_rows import arc, ARCLENGTH, SPACING
 
 
-def believed(points, farthest=FARTHEST):
-    return believable(*np.ascontiguousarray(points.T), ARCLENGTH, farthest)
+def believed(points, farthest=GATING.farthest):
+    return consistent_spacing(*np.ascontiguousarray(points.T), ARCLENGTH, farthest, GATING)
 
 
 @given(st.floats(-35.0, 35.0), st.floats(-35.0, 35.0), st.integers(0, 2**32 - 1))
@@ -66,7 +66,9 @@ def test_lost_targets_are_expected_where_they_are(hidden, off):
         points = arc(*bend)
         partly = points.copy()
         partly[hidden] = np.nan
-        found = np.column_stack(expected(*np.ascontiguousarray(partly.T), ARCLENGTH))
+        found = np.column_stack(
+            expected_points(*np.ascontiguousarray(partly.T), ARCLENGTH, GATING)
+        )
         assert np.hypot(*(found - points).T).max() <= off * SPACING
         known = np.delete(np.arange(ARCLENGTH.size), hidden)
         assert np.array_equal(found[known], points[known])
@@ -75,18 +77,18 @@ def test_lost_targets_are_expected_where_they_are(hidden, off):
 def test_nothing_is_expected_of_a_single_target():
     points = np.full((ARCLENGTH.size, 2), np.nan)
     points[4] = 0.02, 0.0
-    found = np.column_stack(expected(*np.ascontiguousarray(points.T), ARCLENGTH))
+    found = np.column_stack(expected_points(*np.ascontiguousarray(points.T), ARCLENGTH, GATING))
     assert np.count_nonzero(np.isfinite(found[:, 0])) == 1
 
 
 def test_a_target_starts_about_as_large_as_most():
-    first = first_size(np.array([80.0, np.nan, 30.0, 82.0, 81.0]))
+    first = initial_area(np.array([80.0, np.nan, 30.0, 82.0, 81.0]))
     assert first[1] == pytest.approx(80.5)
     assert first[2] > 50.0  # it was covered in the first frame, and may come out larger
-    with_glint = first_size(np.array([80.0, 120.0, 80.0, 80.0]))
+    with_glint = initial_area(np.array([80.0, 120.0, 80.0, 80.0]))
     assert with_glint[1] < 90.0
     assert first[[0, 3, 4]].tolist() == [80.0, 82.0, 81.0]
-    assert np.isnan(first_size(np.full(3, np.nan))).all()
+    assert np.isnan(initial_area(np.full(3, np.nan))).all()
 
 
 @pytest.mark.parametrize(
@@ -100,7 +102,7 @@ def test_what_is_covered_or_has_a_glint_on_it_does_not_look_alike(area, elongati
     elongations[4] = elongation
     expected_mask = np.arange(9) != 4
     expected_mask[4] = alike
-    assert look_alike(areas, usual, elongations).tolist() == expected_mask.tolist()
+    assert consistent_size(areas, usual, elongations, GATING).tolist() == expected_mask.tolist()
 
 
 @pytest.mark.parametrize(('area', 'alike'), [(0.9, True), (1.2, True), (1.38, False)])
@@ -109,28 +111,28 @@ def test_a_glint_that_hangs_on_to_a_target_shows_when_a_row_is_found(area, alike
     areas[4] *= area
     elongation = np.full(9, 1.02)
     elongation[4] = 1.34  # hardly allowed: the area must tell
-    assert look_alike(areas, first_size(areas), elongation).tolist() == [
+    assert consistent_size(areas, initial_area(areas), elongation, GATING).tolist() == [
         place != 4 or alike for place in range(9)
     ]
 
 
 def test_motion_makes_all_longer_and_larger_alike():
     usual = np.full(9, 80.0)
-    assert look_alike(1.3 * usual, usual, np.full(9, 1.9)).all()
-    assert not look_alike(0.5 * usual, usual, np.full(9, 1.0)).any()
-    assert not look_alike(np.full(9, np.nan), usual, np.full(9, np.nan)).any()
+    assert consistent_size(1.3 * usual, usual, np.full(9, 1.9), GATING).all()
+    assert not consistent_size(0.5 * usual, usual, np.full(9, 1.0), GATING).any()
+    assert not consistent_size(np.full(9, np.nan), usual, np.full(9, np.nan), GATING).any()
 
 
 def test_a_target_that_moves_alone_is_told_from_those_that_move_together():
     off_x = np.linspace(0.0, 6.0, 23)  # the further out the faster
     off_y = 0.3 * off_x
-    assert moved_together(off_x, off_y, 20.0).all()
+    assert consistent_motion(off_x, off_y, 20.0, GATING).all()
     off_x[20] += 2.0  # a glint touches it
-    together = moved_together(off_x, off_y, 20.0)
+    together = consistent_motion(off_x, off_y, 20.0, GATING)
     assert np.flatnonzero(~together).tolist() == [20]
     off_x[14:18] = np.nan  # a hand; what is beyond it moves otherwise than what is before it
     off_x[18:] += 5.0
-    together = moved_together(off_x, off_y, 20.0)
+    together = consistent_motion(off_x, off_y, 20.0, GATING)
     assert together[:14].all()
     assert together[[18, 19, 21, 22]].all()
     assert not together[14:18].any()

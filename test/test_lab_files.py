@@ -21,7 +21,7 @@ from support.lab_run import run_of
 def write(name, path, overwrite=False):
     calls = []
     recording = recorded(name)
-    write_lab(recording, path, overwrite=overwrite, each=lambda: calls.append(1))
+    write_lab(recording, path, overwrite=overwrite, on_progress=lambda: calls.append(1))
     assert len(calls) == message_count(recording)
     return recording
 
@@ -48,7 +48,7 @@ def test_the_same_scenario_makes_the_same_bytes(tmp_path):
     for name in ('a', 'b'):
         (tmp_path / name).mkdir()
         path = tmp_path / name / 'lab.mcap'
-        write_lab(simulated(scenario), path, overwrite=False, each=lambda: None)
+        write_lab(simulated(scenario), path, overwrite=False, on_progress=lambda: None)
     for file in ('lab.mcap', 'lab.truth.npz'):
         assert (tmp_path / 'a' / file).read_bytes() == (tmp_path / 'b' / file).read_bytes()
 
@@ -83,14 +83,14 @@ def test_an_interrupted_write_leaves_nothing(tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_lab(recorded('strings'), tmp_path / 'lab.mcap', overwrite=False, each=stop)
+        write_lab(recorded('strings'), tmp_path / 'lab.mcap', overwrite=False, on_progress=stop)
     assert not list(tmp_path.iterdir())
 
 
 def test_the_memory_of_an_arm_is_in_its_truth(tmp_path):
     scenario = recorded('strings').scenario.with_effects({'hysteresis': {'width': 2e3}})
     first = simulated(scenario)
-    write_lab(first, tmp_path / 'lab.mcap', overwrite=False, each=lambda: None)
+    write_lab(first, tmp_path / 'lab.mcap', overwrite=False, on_progress=lambda: None)
     memory = memory_after(tmp_path / 'lab.mcap')
     assert (memory.time, memory.pressure) == (2440.0, 66e3)
     assert memory.past == {'hysteresis': (65e3, 65e3, 65e3)}

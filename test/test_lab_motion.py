@@ -32,7 +32,7 @@ def test_targets_are_where_the_arm_is(arm, motion, pressure):
 
 
 def test_the_band_of_the_arm_follows_its_targets(motion):
-    moment = motion.moment(40e3)
+    moment = motion.frame_state(40e3)
     places = np.stack([moment.body.x, moment.body.y], axis=1)
     for x, y in zip(moment.dots.x, moment.dots.y, strict=True):
         assert np.hypot(*(places - [x, y]).T).min() < 0.0011
@@ -43,12 +43,12 @@ def test_the_band_of_the_arm_follows_its_targets(motion):
 
 
 def test_dots_move_as_far_as_the_pressure_changes_while_the_shutter_is_open(motion):
-    dots = motion.moment(30e3, 29e3, 31e3).dots
+    dots = motion.frame_state(30e3, 29e3, 31e3).dots
     expected = motion.targets(31e3) - motion.targets(29e3)
     np.testing.assert_array_equal(dots.motion, expected.T)
     np.testing.assert_array_equal([dots.x, dots.y], motion.targets(30e3))
     assert np.hypot(*dots.motion.T)[-1] > 5e-4
-    assert not motion.moment(30e3).dots.motion.any()
+    assert not motion.frame_state(30e3).dots.motion.any()
 
 
 def test_misplaced_targets_turn_with_the_arm(arm, motion):

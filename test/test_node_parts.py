@@ -8,8 +8,8 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.messages.cdr_template import ClaimSerializer
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.vision.tracker import TrackerState, Tracking
 import pytest
 from ruamel.yaml import YAML
 from support.random_estimates import random_estimate
@@ -115,7 +115,7 @@ class SilentNode:
 def published_in(seconds, rate, centerline_rate, subscribers=1):
     """How many messages of each topic estimates of a steady rate bring."""
     node = SilentNode()
-    serializer = ClaimSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
+    serializer = MessageSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
     outputs = EstimatePublisher(node, serializer, centerline_rate)
     for publisher in node.publishers.values():
         publisher.subscribers = subscribers

@@ -6,7 +6,7 @@ import numpy as np
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.files.scenario_file import effects_from_mapping
-from pneunet_ros.lab.chain import lying
+from pneunet_ros.lab.chain import free_shape
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS, OUTSIDE_EFFECTS
 from pneunet_ros.lab.protocols import Staircase, Strings
@@ -127,7 +127,7 @@ def test_an_arm_leans_against_a_peg_no_further_than_its_stiffness_lets_it():
     height, stiffness = 0.02, 200.0
     peg = lab_effect('touching_peg', {'stiffness': stiffness, 'place': 0.5, 'height': height})
     truth = simulated(scenario(FREE, peg)).truth
-    tip_free, place = lying(chain_with(peg, FREE)), 60
+    tip_free, place = free_shape(chain_with(peg, FREE)), 60
     touched = tip_free.y[:, place] > height
     assert 5 < touched.sum() < 35
     # The push that the bending of the arm tells is that of the peg.
@@ -171,7 +171,7 @@ def test_a_mismatch_is_harmless_and_grows_with_the_load():
 
 
 def test_a_peg_that_cannot_be_balanced_is_said(monkeypatch):
-    monkeypatch.setattr('pneunet_ros.lab.contact.MOST_STEPS', 1)
+    monkeypatch.setattr('pneunet_ros.lab.chain.MOST_STEPS', 1)
     peg = lab_effect('touching_peg', {'stiffness': 200.0, 'height': 0.02})
     with pytest.raises(RequestError, match='finds no equilibrium at its peg in frame'):
         simulated(scenario(FREE, peg))

@@ -16,8 +16,7 @@ from pneunet_ros.reports.tracking.preview import CURVES, PICTURES, Preview, spre
 import pneunet_ros.reports.tracking.preview_video
 from pneunet_ros.reports.tracking.preview_video import overlay_of, write_text, write_video
 from pneunet_ros.tables.length_unit import length_unit
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import Tracking
+from pneunet_ros.vision.tracker import Tracker, Tracking
 import pytest
 from support.films import (
     ARM,

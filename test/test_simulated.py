@@ -12,7 +12,6 @@ from pneunet_ros.lab.simulated import simulated
 import pytest
 from support.lab_pairs import recorded
 from support.lab_run import run_of
-from test_layers import FILES, house_module, imported_names
 
 SHIPPED = (
     'unloaded_ramp', 'unloaded_staircase', 'dead_weights', 'force_sweeps', 'strings', 'random_mix',
@@ -57,19 +56,3 @@ def test_a_recording_of_fewer_than_two_frames_is_refused():
     short = SlowRamp(duration=15.0)
     with pytest.raises(RequestError, match='must hold two frames or more'):
         simulated(dataclasses.replace(scenario, protocol=short, rates=slow))
-
-
-def test_the_lab_shares_no_solver_and_no_effect_with_the_model():
-    """Whatever leads from `simulated` down: words of the house, the decorator, and the lab."""
-    allowed = {'errors', 'frames', 'shape', 'units', 'solver.compiled'}
-    open_, seen = ['lab.simulated'], set()
-    while open_:
-        module = open_.pop()
-        seen.add(module)
-        for _, name in imported_names(FILES[module], module):
-            source = house_module(name)
-            if source is None or source in seen or source in allowed:
-                continue
-            assert source.startswith('lab'), f'{module} imports {source}'
-            open_.append(source)
-    assert {'lab.chain_kernels', 'lab.memory_effects', 'lab.sensors'} <= seen

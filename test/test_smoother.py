@@ -15,7 +15,7 @@ from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.moment_law import LinearLaw
-from pneunet_ros.vision.curvature_prior import learned_priors
+from pneunet_ros.vision.curvature_prior import learn_priors
 from pneunet_ros.vision.smoother import MeasuredCurve, Smoother, smoother_for
 import pytest
 from support.example_arms import LENGTH, PAPER_ARM, paper_arm, rebuilt, TABLE_1
@@ -223,7 +223,7 @@ def test_the_break_is_followed_where_the_model_has_one():
 
 def test_an_arm_without_break_has_a_prior_without():
     arm = rebuilt(paper_arm(), moment_law=LinearLaw(bending_stiffness=2e-4))
-    assert [prior.splits.size for prior in learned_priors(arm)] == [0, 0]
+    assert [prior.splits.size for prior in learn_priors(arm)] == [0, 0]
     free, broken, *_ = smoother().priors
     assert free.splits.size == 0
     np.testing.assert_allclose(broken.splits, LENGTH * np.linspace(0.10, 0.15, 5))
@@ -234,7 +234,7 @@ def test_an_arm_without_break_has_a_prior_without():
 
 
 def test_learning_gives_the_same_every_time():
-    again = learned_priors(paper_arm())
+    again = learn_priors(paper_arm())
     assert all(same_values(one, two) for one, two in zip(smoother().priors, again, strict=True))
 
 
@@ -330,9 +330,9 @@ WITHOUT_NUMBA = f"""
 import json
 import numpy as np
 from pneunet_ros import load_model
-from pneunet_ros.centerline import smoother_for
-from pneunet_ros.readings import TargetSightings
-from pneunet_ros.solver.compiled import HAVE_NUMBA
+from pneunet_ros.vision.smoother import smoother_for
+from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.core.jit import HAVE_NUMBA
 
 assert not HAVE_NUMBA
 x, y = np.array({FRAME.tolist()!r})

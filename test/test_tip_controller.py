@@ -16,7 +16,7 @@ import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.builders import Output
-from pneunet_ros.messages.topics import PRESSURE_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE
 import pytest
 
 # The wheels of ROS import a parser that is older than Python 3.11.

@@ -20,8 +20,7 @@ from pneunet_ros.vision.camera_settings import (
     HomographyPlane,
     PosePlane,
 )
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from scipy.spatial.transform import Rotation
 from support.moving_arm import motion_of
@@ -49,7 +48,7 @@ class Film:
 
     def picture(self, pressure=0.0):
         """Return a picture and its truth."""
-        return self.renderer.render(self.motion.moment(pressure), self.rng)
+        return self.renderer.render(self.motion.frame_state(pressure), self.rng)
 
     def show(self, grey, **changes):
         """Show a picture to the tracker as the next frame."""

@@ -14,7 +14,7 @@ import numpy as np
 from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.builders import Output, POINTS_TYPE
 from pneunet_ros.messages.point_cloud import cloud_points
-from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 import pytest
 
 # The wheels of ROS import a parser that is older than Python 3.11.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.lab.contact import leaning
+from pneunet_ros.lab.chain import equilibrium_shape
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.sensors import regular
 from pneunet_ros.lab.simulated import chain_of, read, unfolded
@@ -81,7 +81,7 @@ def driven(recording: LabRecording, before: LabMemory) -> np.ndarray:
     course, _ = unfolded(scenario, noisy, before)
     chain = chain_of(scenario, course, truth.time, noisy.force_at(truth.time))
     chain = replace(chain, moment=recording.moment)  # there is none: all of it is noise
-    x, y, _ = leaning(chain).points(scenario.arm.targets)
+    x, y, _ = equilibrium_shape(chain).points(scenario.arm.targets)
     points, share = np.stack([x, y], axis=-1), truth.time / events.duration
     for effect in scenario.effects:
         points = effect.see(scenario.arm, points, share)

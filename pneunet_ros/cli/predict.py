@@ -14,7 +14,6 @@ from pneunet_ros.cli.verb import (
     NEGATIVE,
     output_console,
     print_json,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
@@ -182,11 +181,3 @@ def show(shape: Shape, estimate: ShapeEstimate | None) -> None:
     )
     table.add_row('moment at the clamp', f'{1000.0 * shape.moment[0]:.4f}', '', 'mN m')
     console.print(table)
-
-
-VERB = Verb(
-    name='predict',
-    help='shape of the arm at a pressure, under an end load or with the tip at a given place',
-    options=options,
-    run=run,
-)

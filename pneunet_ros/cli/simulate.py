@@ -16,7 +16,6 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     progress_bar,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
@@ -69,7 +68,8 @@ def options(parser: ArgumentParser) -> None:
         '--after',
         type=Path,
         metavar='REC',
-        help='the arm remembers this earlier recording of the lab (default: a virgin arm at rest)',
+        help='the arm remembers this earlier recording of the lab '
+        '(default: an unconditioned arm at rest)',
     )
     add_json(parser)
 
@@ -92,7 +92,7 @@ def run(arguments: Namespace) -> int:
             recording,
             arguments.output,
             overwrite=arguments.overwrite,
-            each=lambda: bar.advance(task),
+            on_progress=lambda: bar.advance(task),
         )
     summary = summary_of(recording) | {
         'output': arguments.output,
@@ -191,11 +191,3 @@ def effect_texts(scenario: Scenario) -> list[str]:
         ]
         texts.append(f'{effect.name} ({", ".join(set_)})')
     return texts
-
-
-VERB = Verb(
-    name='simulate',
-    help='make a recording in the virtual lab, with its truth in a file beside it',
-    options=options,
-    run=run,
-)

@@ -22,7 +22,6 @@ from pneunet_ros.cli.verb import (
     print_json,
     progress_bar,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
@@ -38,8 +37,7 @@ from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.tables.length_unit import length_unit, LENGTHS, LengthUnit
 from pneunet_ros.tables.target_table import write_table
 from pneunet_ros.vision.camera_settings import CameraSettings, PosePlane
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import Tracking
+from pneunet_ros.vision.tracker import Tracker, Tracking
 
 CAMERA = 'config/camera.yaml'
 PREVIEWS = ('.png', '.mp4')
@@ -227,11 +225,3 @@ def views_of(
             preview.add(step.item.log_time_ns, image, tracking, step.state)
 
     return [*views, collect]
-
-
-VERB = Verb(
-    name='track',
-    help='find the white targets in camera images: points, smoothed centerline, curvature',
-    options=options,
-    run=run,
-)

@@ -6,6 +6,7 @@ One frozen dataclass per algorithm holds its numbers as fields made by `tuned`; 
 
 from __future__ import annotations
 
+from collections import namedtuple
 import dataclasses
 from dataclasses import field
 from typing import Any
@@ -34,6 +35,15 @@ def tuned(default: Any, meaning: str, *, unit: str = '-', source: str = 'invente
     comes from: 'measured', 'literature: ...', 'convention', or 'invented' where somebody chose it.
     """
     return field(default=default, metadata={'meaning': meaning, 'used_unit': unit, 'from': source})
+
+
+def numbers_type(settings: type, name: str) -> Any:
+    """Return a named tuple type with the fields of settings, as kernels take them.
+
+    name: that under which its module keeps it, where cached kernels look for it.
+    """
+    names = [item.name for item in dataclasses.fields(settings)]
+    return namedtuple(name, names, module=settings.__module__)
 
 
 def settings_used(*owners: Any) -> dict[str, Any]:

@@ -2,21 +2,23 @@
 
 An effect changes the model in one of four places, by the methods that it implements:
 
-| place       | methods                          | what they change                                 |
-|-------------|----------------------------------|--------------------------------------------------|
-| *sensing*   | `sense`                          | what a reading of pressure and wrench means      |
-|             | `see`                            | where a camera measures a point                  |
-| *actuation* | `initial`, `actuate`, `in_play`  | sensor pressure, with its history -> chamber     |
-|             | `history_terms`                  | what the history adds to the rod                 |
-| *material*  | `terms`                          | moment-curvature law: rigidity, offset, cubic    |
-|             | `initial`, `actuate`             | a history of its own,                            |
-|             | `history_terms`                  | and what it adds to that law                     |
-| *mechanics* | `terms`                          | strain, compliances, line load, place of the load|
+=========== ============================= ====================================================
+place       methods                       what they change
+=========== ============================= ====================================================
+sensing     sense                         what a reading of pressure and wrench means
+sensing     see                           where a camera measures a point
+actuation   initial, actuate, in_play     pressure at the sensor, with its past, -> chamber
+actuation   history_terms                 what that past adds to the rod, such as a mixture of
+                                          rows of the intrinsic curvature
+material    terms                         moment-curvature law: rigidity, offset, cubic term
+material    initial, actuate,             what a past of its own adds to that law
+            history_terms
+mechanics   terms                         strain, compliances, line load, where the load acts
+=========== ============================= ====================================================
 
-Sensing acts on readings, actuation on the pressure between sensor and chamber; material and
-mechanics add `Terms` to the record of the rod, which is all that the solver knows. A history comes
-in and goes out as a tuple of numbers. The default of every parameter is neutral: an effect with all
-of them does nothing at all.
+`Terms` is the record of all that can be added to the rod; the solver knows nothing else. A history
+comes in and goes out as a tuple of numbers. The default of every parameter is neutral: an effect
+with all of them does nothing at all.
 """
 
 from __future__ import annotations

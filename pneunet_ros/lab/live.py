@@ -12,8 +12,8 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.chain import Lying
-from pneunet_ros.lab.contact import leaning
+from pneunet_ros.core.units import check_quantities, quantity
+from pneunet_ros.lab.chain import ChainShape, equilibrium_shape
 from pneunet_ros.lab.lab_effect import Course, Past
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.sensors import placed, stream
@@ -26,9 +26,42 @@ from pneunet_ros.lab.simulated import (
     read,
     STEP,
 )
-from pneunet_ros.lab.valve import Valve
 
 MIDDLE = 0.5  # share of the time of a recording at which rich cameras see live
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Valve:
+    """A pressure regulator: of first order, and no faster than its supply.
+
+    p' = (command - p) / time_constant, at most rate_limit; all numbers are invented.
+    """
+
+    time_constant: float = quantity(
+        0.1, unit='s', meaning='of the valve; 0.0: none', bounds=(0.0, 100.0), source='invented'
+    )
+    rate_limit: float = quantity(
+        4e4,
+        unit='Pa/s',
+        meaning='largest rate at which the valve fills or vents',
+        bounds=(1.0, 1e9),
+        source='invented',
+    )
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_quantities(self, 'valve', RequestError)
+
+    def pressure(self, start: float, command: float, seconds: Array) -> Array:
+        """Return the pressures (n,) Pa at times (n,) s after it was `start`, exactly."""
+        way = abs(command - start)
+        # Limited until what is left is slow enough, and exponential from then on.
+        left = min(way, self.rate_limit * self.time_constant)
+        limited = (way - left) / self.rate_limit
+        after = np.maximum(seconds - limited, 0.0)
+        share = np.exp(-after / self.time_constant) if self.time_constant > 0.0 else 1.0
+        remaining = np.where(seconds < limited, way - self.rate_limit * seconds, left * share)
+        return freeze(command - math.copysign(1.0, command - start) * remaining)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +128,7 @@ class LiveLab:
         object.__setattr__(self, 'registration', freeze(noise.registration_std * beside))
 
     def begin(self, time: float = 0.0) -> LiveState:
-        """Return a virgin arm, at rest at the lowest pressure it is described for."""
+        """Return an unconditioned arm at rest at its lowest pressure."""
         pressure = max(0.0, self.scenario.arm.pressure_range[0])
         return self._at(time, pressure, Load(), {})
 
@@ -133,7 +166,7 @@ class LiveLab:
             state, time=time, pressure=float(pressure[-1]), load=load, course=course, past=past
         )
 
-    def shape(self, state: LiveState) -> tuple[LiveState, Lying]:
+    def shape(self, state: LiveState) -> tuple[LiveState, ChainShape]:
         """Return the arm in equilibrium; RequestError where it finds none.
 
         The state that comes back knows the shape, so that the next one is near to it.
@@ -142,7 +175,7 @@ class LiveLab:
         force = freeze(np.array([[load.force_x, load.force_y]]))
         chain = chain_of(self.scenario, state.course, state.course.time[-1:], force)
         chain = replace(chain, moment=freeze(np.array([load.moment])))
-        shape = leaning(chain, state.angles)
+        shape = equilibrium_shape(chain, state.angles)
         return replace(state, angles=shape.angles[0]), shape
 
     def reading(self, state: LiveState, random: np.random.Generator) -> LiveReading:
@@ -160,7 +193,7 @@ class LiveLab:
             )
         return LiveReading(pressure=float(pressure[0] + noise.pressure_std * white[0]), load=felt)
 
-    def seen(self, shape: Lying) -> Array:
+    def seen(self, shape: ChainShape) -> Array:
         """Return where the camera shows the targets (targets, 2) m, before its noise."""
         arm = self.scenario.arm
         points = np.stack(painted(shape, arm.targets, self.placement), axis=-1)
@@ -168,7 +201,7 @@ class LiveLab:
             points = effect.see(arm, points, np.full(1, MIDDLE))
         return freeze(points[0] + self.registration)
 
-    def sighted(self, shape: Lying, random: np.random.Generator) -> Array:
+    def sighted(self, shape: ChainShape, random: np.random.Generator) -> Array:
         """Return the targets as a tracker measures them (targets, 2) m, NaN = not seen."""
         noise, points = self.scenario.noise, self.seen(shape)
         measured = points + noise.target_std * random.standard_normal(points.shape)

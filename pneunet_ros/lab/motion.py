@@ -1,21 +1,44 @@
-"""An arm that bends with its pressure before the camera of the virtual lab.
+"""The arm in front of the camera of the virtual lab: as it bends with its pressure, and live.
 
-Shapes are taken once, at a grid of pressures, and interpolated from then on: thousands of images
-need no more solves. What is drawn is what the truth says, whatever the interpolation left.
+For the first, shapes are taken once, at a grid of pressures, and interpolated from then on:
+thousands of images need no more solves. What is drawn is what the truth says, whatever the
+interpolation left.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.scene import Body, Dots, Moment, Occluder
+from pneunet_ros.core.image import Bytes
+from pneunet_ros.lab.chain import ChainShape
+from pneunet_ros.lab.lens import looking_down
+from pneunet_ros.lab.live import LiveLab
+from pneunet_ros.lab.renderer import Renderer
+from pneunet_ros.lab.scene import Body, Dots, FrameState, Light, Occluder, Scene
 from scipy.interpolate import CubicSpline
 
+OUTLINE = 57  # stations of the outline of the arm
+# The camera looks squarely at the working plane; config/lab_camera.yaml says where it is.
+SCENE: Final = Scene(
+    camera=looking_down(
+        width=640,
+        height=480,
+        focal_px=610.0,
+        scale=0.00027,
+        middle=(0.058, 0.032),
+        distortion=(-0.25, 0.09, 0.0006, -0.0004, 0.0),
+    ),
+    light=Light(level=0.97, gradient_u=-0.2, gradient_v=0.1, vignette=0.25),
+    background=96.0,
+    texture=1.5,
+    blur=0.75,
+    noise=0.85,
+)
 DRAWN_EVERY = 4  # station of them, for the outline of the arm
 GRID = 41  # pressures
 
@@ -68,7 +91,7 @@ class ArmMotion:
         motion = (self.targets(closing) - self.targets(opening)).T
         return Dots(x=places[0], y=places[1], radius=np.array(radius), grey=grey, motion=motion)
 
-    def moment(
+    def frame_state(
         self,
         pressure: float,
         opening: float | None = None,
@@ -76,7 +99,7 @@ class ArmMotion:
         occluders: tuple[Occluder, ...] = (),
         radius: float = 0.0011,
         grey: float = 225.0,
-    ) -> Moment:
+    ) -> FrameState:
         """Return the arm at a pressure (Pa), for a Renderer.
 
         opening, closing: the pressures when the shutter opens and closes, None: as amid this time.
@@ -84,7 +107,7 @@ class ArmMotion:
         x, y, theta = self._body(pressure)
         opening = pressure if opening is None else opening
         closing = pressure if closing is None else closing
-        return Moment(
+        return FrameState(
             dots=self.dots(pressure, opening, closing, radius, grey),
             body=Body(x=x, y=y, theta=theta),
             occluders=occluders,
@@ -109,3 +132,25 @@ def sinus(time: float, *, rest: float, period: float, top: float) -> float:
 def ramp(time: float, *, rest: float, rate: float, top: float) -> float:
     """Pressure (Pa) that rests at 0 until `rest` (s) and rises at `rate` (Pa/s) up to `top`."""
     return min(max(time - rest, 0.0) * rate, top)
+
+
+class Film:
+    """Renders the arm of a live lab as it lies."""
+
+    __slots__ = ('_lab', '_outline', '_renderer')
+
+    def __init__(self, lab: LiveLab) -> None:
+        """Draw what does not move."""
+        self._lab = lab
+        self._outline = np.linspace(0.0, lab.scenario.arm.length, OUTLINE)
+        self._renderer = Renderer(SCENE)
+
+    def image(self, shape: ChainShape, random: np.random.Generator) -> Bytes:
+        """Return an image (height, width), grey levels, of the arm; nothing moves meanwhile."""
+        points = self._lab.seen(shape)
+        x, y, theta = (rows[0] for rows in shape.points(self._outline))
+        moment = FrameState(
+            dots=Dots(x=points[:, 0], y=points[:, 1]), body=Body(x=x, y=y, theta=theta)
+        )
+        picture, _ = self._renderer.render(moment, random)
+        return picture

@@ -1,4 +1,4 @@
-"""What stands before the camera of the virtual lab: what stays (Scene) and what moves (Moment).
+"""What the camera of the virtual lab sees: what stays (Scene) and what moves (FrameState).
 
 Targets live in the working plane (m, base frame), all that distracts from them in the image (px).
 Grey levels are those under even light, from 0 to 255.
@@ -157,7 +157,7 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Moment:
+class FrameState:
     """What moves, as it is in the middle of an exposure: targets, arm, and what hides them."""
 
     dots: Dots

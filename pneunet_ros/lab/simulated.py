@@ -11,8 +11,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.chain import Chain, Lying, middle_joints
-from pneunet_ros.lab.contact import leaning
+from pneunet_ros.lab.chain import Chain, ChainShape, equilibrium_shape, middle_joints
 from pneunet_ros.lab.lab_effect import Course, Past
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth, Stamps
 from pneunet_ros.lab.scenario import Scenario
@@ -28,8 +27,8 @@ def simulated(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordi
     """Return the recording that a scenario makes, deterministic to the last bit.
 
     memory: what the arm remembers of an earlier recording (`LabRecording.memory`); without one it
-    is virgin and has rested. Raises RequestError where protocol and arm do not fit together, and
-    where the arm finds no equilibrium.
+    is unconditioned (no prior loading) and has rested. Raises RequestError where protocol and arm
+    do not fit together, and where the arm finds no equilibrium.
     """
     events = scenario.protocol.timeline()
     check_pressures(scenario, events)
@@ -39,7 +38,7 @@ def simulated(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordi
         raise RequestError('protocol.duration must hold two frames or more')
     arm, weights = scenario.arm, sampled(course, course.weights, times)
     chamber = sampled(course, course.chamber[:, None], times)[:, 0]
-    shape = leaning(chain_of(scenario, course, times, events.force_at(times)))
+    shape = equilibrium_shape(chain_of(scenario, course, times, events.force_at(times)))
     arclength = np.linspace(0.0, arm.length, int(scenario.detail.stations))
     x, y, theta = shape.points(arclength)
     placement = placed(stream('placement', arm.seed), arm.targets.size, scenario.noise)
@@ -154,7 +153,7 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
     return chain
 
 
-def painted(shape: Lying, places: Array, placement: Array) -> tuple[Array, Array]:
+def painted(shape: ChainShape, places: Array, placement: Array) -> tuple[Array, Array]:
     """Return x, y (m) of targets painted beside their places, each (frames, targets)."""
     x, y, theta = shape.points(places)
     cosine, sine = np.cos(theta), np.sin(theta)

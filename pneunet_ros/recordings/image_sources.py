@@ -10,12 +10,8 @@ from pneunet_ros.core.errors import CameraError, MessageError, RecordingError, R
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.files.camera_file import load_camera_info
-from pneunet_ros.messages.tracker import (
-    CAMERA_INFO_TYPE,
-    COMPRESSED_TYPE,
-    IMAGE_TYPE,
-    TRACKER_INPUTS,
-)
+from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE, TRACKER_INPUTS
 from pneunet_ros.recordings.bag_folder import METADATA
 from pneunet_ros.recordings.image_files import (
     folder_images,

@@ -18,9 +18,14 @@ from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.scenario import described
-from pneunet_ros.messages.builders import POINTS_TYPE
-from pneunet_ros.messages.readings import pressure_message, targets_message, wrench_message
-from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import (
+    END_WRENCH,
+    PRESSURE,
+    pressure_message,
+    TARGETS,
+    targets_message,
+    wrench_message,
+)
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 
@@ -38,11 +43,11 @@ def truth_file(path: Path) -> Path:
 
 
 def write_lab(
-    recording: LabRecording, path: Path, *, overwrite: bool, each: Callable[[], None]
+    recording: LabRecording, path: Path, *, overwrite: bool, on_progress: Callable[[], None]
 ) -> Path:
     """Write a recording and, in a file of its own, its truth; returns the path of the truth.
 
-    Both stand there when both are complete. `each` is called after every message. Raises
+    Both stand there when both are complete. `on_progress` is called after every message. Raises
     RecordingError as `write_recording` does.
     """
     truth = truth_file(path)
@@ -52,17 +57,13 @@ def write_lab(
     ):
         np.savez_compressed(temporary, allow_pickle=False, **truth_arrays(recording))
         topics = {
-            name: writer.add(f'{NAMESPACE}/{name}', type_name)
-            for name, type_name in (
-                ('pressure', PRESSURE_TYPE),
-                ('end_wrench', WRENCH_TYPE),
-                ('targets', POINTS_TYPE),
-            )
-            if name != 'end_wrench' or recording.loaded
+            sensor.name: writer.add(f'{NAMESPACE}/{sensor.name}', sensor.type)
+            for sensor in (PRESSURE, END_WRENCH, TARGETS)
+            if sensor is not END_WRENCH or recording.loaded
         }
         for log_time, name, message in messages(recording):
             writer.write(topics[name], log_time, message)
-            each()
+            on_progress()
     return truth
 
 
@@ -86,13 +87,13 @@ def messages(recording: LabRecording) -> Iterator[Message]:
         for index, stamp in enumerate(stamps)
     ]
     makers = (
-        ('end_wrench', wrench_of),
-        ('pressure', pressure_of),
-        ('targets', targets_of),
+        (END_WRENCH, wrench_of),
+        (PRESSURE, pressure_of),
+        (TARGETS, targets_of),
     )
     for log_time, rank, index in sorted(order):
-        name, make = makers[rank]
-        yield log_time, name, make(recording, index)
+        sensor, make = makers[rank]
+        yield log_time, sensor.name, make(recording, index)
 
 
 def pressure_of(recording: LabRecording, index: int) -> Any:

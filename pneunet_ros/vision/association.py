@@ -1,4 +1,4 @@
-"""The row of targets among bright areas of a single image: which area is which target.
+"""The row of targets among blobs of a single image: which blob is which target.
 
 A row is grown target by target from the clamp: the next one is expected where an arc through the
 last ones leads, at the known spacing. The few best rows so far are kept at each step, so that a
@@ -7,33 +7,44 @@ glint beside the arm does not lead astray, and a target may be missing where not
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuned
 from pneunet_ros.vision.beam_search import (
-    cut,
-    goes_on,
-    grow,
+    BEAM_SEARCH,
+    continues_beyond,
+    grow_row,
+    grow_seeded_rows,
     HEADING,
     Indices,
     LAST,
-    LONGEST_GAP,
     NOTHING,
     SCALE,
-    seeded,
     SIZE,
+    truncate_row,
 )
 
-MOST_AREAS = 400  # bright areas among which a row is looked for
-LEAST_SHARE = 0.4  # of the targets must be seen for a row to be one
-LEAST_TARGETS = 4  # and no fewer than these
-ALIKE = 0.5  # share of areas that two readings of one row have in common, or more
+LEAST_TARGETS = 4  # that are seen, for a row to be one
 
 
-class Row(NamedTuple):
-    """Index of the area that each target is (targets,), -1 where it is missing, and the cost."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssociationSettings:
+    """When blobs are a row of targets."""
+
+    most_blobs: int = tuned(400, 'blobs among which a row is looked for, at most')
+    least_share: float = tuned(0.4, 'of the targets must be seen for a row to be one')
+    alike: float = tuned(0.5, 'share of blobs that two readings of one row have in common')
+
+
+ASSOCIATION = AssociationSettings()
+
+
+class TargetRow(NamedTuple):
+    """Index of the blob that each target is (targets,), -1 where it is missing, and the cost."""
 
     chosen: Indices
     cost: float
@@ -46,72 +57,75 @@ class Row(NamedTuple):
 
 def least_seen(targets: int) -> int:
     """Return how many of so many targets must be seen for a row to be one."""
-    return min(targets, max(LEAST_TARGETS, math.ceil(LEAST_SHARE * targets)))
+    return min(targets, max(LEAST_TARGETS, math.ceil(ASSOCIATION.least_share * targets)))
 
 
-def row_from_clamp(points: Array, areas: Array, arclength: Array, clamp_angle: float) -> Row:
-    """Find the row that starts at the clamp; points (areas, 2) m in the base frame.
+def row_from_clamp(points: Array, areas: Array, arclength: Array, clamp_angle: float) -> TargetRow:
+    """Find the row that starts at the clamp; points (blobs, 2) m in the base frame.
 
-    areas (areas,) sizes to compare; arclength (targets,) m. A row that goes on beyond the last
+    areas (blobs,) px^2; arclength (targets,) m. A row that goes on beyond the last
     target is none.
     """
     x, y, sizes = _columns(points, areas)
     start = np.zeros(LAST + 1)
     start[HEADING], start[SCALE], start[SIZE], start[LAST] = clamp_angle, 1.0, math.nan, NOTHING
     chosen = np.full(arclength.size, NOTHING)
-    cost = grow(x, y, sizes, arclength, start, LONGEST_GAP, math.inf, chosen)
-    cut(x, y, arclength, clamp_angle, chosen)
-    if chosen[-1] >= 0 and goes_on(x, y, sizes, arclength, chosen):
+    cost = grow_row(
+        x, y, sizes, arclength, start, BEAM_SEARCH.longest_gap, math.inf, chosen, BEAM_SEARCH
+    )
+    truncate_row(x, y, arclength, clamp_angle, chosen, BEAM_SEARCH)
+    if chosen[-1] >= 0 and continues_beyond(x, y, sizes, arclength, chosen, BEAM_SEARCH):
         chosen[:] = NOTHING  # the camera has moved, or these are other dots
-    return Row(chosen, cost)
+    return TargetRow(chosen, cost)
 
 
-def rows_anywhere(points: Array, areas: Array, arclength: Array) -> list[Row]:
+def rows_anywhere(points: Array, areas: Array, arclength: Array) -> list[TargetRow]:
     """Find all rows whose place and scale are not known; both ends of a row must be seen.
 
-    points (areas, 2) in any coordinates that are true to shape. A row that goes on beyond its ends
-    with more areas alike is none. The best reading of each row comes first; the same areas may be
+    points (blobs, 2) in any coordinates that are true to shape. A row that goes on beyond its ends
+    with more blobs alike is none. The best reading of each row comes first; the same blobs may be
     read from either end.
     """
     x, y, sizes = _columns(points, areas)
     targets = arclength.size
     if x.size < targets:
         return []
-    chosen, costs = seeded(x, y, sizes, arclength)
+    chosen, costs = grow_seeded_rows(x, y, sizes, arclength, BEAM_SEARCH)
     order = np.argsort(costs, kind='stable')
-    rows: list[Row] = []
+    rows: list[TargetRow] = []
     for place in order[np.isfinite(costs[order])].tolist():
-        row = Row(chosen[place], float(costs[place]))
+        row = TargetRow(chosen[place], float(costs[place]))
         if not any(_same(row, other) for other in rows):
             rows.append(row)
     return rows
 
 
-def share_of_areas(row: Row, other: Row) -> float:
-    """Return which share of the areas of a row belong to another one as well."""
+def share_of_blobs(row: TargetRow, other: TargetRow) -> float:
+    """Return which share of the blobs of a row belong to another one as well."""
     mine = row.chosen[row.chosen >= 0]
     return float(np.isin(mine, other.chosen).mean()) if mine.size else 0.0
 
 
-def _same(row: Row, other: Row) -> bool:
-    """Whether two rows are readings of the same areas from the same end."""
+def _same(row: TargetRow, other: TargetRow) -> bool:
+    """Whether two rows are readings of the same blobs from the same end."""
     same = (row.chosen == other.chosen) & (row.chosen >= 0)
-    if np.count_nonzero(same) >= ALIKE * row.seen:
+    if np.count_nonzero(same) >= ASSOCIATION.alike * row.seen:
         return True
     # Read from the same end, but a target off.
-    forward = np.dot(_direction(row), _direction(other)) > 0.0
-    return bool(forward and share_of_areas(row, other) >= ALIKE)
+    size = 1 + max(row.chosen.max(), other.chosen.max())
+    forward = np.dot(_direction(row, size), _direction(other, size)) > 0.0
+    return bool(forward and share_of_blobs(row, other) >= ASSOCIATION.alike)
 
 
-def _direction(row: Row) -> Array:
-    """Order of the areas in a row as a direction, to tell its two readings apart."""
-    ranks = np.zeros(MOST_AREAS)
+def _direction(row: TargetRow, size: int) -> Array:
+    """Order of the blobs in a row as a direction, to tell its two readings apart."""
+    ranks = np.zeros(size)
     seen = row.chosen[row.chosen >= 0]
     ranks[seen] = np.arange(seen.size) - 0.5 * (seen.size - 1)
     return ranks
 
 
 def _columns(points: Array, areas: Array) -> tuple[Array, Array, Array]:
-    """Return x, y and logarithmic size of areas, contiguous."""
+    """Return x, y and logarithmic size of blobs, contiguous."""
     x, y = np.ascontiguousarray(points.T)
     return x, y, np.log(areas)

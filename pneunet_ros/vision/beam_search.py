@@ -1,4 +1,4 @@
-"""Grow rows among bright areas target by target: the compiled part of `row_search`.
+"""Grow rows among blobs target by target: the compiled part of `association`.
 
 The next target is expected where an arc through the last ones leads, at the known spacing. The few
 best rows so far are kept at each step.
@@ -6,31 +6,50 @@ best rows so far are kept at each step.
 
 from __future__ import annotations
 
+from dataclasses import astuple, dataclass
 import math
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.settings import numbers_type, tuned
 
 Indices = npt.NDArray[np.int64]
 
-# Of the spacing of targets: how far from its place a target is looked for, along and across.
-ALONG, ACROSS = 0.35, 0.35
-SPREAD_ALONG, SPREAD_ACROSS = 0.12, 0.15  # of the spacing: what costs as much as one sigma
-BEND = 0.08  # of the spacing and the square of the gap: how much more a gap can bend
-STRETCH = 0.25  # longest and shortest spacing of a stretched arm
-LARGER, SIZE_SPREAD = 0.9, 0.35  # largest difference of logarithmic areas in a row; its sigma
-MISSING = 9.0  # cost of a target that is not seen
-ALIKE_COST = 1.5  # of an area beyond the end of a row, below which the row goes on
-GAP_MISFIT = 0.35  # of the spacing: beyond it a gap may hide another number of targets
-LONGEST_GAP = 7  # in targets, from one that is seen to the next
-KEPT = 12  # rows kept at each step
-NEIGHBORS = 6  # of an area, where the scale is not known: one of them is the next target
 NOTHING = -1
 
 # What is known of a row while it grows.
 COST, X, Y, HEADING, BENDING, SCALE, SIZE, LAST = range(8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BeamSearchSettings:
+    """What a row of targets looks like, and how many rows are tried."""
+
+    along: float = tuned(0.35, 'a target off its place along the row, at most', unit='spacing')
+    across: float = tuned(0.35, 'the same, across', unit='spacing')
+    along_std: float = tuned(0.12, 'one sigma of that along the row', unit='spacing')
+    across_std: float = tuned(0.15, 'the same, across', unit='spacing')
+    gap_along: float = tuned(0.1, 'of what a gap bends: further off along the row')
+    bend: float = tuned(0.08, 'further off after a gap', unit='spacing x (gap^2 - 1)')
+    stretch: float = tuned(0.25, 'longest and shortest spacing of a stretched arm, off 1')
+    larger: float = tuned(0.9, 'difference of logarithmic areas in a row, at most')
+    size_std: float = tuned(0.35, 'one sigma of that')
+    memory: float = tuned(0.7, 'weight of the row so far in its spacing and its size')
+    missing: float = tuned(9.0, 'cost of a target that is not seen')
+    dearest: float = tuned(0.2, 'share of targets missing in a row found anywhere, at most')
+    alike: float = tuned(1.5, 'cost of a blob beyond the end, below which the row goes on')
+    gap_misfit: float = tuned(0.35, 'length of a gap against its targets', unit='spacing')
+    longest_gap: int = tuned(7, 'from one target that is seen to the next')
+    first_gap: int = tuned(2, 'the same, where the scale is not known')
+    kept: int = tuned(12, 'rows kept at each step')
+    neighbors: int = tuned(6, 'of a blob, one of which is the next target')
+    seen: float = tuned(0.8, 'share of the targets seen in a row found anywhere, at least')
+
+
+BeamSearchNumbers = numbers_type(BeamSearchSettings, 'BeamSearchNumbers')
+BEAM_SEARCH: BeamSearchSettings = BeamSearchNumbers(*astuple(BeamSearchSettings()))
 
 
 @inlined
@@ -44,42 +63,64 @@ def _expected(row: Array, ahead: float) -> tuple[float, float, float, float]:
 
 @inlined
 def _misfit(
-    off_x: float, off_y: float, cosine: float, sine: float, bend: float, larger: float
+    off_x: float,
+    off_y: float,
+    cosine: float,
+    sine: float,
+    bend: float,
+    larger: float,
+    search: BeamSearchSettings,
 ) -> float:
-    """Cost of an area that is off by so much (spacings) and larger in logarithm; inf if too far.
+    """Cost of a blob that is off by so much (spacings) and larger in logarithm; inf if too far.
 
     bend: how much further across the gap it may be.
     """
     along = abs(off_x * cosine + off_y * sine)
     across = abs(off_y * cosine - off_x * sine)
-    if along > ALONG + 0.1 * bend or across > ACROSS + bend or abs(larger) > LARGER:
+    if (
+        along > search.along + search.gap_along * bend
+        or across > search.across + bend
+        or abs(larger) > search.larger
+    ):
         return math.inf
     return (
-        (along / SPREAD_ALONG) ** 2
-        + (across / (SPREAD_ACROSS + bend)) ** 2
-        + (larger / SIZE_SPREAD) ** 2
+        (along / search.along_std) ** 2
+        + (across / (search.across_std + bend)) ** 2
+        + (larger / search.size_std) ** 2
     )
 
 
 @inlined
-def _lengthen(row: Array, x: float, y: float, size: float, ahead: float, first: float) -> None:
+def _lengthen(
+    row: Array,
+    x: float,
+    y: float,
+    size: float,
+    ahead: float,
+    first: float,
+    search: BeamSearchSettings,
+) -> None:
     """Put a target at the end of a row; first: the scale the row began with."""
     step_x, step_y = x - row[X], y - row[Y]
     chord = math.hypot(step_x, step_y)
     if ahead > 0.0 and chord > 0.0:
         # Heading of an arc: that of the chord in its middle; half of a new bend is believed.
-        turn = _turned(math.atan2(step_y, step_x) - row[HEADING])
+        turn = _wrap_angle(math.atan2(step_y, step_x) - row[HEADING])
         bending = 2.0 * turn / ahead
         row[BENDING] = 0.5 * (row[BENDING] + bending)
         row[HEADING] += turn + 0.5 * row[BENDING] * ahead
-        scale = 0.7 * row[SCALE] + 0.3 * chord / ahead
-        row[SCALE] = min(max(scale, first * (1.0 - STRETCH)), first * (1.0 + STRETCH))
+        scale = search.memory * row[SCALE] + (1.0 - search.memory) * chord / ahead
+        row[SCALE] = min(
+            max(scale, first * (1.0 - search.stretch)), first * (1.0 + search.stretch)
+        )
     row[X], row[Y] = x, y
-    row[SIZE] = size if math.isnan(row[SIZE]) else 0.7 * row[SIZE] + 0.3 * size
+    row[SIZE] = (
+        size if math.isnan(row[SIZE]) else search.memory * row[SIZE] + (1.0 - search.memory) * size
+    )
 
 
 @kernel
-def grow(
+def grow_row(
     x: Array,
     y: Array,
     sizes: Array,
@@ -88,6 +129,7 @@ def grow(
     longest_gap: int,
     dearest: float,
     chosen: Indices,
+    search: BeamSearchSettings,
 ) -> float:
     """Grow a row from its start, which `chosen` (targets,) holds so far; return its cost.
 
@@ -95,10 +137,10 @@ def grow(
     infinite where it would be above `dearest`.
     """
     targets = arclength.size
-    rows = np.zeros((KEPT, LAST + 1))
-    paths = np.full((KEPT, targets), NOTHING)
-    next_rows = np.zeros((KEPT + 1, LAST + 1))
-    next_paths = np.full((KEPT + 1, targets), NOTHING)
+    rows = np.zeros((search.kept, LAST + 1))
+    paths = np.full((search.kept, targets), NOTHING)
+    next_rows = np.zeros((search.kept + 1, LAST + 1))
+    next_paths = np.full((search.kept + 1, targets), NOTHING)
     rows[0], paths[0] = start, chosen
     kept = 1
     for target in range(int(start[LAST]) + 1, targets):
@@ -109,19 +151,19 @@ def grow(
             gap = target - last
             ahead = arclength[target] - (arclength[last] if last >= 0 else 0.0)
             unit = row[SCALE] * (arclength[max(target, 1)] - arclength[max(target, 1) - 1])
-            bend = BEND * (gap * gap - 1)
+            bend = search.bend * (gap * gap - 1)
             at_x, at_y, cosine, sine = _expected(row, ahead)
-            reach = unit * (ALONG + ACROSS + bend)
-            for area in range(-1, x.size if gap <= longest_gap else 0):
-                cost = MISSING
-                if area >= 0:
-                    off_x, off_y = x[area] - at_x, y[area] - at_y
+            reach = unit * (search.along + search.across + bend)
+            for blob in range(-1, x.size if gap <= longest_gap else 0):
+                cost = search.missing
+                if blob >= 0:
+                    off_x, off_y = x[blob] - at_x, y[blob] - at_y
                     if abs(off_x) > reach or abs(off_y) > reach:
                         continue
-                    larger = 0.0 if math.isnan(row[SIZE]) else sizes[area] - row[SIZE]
-                    cost = _misfit(off_x / unit, off_y / unit, cosine, sine, bend, larger)
+                    larger = 0.0 if math.isnan(row[SIZE]) else sizes[blob] - row[SIZE]
+                    cost = _misfit(off_x / unit, off_y / unit, cosine, sine, bend, larger, search)
                 cost += row[COST]
-                if found == KEPT and cost >= next_rows[KEPT - 1, COST]:
+                if found == search.kept and cost >= next_rows[search.kept - 1, COST]:
                     continue
                 if not cost < math.inf:
                     continue
@@ -133,11 +175,13 @@ def grow(
                     slot -= 1
                 next_rows[slot], next_paths[slot] = row, paths[place]
                 next_rows[slot, COST] = cost
-                if area >= 0:
-                    _lengthen(next_rows[slot], x[area], y[area], sizes[area], ahead, start[SCALE])
+                if blob >= 0:
+                    _lengthen(
+                        next_rows[slot], x[blob], y[blob], sizes[blob], ahead, start[SCALE], search
+                    )
                     next_rows[slot, LAST] = target
-                    next_paths[slot, target] = area
-                found = min(found + 1, KEPT)
+                    next_paths[slot, target] = blob
+                found = min(found + 1, search.kept)
         if next_rows[0, COST] > dearest:
             return math.inf
         kept = found
@@ -148,7 +192,14 @@ def grow(
 
 
 @kernel
-def cut(x: Array, y: Array, arclength: Array, clamp_angle: float, chosen: Indices) -> None:
+def truncate_row(
+    x: Array,
+    y: Array,
+    arclength: Array,
+    clamp_angle: float,
+    chosen: Indices,
+    search: BeamSearchSettings,
+) -> None:
     """End a row at the first gap that is not as long as the targets missing in it.
 
     Beyond such a gap the row may be a target off. A gap is as long as a curve with the headings at
@@ -176,11 +227,11 @@ def cut(x: Array, y: Array, arclength: Array, clamp_angle: float, chosen: Indice
             onward = _end_heading(x, y, arclength, chosen, seen[place:][:3])
         chord_x, chord_y = x[chosen[target]] - from_x, y[chosen[target]] - from_y
         chord = math.atan2(chord_y, chord_x)
-        a, b = _turned(heading - chord), _turned(onward - chord)
+        a, b = _wrap_angle(heading - chord), _wrap_angle(onward - chord)
         longer = 1.0 + (2.0 * a * a + 2.0 * b * b - a * b) / 30.0
         length = longer * math.hypot(chord_x, chord_y)
         spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
-        if abs(length / scale - (arclength[target] - passed)) > GAP_MISFIT * spacing:
+        if abs(length / scale - (arclength[target] - passed)) > search.gap_misfit * spacing:
             chosen[target:] = NOTHING
             return
 
@@ -195,21 +246,23 @@ def _end_heading(x: Array, y: Array, arclength: Array, chosen: Indices, places: 
         return heading
     third = places[2]
     c = chosen[third]
-    turn = _turned(math.atan2(y[c] - y[b], x[c] - x[b]) - heading)
+    turn = _wrap_angle(math.atan2(y[c] - y[b], x[c] - x[b]) - heading)
     share = abs(arclength[second] - arclength[first]) / abs(arclength[third] - arclength[first])
     at_end: float = heading - turn * share
     return at_end
 
 
 @inlined
-def _turned(angle: float) -> float:
+def _wrap_angle(angle: float) -> float:
     """Bring an angle into (-pi, pi]."""
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @kernel
-def goes_on(x: Array, y: Array, sizes: Array, arclength: Array, chosen: Indices) -> bool:
-    """Whether another area alike stands a spacing beyond the last target of a row."""
+def continues_beyond(
+    x: Array, y: Array, sizes: Array, arclength: Array, chosen: Indices, search: BeamSearchSettings
+) -> bool:
+    """Whether another blob alike stands a spacing beyond the last target of a row."""
     last = arclength.size - 1
     row = np.zeros(LAST + 1)
     before = last - 1
@@ -225,51 +278,53 @@ def goes_on(x: Array, y: Array, sizes: Array, arclength: Array, chosen: Indices)
     spacing = arclength[last] - arclength[last - 1]
     at_x, at_y, cosine, sine = _expected(row, spacing)
     unit = row[SCALE] * spacing
-    for area in range(x.size):
-        off_x, off_y = (x[area] - at_x) / unit, (y[area] - at_y) / unit
-        larger = sizes[area] - sizes[b]
-        if area != b and _misfit(off_x, off_y, cosine, sine, 0.0, larger) < ALIKE_COST:
+    for blob in range(x.size):
+        off_x, off_y = (x[blob] - at_x) / unit, (y[blob] - at_y) / unit
+        larger = sizes[blob] - sizes[b]
+        if blob != b and _misfit(off_x, off_y, cosine, sine, 0.0, larger, search) < search.alike:
             return True
     return False
 
 
 @kernel
-def seeded(
-    x: Array, y: Array, sizes: Array, arclength: Array
+def grow_seeded_rows(
+    x: Array, y: Array, sizes: Array, arclength: Array, search: BeamSearchSettings
 ) -> tuple[npt.NDArray[np.int64], Array]:
-    """Grow a row from every area and each of its neighbors; rows (seeds, targets) and costs."""
+    """Grow a row from every blob and each of its neighbors; rows (seeds, targets) and costs."""
     targets = arclength.size
-    seeds = x.size * NEIGHBORS
+    seeds = x.size * search.neighbors
     rows = np.full((seeds, targets), NOTHING)
     costs = np.full(seeds, math.inf)
     reverse = arclength[-1] - arclength[::-1]
     start = np.zeros(LAST + 1)
-    dearest = targets * (0.2 * MISSING + 1.0)
-    for area in range(x.size):
-        distances = np.hypot(x - x[area], y - y[area])
-        distances[area] = math.inf
-        for place in range(min(NEIGHBORS, x.size - 1)):
+    dearest = targets * (search.dearest * search.missing + 1.0)
+    for blob in range(x.size):
+        distances = np.hypot(x - x[blob], y - y[blob])
+        distances[blob] = math.inf
+        for place in range(min(search.neighbors, x.size - 1)):
             neighbor = int(np.argmin(distances))
             chord = distances[neighbor]
             distances[neighbor] = math.inf
             if not chord > 0.0:
                 continue
-            seed = area * NEIGHBORS + place
-            rows[seed, 0], rows[seed, 1] = area, neighbor
+            seed = blob * search.neighbors + place
+            rows[seed, 0], rows[seed, 1] = blob, neighbor
             start[COST], start[BENDING], start[LAST] = 0.0, 0.0, 1.0
             start[X], start[Y] = x[neighbor], y[neighbor]
-            start[HEADING] = math.atan2(y[neighbor] - y[area], x[neighbor] - x[area])
+            start[HEADING] = math.atan2(y[neighbor] - y[blob], x[neighbor] - x[blob])
             start[SCALE] = chord / (arclength[1] - arclength[0])
-            start[SIZE] = 0.5 * (sizes[area] + sizes[neighbor])
-            cost = grow(x, y, sizes, arclength, start, 2, dearest, rows[seed])
+            start[SIZE] = 0.5 * (sizes[blob] + sizes[neighbor])
+            cost = grow_row(
+                x, y, sizes, arclength, start, search.first_gap, dearest, rows[seed], search
+            )
             seen = np.sum(rows[seed] >= 0)
-            if rows[seed, -1] < 0 or rows[seed, 2] < 0 or 5 * seen < 4 * targets:
+            if rows[seed, -1] < 0 or rows[seed, 2] < 0 or seen < search.seen * targets:
                 continue
             if np.unique(rows[seed][rows[seed] >= 0]).size < seen:
                 continue  # a row that bites its tail
-            if goes_on(x, y, sizes, arclength, rows[seed]):
+            if continues_beyond(x, y, sizes, arclength, rows[seed], search):
                 continue
-            if goes_on(x, y, sizes, reverse, rows[seed][::-1].copy()):
+            if continues_beyond(x, y, sizes, reverse, rows[seed][::-1].copy(), search):
                 continue
             costs[seed] = cost
     return rows, costs

@@ -1,28 +1,60 @@
-"""White areas of a camera image: where their centers are, how large they are, and how certain."""
+"""Blobs: bright areas of a camera image that can be targets, before they have an identity.
+
+OpenCV's connected components of what is brighter than its surroundings; `centroid` measures each.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 import math
 
+import cv2
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.image import ENCODINGS, Image
-from pneunet_ros.vision.background import Picture
-from pneunet_ros.vision.blob_kernels import Look, measure_all, measure_nearest, MOST_AREAS
+from pneunet_ros.core.image import Bytes, Image
+from pneunet_ros.core.settings import tuned
 from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, GreyBand
-from pneunet_ros.vision.centroid import ANGLE, AREA, COLUMNS, CONTRAST, MAJOR, MINOR, STD, U, V
+from pneunet_ros.vision.centroid import (
+    ANGLE,
+    AREA,
+    CENTROID,
+    CentroidSettings,
+    COLUMNS,
+    CONTRAST,
+    cut_crops,
+    Integers,
+    Look,
+    MAJOR,
+    measure_crops,
+    MINOR,
+    STD,
+    U,
+    V,
+)
 
-# Red, green and blue in 1/32768, as cv2.cvtColor has them.
-WEIGHTS = {'r': 9798, 'g': 19235, 'b': 3735}
-LEAST_CONTRAST = 4.0  # grey levels between an area and its background where the band is fixed
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlobSettings:
+    """How bright areas are told from what is behind them."""
+
+    most: int = tuned(1000, 'areas of an image that are measured')
+    least_contrast: float = tuned(
+        4.0, 'between a blob and its background where the band is fixed', unit='grey level'
+    )
+    window: int = tuned(24, 'half side of the window of the background, at least', unit='px')
+    window_share: float = tuned(2.0, 'the same, in diameters of the largest blob')
+    samples: int = tuned(9, 'pixels from the middle of that window to its side')
+
+
+BLOBS = BlobSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Areas:
-    """White areas of an image, an entry per area; NaN in all where there is none.
+class Blobs:
+    """Bright areas of an image, an entry per area; NaN in all where there is none.
 
-    `table` has the quantities as rows. `crowded`: there were so many areas that none is given.
+    `table` (COLUMNS, n) has the quantities as rows, in px, px^2, rad and grey levels. `crowded`:
+    there were so many areas that none is given.
     """
 
     table: Array
@@ -80,64 +112,125 @@ class Areas:
         return row
 
 
-def find_areas(image: Image, band: GreyBand, limits: AreaLimits) -> Areas:
-    """Return all white areas of an image that are within the limits, from top to bottom.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Components:
+    """Connected white areas of an image, n of which may be targets by their length.
 
-    Areas that the image cuts off are left out.
+    grey (height, width); boxes (n, 4) left, top, width, height in px; seeds (n, 2): u, v of a
+    pixel of each; level (n,): the grey level from which pixels are white there.
     """
-    out = np.empty((MOST_AREAS, COLUMNS))
-    count = measure_all(grey_picture(image), look_of(band, limits), out)
-    return Areas(freeze(out[: max(count, 0)].T.copy()), crowded=count < 0)
+
+    grey: Bytes
+    boxes: Integers
+    seeds: Integers
+    level: Integers
+    look: Look
+    settings: CentroidSettings
+
+    def measure(self, chosen: Integers) -> Blobs:
+        """Measure the areas with these indices; those that cannot be targets are left out."""
+        rows = [np.empty((0, COLUMNS))]
+        boxes, seeds, level = self.boxes[chosen], self.seeds[chosen], self.level[chosen]
+        # Crops of about one size at a time.
+        sizes = np.ceil(np.log2(np.maximum(boxes[:, 2:].max(1), 16)))
+        for size in np.unique(sizes):
+            alike = sizes == size
+            crops = cut_crops(self.grey, boxes[alike], seeds[alike], level[alike], self.settings)
+            with np.errstate(invalid='ignore', divide='ignore'):
+                rows.append(measure_crops(crops, level[alike], self.look, self.settings))
+        table = np.concatenate(rows)
+        return Blobs(freeze(table[np.isfinite(table[:, U])].T.copy()))
+
+    def nearest(self, places: Array, reach: float) -> Array:
+        """Return the blob nearest to each place (n, 2) px, rows (n, COLUMNS).
+
+        NaN where no blob that can be a target has its center within `reach` px.
+        """
+        left, top, width, height = self.boxes.T[:, :, None]
+        u, v = places.T
+        off_u = np.maximum(left - u, u - (left + width - 1))
+        off_v = np.maximum(top - v, v - (top + height - 1))
+        near = (off_u <= reach) & (off_v <= reach)  # where NaN, it is not
+        rows = self.measure(np.flatnonzero(near.any(1))).table.T
+        return nearest_rows(rows, places, reach)
 
 
-def measure_areas(
-    image: Image,
-    around: Array,
-    reach: float,
-    size: float,
-    band: GreyBand,
-    limits: AreaLimits,
-) -> Areas:
-    """Return the white area nearest to each place, n entries.
-
-    around: (n, 2) px; reach: how far from there the center may be, px; size: the diameter that is
-    expected, px. NaN where no area within the limits is that near, and where it is cut off by the
-    image or hangs together with so much other white that it is not within the limits.
-    """
-    out = np.empty((len(around), COLUMNS))
-    out[:, :2] = around
-    look = look_of(band, limits)
-    measure_nearest(picture_of(image), look, float(reach), float(size), out)
-    return Areas(freeze(np.ascontiguousarray(out.T)))
+def nearest_rows(rows: Array, places: Array, reach: float) -> Array:
+    """Return for each place (n, 2) px the row whose center is nearest, NaN beyond `reach` px."""
+    nearest = np.full((len(places), COLUMNS), np.nan)
+    if len(rows):
+        distance = np.hypot(*(places[:, None] - rows[None, :, :2]).transpose(2, 0, 1))
+        index = distance.argmin(1)
+        near = distance[np.arange(len(places)), index] <= reach
+        nearest[near] = rows[index[near]]
+    return nearest
 
 
-def look_of(band: GreyBand, limits: AreaLimits) -> Look:
-    """Return how targets look, as kernels take it."""
+def find_components(
+    image: Image, band: GreyBand, limits: AreaLimits, settings: BlobSettings = BLOBS
+) -> Components:
+    """Find the connected white areas of an image."""
+    grey = image.grey()
     if isinstance(band, AdaptiveBand):
-        low, high, contrast = -1, 255, band.contrast
+        level = level_of_white(grey, math.ceil(band.contrast), limits, settings)
+        brightest, contrast = 255, band.contrast
     else:
-        low, high, contrast = math.ceil(band.low), math.floor(band.high), LEAST_CONTRAST
+        level = np.full_like(grey, math.ceil(band.low))
+        brightest, contrast = math.floor(band.high), settings.least_contrast
+    white = cv2.compare(grey, level, cv2.CMP_GE)
+    # Much faster than the statistics of connected components: only edges are looked at.
+    contours, links = cv2.findContours(white, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    outer = (
+        [contour for contour, link in zip(contours, links[0], strict=True) if link[3] < 0]
+        if contours
+        else []
+    )
+    boxes = np.array([cv2.boundingRect(contour) for contour in outer], np.int64).reshape(-1, 4)
+    seeds = np.array([contour[0, 0] for contour in outer], np.int64).reshape(-1, 2)
     longest = math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation)) + 8
-    return (
-        low,
-        (limits.smallest, limits.largest, limits.elongation, limits.hole, high, contrast),
-        longest,
+    possible = (boxes[:, 2:].max(1) <= longest) & (boxes[:, 2:].prod(1) >= 0.5 * limits.smallest)
+    boxes, seeds = boxes[possible], seeds[possible]
+    return Components(
+        grey=grey,
+        boxes=boxes,
+        seeds=seeds,
+        level=level[seeds[:, 1], seeds[:, 0]].astype(np.int64),
+        look=Look(
+            smallest=limits.smallest,
+            largest=limits.largest,
+            elongation=limits.elongation,
+            hole=limits.hole,
+            brightest=brightest,
+            contrast=contrast,
+        ),
+        settings=CENTROID,
     )
 
 
-def picture_of(image: Image) -> Picture:
-    """Return the bytes of an image, where its pixels lie in them and what its channels weigh."""
-    first = second = third = 0
-    if image.channels > 1:
-        first, second, third = (WEIGHTS[channel] for channel in ENCODINGS[image.encoding][:3])
-    layout = (image.width, image.height, image.step, image.channels, first, second, third)
-    return image.data, layout
+def level_of_white(
+    grey: Bytes, contrast: int, limits: AreaLimits, settings: BlobSettings
+) -> Bytes:
+    """Return grey values above the median of surroundings that are wide against any blob."""
+    diameter = math.sqrt(4.0 / math.pi * limits.largest)
+    half = max(settings.window, math.ceil(settings.window_share * 0.5 * diameter))
+    stride = half // settings.samples
+    height, width = grey.shape
+    rows = np.minimum(np.arange(stride // 2, height + stride // 2, stride), height - 1)
+    columns = np.minimum(np.arange(stride // 2, width + stride // 2, stride), width - 1)
+    few = cv2.medianBlur(grey[np.ix_(rows, columns)], 2 * (half // stride) + 1)
+    level = np.minimum(few, 255 - contrast) + np.uint8(contrast)
+    return np.asarray(cv2.resize(level, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
-def grey_picture(image: Image) -> Picture:
-    """Return an image in which each pixel is a byte: itself where it is grey."""
-    if image.channels == 1:
-        return picture_of(image)
-    grey = image.grey().reshape(-1)
-    grey.flags.writeable = False
-    return grey, (image.width, image.height, image.width, 1, 0, 0, 0)
+def find_blobs(
+    image: Image, band: GreyBand, limits: AreaLimits, settings: BlobSettings = BLOBS
+) -> Blobs:
+    """Return all blobs of an image that are within the limits, from top to bottom.
+
+    Blobs that the image cuts off are left out.
+    """
+    components = find_components(image, band, limits, settings)
+    count = len(components.boxes)
+    if count > settings.most:
+        return Blobs(np.empty((COLUMNS, 0)), crowded=True)
+    return components.measure(np.arange(count))

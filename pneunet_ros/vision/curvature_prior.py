@@ -14,20 +14,32 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.settings import tuned
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from scipy.optimize import minimize
 
-SMOOTHER = 1.75  # times the reach
-SPLITS = 5  # places of l1 over which the covariance is averaged
-LEARNING_STD = 2e-4  # of the length, noise under which shapes are told apart: a tenth of a pixel
-PRESSURES = 6  # shares of the calibrated range at which shapes are taken
-PULL = 2.0  # weights of the arm, the size of the end force of the paper's Table 1
-TURNS = (0.0, 0.25, 0.5)  # direction of the pull, as a share of the angle of the unloaded tip
 FINE_STATIONS = 449
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PriorSettings:
+    """Of which shapes a prior is learned."""
+
+    smoother: float = tuned(1.75, 'length scale of shapes that are smoother', unit='learned')
+    splits: int = tuned(5, 'places of l1 over which the covariance is averaged')
+    learning_std: float = tuned(2e-4, 'noise: a tenth of a pixel', unit='length')
+    pressures: int = tuned(6, 'shares of the calibrated range at which shapes are taken')
+    pull: float = tuned(2.0, 'end force, as in Table 1', unit='weight', source='literature: paper')
+    turns: tuple[float, ...] = tuned(
+        (0.0, 0.25, 0.5), 'direction of the pull', unit='angle of the unloaded tip'
+    )
+
+
+PRIOR = PriorSettings()
+
 # What is learnt; where the search starts and ends, in lengths of the arm or their inverse.
-_LEARNT = ('std', 'reach', 'break_std')
+_LEARNT = ('std', 'length_scale', 'break_std')
 _START = np.log([1.5, 0.4, 0.15])
 _BOUNDS = np.log([(0.3, 100.0), (0.1, 3.0), (0.01, 10.0)])
 _POWERS = np.array([-1.0, 1.0, -1.0])
@@ -36,14 +48,14 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CurvaturePrior:
-    """Gaussian process of curvature: `std` (1/m), correlated over `reach` (m), mean zero.
+    """Gaussian process of curvature: `std` (1/m), correlated over `length_scale` (m), mean zero.
 
     On the clamp's side of a break it has a part of its own, `break_std` (1/m), correlated over the
-    same reach; the break is at one of `splits` (m), each as probable; no splits, no break.
+    same length; the break is at one of `splits` (m), each as probable; no splits, no break.
     """
 
     std: float
-    reach: float
+    length_scale: float
     break_std: float = 0.0
     splits: Array
 
@@ -53,7 +65,7 @@ class CurvaturePrior:
 
     def covariance(self, first: Array, second: Array) -> Array:
         """Covariance (1/m^2) of curvature at arclengths (n,) and (m,) in m; (n, m)."""
-        alike = np.exp(-0.5 * ((first[:, None] - second) / self.reach) ** 2)
+        alike = np.exp(-0.5 * ((first[:, None] - second) / self.length_scale) ** 2)
         if not self.splits.size:
             return np.asarray(self.std**2 * alike)
         further = np.maximum(first[:, None], second)
@@ -84,30 +96,37 @@ def without_line(arclength: Array) -> Array:
     return np.asarray(np.linalg.qr(line, mode='complete')[0][:, 2:])
 
 
-def learned_priors(arm: Arm) -> tuple[CurvaturePrior, ...]:
+def learn_priors(arm: Arm, settings: PriorSettings = PRIOR) -> tuple[CurvaturePrior, ...]:
     """Learn what curvature is like, at the places of the arm's targets; deterministic.
 
     One prior without break, of the free arm, and one with it, of the pulled arm; only one, of
-    both, where the moment law has no break. Each again for shapes that are SMOOTHER, so that not
+    both, where the moment law has no break. Each again for shapes that are smoother, so that not
     every shape is taken for as uneven as the model's worst.
     """
-    splits = splits_of(arm)
-    free, pulled = family(arm)
+    splits = splits_of(arm, settings)
+    free, pulled = family(arm, settings)
     if splits.size:
-        learned = [learned_prior(arm, free, splits[:0]), learned_prior(arm, pulled, splits)]
+        learned = [
+            learn_prior(arm, free, splits[:0], settings),
+            learn_prior(arm, pulled, splits, settings),
+        ]
     else:
-        learned = [learned_prior(arm, free + pulled, splits)]
-    smoother = [replace(prior, reach=SMOOTHER * prior.reach) for prior in learned]
+        learned = [learn_prior(arm, free + pulled, splits, settings)]
+    smoother = [
+        replace(prior, length_scale=settings.smoother * prior.length_scale) for prior in learned
+    ]
     return *learned, *smoother
 
 
-def learned_prior(arm: Arm, angles: list[Array], splits: Array) -> CurvaturePrior:
+def learn_prior(
+    arm: Arm, angles: list[Array], splits: Array, settings: PriorSettings
+) -> CurvaturePrior:
     """Return the prior under which these shapes, given as in `family`, are most probable."""
     targets, length = arm.target_arclength, arm.length
     line_free = without_line(targets)
     bent = [bent_line(theta, length, targets) @ line_free for theta in angles]
     seen = np.array(bent).reshape(len(bent), -1)
-    noise = (LEARNING_STD * length) ** 2
+    noise = (settings.learning_std * length) ** 2
 
     def prior_of(logarithms: Array) -> CurvaturePrior:
         values = np.exp(logarithms) * length ** _POWERS[: logarithms.size]
@@ -133,27 +152,30 @@ def learned_prior(arm: Arm, angles: list[Array], splits: Array) -> CurvaturePrio
     return prior_of(found.x)
 
 
-def splits_of(arm: Arm) -> Array:
+def splits_of(arm: Arm, settings: PriorSettings) -> Array:
     """Places (m) over which the break of the moment law wanders; none where there is no break."""
     law = arm.moment_law
     starts = law.sections(law.table_pressures, arm.length, arm.weight)[:, 1:, 0]
     if not starts.size:
         return np.zeros(0)
-    return np.unique(np.linspace(starts.min(), starts.max(), SPLITS))
+    return np.unique(np.linspace(starts.min(), starts.max(), settings.splits))
 
 
-def family(arm: Arm) -> tuple[list[Array], list[Array]]:
+def family(arm: Arm, settings: PriorSettings) -> tuple[list[Array], list[Array]]:
     """Angles (rad) at FINE_STATIONS of free and of pulled shapes over the calibrated pressures."""
     low, high = arm.pressure_range
     free, pulled = [], []
-    for pressure in np.linspace(low, high, PRESSURES + 1)[1:].tolist():
+    for pressure in np.linspace(low, high, settings.pressures + 1)[1:].tolist():
         shape = solve(arm, pressure, stations=FINE_STATIONS)
         if not shape.converged:
             continue
         free.append(shape.theta)
-        for turn in TURNS:
+        for turn in settings.turns:
             angle = float(shape.theta[0] + turn * (shape.theta[-1] - shape.theta[0]))
-            force = PULL * arm.weight * math.cos(angle), PULL * arm.weight * math.sin(angle)
+            force = (
+                settings.pull * arm.weight * math.cos(angle),
+                settings.pull * arm.weight * math.sin(angle),
+            )
             shape_pulled = solve(arm, pressure, force, stations=FINE_STATIONS)
             if shape_pulled.converged:
                 pulled.append(shape_pulled.theta)

@@ -6,34 +6,51 @@ not seen. All functions are pure and work on the whole row.
 
 from __future__ import annotations
 
+from dataclasses import astuple, dataclass
 import math
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.settings import numbers_type, tuned
 
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-OFF_CURVE = (
-    0.09  # of the spacing: three sigmas or so of the place of a target that is well painted
-)
-BEYOND = 4.5  # error of the distance from an arc through the last three: 1, 3, 3, 1 of theirs
-FARTHEST = 2.5  # spacings between an end of a row and the next target, where nothing else is known
-SHORTEST, LONGEST = 0.7, 1.3  # distance of neighbors over their distance along the arm
-COMPARED = 3  # neighbors on each side whose distance is looked at
-LARGEST_LOSS, LARGEST_GROWTH = 0.87, 1.2  # of the area of a target, compared with its neighbors'
-LONGER = 1.35  # elongation of a target over its neighbors'
-SMALLEST, LARGEST = 0.7, 1.6  # area of a target over what it has been
-FIRST_GROWTH = 1.1  # area of a target over most, where it has not been seen before
-ALONE_BETWEEN, ALONE_BEYOND = 0.06, 0.15  # of the spacing: how far a target can have moved alone
-STEPS = 2.0  # of neighbors, by which one at the end may have moved more than their middle
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GatingSettings:
+    """Which blobs are believed to be targets of a row."""
+
+    off_curve: float = tuned(0.09, 'off the curve through its neighbors', unit='spacing')
+    beyond: float = tuned(
+        4.5, 'error of a place on an arc through three others, over theirs', source='1, 3, 3, 1'
+    )
+    farthest: float = tuned(2.5, 'from an end of a row found anew to the next', unit='spacing')
+    shortest: float = tuned(0.7, 'distance of neighbors over that along the arm, at least')
+    longest: float = tuned(1.3, 'the same, at most')
+    compared: int = tuned(3, 'neighbors on each side whose distance is looked at')
+    largest_loss: float = tuned(0.87, 'area over usual, compared with neighbors, at least')
+    largest_growth: float = tuned(1.2, 'the same, at most')
+    longer: float = tuned(1.35, 'elongation over that of neighbors, at most')
+    smallest: float = tuned(0.7, 'area over what it has been, at least')
+    largest: float = tuned(1.6, 'the same, at most')
+    first_growth: float = tuned(1.1, 'area over most, of a target not seen before, at most')
+    alone_between: float = tuned(0.06, 'a target moves alone, at most', unit='spacing')
+    alone_beyond: float = tuned(0.15, 'the same, at the end of what is seen', unit='spacing')
+    steps: float = tuned(2.0, 'of neighbors, by which one at the end moved more, at most')
+
+
+GatingNumbers = numbers_type(GatingSettings, 'GatingNumbers')
+GATING: GatingSettings = GatingNumbers(*astuple(GatingSettings()))
 NOBODY = 1 << 30
 
 
 @kernel
-def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
+def consistent_spacing(
+    x: Array, y: Array, arclength: Array, farthest: float, gating: GatingSettings
+) -> Mask:
     """Return which targets lie on a smooth row at their distances (targets,).
 
     First goes, one by one, what is at a wrong distance from most of its neighbors, then what is
@@ -50,9 +67,9 @@ def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
         for place in range(places.size):
             target = int(places[place])
             if smooth:
-                bad = _off_the_curve(x, y, arclength, places, target, farthest, others)
+                bad = _off_the_curve(x, y, arclength, places, target, farthest, others, gating)
             else:
-                bad = _wrong_distances(x, y, arclength, places, target)
+                bad = _wrong_distances(x, y, arclength, places, target, gating)
             if bad > worst:
                 worst, worst_at = bad, target
         if worst_at >= 0:
@@ -64,11 +81,15 @@ def believable(x: Array, y: Array, arclength: Array, farthest: float) -> Mask:
 
 
 @inlined
-def _wrong_distances(x: Array, y: Array, arclength: Array, places: Indices, target: int) -> float:
+def _wrong_distances(
+    x: Array, y: Array, arclength: Array, places: Indices, target: int, gating: GatingSettings
+) -> float:
     """Return twice the share of neighbors that are too near or too far; 2 without neighbors."""
     here = int(np.searchsorted(places, target))
     wrong = known = 0
-    for place in range(max(here - COMPARED, 0), min(here + COMPARED + 1, places.size)):
+    for place in range(
+        max(here - gating.compared, 0), min(here + gating.compared + 1, places.size)
+    ):
         other = places[place]
         if other == target:
             continue
@@ -76,7 +97,9 @@ def _wrong_distances(x: Array, y: Array, arclength: Array, places: Indices, targ
         along = abs(arclength[target] - arclength[other])
         distance = math.hypot(x[target] - x[other], y[target] - y[other])
         known += 1
-        if distance > LONGEST * along or distance < SHORTEST * along - 0.1 * (along - spacing):
+        if distance > gating.longest * along or distance < gating.shortest * along - 0.1 * (
+            along - spacing
+        ):
             wrong += 1
     return 2.0 if known == 0 else 2.0 * wrong / known
 
@@ -90,6 +113,7 @@ def _off_the_curve(
     target: int,
     farthest: float,
     scratch: Indices,
+    gating: GatingSettings,
 ) -> float:
     """How far a target is off the curve through its neighbors; above 1 it is too far."""
     others = scratch[: places.size - 1]
@@ -103,13 +127,15 @@ def _off_the_curve(
     next_to = others[min(after, others.size - 1)]
     if not between and abs(arclength[target] - arclength[next_to]) >= farthest * spacing:
         return 2.0
-    at_x, at_y, spread = _from_others(x, y, arclength, others, after, target)
+    at_x, at_y, spread = _from_others(x, y, arclength, others, after, target, gating)
     off: float = math.hypot(x[target] - at_x, y[target] - at_y) / spacing
-    return off / (OFF_CURVE * spread)
+    return off / (gating.off_curve * spread)
 
 
 @kernel
-def expected(x: Array, y: Array, arclength: Array) -> tuple[Array, Array]:
+def expected_points(
+    x: Array, y: Array, arclength: Array, gating: GatingSettings
+) -> tuple[Array, Array]:
     """Return where all targets are expected (targets,), given those that are seen.
 
     Between two that are seen a cubic with their tangents leads; beyond the last one on either side
@@ -124,22 +150,32 @@ def expected(x: Array, y: Array, arclength: Array) -> tuple[Array, Array]:
         if math.isfinite(x[target]) and math.isfinite(y[target]):
             continue
         after = int(np.searchsorted(places, target))
-        at_x[target], at_y[target], _ = _from_others(x, y, arclength, places, after, target)
+        at_x[target], at_y[target], _ = _from_others(
+            x, y, arclength, places, after, target, gating
+        )
     return at_x, at_y
 
 
 @inlined
 def _from_others(
-    x: Array, y: Array, arclength: Array, places: Indices, after: int, target: int
+    x: Array,
+    y: Array,
+    arclength: Array,
+    places: Indices,
+    after: int,
+    target: int,
+    gating: GatingSettings,
 ) -> tuple[float, float, float]:
     """Return where a target is by the others that are seen; after: how many come before it.
 
     The third value is the error of the distance from there, where all places have the error 1.
     """
     if after == 0:
-        return _along_arc(x, y, arclength, places[:3], target)
+        at_x, at_y = _along_arc(x, y, arclength, places[:3], target)
+        return at_x, at_y, gating.beyond
     if after == places.size:
-        return _along_arc(x, y, arclength, places[::-1][:3], target)
+        at_x, at_y = _along_arc(x, y, arclength, places[::-1][:3], target)
+        return at_x, at_y, gating.beyond
     low = max(0, min(after - 2, places.size - 4))
     near = places[low : low + 4]
     at_x = at_y = 0.0
@@ -159,8 +195,8 @@ def _from_others(
 @inlined
 def _along_arc(
     x: Array, y: Array, arclength: Array, places: Indices, target: int
-) -> tuple[float, float, float]:
-    """Return where the arc through the two or three nearest that are seen leads, and its error."""
+) -> tuple[float, float]:
+    """Return where the arc through the two or three nearest that are seen leads."""
     end, before = places[0], places[1]
     step_x, step_y = x[end] - x[before], y[end] - y[before]
     along = abs(arclength[end] - arclength[before])
@@ -177,7 +213,7 @@ def _along_arc(
     middle = heading + 0.5 * bending * (along + ahead)
     at_x = x[end] + scale * ahead * math.cos(middle)
     at_y = y[end] + scale * ahead * math.sin(middle)
-    return at_x, at_y, BEYOND
+    return at_x, at_y
 
 
 @inlined
@@ -193,7 +229,7 @@ def _median(values: Array, count: int) -> float:
 
 
 @kernel
-def moved_together(off_x: Array, off_y: Array, spacing: float) -> Mask:
+def consistent_motion(off_x: Array, off_y: Array, spacing: float, gating: GatingSettings) -> Mask:
     """Return which targets are off their prediction as their neighbors are (targets,).
 
     off_x, off_y: from where each was predicted, in the unit of `spacing`; NaN for those without a
@@ -221,18 +257,18 @@ def moved_together(off_x: Array, off_y: Array, spacing: float) -> Mask:
         alone_x = off_x[target] - _median(near_x, near)
         alone_y = off_y[target] - _median(near_y, near)
         inside = first < place - 1 and place + 2 < last
-        allowed = ALONE_BETWEEN * spacing
+        allowed = gating.alone_between * spacing
         if not inside:
             # Where all moved otherwise than expected, they did so more and more along the arm.
             upper, lower = near // 2, (near - 1) // 2
             step_x, step_y = near_x[upper] - near_x[lower], near_y[upper] - near_y[lower]
-            allowed = ALONE_BEYOND * spacing + STEPS * math.hypot(step_x, step_y)
+            allowed = gating.alone_beyond * spacing + gating.steps * math.hypot(step_x, step_y)
         together[target] = math.hypot(alone_x, alone_y) <= allowed
     return together
 
 
 @kernel
-def look_alike(area: Array, usual: Array, elongation: Array) -> Mask:
+def consistent_size(area: Array, usual: Array, elongation: Array, gating: GatingSettings) -> Mask:
     """Return which areas look as usual, also compared with their neighbors (targets,).
 
     usual: area of each so far; elongation: largest axis over smallest. What is partly covered is
@@ -245,7 +281,7 @@ def look_alike(area: Array, usual: Array, elongation: Array) -> Mask:
         size, length = area[target] / usual[target], elongation[target]
         if math.isnan(size):
             continue
-        usual_enough = SMALLEST <= size <= LARGEST
+        usual_enough = gating.smallest <= size <= gating.largest
         near = 0
         for other in range(max(target - 3, 0), min(target + 4, area.size)):
             if not math.isnan(area[other]):
@@ -254,11 +290,15 @@ def look_alike(area: Array, usual: Array, elongation: Array) -> Mask:
         if near > 2:
             size /= _median(sizes, near)
             length /= _median(lengths, near)
-        fits[target] = usual_enough and LARGEST_LOSS <= size <= LARGEST_GROWTH and length <= LONGER
+        fits[target] = (
+            usual_enough
+            and gating.largest_loss <= size <= gating.largest_growth
+            and length <= gating.longer
+        )
     return fits
 
 
-def first_size(area: Array) -> Array:
+def initial_area(area: Array, gating: GatingSettings = GATING) -> Array:
     """Return how large targets are to be expected after they are found (targets,).
 
     A target starts no smaller than most, as it may be covered in part, and hardly larger, as a
@@ -266,5 +306,5 @@ def first_size(area: Array) -> Array:
     """
     known = area[np.isfinite(area)]
     middle = float(np.median(known)) if known.size else math.nan
-    first: Array = np.clip(area, middle / LARGEST_GROWTH, FIRST_GROWTH * middle)
+    first: Array = np.clip(area, middle / gating.largest_growth, gating.first_growth * middle)
     return np.where(np.isnan(area), middle, first)

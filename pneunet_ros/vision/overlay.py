@@ -12,7 +12,7 @@ from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.smoother import MeasuredCurve
-from pneunet_ros.vision.tracker_state import Tracking
+from pneunet_ros.vision.tracker import Tracking
 from pneunet_ros.vision.working_plane import Plane
 
 # Blue, green, red.

@@ -11,14 +11,24 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.vision.association import Row, rows_anywhere, share_of_areas
-from pneunet_ros.vision.gating import believable, FARTHEST
+from pneunet_ros.core.settings import tuned
+from pneunet_ros.vision.association import rows_anywhere, share_of_blobs, TargetRow
+from pneunet_ros.vision.gating import consistent_spacing, GATING
 from pneunet_ros.vision.working_plane import Plane, plane_from_rest
 
 RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
-STILL = 0.1  # of the spacing: further off the average so far, the arm was not at rest
-NEAR_CLAMP = 1.5  # spacings from clamp_pixel to the first target, at most
-ENOUGH = 0.8  # of the targets must be seen at rest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RestPlaneSettings:
+    """When an arm is at rest."""
+
+    still: float = tuned(0.1, 'off the average so far, at most', unit='spacing')
+    near_clamp: float = tuned(1.5, 'from clamp_pixel to the first target', unit='spacing')
+    seen: float = tuned(0.8, 'share of the targets, at least')
+
+
+REST_PLANE = RestPlaneSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,7 +40,7 @@ class RestAverage:
 
     def with_frame(self, ends: Array, spacing: float) -> RestAverage:
         """Return the average with one more frame (2, 2); it begins anew where the arm moved."""
-        if self.frames and np.hypot(*(ends - self.ends).T).max() > STILL * spacing:
+        if self.frames and np.hypot(*(ends - self.ends).T).max() > REST_PLANE.still * spacing:
             return RestAverage(frames=1, ends=ends)
         frames = self.frames + 1
         return RestAverage(frames=frames, ends=self.ends + (ends - self.ends) / frames)
@@ -57,10 +67,10 @@ def row_at_rest(
     arclength: Array,
     clamp_pixel: tuple[float, float] | None,
     straightness: float,
-) -> Row | Failure:
-    """Find the straight row of targets among bright areas, first target at the clamp.
+) -> TargetRow | Failure:
+    """Find the straight row of targets among blobs, first target at the clamp.
 
-    points (areas, 2) normalized; pixels (areas, 2); areas (areas,) px^2; arclength (targets,) m;
+    points (blobs, 2) normalized; pixels (blobs, 2); areas (blobs,) px^2; arclength (targets,) m;
     clamp_pixel: (u, v) of the first target, None for the left-most end; straightness: largest
     distance from the line between the ends, of its length.
     """
@@ -82,7 +92,7 @@ def row_at_rest(
             'area right?',
         )
     best = rows[0]
-    if any(share_of_areas(row, best) == 0.0 for row in rows):
+    if any(share_of_blobs(row, best) == 0.0 for row in rows):
         return Failure(
             reason='several_rows',
             sentence=f'there is more than one row of {count} targets: give clamp_pixel, or take '
@@ -108,7 +118,7 @@ def bow(points: Array) -> float:
     return float(np.abs(off).max() / (way @ way))
 
 
-def row_points(row: Row, points: Array) -> Array:
+def row_points(row: TargetRow, points: Array) -> Array:
     """Return the points of a row (targets, 2), NaN where a target is missing."""
     found = np.where(row.chosen[:, None] >= 0, points[row.chosen], np.nan)
     return np.asarray(found)
@@ -121,12 +131,14 @@ def _is_regular(points: Array, arclength: Array) -> bool:
     if not size > 0.0:
         return False
     x, y = np.ascontiguousarray(points.T) * (length / size)
-    seen = believable(x, y, arclength, FARTHEST)
-    return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= ENOUGH * arclength.size)
+    seen = consistent_spacing(x, y, arclength, GATING.farthest, GATING)
+    return bool(
+        seen[0] and seen[-1] and np.count_nonzero(seen) >= REST_PLANE.seen * arclength.size
+    )
 
 
 def _begins_at(pixels: Array, clamp_pixel: tuple[float, float]) -> bool:
     """Whether the first target of a row (targets, 2) is at the clamp."""
     steps = np.hypot(*np.diff(pixels, axis=0).T)
     away = math.hypot(*(pixels[0] - np.array(clamp_pixel)))
-    return bool(away <= NEAR_CLAMP * np.nanmedian(steps))
+    return bool(away <= REST_PLANE.near_clamp * np.nanmedian(steps))

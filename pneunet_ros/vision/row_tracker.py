@@ -1,50 +1,281 @@
-"""What a frame makes of a row: which targets are believed, where they are, what comes next.
+"""The row of targets in one frame: followed from the last one, or found among all blobs.
 
-Compiled as a whole, as it is done for every frame. Rows are those of `weighing`, one per
-target. `optics` are the lens and the working plane: coefficients and limit of the lens, homography
-into the base frame and back.
+Which blobs are believed, where they are and what comes next is compiled, as it is done for every
+frame. Tables of blobs have one line per target with the columns of `centroid`. `optics` are the
+lens and the working plane: coefficients and limit of the lens, homography into the base frame and
+back.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import math
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import kernel, part
-from pneunet_ros.vision.association import LEAST_TARGETS
-from pneunet_ros.vision.background import Picture
-from pneunet_ros.vision.blob_kernels import Look, nearest_areas
-from pneunet_ros.vision.camera_kernels import distort_points, magnify_points, undistort_points
-from pneunet_ros.vision.centroid import AREA, COLUMNS, MAJOR, MINOR, STD, U, V
-from pneunet_ros.vision.gating import believable, expected, look_alike, Mask, moved_together
-from pneunet_ros.vision.working_plane import magnification, project
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.vision.association import (
+    ASSOCIATION,
+    least_seen,
+    LEAST_TARGETS,
+    row_from_clamp,
+)
+from pneunet_ros.vision.blobs import Blobs, find_blobs, find_components
+from pneunet_ros.vision.camera_model import (
+    distort_points,
+    Lens,
+    magnify_points,
+    undistort_points,
+)
+from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.centroid import ANGLE, AREA, COLUMNS, MAJOR, MINOR, STD, U, V
+from pneunet_ros.vision.gating import (
+    consistent_motion,
+    consistent_size,
+    consistent_spacing,
+    expected_points,
+    GATING,
+    GatingSettings,
+    initial_area,
+    Mask,
+)
+from pneunet_ros.vision.rest_plane import Failure, row_at_rest, row_points
+from pneunet_ros.vision.working_plane import magnification, Plane, project
 
 Optics = tuple[Array, float, Array, Array]
 
-# Pixels, velocity, usual area, who is seen, spacing: see `sighting.FollowedRow`.
-Followed = tuple[Array, Array, Array, Mask, float]
 
-FOLLOWING = 0.1  # share of a new area in the area that is expected next
-REACH_AGAIN = 0.3  # of the spacing: how near to where its neighbors say a lost target is sought
-MOST_PASSES = 3  # over a frame, while lost targets are found again
-NEAR_CLAMP = 4  # targets that can hardly move, but with the camera
-OFF_ALONG, OFF_ASIDE = 0.1, 0.5  # spacings from their place, more with each: stretch and bend
-LONGEST_PREDICTION = 0.1  # s; velocities tell nothing of what comes later
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowTrackerSettings:
+    """How a row is followed from frame to frame."""
+
+    area_gain: float = tuned(0.1, 'share of a new area in the area that is expected next')
+    reach_again: float = tuned(0.3, 'a lost target off where others say', unit='spacing')
+    most_passes: int = tuned(3, 'over a frame, while lost targets are found again')
+    near_clamp: int = tuned(4, 'targets that can hardly move, but with the camera')
+    off_along: float = tuned(0.1, 'off their place by stretch, more with each', unit='spacing')
+    off_aside: float = tuned(0.5, 'off their place by bending, more with each', unit='spacing')
+    longest_prediction: float = tuned(0.1, 'for which velocities tell anything', unit='s')
+
+
+ROW_TRACKER = RowTrackerSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackedRow:
+    """A row of targets as it was in a frame, from which the next one is predicted.
+
+    pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
+    area (targets,): how large each is to be expected, px^2; seen (targets,): whether it was;
+    spacing: distance of neighbors, px.
+    """
+
+    stamp_ns: int
+    pixels: Array
+    velocity: Array
+    area: Array
+    seen: Mask
+    spacing: float
+
+    def predict(self, stamp_ns: int) -> Array:
+        """Return where the targets are expected at a stamp, (targets, 2) px."""
+        seconds = seconds_between(self.stamp_ns, stamp_ns)
+        return np.asarray(
+            self.pixels + min(seconds, ROW_TRACKER.longest_prediction) * self.velocity
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObservedRow:
+    """The targets in a frame, NaN where one is not seen.
+
+    table (targets, columns): what was measured in the image, in the columns of `centroid`;
+    points (targets, 2) m in base; std (targets,) m; seen: how many are.
+    """
+
+    table: Array
+    points: Array
+    std: Array
+    seen: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """A frame with all that is needed to look at it."""
+
+    image: Image
+    lens: Lens
+    plane: Plane
+    arclength: Array
+    clamp_angle: float
+    settings: CameraSettings
+
+    @property
+    def optics(self) -> Optics:
+        """Lens and working plane, as kernels take them."""
+        plane, lens = self.plane, self.lens
+        return (
+            lens.coefficients,
+            lens.limit,
+            plane.base_from_normalized,
+            plane.normalized_from_base,
+        )
+
+
+def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] | None:
+    """Find the row near where it must be by now, and what comes next; None where it is lost."""
+    settings, arclength, optics = view.settings, view.arclength, view.optics
+    predicted, count = last.predict(view.image.stamp_ns), view.arclength.size
+    components = find_components(view.image, settings.grey_band, settings.area)
+
+    def gated(table: Array) -> ObservedRow:
+        seen, points, std = gate_row(
+            table,
+            predicted,
+            last.seen,
+            last.area,
+            last.spacing,
+            arclength,
+            math.inf,
+            optics,
+            GATING,
+        )
+        return ObservedRow(table=table, points=points, std=std, seen=seen)
+
+    row = gated(components.nearest(predicted, settings.gate * last.spacing))
+    for _ in range(ROW_TRACKER.most_passes):
+        if row.seen == count or row.seen < 2:
+            break
+        lost = np.flatnonzero(np.isnan(row.std))
+        places = expected_pixels(row.points, arclength, optics, GATING)[lost]
+        table = row.table.copy()
+        table[lost] = components.nearest(places, ROW_TRACKER.reach_again * last.spacing)
+        more = gated(table)
+        if more.seen <= row.seen:
+            break
+        row = more
+    if row.seen < LEAST_TARGETS or not is_at_clamp(row.points, arclength, view.clamp_angle):
+        return None
+    return row, next_row(view, row, last)
+
+
+def search_row(view: View) -> ObservedRow | Failure:
+    """Find the row that starts at the clamp among all blobs of the frame."""
+    blobs = candidate_blobs(view.image, view.settings)
+    if isinstance(blobs, Failure):
+        return blobs
+    points = view.plane.points(view.lens.undistorted(np.column_stack([blobs.u, blobs.v])))
+    usable = np.flatnonzero(np.isfinite(points[:, 0]))
+    row = row_from_clamp(points[usable], blobs.area[usable], view.arclength, view.clamp_angle)
+    table = blobs.table.T[usable[row.chosen]] if usable.size else np.zeros((0, 0))
+    table[row.chosen < 0] = np.nan
+    # Nothing was predicted.
+    nowhere, nobody = np.zeros((len(table), 2)), np.zeros(len(table), np.bool_)
+    seen, points, std = gate_row(
+        table, nowhere, nobody, initial_area(table[:, AREA]), 1.0, view.arclength, GATING.farthest,
+        view.optics, GATING,
+    )  # fmt: skip
+    targets, least = view.arclength.size, least_seen(view.arclength.size)
+    if seen < least or not is_at_clamp(points, view.arclength, view.clamp_angle):
+        return Failure(
+            reason='no_row',
+            sentence=f'only {seen} of {targets} targets stand in a row from the clamp, among '
+            f'{len(blobs)} bright areas; {least} are needed: is the arm covered, or has the '
+            'camera moved?',
+        )
+    return ObservedRow(table=table, points=points, std=std, seen=seen)
+
+
+def search_at_rest(
+    image: Image, lens: Lens, arclength: Array, settings: CameraSettings
+) -> Array | Failure:
+    """Find first and last target of the straight arm, normalized (2, 2)."""
+    blobs = candidate_blobs(image, settings)
+    if isinstance(blobs, Failure):
+        return blobs
+    pixels = np.column_stack([blobs.u, blobs.v])
+    points = lens.undistorted(pixels)
+    usable = np.isfinite(points[:, 0])
+    row = row_at_rest(
+        points[usable],
+        pixels[usable],
+        blobs.area[usable],
+        arclength,
+        settings.clamp_pixel,
+        settings.rest_straightness,
+    )
+    if isinstance(row, Failure):
+        return row
+    return row_points(row, points[usable])[[0, -1]]
+
+
+def candidate_blobs(image: Image, settings: CameraSettings) -> Blobs | Failure:
+    """Return the blobs of a frame that can be targets, or why there are none to look at."""
+    blobs = find_blobs(image, settings.grey_band, settings.area)
+    if blobs.crowded or len(blobs) > ASSOCIATION.most_blobs:
+        return Failure(
+            reason='too_many_areas',
+            sentence=f'more than {ASSOCIATION.most_blobs} bright areas could be targets: narrow '
+            'grey_band or area, or darken the background',
+        )
+    if len(blobs) == 0:
+        return Failure(
+            reason='no_areas',
+            sentence='no bright area could be a target: look at light, exposure, focus, grey_band '
+            'and area',
+        )
+    return blobs
+
+
+def start_row(view: View, row: ObservedRow) -> TrackedRow:
+    """Return a row that was found from nothing as the next frame needs it."""
+    nowhere = TrackedRow(
+        stamp_ns=view.image.stamp_ns - 1,
+        pixels=row.table[:, :2],
+        velocity=np.zeros((len(row.table), 2)),
+        area=initial_area(row.table[:, AREA]),
+        seen=np.zeros(len(row.table), np.bool_),
+        spacing=math.nan,
+    )
+    return next_row(view, row, nowhere)
+
+
+def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
+    """Return what the next frame starts from.
+
+    Targets that are not seen are where the others say, and move as those next to them.
+    """
+    arclength, seen = view.arclength, np.isfinite(row.table[:, U])
+    pixels, area = row.table[:, :2].copy(), last.area.copy()
+    area[seen] += ROW_TRACKER.area_gain * (row.table[seen, AREA] - area[seen])
+    if not seen.all():
+        pixels[~seen] = expected_pixels(row.points, arclength, view.optics, GATING)[~seen]
+    velocity = np.zeros_like(pixels)
+    both = seen & last.seen
+    if both.any():
+        seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
+        moved = (pixels[both] - last.pixels[both]) / seconds
+        for axis in range(2):
+            velocity[:, axis] = np.interp(arclength, arclength[both], moved[:, axis])
+    steps = np.hypot(*np.diff(pixels, axis=0).T)
+    known = steps[np.isfinite(steps)]
+    return TrackedRow(
+        stamp_ns=view.image.stamp_ns,
+        pixels=pixels,
+        velocity=velocity,
+        area=area,
+        seen=seen,
+        spacing=float(np.median(known)) if known.size else math.nan,
+    )
 
 
 @kernel
-def found_row(
-    rows: Array, usual: Array, arclength: Array, farthest: float, optics: Optics
-) -> tuple[int, Array, Array]:
-    """Check a row that was found from nothing: `check_row` where nothing was predicted."""
-    nowhere, nobody = np.zeros((len(rows), 2)), np.zeros(len(rows), np.bool_)
-    return check_row(rows, nowhere, nobody, usual, 1.0, arclength, farthest, optics)
-
-
-@part
-def check_row(
-    rows: Array,
+def gate_row(
+    table: Array,
     predicted: Array,
     known: Mask,
     usual: Array,
@@ -52,159 +283,100 @@ def check_row(
     arclength: Array,
     farthest: float,
     optics: Optics,
+    gating: GatingSettings,
 ) -> tuple[int, Array, Array]:
-    """Put NaN into the rows of all targets that are not believed.
+    """Put NaN into the table for all targets that are not believed.
 
     predicted (targets, 2) px: where those that are `known` from the last frame were expected; they
     must have moved as their neighbors. usual (targets,) px^2: how large they are compared with
-    each other; spacing: px; farthest: see `believable`. Return how many are seen, their points
-    (targets, 2) m in base, and the standard error of these (targets,) m.
+    each other; spacing: px; farthest: see `consistent_spacing`. Return how many are seen, their
+    points (targets, 2) m in base, and the standard error of these (targets,) m.
     """
     coefficients, limit, into_base, _ = optics
-    count = len(rows)
+    count = len(table)
     off = np.full((2, count), np.nan)
     for target in range(count):
         if known[target]:
-            off[0, target] = rows[target, U] - predicted[target, 0]
-            off[1, target] = rows[target, V] - predicted[target, 1]
-    together = moved_together(off[0], off[1], spacing)
+            off[0, target] = table[target, U] - predicted[target, 0]
+            off[1, target] = table[target, V] - predicted[target, 1]
+    together = consistent_motion(off[0], off[1], spacing, gating)
     for target in range(count):
         if known[target] and not together[target]:
-            rows[target] = np.nan
-    alike = look_alike(rows[:, AREA].copy(), usual, rows[:, MAJOR] / rows[:, MINOR])
-    normalized = rows[:, :2].copy()
+            table[target] = np.nan
+    alike = consistent_size(
+        table[:, AREA].copy(), usual, table[:, MAJOR] / table[:, MINOR], gating
+    )
+    normalized = table[:, :2].copy()
     undistort_points(normalized, coefficients, limit)
     points = normalized.copy()
     project(points, into_base)
     for target in range(count):
         if not alike[target]:
             points[target] = np.nan
-    seen = believable(points[:, 0].copy(), points[:, 1].copy(), arclength, farthest)
+    seen = consistent_spacing(
+        points[:, 0].copy(), points[:, 1].copy(), arclength, farthest, gating
+    )
     per_pixel, per_normalized = np.empty(count), np.empty(count)
     magnify_points(normalized, coefficients, limit, per_pixel)
     magnification(normalized, into_base, per_normalized)
-    std = rows[:, STD] * per_pixel * per_normalized
+    std = table[:, STD] * per_pixel * per_normalized
     total = 0
     for target in range(count):
         if seen[target]:
             total += 1
         else:
-            rows[target] = np.nan
+            table[target] = np.nan
             points[target] = np.nan
             std[target] = np.nan
     return total, points, std
 
 
 @kernel
-def pixels_of(x: Array, y: Array, optics: Optics) -> Array:
-    """Return the pixels (n, 2) of points in base (m), NaN where there is none."""
+def expected_pixels(
+    points: Array, arclength: Array, optics: Optics, gating: GatingSettings
+) -> Array:
+    """Return where all targets are expected by those that are seen, (targets, 2) px.
+
+    points (targets, 2) m in base, NaN where a target is not seen.
+    """
     coefficients, limit, _, from_base = optics
+    x, y = expected_points(points[:, 0].copy(), points[:, 1].copy(), arclength, gating)
     pixels = np.column_stack((x, y))
     project(pixels, from_base)
     distort_points(pixels, coefficients, limit)
     return pixels
 
 
-@kernel
-def follow_row(
-    picture: Picture,
-    look: Look,
-    before: Followed,
-    seconds: float,
-    gate: float,
-    arclength: Array,
-    clamp_angle: float,
-    optics: Optics,
-) -> tuple[int, Array, Array, Array, Followed]:
-    """Find a row near where it must be, `seconds` after the last frame.
-
-    gate: largest jump of a target, spacings. Return how many targets are seen (0: the row is
-    lost), rows, points and standard errors as `check_row`, and what the next frame starts from.
-    """
-    last_pixels, velocity, usual, known, spacing = before
-    predicted = last_pixels + min(seconds, LONGEST_PREDICTION) * velocity
-    count = len(predicted)
-    size = math.sqrt(4.0 / math.pi * usual.max())
-    rows = np.empty((count, COLUMNS))
-    rows[:, :2] = predicted
-    nearest_areas(picture, look, gate * spacing, size, rows)
-    seen, points, std = check_row(
-        rows, predicted, known, usual, spacing, arclength, np.inf, optics
-    )
-    for _ in range(MOST_PASSES):
-        if seen == count or seen < 2:
-            break
-        lost = np.flatnonzero(np.isnan(std))
-        x, y = expected(points[:, 0].copy(), points[:, 1].copy(), arclength)
-        sought = np.empty((lost.size, COLUMNS))
-        sought[:, :2] = pixels_of(x[lost], y[lost], optics)
-        nearest_areas(
-            picture, look, REACH_AGAIN * spacing, math.sqrt(4.0 / math.pi * usual[lost].max()),
-            sought,
-        )  # fmt: skip
-        again = rows.copy()
-        for place in range(lost.size):
-            again[lost[place]] = sought[place]
-        more, more_points, more_std = check_row(
-            again, predicted, known, usual, spacing, arclength, np.inf, optics
-        )
-        if more <= seen:
-            break
-        seen, rows, points, std = more, again, more_points, more_std
-    if seen < LEAST_TARGETS or not at_clamp(points, arclength, clamp_angle):
-        return 0, rows, points, std, before
-    return seen, rows, points, std, next_row(rows, points, arclength, optics, before, seconds)
-
-
-@kernel
-def at_clamp(points: Array, arclength: Array, clamp_angle: float) -> bool:
+def is_at_clamp(points: Array, arclength: Array, clamp_angle: float) -> bool:
     """Whether the first target that is seen, if it is near the clamp, is where it must be."""
-    cosine, sine = math.cos(clamp_angle), math.sin(clamp_angle)
-    for first in range(min(NEAR_CLAMP, arclength.size)):
-        point_x, point_y = points[first, 0], points[first, 1]
-        if math.isnan(point_x):
-            continue
-        aside = point_y * cosine - point_x * sine
-        allowed = (1.0 + first) * (arclength[1] - arclength[0])
-        off_along = abs(math.hypot(point_x, point_y) - arclength[first])
-        return bool(off_along <= OFF_ALONG * allowed and abs(aside) <= OFF_ASIDE * allowed)
-    return True
+    seen = np.flatnonzero(np.isfinite(points[: ROW_TRACKER.near_clamp, 0]))
+    if not seen.size:
+        return True
+    first = int(seen[0])
+    x, y = points[first].tolist()
+    aside = y * math.cos(clamp_angle) - x * math.sin(clamp_angle)
+    allowed = (1.0 + first) * float(arclength[1] - arclength[0])
+    off_along = abs(math.hypot(x, y) - float(arclength[first]))
+    return (
+        off_along <= ROW_TRACKER.off_along * allowed
+        and abs(aside) <= ROW_TRACKER.off_aside * allowed
+    )
 
 
-@kernel
-def next_row(
-    rows: Array,
-    points: Array,
-    arclength: Array,
-    optics: Optics,
-    before: Followed,
-    seconds: float,
-) -> Followed:
-    """Return what the next frame starts from.
-
-    before: the same of the last frame, `seconds` ago; without one nobody was seen in it. Targets
-    that are not seen are where the others say, and move as those next to them.
-    """
-    last_pixels, _, last_area, last_seen, _ = before
-    count = len(rows)
-    x, y = expected(points[:, 0].copy(), points[:, 1].copy(), arclength)
-    guessed = pixels_of(x, y, optics)
-    seen = np.isfinite(rows[:, U])
-    pixels, area = np.empty((count, 2)), last_area.copy()
-    for target in range(count):
-        if seen[target]:
-            pixels[target] = rows[target, :2]
-            area[target] += FOLLOWING * (rows[target, AREA] - area[target])
-        else:
-            pixels[target] = guessed[target]
-    velocity = np.zeros((count, 2))
-    both = np.flatnonzero(seen & last_seen)
-    if both.size > 0:
-        for axis in range(2):
-            moved = (pixels[both, axis] - last_pixels[both, axis]) / seconds
-            velocity[:, axis] = np.interp(arclength, arclength[both], moved)
-    ways = pixels[1:] - pixels[:-1]
-    steps = np.hypot(ways[:, 0], ways[:, 1])
-    known = steps[np.isfinite(steps)]
-    spacing = float(np.median(known)) if known.size > 0 else math.nan
-    return pixels, velocity, area, seen, spacing
+def target_sightings(view: View, row: ObservedRow) -> TargetSightings:
+    """Return what is published of the targets that are seen."""
+    table = np.empty((COLUMNS + 2, len(row.table)))
+    table[:COLUMNS], table[COLUMNS:] = row.table.T, row.points.T
+    freeze(table)
+    return TargetSightings(
+        stamp_ns=view.image.stamp_ns,
+        x=table[COLUMNS],
+        y=table[COLUMNS + 1],
+        std=freeze(row.std),
+        u=table[U],
+        v=table[V],
+        area=table[AREA],
+        major=table[MAJOR],
+        minor=table[MINOR],
+        angle=table[ANGLE],
+    )

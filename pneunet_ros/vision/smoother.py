@@ -3,6 +3,13 @@
 A Gaussian process whose prior was learnt once. What has to be done for a frame depends on which
 targets were seen, not on where: it is worked out once for each set of targets and kept.
 
+The tangent of the curve is exp(stretch + i angle), with the logarithm of the stretch and the angle
+as functions of arclength. The logarithm of the chord between two neighboring targets, divided by
+their distance along the arm, is the mean of stretch + i angle between them; only the chord of an
+arc is shorter than the arc. Summed up along the arm, chords give a line whose noise is that of the
+targets: the arm straightened out. Its second derivative is the curvature, and one linear operator
+smooths it, whatever the shape.
+
 How exact the targets are is not taken from `sensors.target_std`, which is one number for all
 cameras: the sightings say how exactly each was seen, and where the residuals of a frame show more
 than that (dots painted beside their place), the noise is what explains them.
@@ -11,29 +18,48 @@ than that (dots painted beside their place), the noise is what explains them.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import astuple, dataclass, field
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import CameraError, RequestError
+from pneunet_ros.core.jit import kernel
 from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.core.settings import numbers_type, tuned
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import DEFAULT_STATIONS, station_arclength
 from pneunet_ros.vision.curvature_prior import (
     CurvaturePrior,
-    learned_priors,
+    learn_priors,
     once_integrated,
     twice_integrated,
     without_line,
 )
-from pneunet_ros.vision.smoother_kernels import smooth_targets
+
+Indices = npt.NDArray[np.int64]
 
 FEWEST_TARGETS = 4
 KEPT_OPERATORS = 256
-LEAST_STD = 1e-5  # of the length: noise below this is not believed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SmootherSettings:
+    """How noise and stretch are told from curvature."""
+
+    least_std: float = tuned(1e-5, 'noise below this is not believed', unit='length')
+    stretch_share: float = tuned(0.01, "variation of the stretch over the angle's")
+    level_ratio: float = tuned(1.5, 'between levels of noise that are tried')
+    largest_noise: float = tuned(0.1, 'noise, at most', unit='mean distance of targets')
+    far_worse: float = tuned(20.0, 'in -2 log likelihood: no more noise than this is tried')
+    least_weight: float = tuned(1e-3, 'a prior less probable than this takes no part')
+
+
+SmootherNumbers = numbers_type(SmootherSettings, 'SmootherNumbers')
+SMOOTHER: SmootherSettings = SmootherNumbers(*astuple(SmootherSettings()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,8 +83,7 @@ class MeasuredCurve:
     rms: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SmoothingOperator:
+class SmoothingOperator(NamedTuple):
     """What smoothing needs to know for one set of seen targets; see `smooth_targets`.
 
     seen (n,) indices of targets; distances (n - 1,) m along the arm between them; slope (n,) of
@@ -68,7 +93,7 @@ class SmoothingOperator:
     targets, of which target_points and station_points are the indices. arclength (stations,) m.
     """
 
-    seen: npt.NDArray[np.int64]
+    seen: Indices
     distances: Array
     slope: Array
     modes: Array
@@ -77,14 +102,9 @@ class SmoothingOperator:
     curvature_rows: Array
     prior_variance: Array
     points: Array
-    target_points: npt.NDArray[np.int64]
-    station_points: npt.NDArray[np.int64]
+    target_points: Indices
+    station_points: Indices
     arclength: Array
-
-    def __post_init__(self) -> None:
-        """Make all arrays read-only: they are kept, and used for many frames."""
-        for item in fields(self):
-            getattr(self, item.name).flags.writeable = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,6 +120,7 @@ class Smoother:
     priors: tuple[CurvaturePrior, ...]
     length: float
     placement_std: float = 0.0
+    settings: SmootherSettings = SMOOTHER
     operator: Callable[[bytes], SmoothingOperator | None] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -132,15 +153,12 @@ class Smoother:
         operator = self.operator(seen.tobytes())
         if operator is None:
             return None
-        least = math.hypot(LEAST_STD * self.length, self.placement_std)
+        least = math.hypot(self.settings.least_std * self.length, self.placement_std)
         origin = float(self.target_arclength[0]) if seen[0] else math.nan
         out = np.empty((5, operator.arclength.size))
         rms = smooth_targets(
-            sightings.x, sightings.y, sightings.std, operator.seen, operator.distances,
-            operator.slope, operator.modes, operator.mode_variances, operator.theta_rows,
-            operator.curvature_rows, operator.prior_variance, operator.points,
-            operator.target_points, operator.station_points, least, origin, out,
-        )  # fmt: skip
+            sightings.x, sightings.y, sightings.std, operator, least, origin, self.settings, out
+        )
         if not math.isfinite(rms):
             return None
         freeze(out)
@@ -206,7 +224,7 @@ def operator_for(
     slope = away / (away @ away)
     theta = np.stack([of.theta[np.ix_(rows, seen)] for of in covariances])
     curvature = np.stack([of.curvature[np.ix_(rows, seen)] for of in covariances])
-    return SmoothingOperator(
+    operator = SmoothingOperator(
         seen=seen.astype(np.int64),
         distances=np.diff(places),
         slope=slope,
@@ -218,8 +236,11 @@ def operator_for(
         points=points,
         target_points=np.searchsorted(points, places).astype(np.int64),
         station_points=np.searchsorted(points, arclength).astype(np.int64),
-        arclength=frozen_array(arclength),
+        arclength=arclength.copy(),
     )
+    for array in operator:
+        array.flags.writeable = False  # they are kept, and used for many frames
+    return operator
 
 
 def transposed(rows: Array) -> Array:
@@ -240,7 +261,206 @@ def smoother_for(arm: Arm, stations: int = DEFAULT_STATIONS) -> Smoother:
     return Smoother(
         target_arclength=arm.target_arclength,
         stations=station_arclength(arm.length, stations),
-        priors=learned_priors(arm),
+        priors=learn_priors(arm),
         length=arm.length,
         placement_std=arm.sensors.placement_std,
     )
+
+
+@kernel
+def smooth_targets(
+    x: Array,
+    y: Array,
+    std: Array,
+    operator: SmoothingOperator,
+    least_std: float,
+    origin: float,
+    settings: SmootherSettings,
+    out: Array,
+) -> float:
+    """Fill out (5, stations) with x, y, theta, curvature, std of curvature; return the rms.
+
+    x, y, std (all targets,) m; least_std: noise (m) below which none is believed; origin: where
+    the curve passes at the first seen target, (origin, 0) m; NaN leaves it where it was seen.
+    """
+    (
+        seen, distances, slope, modes, mode_variances, theta_rows, curvature_rows,
+        prior_variance, points, target_points, station_points, _,
+    ) = operator  # fmt: skip
+    priors, mode_count = mode_variances.shape
+    angle, stretch = np.empty(distances.size), np.empty(distances.size)
+    chords(x, y, seen, distances, angle, stretch)
+    bent, longer = np.zeros((priors, mode_count)), np.zeros((priors, mode_count))
+    line = line_longer = mean_theta = mean_stretch = 0.0
+    for target in range(1, seen.size):
+        line += distances[target - 1] * angle[target - 1]
+        line_longer += distances[target - 1] * stretch[target - 1]
+        mean_theta += slope[target] * line
+        mean_stretch += slope[target] * line_longer
+        for prior in range(priors):
+            for mode in range(mode_count):
+                bent[prior, mode] += modes[prior, target, mode] * line
+                longer[prior, mode] += modes[prior, target, mode] * line_longer
+    weights = np.empty(priors)
+    least = least_variance(std, seen, least_std)
+    most = (settings.largest_noise * distances.mean()) ** 2
+    noise = noise_variance(bent, longer, mode_variances, least, most, settings, weights)
+
+    size = points.size
+    theta, log_stretch = np.full(size, mean_theta), np.full(size, mean_stretch)
+    curvature, variance = np.zeros(size), np.zeros(size)
+    own_curvature, own_variance = np.empty((priors, size)), np.empty((priors, size))
+    share = settings.stretch_share * settings.stretch_share
+    for prior in range(priors):
+        weight = weights[prior]
+        if weight == 0.0:
+            continue
+        own_curvature[prior] = 0.0
+        own_variance[prior] = prior_variance[prior]
+        for mode in range(mode_count):
+            known = 1.0 / (mode_variances[prior, mode] + noise)
+            turn = bent[prior, mode] * known
+            length = longer[prior, mode] * share / (share * mode_variances[prior, mode] + noise)
+            for point in range(size):
+                row = theta_rows[prior, mode, point]
+                theta[point] += row * (weight * turn)
+                log_stretch[point] += row * (weight * length)
+                row = curvature_rows[prior, mode, point]
+                own_curvature[prior, point] += row * turn
+                own_variance[prior, point] -= row * row * known
+        for point in range(size):
+            curvature[point] += weight * own_curvature[prior, point]
+    for prior in range(priors):
+        if weights[prior] > 0.0:
+            for point in range(size):
+                away = own_curvature[prior, point] - curvature[point]
+                own = max(own_variance[prior, point], 0.0)
+                variance[point] += weights[prior] * (own + away * away)
+
+    px, py = np.zeros(size), np.zeros(size)
+    integrate(points, theta, curvature, log_stretch, px, py)
+    offset_x = offset_y = 0.0
+    for target in range(seen.size):
+        offset_x += x[seen[target]] - px[target_points[target]]
+        offset_y += y[seen[target]] - py[target_points[target]]
+    offset_x /= seen.size
+    offset_y /= seen.size
+    squares = 0.0
+    for target in range(seen.size):
+        squares += (px[target_points[target]] + offset_x - x[seen[target]]) ** 2
+        squares += (py[target_points[target]] + offset_y - y[seen[target]]) ** 2
+    if not math.isnan(origin):
+        offset_x, offset_y = origin, 0.0
+    first = theta[station_points[0]]
+    whole_turns = 2.0 * math.pi * math.ceil(first / (2.0 * math.pi) - 0.5)
+    for station in range(station_points.size):
+        point = station_points[station]
+        per_length = math.exp(-log_stretch[point])
+        out[0, station] = px[point] + offset_x
+        out[1, station] = py[point] + offset_y
+        out[2, station] = theta[point] - whole_turns
+        out[3, station] = curvature[point] * per_length
+        out[4, station] = math.sqrt(variance[point]) * per_length
+    return math.sqrt(squares / (2 * seen.size))
+
+
+@kernel
+def chords(
+    x: Array, y: Array, seen: Indices, distances: Array, angle: Array, stretch: Array
+) -> None:
+    """Fill the mean angle (rad) and logarithm of the stretch between neighboring seen targets."""
+    before_u = before_v = 0.0
+    last = distances.size - 1
+    for cell in range(last + 1):
+        u = x[seen[cell + 1]] - x[seen[cell]]
+        v = y[seen[cell + 1]] - y[seen[cell]]
+        if cell == 0:
+            angle[0] = math.atan2(v, u)
+        else:
+            turn = math.atan2(before_u * v - before_v * u, before_u * u + before_v * v)
+            angle[cell] = angle[cell - 1] + turn
+        stretch[cell] = 0.5 * np.log((u * u + v * v) / (distances[cell] * distances[cell]))
+        before_u, before_v = u, v
+    for cell in range(last + 1):
+        before, after = max(cell - 1, 0), min(cell + 1, last)
+        apart = 0.5 * (distances[before] + distances[after])
+        if after - before == 2:
+            apart += distances[cell]
+        turn = (angle[after] - angle[before]) / apart * distances[cell]
+        stretch[cell] += turn * turn / 24.0  # the chord of an arc is shorter than the arc
+
+
+@kernel
+def integrate(
+    points: Array, theta: Array, curvature: Array, log_stretch: Array, px: Array, py: Array
+) -> None:
+    """Fill px, py (points,) m with the integral of the tangent, by Simpson's rule."""
+    scale = math.exp(log_stretch[0])
+    here_u, here_v = scale * math.cos(theta[0]), scale * math.sin(theta[0])
+    for point in range(1, points.size):
+        length = points[point] - points[point - 1]
+        middle = 0.5 * (theta[point - 1] + theta[point])
+        middle += 0.125 * length * (curvature[point - 1] - curvature[point])
+        there = math.exp(log_stretch[point])
+        there_u, there_v = there * math.cos(theta[point]), there * math.sin(theta[point])
+        four = 2.0 * (scale + there)  # the stretch hardly changes from point to point
+        px[point] = px[point - 1] + length / 6.0 * (here_u + four * math.cos(middle) + there_u)
+        py[point] = py[point - 1] + length / 6.0 * (here_v + four * math.sin(middle) + there_v)
+        scale, here_u, here_v = there, there_u, there_v
+
+
+@kernel
+def least_variance(std: Array, seen: Indices, least_std: float) -> float:
+    """Return the median of what detection says of the seen targets, at least `least_std`; m^2."""
+    known = np.empty(seen.size)
+    for target in range(seen.size):
+        value = std[seen[target]]
+        known[target] = value if value > 0.0 else 0.0  # also where it is NaN
+    known.sort()
+    median = float(known[seen.size // 2])
+    return median * median + least_std * least_std
+
+
+@kernel
+def noise_variance(
+    bent: Array,
+    longer: Array,
+    mode_variances: Array,
+    least: float,
+    most: float,
+    settings: SmootherSettings,
+    weights: Array,
+) -> float:
+    """Return the level of noise (m^2) that explains a frame best, by marginal likelihood.
+
+    Detection knows how exactly it saw a target, not how exactly the target was painted. weights
+    (priors,) is filled with the probability of each prior under this noise.
+    """
+    share = settings.stretch_share * settings.stretch_share
+    misfits = np.empty(weights.size)
+    best, best_misfit = least, np.inf
+    level = least
+    while level <= most or level == least:
+        for prior in range(weights.size):
+            misfit, product = 0.0, 1.0
+            for mode in range(mode_variances.shape[1]):
+                across = mode_variances[prior, mode] + level
+                along = share * mode_variances[prior, mode] + level
+                misfit += bent[prior, mode] ** 2 / across + longer[prior, mode] ** 2 / along
+                product *= across / least * along / least
+                if product > 1e200:
+                    misfit += math.log(product)
+                    product = 1.0
+            misfits[prior] = misfit + math.log(product)
+        if misfits.min() < best_misfit:
+            best, best_misfit = level, misfits.min()
+            weights[:] = np.exp(-0.5 * (misfits - best_misfit))
+        elif misfits.min() > best_misfit + settings.far_worse:
+            break
+        level *= settings.level_ratio * settings.level_ratio
+    weights /= weights.sum()
+    for prior in range(weights.size):
+        if weights[prior] < settings.least_weight:
+            weights[prior] = 0.0
+    weights /= weights.sum()
+    return best

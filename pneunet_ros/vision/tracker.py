@@ -2,24 +2,99 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import CameraError, ModelError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.readings import unseen_targets
+from pneunet_ros.core.readings import TargetSightings, unseen_targets
 from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.association import LEAST_TARGETS
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import CameraSettings, HomographyPlane, PosePlane
-from pneunet_ros.vision.frame_tracker import begun, follow, search, search_at_rest, sightings, View
-from pneunet_ros.vision.rest_plane import Failure, RESTING
-from pneunet_ros.vision.smoother import smoother_for
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
-from pneunet_ros.vision.working_plane import plane_from_homography, plane_from_pose
+from pneunet_ros.vision.rest_plane import Failure, RestAverage, RESTING
+from pneunet_ros.vision.row_tracker import (
+    follow_row,
+    search_at_rest,
+    search_row,
+    start_row,
+    target_sightings,
+    TrackedRow,
+    View,
+)
+from pneunet_ros.vision.smoother import MeasuredCurve, smoother_for
+from pneunet_ros.vision.working_plane import Plane, plane_from_homography, plane_from_pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tracking:
+    """What a tracker makes of a frame: where targets were seen, and the smooth curve through them.
+
+    Where the frame could not be explained `reason` is a key for counting, `sentence` says it to a
+    person, nothing is seen and there is no curve; both are empty otherwise.
+    """
+
+    sightings: TargetSightings
+    curve: MeasuredCurve | None
+    reason: str = ''
+    sentence: str = ''
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackerState:
+    """All that a tracker remembers from one frame to the next.
+
+    `frames` were looked at, `explained` of them show the arm; `unexplained` counts the others by
+    reason, `rejected` the images that were not looked at. `trouble` says why there is no working
+    plane for this lens.
+    """
+
+    lens: Lens | None = None
+    plane: Plane | None = None
+    trouble: str = ''
+    rest: RestAverage = field(default_factory=RestAverage)
+    row: TrackedRow | None = None
+    stamp_ns: int | None = None
+    frames: int = 0
+    explained: int = 0
+    resets: int = 0
+    unexplained: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+    def fresh(self) -> TrackerState:
+        """Forget camera and arm; only the counts go on."""
+        return TrackerState(
+            frames=self.frames,
+            explained=self.explained,
+            resets=self.resets + 1,
+            unexplained=self.unexplained,
+            rejected=self.rejected,
+        )
+
+    def seeing(self, row: TrackedRow) -> TrackerState:
+        """Count one more frame that shows the arm; without `replace`, which takes longer."""
+        return TrackerState(
+            lens=self.lens,
+            plane=self.plane,
+            trouble=self.trouble,
+            rest=self.rest,
+            row=row,
+            stamp_ns=row.stamp_ns,
+            frames=self.frames + 1,
+            explained=self.explained + 1,
+            resets=self.resets,
+            unexplained=self.unexplained,
+            rejected=self.rejected,
+        )
+
+    def counting(self, reason: str) -> TrackerState:
+        """Count one more image that was not looked at."""
+        return replace(self, rejected=count_reason(self.rejected, reason))
 
 
 class Tracker:
@@ -64,14 +139,14 @@ class Tracker:
             clamp_angle=self.arm.clamp_angle,
             settings=self.settings,
         )
-        followed = None if state.row is None else follow(view, state.row)
+        followed = None if state.row is None else follow_row(view, state.row)
         if followed is None:
-            found = search(view)
-            if isinstance(found, Failure):
-                return self._unexplained(state, reading, found)
-            followed = found, begun(view, found)
-        seen, row = followed
-        targets = sightings(view, seen)
+            observed = search_row(view)
+            if isinstance(observed, Failure):
+                return self._unexplained(state, reading, observed)
+            followed = observed, start_row(view, observed)
+        observed, row = followed
+        targets = target_sightings(view, observed)
         return state.seeing(row), Tracking(sightings=targets, curve=self.smoother.smooth(targets))
 
     def _at_rest(self, state: TrackerState, image: Image) -> tuple[TrackerState, Failure | None]:

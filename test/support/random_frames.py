@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.vision.smoother import MeasuredCurve
-from pneunet_ros.vision.tracker_state import Tracking
+from pneunet_ros.vision.tracker import Tracking
 
 TARGETS = 23
 

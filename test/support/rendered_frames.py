@@ -8,9 +8,8 @@ import math
 import numpy as np
 from pneunet_ros.core.image import Image
 from pneunet_ros.lab.lens import Camera, looking_down
-from pneunet_ros.lab.renderer import as_image, Renderer
+from pneunet_ros.lab.renderer import as_image, Renderer, Truth
 from pneunet_ros.lab.scene import bar, Dots, Glint, hand, Label, Light, Occluder, Scene, Spot
-from pneunet_ros.lab.targets import Truth
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.camera_model import Lens
 
@@ -123,7 +122,7 @@ class View:
     def __iter__(self) -> Iterator[tuple[Image, Truth]]:
         start, kind = self.rng.uniform(10.0, 40.0), int(self.rng.integers(0, 3))
         for frame in range(self.frames):
-            moment = self.motion.moment(
+            moment = self.motion.frame_state(
                 self.pressure(frame),
                 self.pressure(frame - 0.15),
                 self.pressure(frame + 0.15),

@@ -44,7 +44,7 @@ class NodeSettings:
         if not self.tip_frame:
             raise RequestError('tip_frame must not be empty')
 
-    def views(self, arm: ArmInUse) -> tuple[Output[ShapeEstimate], ...]:
+    def markers(self, arm: ArmInUse) -> tuple[Output[ShapeEstimate], ...]:
         """Return the outputs for the eye that were asked for."""
         outputs = []
         if self.publish_tf:

@@ -8,13 +8,13 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.predicted_targets import predict_targets
-from pneunet_ros.messages.cdr_template import ClaimSerializer
-from pneunet_ros.messages.topics import OUTPUTS
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.collocation import TOLERANCE
 
 
-def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
+def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
     """Run every kernel and every encoder once; returns why the model gave no estimate, or ''.
 
     A kernel that is compiled or loaded at its first use would hold up the readings of a running

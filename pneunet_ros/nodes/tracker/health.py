@@ -9,7 +9,7 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.nodes.health import age, counted, Latencies, Level, Report, texts
 from pneunet_ros.vision.rest_plane import RESTING
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import TrackerState, Tracking
 
 IMAGE_TIMEOUT = 2.0  # s; silence of the camera that is an error
 

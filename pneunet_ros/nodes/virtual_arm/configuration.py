@@ -16,10 +16,9 @@ from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import quantity
 from pneunet_ros.files.scenario_file import changes_of, load_lab
-from pneunet_ros.lab.live import LiveLab
+from pneunet_ros.lab.live import LiveLab, Valve
 from pneunet_ros.lab.scenario import described
 from pneunet_ros.lab.sensors import noiseless
-from pneunet_ros.lab.valve import Valve
 from pneunet_ros.nodes.parameters import ParameterTable
 
 SHIPPED_ARM = 'scenarios/lab_arm.yaml'

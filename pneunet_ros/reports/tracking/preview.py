@@ -24,7 +24,7 @@ from pneunet_ros.reports.tracking.heat_map import heat
 from pneunet_ros.reports.tracking.preview_video import overlay_of
 from pneunet_ros.tables.length_unit import LengthUnit
 from pneunet_ros.vision.smoother import MeasuredCurve
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import TrackerState, Tracking
 
 COLORS = colormaps['viridis']
 SEEN, MISSING, UNEXPLAINED = '#3b6ea8', '#f28e2b', '#c9c9c9'

@@ -13,7 +13,7 @@ from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.vision.overlay import curve_in_image, draw
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import TrackerState, Tracking
 
 CODEC = 'mp4v'
 RATES = (1.0, 120.0)  # Hz; players cope with these

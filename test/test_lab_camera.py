@@ -6,14 +6,13 @@ import numpy as np
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import load_model
-from pneunet_ros.lab.film import Film, SCENE
 from pneunet_ros.lab.live import LiveLab, Load
-from pneunet_ros.messages.camera import camera_info_message, grey_image_message
-from pneunet_ros.messages.tracker import decode_camera_info, decode_image
+from pneunet_ros.lab.motion import Film, SCENE
+from pneunet_ros.messages.builders import header, image
+from pneunet_ros.messages.tracker import camera_info_message, decode_camera_info, decode_image
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.vision.camera_settings import PosePlane
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 from support.lab_pairs import recorded
 
 HEADING = ('camera', ROSBAGS_TYPES)
@@ -41,7 +40,7 @@ def test_the_tracker_finds_all_targets_where_they_are():
     # Already bent when the first image comes: the camera knows where it is.
     for frame, command in enumerate((30e3, 31e3, 33e3, 32e3), start=1):
         state, shape = lab.shape(lab.step(state, 2.0 + 0.1 * frame, command, load))
-        message = grey_image_message(film.image(shape, random), frame, *HEADING)
+        message = image(film.image(shape, random), header(frame, *HEADING), ROSBAGS_TYPES)
         tracking, outcome = tracker.step(tracking, decode_image(message))
         assert isinstance(outcome, Tracking)
         points = lab.seen(shape)
