@@ -11,10 +11,8 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.effects.effect import History, Terms
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
-from pneunet_ros.model.neighbors import neighbors
+from pneunet_ros.model.neighbors import DEFAULTS, DifferenceSettings, neighbors
 from pneunet_ros.solver.rod import CLAMP_ANGLE, CLAMP_WIDTH, Rods, RodTable
-
-PRESSURE_STEP = 1e-5  # of the calibrated range, for the change of the record with pressure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,6 +69,7 @@ class PerturbationTable:
     """
 
     arm: Arm
+    settings: DifferenceSettings = DEFAULTS
     neighbors: tuple[Arm, ...] = field(init=False, repr=False)
     distance: Array = field(init=False, repr=False)
     length: Array = field(init=False, repr=False)
@@ -85,12 +84,11 @@ class PerturbationTable:
         """Stack the neighbors."""
         arm = self.arm
         columns = () if arm.covariance is None else arm.covariance.columns()
-        pairs = [neighbors(arm, column) for column in columns]
+        pairs = [neighbors(arm, column, self.settings) for column in columns]
         befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         sides = tuple(befores + afters)
         by_cause = [[arm, *befores], [arm, *afters]]
-        low, high = arm.pressure_range
-        distance = [2.0 * PRESSURE_STEP * (high - low), *(pair[2] for pair in pairs)]
+        distance = [2.0 * pressure_step(arm, self.settings), *(pair[2] for pair in pairs)]
         rows = reduce(np.union1d, (side.table.pressure for side in sides), arm.table.pressure)
         clamp = np.zeros((len(sides), CLAMP_WIDTH))
         terms = [effect.terms(rows) for effect in arm.effects]
@@ -201,11 +199,20 @@ def runs_alike(arms: tuple[Arm, ...], changing: tuple[int, ...]) -> tuple[tuple[
     return tuple(runs)
 
 
+def pressure_step(arm: Arm, settings: DifferenceSettings) -> float:
+    """Return the step of the chamber pressure, Pa."""
+    low, high = arm.pressure_range
+    return settings.pressure_step * (high - low)
+
+
 def with_pressure_change(
-    arm: Arm, chamber_pressure: float, history: tuple[History, ...] | None = None
+    arm: Arm,
+    chamber_pressure: float,
+    history: tuple[History, ...] | None = None,
+    settings: DifferenceSettings = DEFAULTS,
 ) -> tuple[Rods, Perturbation]:
     """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal."""
-    step = PRESSURE_STEP * (arm.pressure_range[1] - arm.pressure_range[0])
+    step = pressure_step(arm, settings)
     pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
     rods = arm.rods(np.array(pressures), history)
     return rods.one(0), Perturbation.between(rods.one(1), rods.one(2), 2.0 * step)
