@@ -7,11 +7,21 @@ from functools import cache
 
 import numpy as np
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.live import LiveLab, Load, Valve
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.camera_file import load_camera
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE, Valve
 from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.messages.camera import camera_info_message, grey_image_message
+from pneunet_ros.messages.tracker import decode_camera_info, decode_image
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.vision.camera_settings import PosePlane
+from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker_state import TrackerState, Tracking
 import pytest
 from support.lab_pairs import NOISELESS, recorded
 
+HEADING = ('camera', ROSBAGS_TYPES)
 PAST = {
     'pressure_lag': {'time_constant': 0.2},
     'hysteresis': {'width': 3e3, 'richness': 1.0},
@@ -198,3 +208,39 @@ def test_without_a_time_constant_the_supply_alone_is_the_limit():
 def test_an_impossible_valve_is_refused():
     with pytest.raises(RequestError, match=r'valve\.rate_limit'):
         Valve(rate_limit=0.0)
+
+
+# ---- its camera --------------------------------------------------------------------------------
+
+
+def test_the_camera_file_says_where_the_camera_is():
+    plane = load_camera(share_path('config/lab_camera.yaml')).plane
+    assert isinstance(plane, PosePlane)
+    assert plane.position == tuple(np.round(SCENE.camera.position, 12).tolist())
+    assert tuple(plane.quaternion) == (1.0, 0.0, 0.0, 0.0)
+    assert np.array_equal(SCENE.camera.rotation, np.diag([1.0, -1.0, -1.0]))
+
+
+def test_the_tracker_finds_all_targets_where_they_are():
+    lab = LiveLab(scenario=recorded('unloaded_ramp').scenario)
+    film, random = Film(lab), np.random.default_rng(0)
+    tracker = Tracker(
+        load_model(share_path('config/lab_arm.yaml')),
+        load_camera(share_path('config/lab_camera.yaml')),
+    )
+    lens = decode_camera_info(camera_info_message(SCENE.camera, 1, *HEADING))
+    tracking, _ = tracker.step(TrackerState(), lens)
+    state = lab.begin()
+    load = Load(force_x=0.05, force_y=0.05)
+    # Already bent when the first image comes: the camera knows where it is.
+    for frame, command in enumerate((30e3, 31e3, 33e3, 32e3), start=1):
+        state, shape = lab.shape(lab.step(state, 2.0 + 0.1 * frame, command, load))
+        message = grey_image_message(film.image(shape, random), frame, *HEADING)
+        tracking, outcome = tracker.step(tracking, decode_image(message))
+        assert isinstance(outcome, Tracking)
+        points = lab.seen(shape)
+        for found, there in (
+            (outcome.sightings.x, points[:, 0]),
+            (outcome.sightings.y, points[:, 1]),
+        ):
+            assert np.abs(found - there).max() < 1e-4

@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.share import share_path
-from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import load_model
-from pneunet_ros.lab.live import LiveLab, Load
-from pneunet_ros.lab.motion import Film, ramp, SCENE, sinus, up_and_down
-from pneunet_ros.messages.camera import camera_info_message, grey_image_message
-from pneunet_ros.messages.tracker import decode_camera_info, decode_image
 from pneunet_ros.model.equilibrium import solve
-from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
-from pneunet_ros.vision.camera_settings import PosePlane
-from pneunet_ros.vision.tracker import Tracker
-from pneunet_ros.vision.tracker_state import TrackerState, Tracking
 import pytest
-from support.lab_pairs import recorded
-from support.moving_arm import motion_of
+from support.moving_arm import motion_of, up_and_down
 
 
 @pytest.fixture(scope='module')
@@ -96,61 +83,9 @@ def test_pressures_beyond_the_range_are_refused(arm, motion):
 
 
 @pytest.mark.parametrize(
-    ('profile', 'expected'),
-    [
-        (
-            partial(up_and_down, rest=1.0, rise=2.0, hold=0.5, top=50e3),
-            {0.0: 0, 1.0: 0, 2.0: 25e3, 3.0: 50e3, 3.5: 50e3, 4.5: 25e3, 5.5: 0, 9.0: 0},
-        ),
-        (
-            partial(sinus, rest=1.0, period=4.0, top=40e3),
-            {0.5: 0, 1.0: 0, 2.0: 20e3, 3.0: 40e3, 4.0: 20e3, 5.0: 0, 7.0: 40e3},
-        ),
-        (
-            partial(ramp, rest=1.0, rate=10e3, top=30e3),
-            {0.0: 0, 1.0: 0, 2.5: 15e3, 4.0: 30e3, 8.0: 30e3},
-        ),
-    ],
-    ids=['up_and_down', 'sinus', 'ramp'],
+    ('time', 'pressure'),
+    [(0.0, 0), (1.0, 0), (2.0, 25e3), (3.0, 50e3), (3.5, 50e3), (4.5, 25e3), (5.5, 0), (9.0, 0)],
 )
-def test_profiles(profile, expected):
-    for time, pressure in expected.items():
-        assert profile(time) == pytest.approx(pressure, abs=1e-6)
-
-
-# ---- live --------------------------------------------------------------------------------------
-
-HEADING = ('camera', ROSBAGS_TYPES)
-
-
-def test_the_camera_file_says_where_the_camera_is():
-    plane = load_camera(share_path('config/lab_camera.yaml')).plane
-    assert isinstance(plane, PosePlane)
-    assert plane.position == tuple(np.round(SCENE.camera.position, 12).tolist())
-    assert tuple(plane.quaternion) == (1.0, 0.0, 0.0, 0.0)
-    assert np.array_equal(SCENE.camera.rotation, np.diag([1.0, -1.0, -1.0]))
-
-
-def test_the_tracker_finds_all_targets_where_they_are():
-    lab = LiveLab(scenario=recorded('unloaded_ramp').scenario)
-    film, random = Film(lab), np.random.default_rng(0)
-    tracker = Tracker(
-        load_model(share_path('config/lab_arm.yaml')),
-        load_camera(share_path('config/lab_camera.yaml')),
-    )
-    lens = decode_camera_info(camera_info_message(SCENE.camera, 1, *HEADING))
-    tracking, _ = tracker.step(TrackerState(), lens)
-    state = lab.begin()
-    load = Load(force_x=0.05, force_y=0.05)
-    # Already bent when the first image comes: the camera knows where it is.
-    for frame, command in enumerate((30e3, 31e3, 33e3, 32e3), start=1):
-        state, shape = lab.shape(lab.step(state, 2.0 + 0.1 * frame, command, load))
-        message = grey_image_message(film.image(shape, random), frame, *HEADING)
-        tracking, outcome = tracker.step(tracking, decode_image(message))
-        assert isinstance(outcome, Tracking)
-        points = lab.seen(shape)
-        for found, there in (
-            (outcome.sightings.x, points[:, 0]),
-            (outcome.sightings.y, points[:, 1]),
-        ):
-            assert np.abs(found - there).max() < 1e-4
+def test_it_goes_up_and_down(time, pressure):
+    risen = up_and_down(time, rest=1.0, rise=2.0, hold=0.5, top=50e3)
+    assert risen == pytest.approx(pressure, abs=1e-6)

@@ -18,8 +18,7 @@ from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.lab.chain import ChainShape
-from pneunet_ros.lab.live import LiveLab, Load
-from pneunet_ros.lab.motion import Film, SCENE
+from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
 from pneunet_ros.messages.builders import header, POINTS_TYPE, UNREADABLE
 from pneunet_ros.messages.camera import camera_info_message, grey_image_message
 from pneunet_ros.messages.readings import pressure_message, targets_message, wrench_message
