@@ -1,4 +1,4 @@
-"""The live lab: led through a protocol it repeats what `simulated` makes of it."""
+"""The live lab: led through a protocol it repeats what `simulate` makes of it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE, Valve
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.messages.camera import camera_info_message, grey_image_message
 from pneunet_ros.messages.tracker import decode_camera_info, decode_image
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
@@ -57,7 +57,7 @@ def led(lab, events, times):
 
 
 def expect_the_recording(scenario):
-    recording, events = simulated(scenario), scenario.protocol.timeline()
+    recording, events = simulate(scenario), scenario.protocol.timeline()
     # A valve that is as fast as the steepest leg follows legs of that steepness, and holds.
     slopes = np.abs(np.diff(events.pressure) / np.diff(events.time))
     assert len({round(float(slope), 6) for slope in slopes if slope > 0.0}) == 1
@@ -71,7 +71,7 @@ def expect_the_recording(scenario):
         assert shape.points(recording.truth.arclength)[1][0] == pytest.approx(
             recording.truth.y[frame], abs=1e-6
         )
-        points = lab.sighted(shape, random)
+        points = lab.tracked_points(shape, random)
         assert points[:, 0] == pytest.approx(recording.x[frame], abs=1e-6)
         assert points[:, 1] == pytest.approx(recording.y[frame], abs=1e-6)
     readings = (recording.reading_stamp_ns - recording.reading_stamp_ns[0]) * 1e-9
@@ -140,7 +140,7 @@ def test_effects_can_come_and_go_while_it_lives():
     held = lab(('creep', 'softening'))
     state = held.step(held.begin(), 2.0, 5e4)
     other = lab(('softening', 'hysteresis'))
-    later = other.taking_over(state)
+    later = other.take_over(state)
     assert later.past['softening'] == pytest.approx(state.past['softening'])
     assert set(later.past) == {'softening', 'hysteresis'}
     assert (later.time, later.pressure, later.load) == (state.time, state.pressure, state.load)
@@ -156,8 +156,8 @@ def test_noise_is_of_its_size_and_of_nothing_where_nothing_hangs():
     assert pressure.std() == pytest.approx(60.0, rel=0.15)
     assert pressure.mean() == pytest.approx(state.pressure, abs=12.0)
     assert all(reading.load == Load() for reading in readings)
-    seen = np.array([noisy.sighted(shape, random) for _ in range(500)])
-    assert np.nanstd(seen - noisy.seen(shape)) == pytest.approx(5e-5, rel=0.1)
+    seen = np.array([noisy.tracked_points(shape, random) for _ in range(500)])
+    assert np.nanstd(seen - noisy.camera_points(shape)) == pytest.approx(5e-5, rel=0.1)
     assert 0.0 < np.isnan(seen).mean() < 0.01
 
 
@@ -238,7 +238,7 @@ def test_the_tracker_finds_all_targets_where_they_are():
         message = grey_image_message(film.image(shape, random), frame, *HEADING)
         tracking, outcome = tracker.step(tracking, decode_image(message))
         assert isinstance(outcome, Tracking)
-        points = lab.seen(shape)
+        points = lab.camera_points(shape)
         for found, there in (
             (outcome.sightings.x, points[:, 0]),
             (outcome.sightings.y, points[:, 1]),

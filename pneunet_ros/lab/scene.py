@@ -165,7 +165,7 @@ class FrameState:
     occluders: tuple[Occluder, ...] = ()
 
 
-def turned(points: Array, u: float, v: float, angle: float) -> Array:
+def turn_points(points: Array, u: float, v: float, angle: float) -> Array:
     """Return points (n, 2) turned by an angle (rad, from +u towards +v) and moved to (u, v)."""
     cos, sin = math.cos(angle), math.sin(angle)
     there: Array = points @ np.array([[cos, sin], [-sin, cos]]) + np.array([u, v])

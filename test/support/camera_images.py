@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.image import Bytes, ENCODINGS, Image
-from pneunet_ros.lab.scene import Occluder, turned
+from pneunet_ros.lab.scene import Occluder, turn_points
 
 
 def bar(
@@ -16,7 +16,7 @@ def bar(
     turns = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 9)
     straight = 0.5 * (length - width)
     half = np.stack([straight + 0.5 * width * np.cos(turns), 0.5 * width * np.sin(turns)], axis=1)
-    return Occluder(corners=turned(np.concatenate([half, -half]), u, v, angle), grey=grey)
+    return Occluder(corners=turn_points(np.concatenate([half, -half]), u, v, angle), grey=grey)
 
 
 def hand(
@@ -38,7 +38,7 @@ def hand(
     )
     bars = []
     for along, across, length, width, turn in parts:
-        (there,) = turned(size * np.array([[along, across]]), u, v, angle).tolist()
+        (there,) = turn_points(size * np.array([[along, across]]), u, v, angle).tolist()
         bars.append(bar(there[0], there[1], size * length, size * width, angle + turn, grey))
     return tuple(bars)
 
