@@ -35,7 +35,7 @@ from pneunet_ros import load_model  # noqa: E402
 from pneunet_ros.core.share import share_path  # noqa: E402
 from pneunet_ros.files.json_text import plain  # noqa: E402
 from pneunet_ros.lab.lens import looking_down  # noqa: E402
-from pneunet_ros.lab.renderer import as_image, Renderer  # noqa: E402
+from pneunet_ros.lab.renderer import Renderer  # noqa: E402
 from pneunet_ros.lab.scene import Dots, FrameState, Scene  # noqa: E402
 from pneunet_ros.vision.blobs import (  # noqa: E402
     find_blobs,
@@ -48,6 +48,7 @@ from scipy.optimize import linear_sum_assignment  # noqa: E402
 from sklearn.exceptions import ConvergenceWarning  # noqa: E402
 from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: E402
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel  # noqa: E402
+from support.camera_images import as_image  # noqa: E402
 from support.center_bound import center_bound  # noqa: E402
 from support.rendered_frames import Score, View  # noqa: E402
 

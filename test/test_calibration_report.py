@@ -95,6 +95,11 @@ def test_numbers_stand_with_their_errors(report):
         assert f'{row.value:.4g}' in text
         assert 0.0 < row.std < row.prior_std
     assert 'alpha1 at' in text
+    (first, *_) = law_rows(rows)
+    arm = calibration().arm
+    stiffness = first.value * arm.weight * arm.length**2
+    assert first.bending_stiffness.startswith(f'{stiffness:.4g} ± ')
+    assert first.bending_stiffness in text
 
 
 def test_a_number_that_stays_open_is_marked():

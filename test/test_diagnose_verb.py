@@ -13,7 +13,7 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.recordings.lab_files import write_lab
 from pneunet_ros.reports import style as report_style
 import pytest
@@ -31,7 +31,7 @@ def lab(tmp_path_factory) -> Path:
         scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
         scenario = replace(scenario, rates=replace(scenario.rates, frames=1.0))
         write_lab(
-            simulated(scenario), folder / f'{name}.mcap', overwrite=False, on_progress=lambda: None
+            simulate(scenario), folder / f'{name}.mcap', overwrite=False, on_progress=lambda: None
         )
     return folder
 

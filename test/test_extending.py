@@ -1,4 +1,4 @@
-"""The page on adding an effect and an output, done as it stands there on a copy of the package."""
+"""The page on adding an effect, an output and a figure, done as it stands on a copy."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def copy(tmp_path_factory):
     for name in ('config', 'bags', 'docs', 'package.xml', 'pyproject.toml', 'scenarios'):
         (folder / name).symlink_to(ROOT / name)
     blocks = BLOCK.findall(PAGE)
-    assert len(blocks) == 7
+    assert len(blocks) == 10
     for kind, name, content in blocks:
         file = folder / name
         if kind == 'python':
@@ -105,10 +105,30 @@ def test_the_output_is_there(copy):
     assert run(copy, '-c', script).split() == ['31000.0', '1', 'base']
 
 
+FIGURE = """
+from types import SimpleNamespace as Fake
+import numpy as np
+from pneunet_ros.reports.calibration.figures import FIGURES
+from pneunet_ros.reports.figure import draw_figures
+
+run = Fake(name='bags/sweep.mcap', frame_pressure=np.linspace(0.0, 3e4, 9))
+for loaded in ([], [Fake(run=run)]):
+    figures = {'residuals': FIGURES['residuals'][-1:]}
+    drawn = draw_figures(figures, Fake(loaded=loaded), lambda *_: None)['residuals']
+    print([(item.file, item.png[1:4]) for item in drawn])
+"""
+
+
+def test_the_figure_is_drawn_where_there_is_something_to_show(copy):
+    without, drawn = run(copy, '-c', FIGURE).splitlines()
+    assert without == '[]'
+    assert drawn == "[('figure_16_pressures.png', b'PNG')]"
+
+
 @pytest.mark.slow
 def test_the_property_suite_and_the_rooms_pass(copy):
     rooms = 'from importlinter.cli import lint_imports_command as rooms; rooms()'
     run(copy, '-c', rooms)
-    some = 'clamp_turn and not solving_anew'  # that one takes minutes without compiled kernels
-    said = run(copy, '-m', 'pytest', '-q', '-x', 'test/test_effects.py', '-k', some)
+    chosen = 'clamp_turn and not solving_anew'  # that one takes minutes without compiled kernels
+    said = run(copy, '-m', 'pytest', '-q', '-x', 'test/test_effects.py', '-k', chosen)
     assert int(re.search(r'(\d+) passed', said)[1]) >= 10

@@ -18,7 +18,7 @@ LAB_ARM = lab_arm_of(paper_arm())
 
 def chain(elements=448, pressure=PRESSURE, force=FORCE, **changes):
     rigidity, split = LAB_ARM.stiffness(pressure)
-    turned = LAB_ARM.turned(middle_joints(LAB_ARM.length, elements))
+    turned = LAB_ARM.turning_angle(middle_joints(LAB_ARM.length, elements))
     given = {
         'length': LAB_ARM.length,
         'clamp_angle': 0.0,

@@ -8,14 +8,12 @@ import cv2
 import numpy as np
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.lab.lens import looking_down
-from pneunet_ros.lab.renderer import as_image, draw_dots, Renderer, Truth
+from pneunet_ros.lab.renderer import draw_dots, Renderer, Truth
 from pneunet_ros.lab.scene import (
-    bar,
     Body,
     Dots,
     FrameState,
     Glint,
-    hand,
     Label,
     Light,
     Occluder,
@@ -23,6 +21,7 @@ from pneunet_ros.lab.scene import (
     Spot,
 )
 import pytest
+from support.camera_images import as_image, bar, hand
 
 SCALE = 0.00027
 BARREL = (-0.3, 0.1, 0.002, -0.001, 0.0)

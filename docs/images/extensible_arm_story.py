@@ -27,7 +27,7 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_effects import LabExtensibility
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import Disturbances
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
@@ -138,7 +138,7 @@ def recorded(stiffness: float) -> Recorded:
     runs = {}
     for name in (*UNLOADED, *LOADED, HELD_OUT):
         scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
-        recording = simulated(replace(scenario, effects=effects))
+        recording = simulate(replace(scenario, effects=effects))
         runs[name] = run_of(recording)
     protocol = recording.scenario.protocol
     assert isinstance(protocol, Strings)

@@ -16,7 +16,7 @@ from pneunet_ros.core.units import quantity
 from pneunet_ros.lab.chain import Chain
 from pneunet_ros.lab.history_kernels import lagging, largest_so_far, playing, relaxing
 from pneunet_ros.lab.lab_arm import LabArm
-from pneunet_ros.lab.lab_effect import Course, LabEffect, Past, rising
+from pneunet_ros.lab.lab_effect import Course, LabEffect, Past, relative_pressure
 
 RECOVERY_TIME = 120.0  # s, in which a part of a rich Mullins effect is forgotten
 RECOVERING = 0.05  # that part; invented, in real rubber it is small at room temperature
@@ -35,7 +35,7 @@ class LabPressureGain(LabEffect):
 
     def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
         """Divide by the gain."""
-        error = (self.gain - 1.0) * (1.0 + 0.3 * self.richness * rising(arm, pressure))
+        error = (self.gain - 1.0) * (1.0 + 0.3 * self.richness * relative_pressure(arm, pressure))
         return freeze(pressure / (1.0 + error)), force
 
 
@@ -48,7 +48,7 @@ class LabPressureOffset(LabEffect):
 
     def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
         """Take the offset away."""
-        grown = self.offset * (1.0 + 0.3 * self.richness * rising(arm, pressure))
+        grown = self.offset * (1.0 + 0.3 * self.richness * relative_pressure(arm, pressure))
         return freeze(pressure - grown), force
 
 
@@ -63,7 +63,7 @@ class LabForceMisalignment(LabEffect):
         """Turn the force back."""
         pull = np.hypot(force[:, 0], force[:, 1]) / arm.weight
         angle = self.angle * (1.0 + 0.3 * self.richness * (1.0 - pull))
-        return pressure, turned(force, -angle)
+        return pressure, turn(force, -angle)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,10 +89,10 @@ class LabCameraRotation(LabEffect):
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
         """Turn, more so at the end of the recording."""
         angle = self.angle * (1.0 + 0.3 * self.richness * (2.0 * share - 1.0))
-        return turned(points, angle[:, None])
+        return turn(points, angle[:, None])
 
 
-def turned(vectors: Array, angle: Array) -> Array:
+def turn(vectors: Array, angle: Array) -> Array:
     """Return vectors (..., 2) turned counter-clockwise by angles that broadcast to (...)."""
     cosine, sine = np.cos(angle), np.sin(angle)
     x, y = vectors[..., 0], vectors[..., 1]
@@ -112,7 +112,7 @@ class LabPressureLag(LabEffect):
         filling = self.time_constant * (1.0 - 0.25 * self.richness)
         emptying = self.time_constant * (1.0 + 0.25 * self.richness)
         chamber = freeze(lagging(course.time, course.chamber, start, filling, emptying))
-        return course.pressed(chamber), (float(chamber[-1]),)
+        return course.with_chamber(chamber), (float(chamber[-1]),)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +128,7 @@ class LabHysteresis(LabEffect):
         half = 0.5 * self.width * (1.0 + spread)
         start = np.array(past) if past else np.full(half.size, course.chamber[0])
         answers = playing(course.chamber, freeze(start), freeze(half))
-        return course.pressed(freeze(answers.mean(axis=1))), tuple(answers[-1].tolist())
+        return course.with_chamber(freeze(answers.mean(axis=1))), tuple(answers[-1].tolist())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

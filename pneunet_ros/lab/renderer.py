@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.image import Bytes, ENCODINGS, Image
+from pneunet_ros.core.image import Bytes
 from pneunet_ros.lab.discs import cover, Discs, flat_discs, optics, PARTS, see_discs, steps_of
 from pneunet_ros.lab.lens import Camera
 from pneunet_ros.lab.scene import Dots, FrameState, Scene
@@ -219,44 +219,3 @@ class Renderer:
         row, column, mirrors = rng.integers((NOISE_SHIFTS + 1, NOISE_SHIFTS + 1, 4)).tolist()
         grain = self._grain[row : row + height, column : column + width]
         return grain[:: -1 if mirrors & 1 else 1, :: -1 if mirrors & 2 else 1]
-
-
-def as_image(
-    grey: Bytes,
-    *,
-    stamp_ns: int,
-    frame_id: str = 'camera',
-    encoding: str = 'mono8',
-    padding: int = 0,
-    tint: tuple[float, float, float] = (1.0, 1.0, 1.0),
-) -> Image:
-    """Return a rendered picture as a camera would send it.
-
-    padding: bytes of rubbish after every row; tint: factors of red, green and blue, to tell them
-    apart. Raises MessageError for an encoding that is none.
-    """
-    height, width = grey.shape
-    channels = ENCODINGS.get(encoding, 'g')
-    planes = {'g': grey, 'a': np.full_like(grey, 255)}
-    for name, factor in zip('rgb', tint, strict=True):
-        planes[name] = np.clip(np.rint(factor * grey), 0.0, 255.0).astype(np.uint8)
-    step = width * len(channels) + padding
-    data = np.full((height, step), 170, np.uint8)
-    pixels = np.stack([planes[name] for name in channels], axis=2)
-    data[:, : step - padding] = pixels.reshape(height, -1)
-    return Image(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        width=width,
-        height=height,
-        step=step,
-        encoding=encoding,
-        data=freeze_bytes(data),
-    )
-
-
-def freeze_bytes(data: Bytes) -> Bytes:
-    """Return rows of bytes as one read-only run."""
-    run = data.reshape(-1)
-    run.flags.writeable = False
-    return run

@@ -17,7 +17,7 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
-from pneunet_ros.lab.scenario import described
+from pneunet_ros.lab.scenario import describe
 from pneunet_ros.messages.readings import (
     END_WRENCH,
     PRESSURE,
@@ -137,7 +137,7 @@ def truth_arrays(recording: LabRecording) -> dict[str, Any]:
     return {
         'stamp_ns': recording.stamp_ns,
         **{item.name: getattr(truth, item.name) for item in fields(truth)},
-        'scenario': np.array(json.dumps(described(recording.scenario))),
+        'scenario': np.array(json.dumps(describe(recording.scenario))),
         'memory': np.array(json.dumps(remembered)),
     }
 

@@ -19,7 +19,7 @@ from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoin
 from pneunet_ros.diagnosis.refit import Refit, refit
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -47,7 +47,7 @@ def recorded(effect: str = '', day: int = 0) -> tuple[RecordingData, ...]:
     for place, name in enumerate((*TRAINING, HELD_OUT)):
         scenario = load_scenario(share_path(f'scenarios/{name}.yaml')).with_effects(hidden)
         scenario = replace(scenario, seed=100 * day + place, start=start)
-        recording = simulated(scenario, memory)
+        recording = simulate(scenario, memory)
         memory = recording.memory
         start = memory.time + BETWEEN
         runs.append(run_of(recording))

@@ -18,8 +18,7 @@ from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.lab.chain import ChainShape
-from pneunet_ros.lab.live import LiveLab, Load
-from pneunet_ros.lab.motion import Film, SCENE
+from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
 from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.readings import (
     END_WRENCH,
@@ -105,7 +104,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         state, shape = lab.shape(lab.step(lab.begin(), 0.01, 1e3, load))
         _, shape = lab.shape(lab.step(state, 0.02, 1e3))
         lab.reading(state, self.random)
-        lab.sighted(shape, self.random)
+        lab.tracked_points(shape, self.random)
         if self.film is not None:
             self.film.image(shape, self.random)
 
@@ -205,7 +204,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         lab, frame_id = self.configuration.lab, self.configuration.node.frame_id
 
         def show(shape: ChainShape) -> None:
-            x, y = lab.sighted(shape, self.random).T
+            x, y = lab.tracked_points(shape, self.random).T
             std = lab.scenario.noise.target_std
             self.targets.publish(targets_message(stamp_ns, x, y, frame_id, RCLPY_TYPES, std))
 
@@ -254,7 +253,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         lab = configuration.lab
         self.film = self.camera(lab)
         if lab.scenario.arm is self.configuration.lab.scenario.arm:
-            self.state = lab.taking_over(self.state)
+            self.state = lab.take_over(self.state)
         else:
             self.state = lab.begin(self.now())
 

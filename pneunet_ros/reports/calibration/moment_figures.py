@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -9,6 +10,7 @@ import numpy as np
 from pneunet_ros.calibration.moment_curvature import law_view, LawView, Line, MomentView
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.calibration.figure_data import FigureData, nearest_view
 from pneunet_ros.reports.calibration.shape_figures import load_label, run_label
 from pneunet_ros.reports.figure import Picture, picture
@@ -208,6 +210,7 @@ def law(data: FigureData) -> Picture | None:
     axes[0].set(
         title='(a) rigidity alpha = B / (mg l^2)', xlabel='pressure (kPa)', ylabel='alpha (-)'
     )
+    add_stiffness_axis(axes[0], arm)
     limits = [fitted.rigidity.min(), fitted.rigidity.max(), 0.0]
     margin = 0.35 * (max(limits) - min(limits))
     axes[0].set_ylim(min(limits) - 0.1 * margin, max(limits) + margin)
@@ -245,6 +248,13 @@ def draw_rigidity(
     x, value = kilopascals(1.0) * pressure, fitted.rigidity[:, section]
     draw_band(axes, x, value, fitted.rigidity_std[:, section], color)
     axes.plot(x, value, color=color, **({'linewidth': 1.8} | style))
+
+
+def add_stiffness_axis(axes: Axes, arm: Arm) -> None:
+    """Show the bending stiffness EI beside alpha."""
+    unit = arm.weight * arm.length**2
+    functions = (partial(np.multiply, unit), partial(np.multiply, 1.0 / unit))
+    axes.secondary_yaxis('right', functions=functions).set_ylabel('EI (N m^2)')
 
 
 def draw_slopes(

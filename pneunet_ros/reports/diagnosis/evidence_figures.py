@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.calibration.moment_curvature import law_view
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.result import Evaluation, Evidence
-from pneunet_ros.reports.calibration.moment_figures import draw_rigidity
+from pneunet_ros.reports.calibration.moment_figures import add_stiffness_axis, draw_rigidity
 from pneunet_ros.reports.diagnosis.figure_data import AFTER, BEFORE, FigureData
 from pneunet_ros.reports.diagnosis.tables import added_effects, ranked
 from pneunet_ros.reports.diagnosis.words import rounded
@@ -90,6 +90,7 @@ def biased_parameters(data: FigureData) -> Picture | None:
     rigidities.set(
         title='(b) rigidity alpha = B / (mg l^2), 2 sigma', xlabel='pressure (kPa)', ylabel='alpha'
     )
+    add_stiffness_axis(rigidities, after.arm)
     legend(curvatures, loc='best')
     legend(rigidities, loc='best')
     return picture(

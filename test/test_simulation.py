@@ -8,7 +8,7 @@ import numpy as np
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.protocols import SlowRamp
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 import pytest
 from support.lab_pairs import recorded
 from support.lab_run import run_of
@@ -34,7 +34,7 @@ def test_every_shipped_scenario_becomes_a_run(name):
 
 def test_a_scenario_makes_the_same_recording_every_time():
     first = recorded('strings')
-    assert same_values(first, simulated(first.scenario))
+    assert same_values(first, simulate(first.scenario))
 
 
 def test_a_run_of_a_recording_begins_when_the_scenario_says():
@@ -47,7 +47,7 @@ def test_a_run_of_a_recording_begins_when_the_scenario_says():
 def test_pressures_for_which_the_arm_is_not_described_are_refused():
     scenario = recorded('unloaded_ramp').scenario
     with pytest.raises(RequestError, match=r'0 to 70000 Pa, but .* from 0 to 66000 Pa only'):
-        simulated(dataclasses.replace(scenario, protocol=SlowRamp(top=70e3)))
+        simulate(dataclasses.replace(scenario, protocol=SlowRamp(top=70e3)))
 
 
 def test_a_recording_of_fewer_than_two_frames_is_refused():
@@ -55,4 +55,4 @@ def test_a_recording_of_fewer_than_two_frames_is_refused():
     slow = dataclasses.replace(scenario.rates, frames=0.1)
     short = SlowRamp(duration=15.0)
     with pytest.raises(RequestError, match='must hold two frames or more'):
-        simulated(dataclasses.replace(scenario, protocol=short, rates=slow))
+        simulate(dataclasses.replace(scenario, protocol=short, rates=slow))
