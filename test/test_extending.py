@@ -1,4 +1,4 @@
-"""The page on adding an effect, an output and a sensor, done as it says on a copy of the package."""
+"""The page on adding an effect, an output and a sensor, done on a copy of the package."""
 
 from __future__ import annotations
 
