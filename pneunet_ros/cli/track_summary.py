@@ -84,6 +84,6 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
         console.print('Nothing written; --output OUT.mcap writes the tracker topics.')
 
 
-def share(part: int, whole: int) -> str:
-    """Tell a number and what share of the whole it is."""
-    return f'{part} of {whole} ({100.0 * part / whole:.1f} %)' if whole else '0'
+def share(part: int, total: int) -> str:
+    """Tell a number and what share of a total it is."""
+    return f'{part} of {total} ({100.0 * part / total:.1f} %)' if total else '0'

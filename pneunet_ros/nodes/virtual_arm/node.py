@@ -240,8 +240,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         if self.trouble is not None:
             level, message = Level.ERROR, self.trouble.sentence
         self.readings, self.reported, self.trouble = 0, now, None
-        said = texts(values) | counted('rejected', self.rejected)
-        self.publish_report('arm', Report(level=level, message=message, values=said))
+        numbers = texts(values) | counted('rejected', self.rejected)
+        self.publish_report('arm', Report(level=level, message=message, values=numbers))
 
     def forget(self) -> str:
         """Put a virgin arm in its place, vented and without a load."""
