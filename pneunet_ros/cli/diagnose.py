@@ -69,8 +69,8 @@ def options(parser: ArgumentParser) -> None:
         nargs='+',
         default=[],
         metavar='REC',
-        help='other recordings, on which the gap before and after is measured (default: none, '
-        'and then the answer is not tested on anything new)',
+        help='other recordings, on which the model error before and after is measured '
+        '(default: none, and then the answer is not tested on anything new)',
     )
     parser.add_argument(
         '--output',

@@ -28,9 +28,9 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
     """Print the answer first, then what it rests on."""
     console.print(Text(diagnosis.sentence, style='bold'))
     console.print(f'({ANSWERS[diagnosis.answer]})')
-    console.print(drawn(gap_table(diagnosis), 'Gap between model and measurement'))
+    console.print(drawn(gap_table(diagnosis), 'Model error'))
     if diagnosis.before.held_out is None:
-        console.print('no recording was held out: the gap was not tested on one')
+        console.print('no recording was held out: the model error was not tested on one')
     else:
         console.print(Text(gap_sentence(diagnosis)))
     for table, title in (
@@ -41,8 +41,10 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
             console.print(drawn(table, title))
     console.print(Text(where_text(diagnosis)))
     if diagnosis.alternatives:
-        console.print(f'acts alike on these recordings: {", ".join(diagnosis.alternatives)}')
-    console.print(drawn(detectable_table(diagnosis), 'What these recordings could have shown'))
+        console.print(
+            f'cannot be distinguished with these data: {", ".join(diagnosis.alternatives)}'
+        )
+    console.print(drawn(detectable_table(diagnosis), 'Detection limits'))
     console.print(unseen_sentence(diagnosis))
     if diagnosis.proposal:
         console.print(Text(f'next recording: {diagnosis.proposal}'))

@@ -68,7 +68,8 @@ def options(parser: ArgumentParser) -> None:
         '--after',
         type=Path,
         metavar='REC',
-        help='the arm remembers this earlier recording of the lab (default: a virgin arm at rest)',
+        help='the arm remembers this earlier recording of the lab '
+        '(default: an unconditioned arm at rest)',
     )
     add_json(parser)
 

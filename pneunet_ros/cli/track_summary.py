@@ -55,7 +55,7 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
     table.add_row('images', f'{summary["kind"]}, {summary["topics"]["image_raw"]}')
     table.add_row('lens', str(summary['topics']['camera_info']))
     table.add_row('frames', str(frames))
-    table.add_row('explained', share(explained, frames))
+    table.add_row('frames tracked', share(explained, frames))
     reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
     table.add_row('without targets', reasons or 'none')
     table.add_row('targets seen', share(summary['seen'], explained * summary['targets']))

@@ -17,7 +17,7 @@ IMAGE_TIMEOUT = 2.0  # s; silence of the camera that is an error
 class TrackerHealth(InputHealth):
     """Collects what happens to images.
 
-    The level of a report is the worst since the last one: ERROR while no frame is explained, WARN
+    The level of a report is the worst since the last one: ERROR while no frame is tracked, WARN
     where some are not, or targets are missing.
     """
 
@@ -63,7 +63,7 @@ class TrackerHealth(InputHealth):
         unexplained = self._results - self._explained
         if unexplained:
             warnings.append(
-                f'{unexplained} of {self._results} frames not explained: '
+                f'{unexplained} of {self._results} frames not tracked: '
                 + '; '.join(self._sentences.values())
             )
         if unexplained == self._results > 0 and set(self._sentences) != {RESTING}:

@@ -244,13 +244,13 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.publish_report('arm', Report(level=level, message=message, values=numbers))
 
     def forget(self) -> str:
-        """Put a virgin arm in its place, vented and without a load."""
+        """Put an unconditioned arm (no prior loading) in its place, vented and without a load."""
         self.command, self.load = 0.0, Load()
         self.state = self.configuration.lab.begin(self.now())
-        return 'a virgin arm, vented and without a load'
+        return 'an unconditioned arm (no prior loading), vented and without a load'
 
     def take_over(self, configuration: VirtualArmConfiguration) -> None:
-        """Go on with other effects, or with another arm, which is a virgin one."""
+        """Go on with other effects, or with another arm, which is unconditioned."""
         lab = configuration.lab
         self.film = self.camera(lab)
         if lab.scenario.arm is self.configuration.lab.scenario.arm:
