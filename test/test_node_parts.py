@@ -211,7 +211,7 @@ def test_the_tracker_is_an_error_while_nothing_is_explained():
     frames(health, 1, 100.2)
     report = health.report(state, 101.0)
     assert report.level == Level.WARN
-    assert report.message == '3 of 4 frames not explained: it is no_row'
+    assert report.message == '3 of 4 frames not tracked: it is no_row'
     frames(health, 3, 101.1, reason='no_row')
     assert health.report(state, 102.0).level == Level.ERROR
     frames(health, 3, 102.1, reason='resting')

@@ -160,7 +160,7 @@ class Observer(Peer):
 
     def __init__(self, domain):
         kinds = {'true_tip': 'geometry_msgs/msg/PoseStamped', 'pressure_command': PRESSURE_TYPE}
-        outputs = tuple(Output(name=name, type=kind, encode=None) for name, kind in kinds.items())
+        outputs = tuple(Output(name=name, type=kind, build=None) for name, kind in kinds.items())
         super().__init__(domain, 'virtual_arm', outputs)
 
     def command(self):

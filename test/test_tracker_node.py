@@ -249,7 +249,7 @@ def test_black_frames_bring_no_targets_and_say_so(peer):
         assert seen(show(peer, BLACK, filmed.stamp_of(index))) == 0
     level, message, values = peer.report()
     assert Level(level).name == 'ERROR'
-    assert message.startswith('5 of 5 frames not explained: ')
+    assert message.startswith('5 of 5 frames not tracked: ')
     assert values['reason'] == 'no_areas'
     assert int(values['unexplained/no_areas']) >= 5
     assert (values['seen'], values['missing']) == ('0', str(COUNT))

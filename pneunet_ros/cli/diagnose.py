@@ -115,10 +115,15 @@ def run(arguments: Namespace) -> int:
     ):
         training, sentences = read_all(arguments.train, frame, arguments, bar)
         held_out, more = read_all(arguments.heldout, frame, arguments, bar)
-        each = told(bar)
+        on_progress = progress_of(bar)
         with simulating(arguments.scheduler) as executor:
             found = diagnose(
-                frame, training, held_out, seed=arguments.seed, executor=executor, on_progress=each
+                frame,
+                training,
+                held_out,
+                seed=arguments.seed,
+                executor=executor,
+                on_progress=on_progress,
             )
         content = write_diagnosis(
             found,
@@ -131,7 +136,7 @@ def run(arguments: Namespace) -> int:
                 'inputs': inputs,
                 'versions': versions(),
             },
-            on_progress=each,
+            on_progress=on_progress,
         )
     if arguments.json:
         seconds = time.perf_counter() - started
@@ -159,7 +164,7 @@ def check_distinct(inputs: list[dict[str, str]]) -> None:
             )
 
 
-def told(bar: Progress) -> OnProgress:
+def progress_of(bar: Progress) -> OnProgress:
     """Return what shows how far a diagnosis is; a total of 0 is not known."""
     task = bar.add_task('diagnosing', total=None)
     return lambda stage, done, total: bar.update(

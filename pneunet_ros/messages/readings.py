@@ -58,19 +58,32 @@ class Sensor(Input[ReadingType]):
     """A topic of readings, and what a reading is as a row of numbers: SI, gauge, base frame.
 
     label: what a reading is called in sentences. components: what a row holds; with `per_target`
-    a row of each, an entry for each target, NaN where it was not seen. `row(message, settings,
-    targets)` returns stamp (ns) and row, or raises MessageError; `message(stamp_ns, row, frame_id,
-    types)` builds the message of a row. needed: whether the estimator reads the topic by these
-    settings. rank: readings of one stamp are taken in this order; the pressure makes the estimate.
+    a row of each, an entry for each target, NaN where it was not seen. `message(stamp_ns, row,
+    frame_id, types)` builds the message of a row. `row(message, settings, targets)` returns stamp
+    (ns) and row, or raises MessageError; without it, a row is what the reading has under the names
+    of the components. needed: whether the estimator reads the topic by these settings. rank:
+    readings of one stamp are taken in this order; the pressure makes the estimate.
     """
 
     label: str
     components: tuple[Component, ...]
-    row: Callable[[Any, EstimatorSettings, int | None], tuple[int, Array]]
     message: Callable[[int, Array, str, MessageTypes], Any]
+    row: Callable[[Any, EstimatorSettings, int | None], tuple[int, Array]] | None = None
     needed: Callable[[EstimatorSettings], bool] = lambda settings: False
     per_target: bool = False
     rank: int = 0
+
+    def read(
+        self, message: Any, settings: EstimatorSettings, targets: int | None = None
+    ) -> tuple[int, Array]:
+        """Return stamp (ns) and row of a message; targets: how many there must be (None: any).
+
+        Raises MessageError, and UnusableTopic where no other message of the topic will do either.
+        """
+        if self.row is not None:
+            return self.row(message, settings, targets)
+        reading: Any = self.decode(message)
+        return reading.stamp_ns, np.array([getattr(reading, c.name) for c in self.components])
 
     def row_shape(self, targets: int) -> tuple[int, ...]:
         """Return the shape of a row of this sensor, where the arm has so many targets."""
@@ -277,4 +290,8 @@ TARGETS = Sensor(
     per_target=True,
     rank=2,
 )
-SENSORS: tuple[Sensor[Any], ...] = (PRESSURE, END_WRENCH, TARGETS)
+SENSORS: tuple[Sensor[Any], ...] = (
+    PRESSURE,
+    END_WRENCH,
+    TARGETS,
+)

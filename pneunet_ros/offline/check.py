@@ -67,7 +67,7 @@ def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
             sentences.append(str(error))
     for item in series.values():
         sentences += item.sentences()
-    series = {name: one for name, one in series.items() if len(one.stamp_ns)}
+    series = {name: item for name, item in series.items() if len(item.stamp_ns)}
     sentences += doubts(series, request)
     return {
         'recording': path,

@@ -153,9 +153,9 @@ def find_info_topic(recording: Recording, image_topic: str, override: str | None
     """
     if override is None:
         candidates = recording.candidates('camera_info', CAMERA_INFO_TYPE)
-        beside = image_topic.removesuffix('/compressed').rsplit('/', 1)[0] + '/camera_info'
-        if beside in candidates:
-            return beside
+        same_namespace = image_topic.removesuffix('/compressed').rsplit('/', 1)[0] + '/camera_info'
+        if same_namespace in candidates:
+            return same_namespace
         if not candidates:
             raise RecordingError(
                 f'{recording.path} has no topic camera_info of type {CAMERA_INFO_TYPE}: give '

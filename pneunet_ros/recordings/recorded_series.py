@@ -105,7 +105,7 @@ def read_series(
     for message in recording.messages(tuple(topics.values())):
         sensor = sensors[message.topic]
         try:
-            stamp_ns, row = sensor.row(message.message, settings, targets)
+            stamp_ns, row = sensor.read(message.message, settings, targets)
         except UnusableTopic as error:
             raise RecordingError(
                 f'{recording.path}: {message.topic} at log time {message.log_time_ns} ns: {error}'

@@ -16,18 +16,10 @@ import numpy as np
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.lab.chain import ChainShape
 from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
 from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
-from pneunet_ros.messages.readings import (
-    END_WRENCH,
-    PRESSURE,
-    pressure_message,
-    TARGETS,
-    targets_message,
-    wrench_message,
-)
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
 from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
@@ -160,17 +152,12 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         """Publish the readings of wrench and pressure, and the truth while somebody looks."""
         stamp_ns = self.advance()
         reading = self.configuration.lab.reading(self.state, self.random)
-        wrench = WrenchReading(
-            stamp_ns=stamp_ns,
-            force_x=reading.load.force_x,
-            force_y=reading.load.force_y,
-            moment=reading.load.moment,
-            frame_id=self.configuration.node.frame_id,
-        )
-        pressure = PressureReading(stamp_ns=stamp_ns, pressure=reading.pressure)
+        load, frame_id = reading.load, self.configuration.node.frame_id
+        wrench = np.array([load.force_x, load.force_y, load.moment])
+        pressure = np.array([reading.pressure])
         # The wrench first: the pressure makes the estimate.
-        self.wrenches.publish(wrench_message(wrench, RCLPY_TYPES))
-        self.pressures.publish(pressure_message(pressure, PRESSURE_FRAME, RCLPY_TYPES))
+        self.wrenches.publish(END_WRENCH.message(stamp_ns, wrench, frame_id, RCLPY_TYPES))
+        self.pressures.publish(PRESSURE.message(stamp_ns, pressure, PRESSURE_FRAME, RCLPY_TYPES))
         self.readings += 1
         if self.tips.get_subscription_count():
             self.with_shape(lambda shape: self.tips.publish(self.tip(shape, stamp_ns)))
@@ -239,17 +226,17 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         if self.trouble is not None:
             level, message = Level.ERROR, self.trouble.sentence
         self.readings, self.reported, self.trouble = 0, now, None
-        said = texts(values) | counted('rejected', self.rejected)
-        self.publish_report('arm', Report(level=level, message=message, values=said))
+        numbers = texts(values) | counted('rejected', self.rejected)
+        self.publish_report('arm', Report(level=level, message=message, values=numbers))
 
     def forget(self) -> str:
-        """Put an unconditioned arm in its place, vented and without a load."""
+        """Put an unconditioned arm (no prior loading) in its place, vented and without a load."""
         self.command, self.load = 0.0, Load()
         self.state = self.configuration.lab.begin(self.now())
-        return 'an unconditioned arm, vented and without a load'
+        return 'an unconditioned arm (no prior loading), vented and without a load'
 
     def take_over(self, configuration: VirtualArmConfiguration) -> None:
-        """Go on with other effects, or with another arm, which is an unconditioned one."""
+        """Go on with other effects, or with another arm, which is unconditioned."""
         lab = configuration.lab
         self.film = self.camera(lab)
         if lab.scenario.arm is self.configuration.lab.scenario.arm:
