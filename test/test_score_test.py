@@ -6,13 +6,15 @@ import functools
 import math
 
 import numpy as np
-from pneunet_ros.diagnosis.detectability import (
-    detection_limits,
-    effect_cosines,
-)
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import hypotheses
-from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
+from pneunet_ros.diagnosis.score_test import (
+    Candidate,
+    detection_limits,
+    effect_cosines,
+    largest_clean_score,
+    score_effects,
+)
 from pneunet_ros.diagnosis.settings import DetectabilitySettings
 import pytest
 from scipy.stats import chi2
