@@ -57,7 +57,7 @@ def written(coarse, tmp_path_factory):
         training=training,
         held_out=held_out,
         provenance=PROVENANCE,
-        each=lambda stage, done, total: told.append((stage, done, total)),
+        on_progress=lambda stage, done, total: told.append((stage, done, total)),
     )
     return folder, told
 

@@ -15,12 +15,12 @@ from pneunet_ros.diagnosis.score_test import (
     largest_clean_score,
     score_effects,
 )
-from pneunet_ros.diagnosis.settings import DetectabilitySettings
+from pneunet_ros.diagnosis.settings import ScoreTestSettings
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import asked, fitted
 
-SETTINGS = DetectabilitySettings()
+SETTINGS = ScoreTestSettings()
 NAMES = ('load_offset', 'extensibility', 'gravity', 'clamp_compliance', 'camera_rotation')
 
 

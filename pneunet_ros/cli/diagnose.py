@@ -132,7 +132,7 @@ def run(arguments: Namespace) -> int:
                 'inputs': inputs,
                 'versions': versions(),
             },
-            each=each,
+            on_progress=each,
         )
     if arguments.json:
         seconds = time.perf_counter() - started

@@ -108,7 +108,7 @@ def diagnose(
     first = selection.fit_base()
     best = selection.select_forward(first)
     candidates = selection.score_candidates(first)
-    detectable = detection_limits(asked, candidates, settings.detectability)
+    detectable = detection_limits(asked, candidates, settings.score_test)
     verdict = decide(selection, first, best, detectable)
     on_progress('evaluation before and after', 0, 0)
     return conclude(selection, first, best, verdict, detectable, recordings)
@@ -148,7 +148,7 @@ def conclude(
     frames, frames_after = (
         collect_frames(trial.refit, settings.localization) for trial in (first, verdict.trial)
     )
-    cosines = effect_cosines(first.refit.gaussian, candidates, settings.detectability)
+    cosines = effect_cosines(first.refit.gaussian, candidates, settings.score_test)
     wanted = wanted_candidates(verdict, candidates, detectable)
     rivals = wanted if verdict.alternatives else ()
     removed = removed_share(before.rms, after.rms, floor)
@@ -281,7 +281,7 @@ def collect_evidence(
     cosines: Mapping[tuple[str, str], float],
 ) -> tuple[Evidence, ...]:
     """Return what was tried, the best first; effects that were not refitted by their score."""
-    least = selection.settings.detectability.same_class
+    least = selection.settings.score_test.same_class
     same_class = [pair for pair, cosine in cosines.items() if abs(cosine) > least]
     trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
     rows = [(item.names, item.gain, item.evidence, item.adequate) for item in trials if item.names]

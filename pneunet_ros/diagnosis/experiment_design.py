@@ -129,7 +129,7 @@ def propose_experiment(
         for item in wanted:
             others = [directions[rival.name] for rival in rivals if rival.name != item.name]
             shown = effect_information(part, kept, directions[item.name], others)
-            shown *= prior_end_factor(item, settings.detectability.prior_range)
+            shown *= prior_end_factor(item, settings.score_test.prior_range)
             if shown > best:
                 best, words, name = shown, experiment.words, item.name
     if not words:

@@ -112,7 +112,8 @@ class GaussianModel:
             - self.position
         )
         lower, _ = factor = cho_factor(precision, lower=True)
-        square = sum(self.squares[which] for which in kept) + float(self.position @ self.position)
+        square = sum(self.squares[which] for which in kept)
+        square += float(self.position @ self.position)
         determinant = 2.0 * float(np.log(np.diag(lower)).sum())
         return -0.5 * (
             square

@@ -16,7 +16,7 @@ from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.refit import effect_direction, Refit
 from pneunet_ros.diagnosis.result import Detectable
-from pneunet_ros.diagnosis.settings import DEFAULTS, DetectabilitySettings, ScoreTestSettings
+from pneunet_ros.diagnosis.settings import DEFAULTS, ScoreTestSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,7 +134,7 @@ def largest_clean_score(
 def detection_limits(
     hypotheses: Sequence[Hypothesis],
     candidates: Sequence[Candidate],
-    settings: DetectabilitySettings = DEFAULTS.detectability,
+    settings: ScoreTestSettings = DEFAULTS.score_test,
 ) -> Mapping[str, Detectable]:
     """Return for every effect the size that is visible after refitting the base model.
 
@@ -162,7 +162,7 @@ def detection_limits(
 def effect_cosines(
     gaussian: GaussianModel,
     candidates: Sequence[Candidate],
-    settings: DetectabilitySettings = DEFAULTS.detectability,
+    settings: ScoreTestSettings = DEFAULTS.score_test,
 ) -> Mapping[tuple[str, str], float]:
     """Return the cosine of every two effects' directions, -1 to 1, where it is worth a word."""
     if not candidates:

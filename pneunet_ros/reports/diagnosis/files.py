@@ -31,7 +31,7 @@ def write_diagnosis(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     provenance: Mapping[str, Any],
-    each: Each = lambda stage, done, total: None,
+    on_progress: Each = lambda stage, done, total: None,
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
@@ -40,7 +40,7 @@ def write_diagnosis(
     exist; `output.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
-    pictures = diagnosis_figures(diagnosis, training, held_out, each)
+    pictures = diagnosis_figures(diagnosis, training, held_out, on_progress)
     for item in pictures.all:
         (folder / item.file).write_bytes(item.png)
     origin = {**provenance, 'seed': diagnosis.seed}
