@@ -178,11 +178,11 @@ def test_nothing_is_left_of_a_diagnosis_that_fails(run, found, lab, monkeypatch)
 def test_a_scheduler_that_does_not_answer_is_said(run, found, lab, monkeypatch):
     asked = []
 
-    def executor_of(workers=None, scheduler=None):
+    def open_executor(workers=None, scheduler=None):
         asked.append(scheduler)
         raise RequestError(f'no Dask scheduler answers at {scheduler}')
 
-    monkeypatch.setattr(diagnose, 'executor_of', executor_of)
+    monkeypatch.setattr(diagnose, 'open_executor', open_executor)
     code, _, err = run(*given(lab, '--scheduler', 'tcp://127.0.0.1:9'))
     assert (code, asked) == (2, ['tcp://127.0.0.1:9'])
     assert 'no Dask scheduler answers' in err
