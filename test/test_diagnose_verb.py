@@ -60,7 +60,7 @@ def found(monkeypatch):
 
     def answered(frame, training, held_out, **options):
         handed.update(frame=frame, training=[*training], held_out=held_out, **options)
-        options['each']('looking', 1, 1)
+        options['on_progress']('looking', 1, 1)
         answer, known, _ = diagnosis()
         training[:] = known  # those of the answer, so that pictures have what they show
         before, after = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -58,9 +58,7 @@ class Scripted(Selection):
         super().__init__(
             linearization=nothing, hypotheses=(), seed=0, on_progress=nothing, settings=settings
         )
-        self.sets: Mapping[frozenset[str], Trial] = {
-            frozenset(item.names): item for item in trials
-        }
+        self.sets = {frozenset(item.names): item for item in trials}
         self.fitted: list[str] = []
 
     def score_candidates(self, trial: Trial) -> list[Candidate]:

@@ -15,7 +15,6 @@ from pneunet_ros.diagnosis.augmented_model import (
     parameter_shifts,
 )
 from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base, Progress
-from pneunet_ros.diagnosis.detectability import detection_limits, effect_cosines
 from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.hypothesis import hypotheses
@@ -35,7 +34,7 @@ from pneunet_ros.diagnosis.result import (
     Evaluation,
     Evidence,
 )
-from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.score_test import Candidate, detection_limits, effect_cosines
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection, Trial
 from pneunet_ros.diagnosis.settings import (
     AugmentedModelSettings,
@@ -95,11 +94,11 @@ def diagnose(
 
     """
     base = fit_base(model, training, on_progress, settings.base_fit)
-    ordered = sorted(training, key=lambda run: run.loaded)  # as the base was fitted
+    recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
     asked = hypotheses(known, settings.hypothesis)
     selection = Selection(
-        linearization=linearize(base, ordered, held_out, settings),
+        linearization=linearize(base, *recordings, settings),
         hypotheses=tuple(item for item in asked if not item.confounded_with_pressure_scale),
         seed=seed,
         on_progress=on_progress,
@@ -109,51 +108,10 @@ def diagnose(
     first = selection.fit_base()
     best = selection.select_forward(first)
     candidates = selection.score_candidates(first)
-    detectable = detection_limits(asked, candidates, settings.detectability)
-    cosines = effect_cosines(first.refit.gaussian, candidates, settings.detectability)
-    observable = any(item.observable for item in detectable.values())
-    verdict = decide(selection, first, best, observable=observable)
-    after = verdict.trial
+    detectable = detection_limits(asked, candidates, settings.score_test)
+    verdict = decide(selection, first, best, detectable)
     on_progress('evaluation before and after', 0, 0)
-    thinned, recordings = selection.linearization.runs, (ordered, held_out)
-    before = evaluate(first, thinned, recordings, settings.augmented_model)
-    evaluations = [before, before]
-    if after is not first:
-        evaluations[1] = evaluate(after, thinned, recordings, settings.augmented_model)
-    frames = [collect_frames(trial.refit, settings.localization) for trial in (first, after)]
-    floor = noise_floor(evaluations[1].arm, held_out or ordered, base.noise.noise)
-    errors = (
-        (before.held_out or before.training).rms,
-        (evaluations[1].held_out or evaluations[1].training).rms,
-    )
-    wanted = wanted_candidates(verdict, candidates, detectable)
-    rivals = wanted if verdict.alternatives else ()
-    level = settings.lack_of_fit.level
-    return Diagnosis(
-        answer=verdict.answer,
-        sentence=describe_verdict(verdict, *errors),
-        effects=describe_effects(after.refit, verdict.probability, settings.augmented_model),
-        alternatives=verdict.alternatives,
-        where=misfit_shares(frames[0]),
-        where_sentence=describe_misfit(frames[0]),
-        heat_maps=heat_maps(*frames),
-        before=before,
-        after=evaluations[1],
-        noise_floor=floor,
-        closed=None if first.record.adequate else removed_share(*errors, floor),
-        adequacy_before=worst_test(first.record.tests, level),
-        adequacy_after=worst_test(after.record.tests, level),
-        detectable=detectable,
-        shift={} if after is first else parameter_shifts(before.fit, evaluations[1].fit),
-        evidence=collect_evidence(
-            selection, candidates, indistinguishable(cosines, settings.detectability.same_class)
-        ),
-        cosines=cosines,
-        proposal=propose_experiment(first.refit, wanted, rivals, settings),
-        notes=write_notes(first, best, verdict),
-        seed=seed,
-        settings=settings,
-    )
+    return conclude(selection, first, best, verdict, detectable, recordings)
 
 
 def linearize(
@@ -168,15 +126,67 @@ def linearize(
         parameters=fit.parameters, values=fit.values, placement=fit.placement
     )
     runs = [run.thinned(settings.base_fit.frames) for run in (*training, *held_out)]
-    noise = base.noise.noise
-    return Linearization(point, runs, len(training), noise, settings.linearization)
+    return Linearization(point, runs, len(training), base.noise.noise, settings.linearization)
 
 
-def decide(selection: Selection, first: Trial, best: Trial, *, observable: bool) -> Verdict:
-    """Decide on the answer; observable: at least one effect could have been seen."""
+def conclude(
+    selection: Selection,
+    first: Trial,
+    best: Trial,
+    verdict: Verdict,
+    detectable: Mapping[str, Detectable],
+    recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]],
+) -> Diagnosis:
+    """Evaluate the models before and after on the recordings, and put the result together."""
+    settings, added = selection.settings, verdict.trial is not first
+    runs, noise = selection.linearization.runs, selection.linearization.noise
+    candidates, level = selection.score_candidates(first), settings.lack_of_fit.level
+    before = after = evaluate(first, runs, recordings, settings.augmented_model)
+    if added:
+        after = evaluate(verdict.trial, runs, recordings, settings.augmented_model)
+    floor = noise_floor(after.arm, recordings[1] or recordings[0], noise)
+    frames, frames_after = (
+        collect_frames(trial.refit, settings.localization) for trial in (first, verdict.trial)
+    )
+    cosines = effect_cosines(first.refit.gaussian, candidates, settings.score_test)
+    wanted = wanted_candidates(verdict, candidates, detectable)
+    rivals = wanted if verdict.alternatives else ()
+    removed = removed_share(before.rms, after.rms, floor)
+    return Diagnosis(
+        answer=verdict.answer,
+        sentence=describe_verdict(verdict, before.rms, after.rms),
+        effects=describe_effects(
+            verdict.trial.refit, verdict.probability, settings.augmented_model
+        ),
+        alternatives=verdict.alternatives,
+        where=misfit_shares(frames),
+        where_sentence=describe_misfit(frames),
+        heat_maps=heat_maps(frames, frames_after),
+        before=before,
+        after=after,
+        noise_floor=floor,
+        closed=None if first.record.adequate else removed,
+        adequacy_before=worst_test(first.record.tests, level),
+        adequacy_after=worst_test(verdict.trial.record.tests, level),
+        detectable=detectable,
+        shift=parameter_shifts(before.fit, after.fit) if added else {},
+        evidence=collect_evidence(selection, candidates, cosines),
+        cosines=cosines,
+        proposal=propose_experiment(first.refit, wanted, rivals, settings),
+        notes=write_notes(first, best, verdict),
+        seed=selection.seed,
+        settings=settings,
+    )
+
+
+def decide(
+    selection: Selection, first: Trial, best: Trial, detectable: Mapping[str, Detectable]
+) -> Verdict:
+    """Decide on the answer by the base model, the best set of effects, and all that was tried."""
     if not best.record.adequate:
         return Verdict(answer='unknown', trial=first, probability={})
     if not best.names:
+        observable = any(item.observable for item in detectable.values())
         answer: Answer = 'none' if observable else 'unobservable'
         return Verdict(answer=answer, trial=first, probability={})
     settings = selection.settings.selection
@@ -268,9 +278,11 @@ def wanted_candidates(
 def collect_evidence(
     selection: Selection,
     candidates: Sequence[Candidate],
-    same_class: Sequence[tuple[str, str]],
+    cosines: Mapping[tuple[str, str], float],
 ) -> tuple[Evidence, ...]:
     """Return what was tried, the best first; effects that were not refitted by their score."""
+    least = selection.settings.score_test.same_class
+    same_class = [pair for pair, cosine in cosines.items() if abs(cosine) > least]
     trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
     rows = [(item.names, item.gain, item.evidence, item.adequate) for item in trials if item.names]
     fitted = {names for names, *_ in rows}
@@ -291,17 +303,10 @@ def collect_evidence(
     )
 
 
-def indistinguishable(
-    cosines: Mapping[tuple[str, str], float], least: float
-) -> list[tuple[str, str]]:
-    """Return the pairs of effects that differ in nothing but their size on these recordings."""
-    return [pair for pair, cosine in cosines.items() if abs(cosine) > least]
-
-
 def alike_effects(
     names: tuple[str, ...], same_class: Sequence[tuple[str, str]]
 ) -> tuple[str, ...]:
-    """Return the other effects of the classes of these."""
+    """Return the other effects that differ from these in nothing but their size."""
     pairs = [pair for pair in same_class if set(pair) & set(names)]
     return tuple(sorted({name for pair in pairs for name in pair} - set(names)))
 
@@ -324,8 +329,8 @@ def describe_verdict(verdict: Verdict, before: float, after: float) -> str:
     """Return the answer in one sentence; before, after: model error (m, rms)."""
     names = ' and '.join(verdict.trial.names)
     reduced = (
-        f'adding it reduces the model error from {millimeters(before):.2f} to '
-        f'{millimeters(after):.2f} mm rms.'
+        f'adding {"it" if len(verdict.trial.names) == 1 else "them"} reduces the model error from '
+        f'{millimeters(before):.2f} to {millimeters(after):.2f} mm rms.'
     )
     match verdict.answer:
         case 'none':

@@ -99,7 +99,7 @@ def propose_experiment(
     rivals: Sequence[Candidate],
     settings: DiagnosisSettings = DEFAULTS,
 ) -> str:
-    """Say which experiment would show most of a wanted effect, its rivals fitted beside it.
+    """Say which experiment would show most of a wanted effect, its rivals fitted jointly.
 
     Counted is the chi squared of each wanted effect at the far end of its prior range. Empty where
     nothing is wanted.
@@ -129,7 +129,7 @@ def propose_experiment(
         for item in wanted:
             others = [directions[rival.name] for rival in rivals if rival.name != item.name]
             shown = effect_information(part, kept, directions[item.name], others)
-            shown *= prior_end_factor(item, settings.detectability.prior_range)
+            shown *= prior_end_factor(item, settings.score_test.prior_range)
             if shown > best:
                 best, words, name = shown, experiment.words, item.name
     if not words:
@@ -167,7 +167,7 @@ def effect_information(
     effect: Sequence[Array] | None,
     rivals: Sequence[Sequence[Array] | None],
 ) -> float:
-    """Return chi squared of an effect in these runs, its rivals fitted beside it.
+    """Return chi squared of an effect in these runs, its rivals fitted jointly.
 
     effect, rivals: their directions in all runs, None where they are not known.
     """

@@ -112,13 +112,16 @@ class GaussianModel:
             - self.position
         )
         lower, _ = factor = cho_factor(precision, lower=True)
-        whole = sum(self.squares[which] for which in kept) + float(self.position @ self.position)
+        square = sum(self.squares[which] for which in kept)
+        square += float(self.position @ self.position)
         determinant = 2.0 * float(np.log(np.diag(lower)).sum())
         return -0.5 * (
-            whole - float(information_vector @ cho_solve(factor, information_vector)) + determinant
+            square
+            - float(information_vector @ cho_solve(factor, information_vector))
+            + determinant
         )
 
     def evidence(self) -> float:
         """Log probability of every run predicted from the others, summed."""
-        whole = self.log_probability()
-        return sum(whole - self.log_probability(which) for which in range(len(self.grams)))
+        of_all = self.log_probability()
+        return sum(of_all - self.log_probability(which) for which in range(len(self.grams)))

@@ -124,16 +124,13 @@ def axis_shares(
 
 def describe_interval(axis: Axis, start: float, stop: float) -> str:
     """Return an interval of an axis in words."""
-    match axis:
-        case 'arclength':
-            return f'between {start:.1f} and {stop:.1f} of the length'
-        case 'pressure':
-            return f'between {kilopascals(start):.3g} and {kilopascals(stop):.3g} kPa'
-        case 'force':
-            return f'under forces of {start:.3g} to {stop:.3g} N'
-        case 'time':
-            return f'from {start:.3g} to {stop:.3g} s after the start of a recording'
-    return 'while the pressure ' + ('rises' if start > 0.0 else 'falls')
+    return {
+        'arclength': f'between {start:.1f} and {stop:.1f} of the length',
+        'pressure': f'between {kilopascals(start):.3g} and {kilopascals(stop):.3g} kPa',
+        'force': f'under forces of {start:.3g} to {stop:.3g} N',
+        'time': f'from {start:.3g} to {stop:.3g} s after the start of a recording',
+        'direction': 'while the pressure ' + ('rises' if start > 0.0 else 'falls'),
+    }[axis]
 
 
 def describe_misfit(frames: Frames) -> str:
@@ -143,12 +140,8 @@ def describe_misfit(frames: Frames) -> str:
     if chi2.sf(known.sum(), 2 * known.size) > settings.significant:
         return 'the residuals are consistent with noise everywhere'
     words = []
-    names: tuple[tuple[Axis, str], ...] = (
-        ('force', 'the force'),
-        ('pressure', 'the pressure'),
-        ('time', 'time'),
-    )
-    for axis, name in names:
+    names: dict[Axis, str] = {'force': 'the force', 'pressure': 'the pressure', 'time': 'time'}
+    for axis, name in names.items():
         ratio = end_ratio(frames, axis)
         verb = 'hardly depends on'
         if ratio > settings.trend:
@@ -173,9 +166,8 @@ def end_ratio(frames: Frames, axis: Axis) -> float:
     bins[~np.isfinite(frames.squares).any(axis=1)] = -1
     used = np.unique(bins[bins >= 0])
     low, high = (np.nanmean(frames.squares[bins == which]) - 2.0 for which in used[[0, -1]])
-    least = frames.settings.floor
-    floor = least * max(float(np.nanmean(frames.squares)) - 2.0, least)
-    return float(max(high, floor) / max(low, floor))
+    mean = float(np.nanmean(frames.squares)) - 2.0
+    return floored_ratio(high, low, mean, frames.settings.floor)
 
 
 def rising_to_falling_ratio(frames: Frames) -> float:
@@ -190,14 +182,18 @@ def rising_to_falling_ratio(frames: Frames) -> float:
     direction = frames.axes['direction']
     sums = np.zeros(2)
     for cell in np.unique(cells):
-        here = (cells == cell) & np.isfinite(excess)
-        both = [excess[here & (direction == sign)] for sign in (RISING, FALLING)]
+        in_cell = (cells == cell) & np.isfinite(excess)
+        both = [excess[in_cell & (direction == sign)] for sign in (RISING, FALLING)]
         weight = min(item.size for item in both)
         if weight:
             sums += [weight * max(float(item.mean()), 0.0) for item in both]
-    least = frames.settings.floor
-    floor = least * max(float(sums.max()), least)
-    return float(max(sums[0], floor) / max(sums[1], floor))
+    return floored_ratio(sums[0], sums[1], float(sums.max()), frames.settings.floor)
+
+
+def floored_ratio(upper: float, lower: float, mean: float, floor: float) -> float:
+    """Return a ratio of which neither side counts as less than a share of the mean."""
+    least = floor * max(mean, floor)
+    return float(max(upper, least) / max(lower, least))
 
 
 def target_means(squares: Array) -> Array:

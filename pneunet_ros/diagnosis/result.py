@@ -78,6 +78,11 @@ class Evaluation:
     training_scores: tuple[Score, ...]
     held_out_scores: tuple[Score, ...]
 
+    @property
+    def rms(self) -> float:
+        """Model error (m) per coordinate on held-out recordings; on training ones without any."""
+        return (self.held_out or self.training).rms
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Adequacy:

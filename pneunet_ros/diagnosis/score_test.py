@@ -1,15 +1,21 @@
-"""Score test: how well each effect would explain the residuals, before it is fitted."""
+"""Score test: how well each effect would explain the residuals, before it is fitted.
+
+And detectability: from which size on its score would have been significant.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import itertools
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.refit import effect_direction, Refit
+from pneunet_ros.diagnosis.result import Detectable
 from pneunet_ros.diagnosis.settings import DEFAULTS, ScoreTestSettings
 
 
@@ -123,3 +129,47 @@ def largest_clean_score(
     random = np.random.default_rng([seed, settings.draws])
     draws = random.standard_normal((settings.draws, count)) @ np.linalg.cholesky(correlation).T
     return float(np.quantile(np.max(draws**2, axis=1), 1.0 - level))
+
+
+def detection_limits(
+    hypotheses: Sequence[Hypothesis],
+    candidates: Sequence[Candidate],
+    settings: ScoreTestSettings = DEFAULTS.score_test,
+) -> Mapping[str, Detectable]:
+    """Return for every effect the size that is visible after refitting the base model.
+
+    An effect that is another scale of pressure alone is never observable: kappa_p0(p) takes it up.
+    """
+    by_name = {item.name: item for item in candidates}
+    limits = {}
+    for item in hypotheses:
+        candidate = by_name.get(item.name)
+        which = item.sizes[0] if candidate is None else candidate.which
+        coordinate = item.coordinates[which]
+        size = math.inf
+        if candidate is not None and not item.confounded_with_pressure_scale:
+            tried = abs(float(candidate.tried[which]))
+            size = tried * math.sqrt(settings.visible / candidate.information)
+        limits[item.name] = Detectable(
+            parameter=coordinate.parameter,
+            observable=size <= settings.prior_range * coordinate.std,
+            smallest=1.0 / size if coordinate.reciprocal else size,
+            unit=coordinate.unit,
+        )
+    return limits
+
+
+def effect_cosines(
+    gaussian: GaussianModel,
+    candidates: Sequence[Candidate],
+    settings: ScoreTestSettings = DEFAULTS.score_test,
+) -> Mapping[tuple[str, str], float]:
+    """Return the cosine of every two effects' directions, -1 to 1, where it is worth a word."""
+    if not candidates:
+        return {}
+    cosines = cosine_matrix(gaussian, candidates)
+    return {
+        (candidates[i].name, candidates[j].name): float(cosines[i, j])
+        for i, j in itertools.combinations(range(len(candidates)), 2)
+        if abs(cosines[i, j]) > settings.least_cosine
+    }

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.base_fit import Progress
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
@@ -22,7 +21,7 @@ class Record:
     """What came of effects that were fitted jointly.
 
     dof: their numbers; evidence over the base, in log probability; gain in chi squared; tests:
-    what is left beside them; plausible: no size is far beyond its prior range. run_chi_squared:
+    what they leave; plausible: no size is far beyond its prior range. run_chi_squared:
     of the whitened residuals of each run, held-out ones too.
     """
 
@@ -70,21 +69,12 @@ class Selection:
     def fit_base(self) -> Trial:
         """Fit the model without any further effect."""
         self.on_progress('the base model', 0, 0)
+        settings = self.settings.refit
         training = self.linearization.of_training()
-        base = self.refit(training, (), np.zeros(0), self.settings.refit.rounds)
+        base = refit(training, (), np.zeros(0), settings.rounds, settings)
         if base is None:
             raise ModelError('the model has no shape in most of the training recordings')
         return self.test_trial(base, None)
-
-    def refit(
-        self,
-        linearization: Linearization,
-        hypotheses: Sequence[Hypothesis],
-        numbers: Array,
-        rounds: int,
-    ) -> Refit | None:
-        """Fit jointly with the settings of this search."""
-        return refit(linearization, hypotheses, numbers, rounds, self.settings.refit)
 
     def test_trial(self, trial: Refit, base: Trial | None) -> Trial:
         """Test a joint fit on all recordings, and keep what came of it."""
@@ -178,9 +168,11 @@ class Selection:
         first = []
         for place, item in enumerate(candidates):
             hypotheses = (*known.hypotheses, item.hypothesis)
-            self.on_progress(' + '.join(one.name for one in hypotheses), place, len(candidates))
+            self.on_progress(
+                ' + '.join(effect.name for effect in hypotheses), place, len(candidates)
+            )
             numbers = np.concatenate([known.numbers, item.start])
-            fit = self.refit(known.linearization, hypotheses, numbers, 1)
+            fit = refit(known.linearization, hypotheses, numbers, 1, self.settings.refit)
             if fit is not None:
                 first.append(fit)
         gains = [known.cost - item.cost for item in first]
@@ -217,8 +209,8 @@ class Selection:
             return None
         hypotheses = tuple(item for item, _ in rest)
         numbers = np.concatenate([item.numbers(effect) for item, effect in rest])
-        rounds = self.settings.refit.rounds
-        fit = self.refit(trial.refit.linearization, hypotheses, numbers, rounds)
+        settings = self.settings.refit
+        fit = refit(trial.refit.linearization, hypotheses, numbers, settings.rounds, settings)
         if fit is None:
             return None
         smaller = self.test_trial(fit, base)

@@ -6,19 +6,21 @@ import functools
 import math
 
 import numpy as np
-from pneunet_ros.diagnosis.detectability import (
-    detection_limits,
-    effect_cosines,
-)
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import hypotheses
-from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
-from pneunet_ros.diagnosis.settings import DetectabilitySettings
+from pneunet_ros.diagnosis.score_test import (
+    Candidate,
+    detection_limits,
+    effect_cosines,
+    largest_clean_score,
+    score_effects,
+)
+from pneunet_ros.diagnosis.settings import ScoreTestSettings
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import asked, fitted
 
-SETTINGS = DetectabilitySettings()
+SETTINGS = ScoreTestSettings()
 NAMES = ('load_offset', 'extensibility', 'gravity', 'clamp_compliance', 'camera_rotation')
 
 

@@ -1,0 +1,86 @@
+"""Experiments that are tried out with the model: their recordings, and what they would show."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.experiment_design import (
+    effect_information,
+    Experiment,
+    EXPERIMENTS,
+    prior_end_factor,
+    propose_experiment,
+)
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.settings import ExperimentDesignSettings
+import pytest
+from support.lab_designs import asked, fitted
+
+RANGE, STAMP = (1e3, 61e3), 7_000_000_000
+
+
+def candidate(name: str, size: float) -> Candidate:
+    """Return an effect that was tried with this size."""
+    tried = np.zeros(asked(name).size)
+    tried[0] = size
+    return Candidate(
+        hypothesis=asked(name), which=0, tried=tried, gain=0.0, start=tried, information=1.0,
+        direction=(),
+    )  # fmt: skip
+
+
+def test_an_experiment_is_a_recording_of_its_corners():
+    experiment = Experiment(words='up', corners=((0, 0, 0, 0), (10, 1, 0.5, -1)))
+    settings = ExperimentDesignSettings(frames=11, rate=10.0)
+    run = experiment.recording(RANGE, 0.2, STAMP, 23, settings)
+    assert (run.name, run.loaded, run.x.shape) == ('up', True, (11, 23))
+    assert np.diff(run.reading_stamp_ns).tolist() == [100_000_000] * 99
+    assert run.reading_stamp_ns[0] == STAMP
+    seconds = 1e-9 * (run.stamp_ns - STAMP)
+    assert run.pressure[run.reading] == pytest.approx(1e3 + 60e3 * seconds / 10.0)
+    assert run.force == pytest.approx(np.outer(seconds / 10.0, [0.1, -0.2]))
+
+
+@pytest.mark.parametrize('experiment', EXPERIMENTS, ids=lambda item: item.words[:20])
+def test_what_is_proposed_stays_in_the_range_of_what_was_recorded(experiment):
+    run = experiment.recording(RANGE, 0.2, STAMP, 3)
+    assert run.pressure.min() >= RANGE[0]
+    assert run.pressure.max() <= RANGE[1]
+    assert np.abs(run.force).max() <= 0.2
+    assert run.loaded == ('without a load' not in experiment.words)
+
+
+def direction(*values: float) -> tuple[Array, ...]:
+    """Return how one run of rows answers."""
+    return (np.array(values),)
+
+
+def test_what_a_rival_explains_as_well_is_no_information():
+    nothing = GaussianModel.of([np.zeros((3, 1))], [np.zeros(3)], np.zeros(1))
+    effect, rival = direction(3.0, 4.0, 0.0), direction(1.0, 0.0, 0.0)
+    assert effect_information(nothing, [0], effect, []) == pytest.approx(25.0)
+    assert effect_information(nothing, [0], effect, [rival, None]) == pytest.approx(16.0)
+    assert effect_information(nothing, [0], effect, [effect]) == pytest.approx(0.0, abs=1e-12)
+    assert effect_information(nothing, [0], None, [rival]) == 0.0
+    # What the base takes up is none, either.
+    base = GaussianModel.of([np.array([[0.0], [1e6], [0.0]])], [np.zeros(3)], np.zeros(1))
+    assert effect_information(base, [0], effect, []) == pytest.approx(9.0)
+
+
+def test_chi_squared_grows_with_the_square_of_the_size():
+    std = asked('load_offset').coordinates[0].std
+    assert prior_end_factor(candidate('load_offset', std), 2.0) == pytest.approx(4.0)
+    assert prior_end_factor(candidate('load_offset', -0.1 * std), 2.0) == pytest.approx(400.0)
+
+
+def test_where_nothing_is_wanted_nothing_is_proposed():
+    assert propose_experiment(fitted(), [], []) == ''
+
+
+def test_history_needs_pressure_that_moves_and_offsets_need_a_force():
+    history = propose_experiment(fitted(), [candidate('hysteresis', 500.0)], [])
+    assert history.startswith('Record next: ')
+    assert 'It would show hysteresis best' in history
+    offset = propose_experiment(fitted(), [candidate('load_offset', 1e-3)], [])
+    assert 'force' in offset or 'load, ramps' in offset
