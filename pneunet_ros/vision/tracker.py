@@ -77,19 +77,13 @@ class TrackerState:
         )
 
     def seeing(self, row: TrackedRow) -> TrackerState:
-        """Count one more frame that shows the arm; without `replace`, which takes longer."""
-        return TrackerState(
-            lens=self.lens,
-            plane=self.plane,
-            trouble=self.trouble,
-            rest=self.rest,
+        """Count one more frame that shows the arm."""
+        return replace(
+            self,
             row=row,
             stamp_ns=row.stamp_ns,
             frames=self.frames + 1,
             explained=self.explained + 1,
-            resets=self.resets,
-            unexplained=self.unexplained,
-            rejected=self.rejected,
         )
 
     def counting(self, reason: str) -> TrackerState:
