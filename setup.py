@@ -32,7 +32,7 @@ setup(
     maintainer='pneunet_ros maintainers',
     maintainer_email='maintainers@pneunet.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed', 'reports/templates/*']},
+    package_data={PACKAGE: ['py.typed', '__init__.pyi', 'reports/templates/*']},
     data_files=list(shipped_files()),
     python_requires='>=3.11',
     install_requires=[

@@ -34,10 +34,10 @@ from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.arm import Arm
 from rich.console import Console
 from rich.progress import track
@@ -63,11 +63,11 @@ def record(seed: int) -> tuple[dict, Scenario]:
     for place, name in enumerate((*UNLOADED, *LOADED, 'held_out')):
         file = 'random_mix' if name == 'held_out' else name
         scenario = load_scenario(share_path(f'scenarios/{file}.yaml'))
-        changes = {'arm': varied(scenario.arm, seed), 'seed': 100 * seed + place}
+        changes = {'arm': vary_arm(scenario.arm, seed), 'seed': 100 * seed + place}
         if name == 'held_out':
             assert isinstance(scenario.protocol, RandomMix)
             changes['protocol'] = dataclasses.replace(scenario.protocol, seed=float(seed))
-        recording = simulated(dataclasses.replace(scenario, **changes))
+        recording = simulate(dataclasses.replace(scenario, **changes))
         runs[name] = run_of(recording)
     kept = np.isfinite(recording.x).any(axis=1)
     runs['true_force'] = recording.truth.force[kept]

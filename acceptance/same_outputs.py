@@ -162,15 +162,13 @@ def recording_leaves(path: Path) -> Iterator[tuple[str, Any]]:
                 yield f'{connection.topic}.{count}.{place}', value
 
 
-def file_leaves(path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield what a recorded file holds."""
+def file_leaves(path: Path, folder: Path) -> list[tuple[str, Any]]:
+    """Return what a recorded file holds; the path of the folder is left out of it."""
     if path.suffix == '.mcap':
-        yield from recording_leaves(path)
-    elif path.suffix == '.json':
-        text = path.read_text(encoding='utf-8')
-        yield from leaves(json.loads(text) if text else None)
-    elif path.suffix in ('.yaml', '.yml'):
-        yield from leaves(YAML(typ='safe').load(path.read_text(encoding='utf-8')))
+        return list(recording_leaves(path))
+    text = path.read_text(encoding='utf-8').replace(str(folder.resolve()), '')
+    content = YAML(typ='safe').load(text) if path.suffix == '.yaml' else json.loads(text or 'null')
+    return [item for item in leaves(content) if not any(word in item[0] for word in UNSTABLE)]
 
 
 def apart(one: Any, other: Any) -> float | None:
@@ -190,11 +188,7 @@ def compare(before: Path, after: Path, relative: float) -> bool:
         name = path.relative_to(before)
         if path.suffix not in ('.mcap', '.json', '.yaml') or name.name == 'all_effects.yaml':
             continue
-        old, new = list(file_leaves(path)), list(file_leaves(after / name))
-        old, new = (
-            [item for item in items if not any(word in item[0] for word in UNSTABLE)]
-            for items in (old, new)
-        )
+        old, new = file_leaves(path, before), file_leaves(after / name, after)
         places = [item[0] for item in old] == [item[0] for item in new]
         worst, where, words = 0.0, '', []
         known = dict(new)

@@ -16,8 +16,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 import json
+from pathlib import Path
 import platform
 import statistics
+import sys
 import time
 import warnings
 
@@ -29,12 +31,9 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.smoother import smoother_for
 from scipy.interpolate import UnivariateSpline
 
-TABLE_1 = (
-    (5.0, 0.25, 0.0), (10.5, 0.225, 0.0), (17.2, 0.2, 0.025), (24.2, 0.2, 0.05),
-    (31.0, 0.175, 0.07), (37.1, 0.16, 0.1), (44.9, 0.15, 0.125), (51.5, 0.15, 0.175),
-    (53.8, 0.15, 0.2), (56.6, 0.15, 0.2), (58.2, 0.15, 0.225), (61.3, 0.15, 0.25),
-    (63.6, 0.15, 0.26), (66.0, 0.15, 0.275),
-)  # fmt: skip
+sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
+from support.example_arms import TABLE_1
+
 CLOTHOIDS = ((0, 0), (5, 5), (15, 15), (25, 25), (0, 20), (20, 0), (5, 30), (-10, 10), (10, 20))
 BREAK, SPLITS = 2.5, (0.10, 0.115, 0.13, 0.15)  # 1/m; l1 / l
 PIXEL = 2e-4  # m
@@ -65,7 +64,7 @@ class Shapes:
         self.sets = {
             'clothoids and arcs': [self.clothoid(*ends, 0.0) for ends in CLOTHOIDS],
             'arm, free': [self.solved(pressure, 0.0, 0.0) for pressure in pressures],
-            'arm, Table 1': [self.solved(1e3 * p, along, across) for p, along, across in TABLE_1],
+            'arm, Table 1': [self.solved(row.pressure, *row.force) for row in TABLE_1[1:]],
             'clothoids with a break': [
                 self.clothoid(first, last, split) for first, last, split in broken
             ],

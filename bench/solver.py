@@ -16,8 +16,10 @@ from collections.abc import Callable
 import dataclasses
 import itertools
 import json
+from pathlib import Path
 import platform
 import statistics
+import sys
 import time
 
 import numpy as np
@@ -30,7 +32,8 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.batch import MOST_ITERATIONS, predicted, TOLERANCE
-from pneunet_ros.model.equilibrium import linearized_ends, panels_of, with_pressure_change
+from pneunet_ros.model.equilibrium import changes_on_mesh, linearized_ends
+from pneunet_ros.model.perturbation import with_pressure_change
 from pneunet_ros.solver import (
     collocation,
     sensitivity,
@@ -46,12 +49,9 @@ from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import root_scalar
 
-TABLE_1 = (
-    (5.0, 0.25, 0.0), (10.5, 0.225, 0.0), (17.2, 0.2, 0.025), (24.2, 0.2, 0.05),
-    (31.0, 0.175, 0.07), (37.1, 0.16, 0.1), (44.9, 0.15, 0.125), (51.5, 0.15, 0.175),
-    (53.8, 0.15, 0.2), (56.6, 0.15, 0.2), (58.2, 0.15, 0.225), (61.3, 0.15, 0.25),
-    (63.6, 0.15, 0.26), (65.5, 0.15, 0.275),
-)  # fmt: skip
+sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
+from support.example_arms import Row, TABLE_1
+
 MECHANICS = {
     'extensibility': {'axial_stiffness': 40.0},
     'pressure_elongation': {'strain_per_pascal': 2e-7},
@@ -208,23 +208,20 @@ def best_of(call: Callable[[], object], calls: int = 1) -> float:
 class Case:
     """One row of Table 1 with everything prepared that a method starts from."""
 
-    def __init__(self, arm: Arm, row: tuple[float, float, float]) -> None:
+    def __init__(self, arm: Arm, row: Row) -> None:
         self.arm = arm
-        self.pressure = 1000.0 * row[0]
-        self.force = np.array(row[1:])
+        self.pressure, self.force = row.pressure, np.array(row.force)
         before = self.force * [0.98, 1.02]
         self.near = solve(arm, self.pressure - 500.0, (before[0], before[1]))
-        self.shape = solve(arm, self.pressure, (row[1], row[2]), start=self.near)
+        self.shape = solve(arm, self.pressure, row.force, start=self.near)
         assert self.shape.solution is not None and self.near.solution is not None
         self.rods, change = with_pressure_change(arm, self.pressure)
-        attempt = BoundaryValueProblem(self.rods, (row[1], row[2]), 0.0, 1e-13)
+        attempt = BoundaryValueProblem(self.rods, row.force, 0.0, 1e-13)
         attempt.start_from(self.near.solution)
         self.start, self.counts, self.ends = attempt.nodes.copy(), attempt.counts, attempt.ends
         self.nodes = np.empty_like(self.start)
         solution = self.shape.solution
-        difference = panels_of(change.after, solution) - panels_of(change.before, solution)
-        self.panel_changes = (difference / change.distance)[None]
-        self.end_changes = np.zeros((1, 6))
+        self.panel_changes, self.end_changes = changes_on_mesh(solution, change)
         self.node_changes, self.tip, _ = linearized_ends(
             solution, self.panel_changes, self.end_changes
         )
@@ -242,8 +239,9 @@ class Case:
         self.reference = self.rod.reference(float(self.shape.moment[0]))
         estimator = Estimator(arm=arm)
         self.estimator = estimator
+        along, across = row.force
         self.wrench = WrenchReading(
-            stamp_ns=1, force_x=row[1], force_y=row[2], moment=0.0, frame_id='pneunet_base'
+            stamp_ns=1, force_x=along, force_y=across, moment=0.0, frame_id='pneunet_base'
         )
         state, _ = estimator.step(EstimatorState(solution=self.near.solution), self.wrench)
         self.state = state
@@ -344,7 +342,7 @@ def one_by_one(length, sections, knots, turning, ends, counts, starts, out):
 
 def measure(arm: Arm, repeats: int) -> dict[str, object]:
     """Medians, ratios and errors for one arm over Table 1."""
-    cases = [Case(arm, row) for row in TABLE_1]
+    cases = [Case(arm, row) for row in TABLE_1[1:]]
     times: dict[str, list[float]] = {}
     ratios: dict[str, list[float]] = {}
     for repeat in range(repeats + 1):

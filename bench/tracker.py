@@ -35,9 +35,11 @@ from pneunet_ros import load_model  # noqa: E402
 from pneunet_ros.core.share import share_path  # noqa: E402
 from pneunet_ros.files.json_text import plain  # noqa: E402
 from pneunet_ros.lab.lens import looking_down  # noqa: E402
-from pneunet_ros.lab.renderer import as_image, Renderer  # noqa: E402
-from pneunet_ros.lab.scene import Dots, Moment, Scene  # noqa: E402
-from pneunet_ros.vision.blobs import find_blobs  # noqa: E402
+from pneunet_ros.lab.renderer import Renderer  # noqa: E402
+from pneunet_ros.lab.scene import Dots, FrameState, Scene  # noqa: E402
+from pneunet_ros.vision.blobs import (  # noqa: E402
+    find_blobs,
+)
 from pneunet_ros.vision.camera_settings import CameraSettings  # noqa: E402
 from pneunet_ros.vision.tracker import Tracker, TrackerState  # noqa: E402
 from rich.console import Console  # noqa: E402
@@ -46,6 +48,7 @@ from scipy.optimize import linear_sum_assignment  # noqa: E402
 from sklearn.exceptions import ConvergenceWarning  # noqa: E402
 from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: E402
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel  # noqa: E402
+from support.camera_images import as_image  # noqa: E402
 from support.center_bound import center_bound  # noqa: E402
 from support.rendered_frames import Score, View  # noqa: E402
 
@@ -70,7 +73,7 @@ def center_errors(images: int) -> list[dict[str, float]]:
             grid = np.stack(np.meshgrid(np.arange(-6, 7), np.arange(-4, 5)), axis=-1)
             places = 45e-4 * grid.reshape(-1, 2) + rng.uniform(-5e-5, 5e-5, (117, 2))
             dots = Dots(x=places[:, 0], y=places[:, 1], radius=radius * 1e-4, grey=WHITE)
-            grey, truth = renderer.render(Moment(dots=dots), rng)
+            grey, truth = renderer.render(FrameState(dots=dots), rng)
             image = as_image(grey, stamp_ns=number + 1)
             areas = find_blobs(image, settings.grey_band, settings.area)
             apart_u = areas.u[None] - truth.centroid_u[:, None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 from pathlib import Path
+import signal
 import tempfile
 import zlib
 
@@ -20,6 +21,10 @@ def own_domain() -> int:
     worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
     return (zlib.crc32(run.encode()) + int(worker)) % 101 + 1
 
+
+# A shell starts background jobs with Ctrl-C ignored, and children would inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Set before anything imports rclpy or matplotlib.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

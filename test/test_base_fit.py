@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
-from pneunet_ros.diagnosis.base_fit import refitted, uniform
+from pneunet_ros.diagnosis.base_fit import fit_base, has_uniform_curvature
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 import pytest
@@ -40,21 +40,21 @@ def quiet(what: str, done: int, total: int) -> None:
 
 
 def test_curvature_that_is_the_same_all_along_is_part_of_a_model():
-    assert uniform(bent())
-    assert not uniform(bent((20.0, 19.0)))
-    assert not uniform(paper_arm())
+    assert has_uniform_curvature(bent())
+    assert not has_uniform_curvature(bent((20.0, 19.0)))
+    assert not has_uniform_curvature(paper_arm())
     # Alike at many knots: a table that has not been fitted yet.
     flat = IntrinsicCurvature(
         pressure=np.array([0.0, 4e4]),
         arclength=np.linspace(0.0, 1.0, 5),
         curvature=np.ones((2, 5)),
     )
-    assert not uniform(replace(bent(), intrinsic_curvature=flat))
+    assert not has_uniform_curvature(replace(bent(), intrinsic_curvature=flat))
 
 
 def test_it_stays_so_and_few_frames_are_enough():
     frame = bent((1.0, 1.0))
-    base = refitted(frame, [recorded()], quiet)
+    base = fit_base(frame, [recorded()], quiet)
     assert base.frame.moment_law == frame.moment_law
     for name in ('target_std', 'pressure_std', 'placement_std'):  # too few frames to tell
         assert getattr(base.noise.noise, name) == getattr(NOISE, name)
@@ -62,14 +62,14 @@ def test_it_stays_so_and_few_frames_are_enough():
     assert table.arclength.tolist() == [0.0, 1.0]
     assert table.curvature[:, 0] == pytest.approx(table.curvature[:, 1], abs=0.02)
     assert table.curvature[-1, 0] == pytest.approx(20.0, abs=0.1)
-    assert uniform(frame)
+    assert has_uniform_curvature(frame)
 
 
 def test_too_little_is_refused():
     with pytest.raises(RecordingError, match='at least 3 are needed'):
-        refitted(bent(), [recorded(2)], quiet)
+        fit_base(bent(), [recorded(2)], quiet)
     with pytest.raises(RecordingError, match='at least 20 are needed'):
-        refitted(bent((1.0, 2.0)), [recorded()], quiet)
+        fit_base(bent((1.0, 2.0)), [recorded()], quiet)
     loaded = made(bent(), PRESSURES, np.full((PRESSURES.size, 2), 0.1))
     with pytest.raises(RequestError, match='without a load'):
-        refitted(bent(), [loaded], quiet)
+        fit_base(bent(), [loaded], quiet)

@@ -18,7 +18,7 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.offline.calibration_files import knowledge_file, load_knowledge, save_knowledge
 from pneunet_ros.recordings.lab_files import write_lab
 from pneunet_ros.recordings.recording import open_recording
@@ -32,7 +32,7 @@ FREE, LOADED = ('unloaded_ramp', 'unloaded_staircase'), ('force_sweeps', 'string
 def recorded(name: str):
     scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
     rates = dataclasses.replace(scenario.rates, frames=FRAME_RATE)
-    return simulated(dataclasses.replace(scenario, rates=rates))
+    return simulate(dataclasses.replace(scenario, rates=rates))
 
 
 @pytest.fixture(scope='module')
@@ -40,7 +40,9 @@ def lab(tmp_path_factory) -> Path:
     """Return a folder with recordings of the lab."""
     folder = tmp_path_factory.mktemp('lab')
     for name in (*FREE, *LOADED):
-        write_lab(recorded(name), folder / f'{name}.mcap', overwrite=False, each=lambda: None)
+        write_lab(
+            recorded(name), folder / f'{name}.mcap', overwrite=False, on_progress=lambda: None
+        )
     return folder
 
 

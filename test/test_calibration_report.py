@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.tip_force import EndForces
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.reports import style as report_style
+from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.calibration import report as calibration_report
-from pneunet_ros.reports.calibration.figure_data import figure_data
-from pneunet_ros.reports.calibration.figures import chosen_draws
-from pneunet_ros.reports.calibration.force_figures import FoundForces, sentences
+from pneunet_ros.reports.calibration.figures import calibration_figures
+from pneunet_ros.reports.calibration.force_figures import EstimatedForces, sentences
 from pneunet_ros.reports.calibration.report import write_report
 from pneunet_ros.reports.calibration.tables import flat, law_rows, number_rows
 import pytest
@@ -34,7 +33,7 @@ def no_news(stage: str, done: int, total: int) -> None:
 def coarse():
     """Draw coarsely: what is looked at here is not how sharp it is."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report_style, 'DOTS_PER_INCH', 30)
+        patch.setattr(report_figure, 'DOTS_PER_INCH', 30)
         yield
 
 
@@ -46,7 +45,7 @@ def report(coarse, tmp_path_factory):
         calibration(),
         tmp_path_factory.mktemp('report') / 'out',
         provenance=PROVENANCE,
-        each=lambda stage, done, total: told.append((stage, done, total)),
+        on_progress=lambda stage, done, total: told.append((stage, done, total)),
     )
     return path, path.read_text(encoding='utf-8'), told
 
@@ -96,6 +95,11 @@ def test_numbers_stand_with_their_errors(report):
         assert f'{row.value:.4g}' in text
         assert 0.0 < row.std < row.prior_std
     assert 'alpha1 at' in text
+    (first, *_) = law_rows(rows)
+    arm = calibration().arm
+    stiffness = first.value * arm.weight * arm.length**2
+    assert first.bending_stiffness.startswith(f'{stiffness:.4g} ± ')
+    assert first.bending_stiffness in text
 
 
 def test_a_number_that_stays_open_is_marked():
@@ -111,10 +115,11 @@ def test_progress_is_told_to_the_end(report):
     assert all(done <= total for _, done, total in told)
 
 
-def test_without_load_only_what_needs_none_is_drawn():
-    quiet = chosen_draws(figure_data(calibration(with_load=False), no_news), no_news)
-    assert [draw.__name__ for draw in quiet] == [
-        'free_shapes', 'linearity', 'over_frames', 'over_targets', 'over_runs',
+def test_without_load_only_what_needs_none_is_drawn(coarse):
+    drawn = calibration_figures(calibration(with_load=False), no_news)
+    assert [item.name for item in drawn['paper']] == ['05_unloaded', '11_linearity']
+    assert [item.name[3:] for item in drawn['residuals']] == [
+        'residuals_over_frames', 'residuals_over_targets', 'residuals_over_recordings',
     ]  # fmt: skip
 
 
@@ -128,7 +133,9 @@ def test_without_load_there_is_no_moment_law(coarse, tmp_path):
 
 
 def test_an_earlier_report_is_replaced_only_when_asked(monkeypatch, tmp_path):
-    monkeypatch.setattr(calibration_report, 'calibration_figures', lambda found, each: ())
+    monkeypatch.setattr(
+        calibration_report, 'calibration_figures', lambda *_: {'paper': (), 'residuals': ()}
+    )
     write_report(calibration(), tmp_path / 'out', provenance={'seed': 1})
     with pytest.raises(RecordingError, match='--overwrite'):
         write_report(calibration(), tmp_path / 'out', provenance={'seed': 2})
@@ -140,7 +147,7 @@ def test_an_earlier_report_is_replaced_only_when_asked(monkeypatch, tmp_path):
 
 
 def test_nothing_is_left_of_a_report_that_fails(monkeypatch, tmp_path):
-    def failing(found, each):
+    def failing(found, on_progress):
         raise RecordingError('no picture')
 
     monkeypatch.setattr(calibration_report, 'calibration_figures', failing)
@@ -159,7 +166,7 @@ def test_intervals_that_miss_the_force_are_counted():
     force = np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.0], [np.nan, np.nan]])
     way = EndForces(force=force, covariance=np.broadcast_to(1e-6 * np.eye(2), (4, 2, 2)))
     none = EndForces(force=np.full((4, 2), np.nan), covariance=way.covariance)
-    found = FoundForces(pressure=np.zeros(4), read=read, read_std=1e-3, ways=(way, none))
+    found = EstimatedForces(pressure=np.zeros(4), read=read, read_std=1e-3, ways=(way, none))
     first, second = sentences(found)
     assert 'found in 3 of 4 frames' in first
     assert '67 % and 100 %' in first

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.core.share import share_path
-from pneunet_ros.messages.topics import decode_pressure
+from pneunet_ros.messages.readings import decode_pressure
 from pneunet_ros.offline.track import track_steps
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.recording import open_recording

@@ -24,7 +24,8 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.messages.topics import INPUTS, OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.messages.tracker import TARGET_POINT
 from pneunet_ros.model.equilibrium import tip_jacobian
 from pneunet_ros.recordings.recording import open_recording
@@ -286,7 +287,7 @@ def test_replay_sums_up_and_writes_inputs_and_outputs(run_json, recording, tmp_p
     assert summary['worst_residual'] < 1e-10
     assert 'outside the calibrated range' in summary['last_refusal']
     written = {topic.name: topic.count for topic in open_recording(output).topics}
-    assert written == {f'/pneunet/{item.name}': 30 for item in INPUTS} | {
+    assert written == {PRESSURE: 30, WRENCH: 30} | {
         f'/pneunet/{item.name}': 29 for item in OUTPUTS
     }
     assert names(tmp_path) == ['out.mcap']

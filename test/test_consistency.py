@@ -18,25 +18,22 @@ from pneunet_ros.effects.camera_scale import CameraScale
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.estimation.consistency import (
+    chi_square_limit,
+    ConsistencySettings,
     ConsistencyState,
-    FEWEST,
-    limit,
-    MOST_WAITING,
-    QUANTILE,
     take_estimate,
     take_targets,
 )
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.predicted_targets import (
-    innovation,
-    predict_targets,
-    PredictedTargets,
-    Snapshot,
-)
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.predicted_targets import (
+    innovation,
+    predict_targets,
+    PredictedTargets,
+)
 from pneunet_ros.messages.consistency import watched_message
 from pneunet_ros.messages.readings import targets_message
 from pneunet_ros.model.arm import Arm
@@ -48,6 +45,7 @@ from support.example_arms import paper_arm
 from support.made_datasets import made, PERIOD, USUAL
 
 BASE = 'pneunet_base'
+USED = ConsistencySettings()
 FRAMES = 60
 KNOWN = replace(paper_arm(), sensors=USUAL)
 UP_AND_DOWN = 30e3 - 28e3 * np.cos(np.linspace(0.0, 2.0 * np.pi, FRAMES))
@@ -78,7 +76,7 @@ class Watched:
         self.estimator = Estimator(arm=arm, settings=EstimatorSettings(**settings))
         self.state, self.watch = EstimatorState(), ConsistencyState()
         self.said = []
-        self.moment = None
+        self.estimate = None
 
     def tell(self, *told: Event):
         for event in told:
@@ -90,13 +88,15 @@ class Watched:
                 self.state, outcome = self.estimator.step(self.state, event)
                 if isinstance(event, PressureReading):
                     assert isinstance(outcome, ShapeEstimate)
-                    self.moment = Snapshot(reading=event, state=self.state, estimate=outcome)
-                    self.watch = take_estimate(
-                        self.watch, self.estimator, event, self.state, outcome
-                    )
+                    self.estimate = outcome
+                    self.watch = take_estimate(self.watch, self.estimator, outcome)
             if self.watch.running is not running:
                 self.said.append(self.watch.disagreement())
         return self
+
+    def predict(self) -> PredictedTargets:
+        last = self.estimate
+        return predict_targets(self.estimator.table, last.sensitivity, last.noise)
 
     @property
     def found(self):
@@ -118,7 +118,7 @@ def test_noise_of_every_kind_is_no_disagreement(quiet):
     for watch in quiet:
         assert watch.watch.matched == FRAMES
         assert not watch.watch.unmatched
-        assert len(watch.found) == FRAMES - FEWEST + 1
+        assert len(watch.found) == FRAMES - USED.fewest_frames + 1
         assert not any(item.beyond for item in watch.found)
         assert all(item.rms < item.limit for item in watch.found)
 
@@ -189,7 +189,7 @@ def test_targets_are_expected_where_the_model_has_them():
     for index, event in enumerate(events(run)):
         watch.tell(event)
         if isinstance(event, PressureReading):
-            expected = predict_targets(watch.estimator, watch.moment)
+            expected = watch.predict()
             np.testing.assert_allclose(expected.x, run.x[index // 3], atol=1e-9)
             np.testing.assert_allclose(expected.y, run.y[index // 3], atol=1e-9)
 
@@ -205,7 +205,7 @@ def test_errors_are_what_readings_do_to_targets(effects):
             WrenchReading(stamp_ns=1, force_x=force_x, force_y=0.1, moment=0.0, frame_id=BASE),
             PressureReading(stamp_ns=1, pressure=pressure),
         )
-        return predict_targets(watch.estimator, watch.moment)
+        return watch.predict()
 
     errors = at().errors
     for source, changed in ((0, {'force_x': 0.1 + 1e-3}), (3, {'pressure': 30e3 + 60.0})):
@@ -222,7 +222,7 @@ def test_an_uncertain_camera_is_an_error_of_the_model():
     watch = Watched(replace(KNOWN, effects=effects, covariance=covariance)).tell(
         *list(events(seen_of(KNOWN)))[:2]
     )
-    expected = predict_targets(watch.estimator, watch.moment)
+    expected = watch.predict()
     np.testing.assert_allclose(expected.errors[-1], 0.01 * np.stack([expected.x, expected.y]),
                                atol=1e-9)  # fmt: skip
 
@@ -253,8 +253,8 @@ def test_chi_square_is_that_of_the_whole_covariance():
 
 @pytest.mark.parametrize('coordinates', [2, 10, 46, 100])
 def test_the_limit_is_the_quantile_of_chi_square(coordinates):
-    exact = stats.chi2.isf(stats.norm.sf(QUANTILE), coordinates) / coordinates
-    assert limit(coordinates) == pytest.approx(exact, rel=0.05)
+    exact = stats.chi2.isf(stats.norm.sf(USED.quantile), coordinates) / coordinates
+    assert chi_square_limit(coordinates, USED.quantile) == pytest.approx(exact, rel=0.05)
 
 
 # Which frames are compared
@@ -289,8 +289,8 @@ def test_a_frame_waits_for_its_reading():
 
 def test_frames_of_a_clock_that_is_ahead_do_not_pile_up():
     watch = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(50)))
-    assert len(watch.watch.waiting) == MOST_WAITING
-    assert dict(watch.watch.unmatched) == {'no_estimate': 50 - MOST_WAITING}
+    assert len(watch.watch.waiting) == USED.most_waiting
+    assert dict(watch.watch.unmatched) == {'no_estimate': 50 - USED.most_waiting}
 
 
 def test_without_estimates_nothing_is_compared():

@@ -8,7 +8,7 @@ import signal
 import numpy as np
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.builders import POINTS_TYPE
-from pneunet_ros.messages.readings import targets_message, TARGETS_NAME
+from pneunet_ros.messages.readings import TARGETS, targets_message
 from pneunet_ros.model.equilibrium import solve
 import pytest
 from support.example_arms import PAPER_ARM
@@ -29,7 +29,7 @@ ARGUMENTS = (
     *('-p', 'input_timeout:=30.0', '-p', 'watch_time:=1.0'),
     *(
         word
-        for topic in ('pressure', 'end_wrench', TARGETS_NAME)
+        for topic in ('pressure', 'end_wrench', TARGETS.name)
         for word in ('-p', f'qos_overrides./pneunet/{topic}.subscription.reliability:=reliable')
     ),
 )
@@ -45,7 +45,7 @@ def peer(tmp_path_factory):
     with running_node(output, DOMAIN, *ARGUMENTS) as process:
         process.wait_for('ready')
         peer = EstimatorPeer(DOMAIN)
-        peer.targets = peer.node.create_publisher(message_class(POINTS_TYPE), TARGETS_NAME, 10)
+        peer.targets = peer.node.create_publisher(message_class(POINTS_TYPE), TARGETS.name, 10)
         peer.connect()
         assert peer.spin_until(lambda: peer.targets.get_subscription_count() == 1)
         yield peer

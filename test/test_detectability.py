@@ -7,19 +7,18 @@ import math
 
 import numpy as np
 from pneunet_ros.diagnosis.detectability import (
-    ALIKE,
-    cosines,
     detection_limits,
-    PRIOR_RANGE,
-    VISIBLE,
+    effect_cosines,
 )
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import hypotheses
-from pneunet_ros.diagnosis.score_test import Candidate, clean_score, score_effects
+from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
+from pneunet_ros.diagnosis.settings import DetectabilitySettings
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import asked, fitted
 
+SETTINGS = DetectabilitySettings()
 NAMES = ('load_offset', 'extensibility', 'gravity', 'clamp_compliance', 'camera_rotation')
 
 
@@ -83,16 +82,16 @@ def test_cosines_are_those_beside_a_refitted_base():
     second = invented('gravity', [1.0, -1.0, 0.0, 0.0])
     third = invented('creep', [0.0, 1.0, 0.0, 2.0])
     none = [[0.0]] * 4
-    found = cosines(plain(none), [first, second, third])
+    found = effect_cosines(plain(none), [first, second, third])
     assert found == {
         ('load_offset', 'creep'): pytest.approx(1.0 / math.sqrt(10.0)),
         ('gravity', 'creep'): pytest.approx(-1.0 / math.sqrt(10.0)),
     }
     # Where the base takes up the first row, the first two are the same thing.
     strong = [[1e5], [0.0], [0.0], [0.0]]
-    taken = cosines(plain(strong), [first, second])
+    taken = effect_cosines(plain(strong), [first, second])
     assert taken[('load_offset', 'gravity')] == pytest.approx(-1.0)
-    assert cosines(plain(none), []) == {}
+    assert effect_cosines(plain(none), []) == {}
 
 
 @functools.cache
@@ -121,8 +120,8 @@ def test_what_is_visible_is_what_a_joint_fit_would_be_sure_of(name):
     shown = detection_limits([asked(name)], tried())[name]
     number = asked(name).coordinates[0].of(shown.smallest)
     std = math.sqrt(fitted(name).covariance[0, 0])
-    assert number == pytest.approx(math.sqrt(VISIBLE) * std, rel=0.1)
-    assert shown.observable == (number <= PRIOR_RANGE * asked(name).std[0])
+    assert number == pytest.approx(math.sqrt(SETTINGS.visible) * std, rel=0.1)
+    assert shown.observable == (number <= SETTINGS.prior_range * asked(name).std[0])
 
 
 def test_all_effects_have_a_word_on_what_could_be_seen():
@@ -132,10 +131,10 @@ def test_all_effects_have_a_word_on_what_could_be_seen():
 
 
 def test_cosines_of_the_lab():
-    found = cosines(fitted().linear, tried())
+    found = effect_cosines(fitted().gaussian, tried())
     assert found
     for pair, alike in found.items():
-        assert ALIKE < abs(alike) < 1.0
+        assert SETTINGS.least_cosine < abs(alike) < 1.0
         assert set(pair) <= set(NAMES)
 
 
@@ -145,8 +144,10 @@ def test_the_largest_score_of_clean_data_by_chance():
     apart = [invented(name, row) for name, row in zip(NAMES, rows, strict=False)]
     alike = [invented(name, rows[0]) for name in NAMES]
     # Three independent squares of normal numbers, or one: quantiles of chi squared.
-    assert clean_score(problem, apart, 0.05, 0) == pytest.approx(
+    assert largest_clean_score(problem, apart, 0.05, 0) == pytest.approx(
         chi2.isf(1 - 0.95 ** (1 / 3), 1), rel=0.1
     )
-    assert clean_score(problem, alike, 0.05, 0) == pytest.approx(chi2.isf(0.05, 1), rel=0.1)
-    assert clean_score(problem, [], 0.05, 0) == 0.0
+    assert largest_clean_score(problem, alike, 0.05, 0) == pytest.approx(
+        chi2.isf(0.05, 1), rel=0.1
+    )
+    assert largest_clean_score(problem, [], 0.05, 0) == 0.0

@@ -13,7 +13,7 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.recordings.lab_files import write_lab
 from pneunet_ros.reports import style as report_style
 import pytest
@@ -30,7 +30,9 @@ def lab(tmp_path_factory) -> Path:
     for name in NAMES:
         scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
         scenario = replace(scenario, rates=replace(scenario.rates, frames=1.0))
-        write_lab(simulated(scenario), folder / f'{name}.mcap', overwrite=False, each=lambda: None)
+        write_lab(
+            simulate(scenario), folder / f'{name}.mcap', overwrite=False, on_progress=lambda: None
+        )
     return folder
 
 
@@ -178,11 +180,11 @@ def test_nothing_is_left_of_a_diagnosis_that_fails(run, found, lab, monkeypatch)
 def test_a_scheduler_that_does_not_answer_is_said(run, found, lab, monkeypatch):
     asked = []
 
-    def executor_of(workers=None, scheduler=None):
+    def open_executor(workers=None, scheduler=None):
         asked.append(scheduler)
         raise RequestError(f'no Dask scheduler answers at {scheduler}')
 
-    monkeypatch.setattr(diagnose, 'executor_of', executor_of)
+    monkeypatch.setattr(diagnose, 'open_executor', open_executor)
     code, _, err = run(*given(lab, '--scheduler', 'tcp://127.0.0.1:9'))
     assert (code, asked) == (2, ['tcp://127.0.0.1:9'])
     assert 'no Dask scheduler answers' in err

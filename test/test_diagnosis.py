@@ -12,7 +12,7 @@ from pneunet_ros.calibration.noise_estimate import estimate_noise
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import base_fit as base
-from pneunet_ros.diagnosis.diagnosis import diagnose, probabilities
+from pneunet_ros.diagnosis.diagnosis import diagnose, effect_probabilities
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.selection import Record
 from pneunet_ros.effects import EFFECTS
@@ -60,7 +60,9 @@ def test_few_recordings_are_enough_to_say_that_nothing_is_missing():
 def test_where_nothing_is_missing_nothing_is_named():
     answer = clean()
     assert answer.answer == 'none'
-    assert answer.sentence == 'Nothing is missing that these recordings could show.'
+    assert answer.sentence == (
+        'The residuals are consistent with noise: no effect is missing that is visible.'
+    )
     assert (answer.effects, answer.alternatives, answer.closed) == ((), (), None)
     assert answer.adequacy_before == answer.adequacy_after
     assert answer.adequacy_before.p_value > 0.01
@@ -90,8 +92,8 @@ def test_without_the_structure_of_noise_clean_data_raise_a_false_alarm(monkeypat
         noise = replace(estimate.noise, target_std=WHITE_SIZE, **changes)
         return replace(estimate, noise=noise)
 
-    monkeypatch.setattr(base, 'estimated_noise', white)
-    monkeypatch.setattr(base, 'with_harmless_camera', lambda noise, length: noise)
+    monkeypatch.setattr(base, 'estimate_noise', white)
+    monkeypatch.setattr(base, 'with_camera_motion', lambda noise, least: noise)
     wrong = found()
     assert wrong.answer != 'none'
     assert wrong.adequacy_before.p_value < 1e-9
@@ -110,7 +112,9 @@ def test_a_hidden_effect_is_named_with_its_size():
     assert size.std < 0.1 * size.value
     assert size.unit == 'm'
     assert answer.alternatives == ()
-    assert answer.sentence.startswith('What is missing is load_offset: with it the gap falls from')
+    assert answer.sentence.startswith(
+        'The model lacks load_offset: adding it reduces the model error from'
+    )
     assert answer.adequacy_before.p_value < 1e-12
     assert answer.adequacy_after.p_value > 0.002
     first = answer.evidence[0]
@@ -201,31 +205,35 @@ def test_without_held_out_recordings():
     stages = []
     count = len(TRAINING)
     answer = diagnose(
-        frame(), recorded()[:count], [], each=lambda what, done, total: stages.append(what)
+        frame(), recorded()[:count], [], on_progress=lambda what, done, total: stages.append(what)
     )
     assert answer.answer == 'none'
     assert answer.before.held_out is None
     assert answer.before.held_out_scores == ()
     assert answer.noise_floor > 0.0
-    assert {'the base model', 'scores beside the base model', 'the gap'} <= set(stages)
+    assert {
+        'the base model',
+        'score tests on top of the base model',
+        'evaluation before and after',
+    } <= set(stages)
 
 
 def record(names: tuple[str, ...], evidence: float) -> Record:
     """Return a set of effects of this evidence."""
     return Record(
-        names=names, dof=len(names), evidence=evidence, gain=2.0 * evidence, groups=(),
+        names=names, dof=len(names), evidence=evidence, gain=2.0 * evidence, tests=(),
         adequate=True, plausible=True,
     )  # fmt: skip
 
 
 def test_probabilities_are_those_of_what_evidence_tells_apart():
-    alone = probabilities([record(('pressure_lag',), 5364.0)])
+    alone = effect_probabilities([record(('pressure_lag',), 5364.0)])
     assert alone == {'pressure_lag': 1.0}
     # One per cent of the evidence does not tell two laws apart, half of it does.
-    near = probabilities([record(('pressure_lag',), 5364.0), record(('creep',), 5415.0)])
+    near = effect_probabilities([record(('pressure_lag',), 5364.0), record(('creep',), 5415.0)])
     assert 0.1 < near['pressure_lag'] < near['creep'] < 0.9
-    far = probabilities([record(('pressure_lag',), 5364.0), record(('creep',), 2700.0)])
+    far = effect_probabilities([record(('pressure_lag',), 5364.0), record(('creep',), 2700.0)])
     assert far['pressure_lag'] > 0.999
-    both = probabilities([record(('gravity', 'creep'), 50.0), record(('creep',), 20.0)])
+    both = effect_probabilities([record(('gravity', 'creep'), 50.0), record(('creep',), 20.0)])
     assert both['creep'] == pytest.approx(1.0)
     assert both['gravity'] > 0.99

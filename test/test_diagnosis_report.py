@@ -9,9 +9,16 @@ import math
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.diagnosis.result import Estimated
-from pneunet_ros.reports import style as report_style
-from pneunet_ros.reports.diagnosis import report as diagnosis_report
-from pneunet_ros.reports.diagnosis.error_figures import beside, gap, gap_sentence, shapes, telling
+from pneunet_ros.diagnosis.settings import SelectionSettings
+from pneunet_ros.reports import figure as report_figure
+from pneunet_ros.reports.diagnosis.error_figures import (
+    error_sentence,
+    model_error,
+    shapes,
+    worst_frames,
+)
+from pneunet_ros.reports.diagnosis.figure_data import FigureData
+from pneunet_ros.reports.diagnosis.figures import FIGURES
 from pneunet_ros.reports.diagnosis.files import (
     diagnosis_content,
     MODEL,
@@ -19,11 +26,12 @@ from pneunet_ros.reports.diagnosis.files import (
     PAGE,
     write_diagnosis,
 )
-from pneunet_ros.reports.diagnosis.localization_figures import maps
+from pneunet_ros.reports.diagnosis.localization_figures import maps, shares
 from pneunet_ros.reports.diagnosis.loop_figures import directions_of, loops
-from pneunet_ros.reports.diagnosis.report import diagnosis_figures, Pictures, report_page
+from pneunet_ros.reports.diagnosis.report import report_page
 from pneunet_ros.reports.diagnosis.tables import detectable_table, shift_table, sigmas
-from pneunet_ros.reports.diagnosis.words import chance, with_error
+from pneunet_ros.reports.diagnosis.words import p_value_text, with_error
+from pneunet_ros.reports.figure import draw_figures
 import pytest
 from support.example_arms import paper_arm
 from support.html_pages import check_closed, Page
@@ -39,7 +47,7 @@ CONTRACT = {
 def coarse():
     """Draw coarsely: what is looked at here is not how sharp it is."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report_style, 'DOTS_PER_INCH', 30)
+        patch.setattr(report_figure, 'DOTS_PER_INCH', 30)
         yield
 
 
@@ -56,7 +64,7 @@ def written(coarse, tmp_path_factory):
         training=training,
         held_out=held_out,
         provenance=PROVENANCE,
-        each=lambda stage, done, total: told.append((stage, done, total)),
+        on_progress=lambda stage, done, total: told.append((stage, done, total)),
     )
     return folder, told
 
@@ -84,16 +92,17 @@ def test_all_files_are_there(written, page):
 def test_the_answer_comes_first(page):
     sentence = page.index('The model lacks extensibility: &lt;it&gt;')
     assert sentence < page.index('<h2') < page.index('<img')
-    parts = ['id="gap"', 'id="where"', 'id="evidence"', 'id="hidden"', 'id="unseen"', 'id="notes"']
+    parts = [f'id="{part}"' for part in (*FIGURES, 'detection', 'notes')]
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
 
 
 def test_what_is_known_stands_on_the_page(page):
     for text in (
-        '97 % of the gap', 'Record force sweeps at two pressures.', 'that says &lt;what&gt;',
+        'removed 97 % of the reducible error',
+        'Record force sweeps at two pressures.', 'that says &lt;what&gt;',
         'axial_stiffness', '15.00 ± 0.30 N', 'below 410 N', 'pressure_elongation', 'a' * 64,
-        'not with &lt;pressure&gt;', 'Could not have been seen at any usual size: creep.',
+        'not with &lt;pressure&gt;', 'Not detectable at any usual size: creep.',
         'alpha2 at', 'kappa_p0 at', 'not fitted', 'Where: The misfit grows',
     ):  # fmt: skip
         assert text in page, text
@@ -120,6 +129,15 @@ def test_the_numbers_are_those_of_the_contract(written):
     assert set(content['parameter_shift']['moment_law.rigidity.0.1']) >= {'before', 'after', 'std'}
     assert content['inputs'] == PROVENANCE['inputs']
     assert (content['seed'], content['versions']) == (7, PROVENANCE['versions'])
+    assert content['settings']['used']['LackOfFitSettings.level'] == 0.002
+    assert content['settings']['not_default'] == {}
+
+
+def test_settings_that_are_not_the_default_are_said():
+    found, *_ = diagnosis()
+    changed = replace(found.settings, selection=SelectionSettings(most_effects=1))
+    content = diagnosis_content(replace(found, settings=changed), PROVENANCE)
+    assert content['settings']['not_default'] == {'SelectionSettings.most_effects': 1}
 
 
 def test_the_model_has_what_was_missing(written):
@@ -148,37 +166,40 @@ def test_without_held_out_recordings_it_is_said(coarse):
     )
     found = replace(found, before=before, after=after, closed=None)
     assert diagnosis_content(found, PROVENANCE)['gap']['heldout'] is None
-    drawn = shapes(found, training, ())
-    assert drawn is not None
-    pictures = Pictures(gap=(gap(found), drawn), where=(), evidence=(), hidden=())
+    data = FigureData(diagnosis=found, training=training, held_out=())
+    drawn = [model_error(data), shapes(data)]
+    assert None not in drawn
+    pictures = dict.fromkeys(FIGURES, ()) | {'error': drawn}
     text = report_page(found, pictures, PROVENANCE)
     assert 'No recording was held out' in text
     assert 'Frames of training recordings' in text
-    assert 'On training recordings' in gap_sentence(found)
+    assert 'On training recordings' in error_sentence(found)
 
 
 def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     found, training, held_out = diagnosis()
-    monkeypatch.setattr(diagnosis_report, 'loops', lambda found: None)
+    monkeypatch.setitem(FIGURES, 'where', (maps, shares))
     nothing = replace(
         found, answer='none', effects=(), alternatives=(), after=found.before, evidence=(),
         heat_maps=(), cosines={}, shift={}, closed=None, proposal='', notes=(),
     )  # fmt: skip
-    pictures = diagnosis_figures(nothing, training, held_out, lambda *_: None)
-    assert [item.name for item in pictures.all] == ['01_gap', '02_shapes', '04_shares']
+    data = FigureData(diagnosis=nothing, training=training, held_out=held_out)
+    pictures = draw_figures(FIGURES, data, lambda *_: None)
+    names = [item.name for of_part in pictures.values() for item in of_part]
+    assert names == ['01_model_error', '02_shapes', '04_shares']
     text = report_page(nothing, pictures, PROVENANCE)
     assert 'No effect was added' in text
-    assert 'stays at' in gap_sentence(nothing)
+    assert 'stays at' in error_sentence(nothing)
     assert Page(text).tags.count('img') == 3
 
 
-def test_telling_frames_are_where_the_model_is_furthest_off():
+def test_the_worst_frames_are_where_the_model_is_furthest_off():
     found, training, held_out = diagnosis()
-    items = beside(found, training, held_out)
-    frames = telling(items)
+    items = FigureData(diagnosis=found, training=training, held_out=held_out).errors()
+    frames = worst_frames(items)
     assert len(frames) == 4
-    worst = max(items, key=lambda item: item.size.max())
-    assert frames[0] == (worst, int(np.argmax(worst.size)))
+    worst = max(items, key=lambda item: item.rms_before.max())
+    assert frames[0] == (worst, int(np.argmax(worst.rms_before)))
     assert {item.run.name for item, _ in frames} == {run.name for run in held_out}
     assert len({(item.run.name, frame) for item, frame in frames}) == 4
 
@@ -199,16 +220,18 @@ def test_a_single_target_and_frames_without_a_shape_are_drawn(coarse):
         for item in found.heat_maps
     )  # fmt: skip
     alone = replace(found, before=tip(found.before), after=tip(found.after), heat_maps=some)
-    assert shapes(alone, (), runs) is not None
-    assert maps(alone).png
-    assert loops(alone) is None
+    data = FigureData(diagnosis=alone, training=(), held_out=runs)
+    assert shapes(data) is not None
+    assert maps(data).png
+    assert loops(data) is None
     empty = tuple(
         replace(item, error=np.full_like(item.error, np.nan), rms=math.nan)
         for item in found.before.held_out_scores
     )
     lost = replace(found, before=replace(found.before, held_out_scores=empty))
-    assert shapes(lost, (), held_out) is None
-    assert gap(lost).png
+    data = FigureData(diagnosis=lost, training=(), held_out=held_out)
+    assert shapes(data) is None
+    assert model_error(data).png
 
 
 def test_what_moved_most_stands_first():
@@ -223,7 +246,7 @@ def test_a_stiffness_is_seen_below_and_a_load_from_a_size_on():
     rows = {row[0]: row for row in detectable_table(diagnosis()[0]).rows}
     assert rows['extensibility'][3] == 'below 410 N'
     assert rows['gravity'][3] == 'from 0.05 N/m'
-    assert rows['creep'][3] == 'not seen'
+    assert rows['creep'][3] == 'none'
 
 
 @pytest.mark.parametrize(
@@ -248,7 +271,7 @@ def test_a_direction_is_kept_through_holds_and_noise():
     assert directions_of(np.array([3.0, 3.1, 2.9]), 1.0).tolist() == [0, 0, 0]
 
 
-def test_a_chance_near_zero_is_not_counted():
-    assert [chance(value) for value in (0.034, 1e-6, 1e-9, 0.0)] == [
+def test_a_p_value_near_zero_is_only_called_smaller():
+    assert [p_value_text(value) for value in (0.034, 1e-6, 1e-9, 0.0)] == [
         '0.034', '1e-06', '< 1e-06', '< 1e-06',
     ]  # fmt: skip

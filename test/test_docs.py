@@ -58,7 +58,7 @@ def test_commands_can_be_given_so(page):
         said = io.StringIO()
         try:
             with contextlib.redirect_stderr(said):
-                parser().parse_args(words)
+                parser(words).parse_args(words)
         except SystemExit:
             pytest.fail(f'{page.name}: pneunet {" ".join(words)}: {said.getvalue()}')
 

@@ -31,13 +31,12 @@ from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.model.equilibrium import (
     linearize,
-    Perturbation,
     solve,
     solve_rod,
     station_arclength,
     tip_jacobian,
-    with_pressure_change,
 )
+from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 from pneunet_ros.model.uncertainty import ModelCovariance
 from pneunet_ros.solver.rod import RIGIDITY
 import pytest
@@ -62,14 +61,14 @@ CONTRACT = {
     'camera_rotation': {'angle': 'rad'},
 }
 
-# Where an effect may speak, by the place it declares.
+# What an effect may implement, by the place it declares.
 MAY_DEFINE = {
     'sensing': {'sense', 'see'},
-    'actuation': {'initial', 'actuate', 'follows', 'recall'},
-    'material': {'terms', 'initial', 'actuate', 'recall'},
+    'actuation': {'initial', 'actuate', 'in_play', 'history_terms'},
+    'material': {'terms', 'initial', 'actuate', 'history_terms'},
     'mechanics': {'terms'},
 }
-SPEAKS = set().union(*MAY_DEFINE.values())
+METHODS = set().union(*MAY_DEFINE.values())
 
 
 class Parameter(NamedTuple):
@@ -134,8 +133,8 @@ def test_names_and_units_are_those_of_the_contract(effect):
 
 
 @every_effect
-def test_an_effect_speaks_in_its_place_and_nowhere_else(effect):
-    defined = SPEAKS & set(vars(effect))
+def test_an_effect_acts_in_its_place_and_nowhere_else(effect):
+    defined = METHODS & set(vars(effect))
     assert defined
     assert defined <= MAY_DEFINE[effect.place]
     assert effect.meaning
@@ -302,11 +301,11 @@ def test_solving_anew_agrees_with_the_linear_response(parameter, company):
     history, _, chamber = up_and_down(arm)
     rods, per_pascal = with_pressure_change(arm, chamber, history)
     before, after = (side.rods(rods.pressure, up_and_down(side)[0]) for side in (less, more))
-    change = Perturbation(before=before, after=after, distance=2 * h)
-    response = linearize(shape.solution, rods, (per_pascal, change), shape.arclength)
+    changes = per_pascal.joined(Perturbation.between(before, after, 2 * h))
+    response = linearize(shape.solution, rods, changes)
     # Through what a reading means and the chamber pressure; and through the record of the rod.
     through = [*((causes(more) - causes(less)) / (2 * h)), 1.0]
-    linear = np.tensordot(through, response.stations, axes=1)
+    linear = np.tensordot(through, response.stations(shape.arclength), axes=1)
     tip = through @ response.tip
 
     assert np.abs(anew[:2]).max() * (parameter.prior[1] - parameter.prior[0]) > 1e-5  # m
@@ -328,7 +327,7 @@ def test_an_effect_does_not_change_what_it_is_given(effect):
     past = np.array(effect.actuate(history, 0.1, 20e3, SCALE)[0])
     past.flags.writeable = False
     assert same_values(effect.terms(pressure), effect.terms(pressure))
-    assert same_values(effect.recall(past, SCALE), effect.recall(past, SCALE))
+    assert same_values(effect.history_terms(past, SCALE), effect.history_terms(past, SCALE))
     assert effect.sense(load) == effect.sense(load)
     np.testing.assert_array_equal(effect.see(pressure, pressure), effect.see(pressure, pressure))
     again = (effect.actuate(history, 0.1, 20e3, SCALE) for _ in range(2))
@@ -397,7 +396,7 @@ def chambers(effect, pressures):
     history, found = effect.initial(pressures[0], SCALE), []
     for pressure in pressures:
         history, chamber = effect.actuate(history, 0.1, pressure, SCALE)
-        found.append((chamber, effect.follows(history)))
+        found.append((chamber, effect.in_play(history)))
     return found
 
 
@@ -405,15 +404,15 @@ def test_the_play_takes_up_half_its_width_at_first_and_its_width_at_every_turn()
     play = Hysteresis(width=4e3)
     pressures = [10e3, 11e3, 12e3, 20e3, 20e3, 19e3, 16e3, 15e3, 17e3, 19e3, 19.5e3, 7e3]
     expected = [10e3, 10e3, 10e3, 18e3, 18e3, 18e3, 18e3, 17e3, 17e3, 17e3, 17.5e3, 9e3]
-    at_an_end = [False, False, True, True, True, False, True, True, False, True, True, True]
-    assert chambers(play, pressures) == list(zip(expected, at_an_end, strict=True))
+    inside = [True, True, False, False, False, True, False, False, True, False, False, False]
+    assert chambers(play, pressures) == list(zip(expected, inside, strict=True))
 
 
 def test_the_end_of_the_play_is_met_exactly_whatever_the_numbers():
     play = Hysteresis(width=1e3 / 3)
     ramp = (10e3 + np.cumsum(np.random.default_rng(1).uniform(200.0, 900.0, 200))).tolist()
-    assert all(follows for _, follows in chambers(play, ramp)[1:])
-    assert all(follows for _, follows in chambers(play, ramp[::-1])[1:])
+    assert not any(in_play for _, in_play in chambers(play, ramp)[1:])
+    assert not any(in_play for _, in_play in chambers(play, ramp[::-1])[1:])
 
 
 def curvature_weights(creep, path):
@@ -532,7 +531,7 @@ def test_an_arm_of_vacuum_alone_does_not_soften():
     vacuum = PressureScale(rows=(-60e3, 0.0), top=0.0, std=60.0)
     softening = Softening(loss=0.3)
     history, _ = softening.actuate(softening.initial(-1e3, vacuum), 1.0, -50e3, vacuum)
-    assert softening.recall(np.array(history), vacuum).rigidity_factor == 1.0
+    assert softening.history_terms(np.array(history), vacuum).rigidity_factor == 1.0
 
 
 def test_many_histories_at_once_are_those_one_by_one():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -18,12 +19,11 @@ from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.model.equilibrium import (
     linearize,
-    Perturbation,
     solve_rod,
     tip_jacobian,
-    with_pressure_change,
 )
 from pneunet_ros.model.moment_law import LinearLaw
+from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 import pytest
 from scipy.optimize import brentq
 from scipy.special import jv
@@ -308,7 +308,8 @@ def test_the_stations_answer_as_full_solves_do(arm):
     pressure, force, moment = 45e3, (0.15, 0.15), 2e-4
     start = solve(arm, pressure, force, moment)
     rods, change = with_pressure_change(arm, pressure)
-    response = linearize(start.solution, rods, (change,), start.arclength)
+    response = linearize(start.solution, rods, change)
+    stations = response.stations(start.arclength)
     expected = differences(
         arm, pressure, force, moment, start,
         lambda shape: np.stack([getattr(shape, name) for name in FIELDS]),
@@ -317,13 +318,41 @@ def test_the_stations_answer_as_full_solves_do(arm):
     split = np.abs(start.arclength - start.solution.panels[start.solution.counts[0], 15]) < 2e-3
     for cause, row in enumerate(order):
         for field, name in enumerate(FIELDS):
-            found, right = response.stations[row, field], expected[cause, field]
+            found, right = stations[row, field], expected[cause, field]
             scale = max(np.abs(right).max(), 1e-12)
             # l1 moves with pressure: curvature has no derivative where it jumps.
             keep = ~split if name == 'curvature' else slice(None)
             assert found[keep] / scale == pytest.approx(right[keep] / scale, abs=1e-5), name
-    assert response.tip[:, 0] == pytest.approx(response.stations[:, 0, -1], rel=1e-6)
+    assert response.tip[:, 0] == pytest.approx(stations[:, 0, -1], rel=1e-6)
     assert response.stable == start.stable
+
+
+@pytest.mark.parametrize('arm', ARMS.values(), ids=ARMS)
+def test_the_stations_change_as_moved_panels_and_nodes_do(arm):
+    shape = solve(arm, 45e3, (0.15, 0.15), 2e-4)
+    rods, change = with_pressure_change(arm, 45e3)
+    names = [f'moment_law.rigidity.{row}.0' for row in range(len(arm.moment_law.pressure))]
+    sides = (arm.changed(dict.fromkeys(names, sign * 1e-3)) for sign in (-1, 1))
+    before, after = (side.rods(np.array([45e3])) for side in sides)
+    change = change.joined(Perturbation.between(before, after, 2e-3))
+    found = linearize(shape.solution, rods, change)
+    at = np.delete(shape.arclength, 14)  # the joint of two panels, which moves with l1
+    for cause, changes in enumerate(found.stations(at)):
+        step = 1e-5 / np.abs(found.node_changes[cause, :, 0]).max()
+        sides = []
+        for sign in (-step, step):
+            panels, turning = np.array(shape.solution.panels), np.array(found.turning)
+            if cause < 2:
+                panels[:, 6 + cause] += sign
+            elif cause > 2:
+                panels += sign * found.panel_changes[cause - 3]
+                turning += sign * found.turning_changes[cause - 3]
+            nodes = shape.solution.nodes + sign * found.node_changes[cause]
+            moved = replace(shape.solution, panels=panels, nodes=nodes)
+            sides.append(replace(found, solution=moved, turning=turning).fields(at))
+        expected = (sides[1] - sides[0]) / (2.0 * step)
+        scale = np.abs(expected).max(axis=1, keepdims=True) + 1e-300
+        np.testing.assert_allclose(changes / scale, expected / scale, atol=1e-7)
 
 
 @pytest.mark.parametrize('seed', range(25))
@@ -399,9 +428,8 @@ def test_a_change_of_the_record_moves_random_rods_as_full_solves_do(seed):
     shape = solve(case.arm, case.pressure, case.force, case.moment)
     pressure = np.array([case.pressure])
     before, after = (side.rods(pressure) for side in sides)
-    change = Perturbation(before=before, after=after, distance=2.0)
-    at = np.array([case.arm.length])
-    tip = linearize(shape.solution, case.arm.rods(pressure), (change,), at).tip[-1]
+    change = Perturbation.between(before, after, 2.0)
+    tip = linearize(shape.solution, case.arm.rods(pressure), change).tip[-1]
     load = Load(
         pressure=case.pressure, force_x=case.force[0], force_y=case.force[1], moment=case.moment
     )

@@ -8,13 +8,12 @@ import numpy as np
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.messages.builders import Input, Output
-from pneunet_ros.messages.topics import (
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.readings import (
     decode_pressure,
     decode_wrench,
-    INPUTS,
-    OUTPUTS,
     PRESSURE_TYPE,
-    TOPICS,
+    SENSORS,
     WRENCH_TYPE,
 )
 from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
@@ -64,21 +63,22 @@ def wrench_message(types, force=(0.175, 0.07, 9.0), torque=(8.0, 7.0, 1e-3)):
 
 
 def test_topics_are_those_of_the_contract():
-    assert [(topic.name, topic.type, topic.direction) for topic in TOPICS] == [
+    assert [(topic.name, topic.type, topic.direction) for topic in (*SENSORS, *OUTPUTS)] == [
         ('pressure', 'sensor_msgs/msg/FluidPressure', 'in'),
         ('end_wrench', 'geometry_msgs/msg/WrenchStamped', 'in'),
+        ('targets', 'sensor_msgs/msg/PointCloud2', 'in'),
         ('centerline', 'nav_msgs/msg/Path', 'out'),
         ('curvature', 'std_msgs/msg/Float64MultiArray', 'out'),
         ('shape', 'sensor_msgs/msg/PointCloud2', 'out'),
         ('tip', 'geometry_msgs/msg/PoseWithCovarianceStamped', 'out'),
         ('tip_jacobian', 'std_msgs/msg/Float64MultiArray', 'out'),
     ]
-    assert all(isinstance(topic, Input) for topic in INPUTS)
+    assert all(isinstance(topic, Input) for topic in SENSORS)
     assert all(isinstance(topic, Output) for topic in OUTPUTS)
 
 
 def test_every_type_of_the_table_is_known_to_recordings():
-    assert {topic.type for topic in TOPICS} <= jazzy().fielddefs.keys()
+    assert {topic.type for topic in (*SENSORS, *OUTPUTS)} <= jazzy().fielddefs.keys()
 
 
 # ---- readings -----------------------------------------------------------------------------------

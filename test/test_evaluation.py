@@ -7,7 +7,7 @@ import functools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.evaluation import closed, distances, misfit, noise_floor, scores
+from pneunet_ros.diagnosis.evaluation import distances, misfit, noise_floor, removed_share, scores
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
@@ -31,7 +31,7 @@ DRAWS = 30
     ],
 )
 def test_the_share_of_the_removable_gap_that_is_closed(before, after, floor, share):
-    found = closed(before, after, floor)
+    found = removed_share(before, after, floor)
     assert found is None if share is None else found == pytest.approx(share)
 
 
@@ -95,22 +95,20 @@ def test_the_floor_is_the_score_of_the_true_model_on_clean_runs(part):
 
 def test_the_misfit_of_a_fit():
     found = fitted(hidden='load_offset')
-    own_scores = scores(found.point.arm, found.design.runs[: len(TRAINING)])
-    which = range(len(TRAINING))
-    before = misfit(own_scores, found.linear, which, found.design)
+    own_scores = scores(found.point.arm, found.linearization.runs[: len(TRAINING)])
+    before = misfit(own_scores, found.gaussian.squares, found.linearization.runs[: len(TRAINING)])
     squares = np.concatenate([item.error[np.isfinite(item.error)] ** 2 for item in own_scores])
     assert before.rms == pytest.approx(np.sqrt(squares.mean()))
     assert before.rms < before.p95 < 6.0 * before.rms
     known = fitted('load_offset', 'load_offset')
     arm = known.point.arm
-    after = misfit(
-        scores(arm, known.design.runs[: len(TRAINING)]), known.linear, which, known.design
-    )
+    runs = known.linearization.runs[: len(TRAINING)]
+    after = misfit(scores(arm, runs), known.gaussian.squares, runs)
     assert after.chi_squared == pytest.approx(1.0, abs=0.1)
     assert before.chi_squared > 1.15 * after.chi_squared
-    floor = noise_floor(arm, known.design.runs[: len(TRAINING)], known.design.noise)
+    floor = noise_floor(arm, known.linearization.runs[: len(TRAINING)], known.linearization.noise)
     assert after.rms == pytest.approx(floor, rel=0.25)
-    share = closed(before.rms, after.rms, floor)
+    share = removed_share(before.rms, after.rms, floor)
     assert share is not None
     assert share > 0.85
 

@@ -1,7 +1,9 @@
-"""The page on adding an effect and an output, done as it stands there on a copy of the package."""
+"""The page on adding an effect, output, sensor and figure, done on a copy of the package."""
 
 from __future__ import annotations
 
+import csv
+import json
 import os
 from pathlib import Path
 import re
@@ -35,7 +37,7 @@ def copy(tmp_path_factory):
     for name in ('config', 'bags', 'docs', 'package.xml', 'pyproject.toml', 'scenarios'):
         (folder / name).symlink_to(ROOT / name)
     blocks = BLOCK.findall(PAGE)
-    assert len(blocks) == 8
+    assert len(blocks) == 12
     for kind, name, content in blocks:
         file = folder / name
         if kind == 'python':
@@ -88,12 +90,12 @@ def test_the_table_of_effects_has_it(copy):
 
 OUTPUT = """
 from support.random_estimates import random_estimate
-from pneunet_ros.cdr_template import ClaimSerializer
-from pneunet_ros.message_store import ROSBAGS_TYPES, deserialize, jazzy, serialize
-from pneunet_ros.messages import OUTPUTS
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, deserialize, jazzy, serialize
 
 (output,) = (item for item in OUTPUTS if item.name == 'chamber_pressure')
-serializer = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
+serializer = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
 raw = serializer.bytes_of(output, random_estimate())
 message = deserialize(raw, output.type, jazzy())
 print(message.fluid_pressure, message.header.stamp.sec, message.header.frame_id)
@@ -105,9 +107,44 @@ def test_the_output_is_there(copy):
     assert run(copy, '-c', script).split() == ['31000.0', '1', 'base']
 
 
+FIGURE = """
+from types import SimpleNamespace as Fake
+import numpy as np
+from pneunet_ros.reports.calibration.figures import FIGURES
+from pneunet_ros.reports.figure import draw_figures
+
+run = Fake(name='bags/sweep.mcap', frame_pressure=np.linspace(0.0, 3e4, 9))
+for loaded in ([], [Fake(run=run)]):
+    figures = {'residuals': FIGURES['residuals'][-1:]}
+    drawn = draw_figures(figures, Fake(loaded=loaded), lambda *_: None)['residuals']
+    print([(item.file, item.png[1:4]) for item in drawn])
+"""
+
+
+def test_the_figure_is_drawn_where_there_is_something_to_show(copy):
+    without, drawn = run(copy, '-c', FIGURE).splitlines()
+    assert without == '[]'
+    assert drawn == "[('figure_16_pressures.png', b'PNG')]"
+
+
+def test_the_sensor_goes_through_tables_and_recordings(copy, tmp_path):
+    table, recording, back = (tmp_path / name for name in ('in.csv', 'r.mcap', 'out.csv'))
+    table.write_text('time_s,pressure_pa,temperature_k\n1,0,293.5\n2,1000,\n3,2000,295\n')
+    pneunet = ('-m', 'pneunet_ros.cli')
+    said = json.loads(run(copy, *pneunet, 'import', table, '--output', recording, '--json'))
+    assert said['topics'] == {'/pneunet/pressure': 3, '/pneunet/temperature': 2}
+    (found,) = json.loads(run(copy, *pneunet, 'check', recording, '--json'))['recordings']
+    assert found['ranges']['temperature'] == [293.5, 295.0]
+    assert 'temperature: 293.5 to 295 K' in run(copy, *pneunet, 'check', recording)
+    run(copy, *pneunet, 'export', recording, '--output', back)
+    rows = list(csv.DictReader(back.read_text().splitlines()))
+    assert [row['temperature_k'] for row in rows] == ['293.5', '', '295.0']
+
+
 @pytest.mark.slow
-def test_the_property_suite_and_the_layers_pass(copy):
-    run(copy, '-m', 'pytest', '-q', '-x', 'test/test_layers.py')
-    some = 'clamp_turn and not solving_anew'  # that one takes minutes without compiled kernels
-    said = run(copy, '-m', 'pytest', '-q', '-x', 'test/test_effects.py', '-k', some)
+def test_the_property_suite_and_the_rooms_pass(copy):
+    rooms = 'from importlinter.cli import lint_imports_command as rooms; rooms()'
+    run(copy, '-c', rooms)
+    subset = 'clamp_turn and not solving_anew'  # that one takes minutes without compiled kernels
+    said = run(copy, '-m', 'pytest', '-q', '-x', 'test/test_effects.py', '-k', subset)
     assert int(re.search(r'(\d+) passed', said)[1]) >= 10

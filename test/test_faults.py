@@ -15,7 +15,8 @@ import time
 
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.share import share_path
-from pneunet_ros.messages.topics import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 import pytest

@@ -63,7 +63,7 @@ def test_points_answer_to_loads_as_a_single_solve_does():
         f1, f2, moment = inputs.loads[frame].tolist()
         load = Load(pressure=rods.pressure[0], force_x=f1, force_y=f2, moment=moment)
         shape = solve_rod(arm, rods, load, None, arm.target_arclength)
-        single = linearize(shape.solution, rods, (), arm.target_arclength).stations
+        single = linearize(shape.solution, rods).stations(arm.target_arclength)
         assert answer[frame, :3] == pytest.approx(single, rel=1e-5, abs=1e-5)
 
 

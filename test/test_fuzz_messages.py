@@ -11,14 +11,18 @@ import numpy as np
 from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import ENCODINGS, Image
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
-from pneunet_ros.messages.readings import decode_targets, targets_message
-from pneunet_ros.messages.topics import decode_pressure, decode_wrench
+from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.readings import (
+    decode_pressure,
+    decode_targets,
+    decode_wrench,
+    targets_message,
+)
 from pneunet_ros.messages.tracker import (
     COMPRESSED_TYPE,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
-    IMAGE_TYPE,
 )
 from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 from pneunet_ros.vision.camera_model import Lens

@@ -14,10 +14,9 @@ from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.messages.builders import POINTS_TYPE
-from pneunet_ros.messages.readings import targets_message
-from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE, targets_message, WRENCH_TYPE
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.recordings.mcap_blocks import chunk_content, LARGEST_CHUNK
+from pneunet_ros.recordings.mcap_file import chunk_content, LARGEST_CHUNK
 from pneunet_ros.recordings.message_store import (
     deserialize,
     IDL_HEAD,

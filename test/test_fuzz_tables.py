@@ -65,7 +65,7 @@ def check(path: Path, request: ImportRequest) -> None:
     table, sentences = found
     assert isinstance(table, ReadingTable)
     assert np.all(np.diff(table.stamp_ns) > 0)
-    assert not np.any(np.isinf(table.pressure))
+    assert not np.any(np.isinf(table.values['pressure'][:, 0]))
     assert all(isinstance(sentence, str) for sentence in sentences)
 
 
@@ -103,7 +103,7 @@ def test_formulas_are_texts_and_no_numbers(tmp_path, formula):
     path.write_text(f'time_s,pressure_pa\n1,"{formula.replace(chr(34), chr(34) * 2)}"\n')
     found = answer(read_table, path, ImportRequest())
     if formula == '+1':
-        assert found[0].pressure.tolist() == [1.0]
+        assert found[0].values['pressure'].tolist() == [[1.0]]
     else:
         assert 'is no number' in str(found)
 
@@ -133,7 +133,7 @@ def test_few_columns_do_not_make_many_targets(tmp_path, monkeypatch):
     monkeypatch.setattr(table_reader, 'MOST_PLACES', 999)
     path = tmp_path / 'table.csv'
     path.write_text('time_s,x499_m,y499_m\n1,0,0\n')
-    assert answer(read_table, path, ImportRequest())[0].x.shape == (1, 500)
+    assert answer(read_table, path, ImportRequest())[0].values['targets'].shape == (1, 2, 500)
     path.write_text('time_s,x499_m,y499_m\n1,0,0\n2,0,0\n')
     assert 'ids up to 499 in 2 rows' in refusal(path)
 

@@ -9,16 +9,15 @@ import numpy as np
 from numpy.polynomial import legendre
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.generic_field import (
-    behind,
-    CURVATURE_MODES,
     Fields,
     fields_of,
+    high_pass,
     Regressors,
-    STRETCH_FUNCTIONS,
-    stretches,
-    TURN_FUNCTIONS,
-    WINDOWS,
+    ROTATION_REGRESSORS,
+    stretch_fields,
+    STRETCH_REGRESSORS,
 )
+from pneunet_ros.diagnosis.settings import LinearizationSettings
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
@@ -28,6 +27,7 @@ import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made
 
+SETTINGS = LinearizationSettings()
 FRAMES = 9
 PRESSURE = np.linspace(2e3, 50e3, FRAMES)
 FORCE = np.column_stack([np.linspace(0.02, 0.1, FRAMES), np.linspace(0.05, -0.05, FRAMES)])
@@ -43,9 +43,9 @@ def loaded() -> tuple[Arm, RecordingData, Inputs, Fields, Regressors, ForwardMod
     assert series.solve(arm, inputs).all()
     knots = series.answer(arm, inputs, np.zeros((0, 2), dtype=np.int64))[:, 3:, :2]
     knots = knots.reshape(FRAMES, knots.shape[1], -1).transpose(0, 2, 1)
-    around = Regressors.of(arm, [run], [inputs])
-    fields = fields_of(around, 0, knots, series.fields[:, THETA])
-    return arm, run, inputs, fields, around, series
+    regressors = Regressors.of(arm, [run], [inputs])
+    fields = fields_of(regressors, 0, knots, series.fields[:, THETA])
+    return arm, run, inputs, fields, regressors, series
 
 
 def column(name: str) -> Array:
@@ -61,11 +61,11 @@ def points_of(arm: Arm, inputs: Inputs) -> Array:
     return series.points.reshape(FRAMES, -1).copy()
 
 
-@pytest.mark.parametrize('mode', range(CURVATURE_MODES))
+@pytest.mark.parametrize('mode', range(SETTINGS.curvature_modes))
 def test_a_curvature_mode_bends_the_arm(mode):
-    arm, _, inputs, _, around, _ = loaded()
+    arm, _, inputs, _, regressors, _ = loaded()
     table = arm.intrinsic_curvature
-    shape = legendre.legval(2.0 * table.arclength - 1.0, np.eye(CURVATURE_MODES)[mode])
+    shape = legendre.legval(2.0 * table.arclength - 1.0, np.eye(SETTINGS.curvature_modes)[mode])
 
     def bent(size: float) -> Array:
         curvature = replace(table, curvature=table.curvature + size * shape)
@@ -73,7 +73,7 @@ def test_a_curvature_mode_bends_the_arm(mode):
 
     answer = (bent(1e-3) - bent(-1e-3)) / 2e-3
     for function in ('p', 'F1', 'p F2'):
-        felt = around.columns(0, [function])
+        felt = regressors.columns(0, [function])
         found = column(f'curvature {mode} x {function}')
         assert found == pytest.approx(felt * answer, abs=1e-5 * np.abs(answer).max())
 
@@ -85,7 +85,7 @@ def test_a_stretch_is_that_of_an_arm_without_a_load():
     series = ForwardModel(arm.target_arclength)
     series.solve(arm, inputs)
     theta = series.fields[:, THETA]
-    found = stretches(arm.target_arclength / arm.length, theta)[:, :, 0] * arm.length
+    found = stretch_fields(arm.target_arclength / arm.length, theta, 1)[:, :, 0] * arm.length
 
     def stretched(size: float) -> Array:
         effect = PressureElongation(strain_per_pascal=size)
@@ -100,7 +100,7 @@ def test_a_stretch_is_that_of_an_arm_without_a_load():
 def test_a_stretch_mode_moves_points_of_a_straight_arm_along_it(mode):
     share = np.linspace(0.0, 1.0, 201)
     angle = 0.3
-    found = stretches(share, np.full((2, share.size), angle))[:, :, mode]
+    found = stretch_fields(share, np.full((2, share.size), angle), 3)[:, :, mode]
     whole = legendre.legint(np.eye(3)[mode], scl=0.5, lbnd=-1.0)
     moved = legendre.legval(2.0 * share - 1.0, whole)
     for frame in range(2):
@@ -109,33 +109,33 @@ def test_a_stretch_mode_moves_points_of_a_straight_arm_along_it(mode):
 
 
 def test_a_turn_is_about_the_clamp():
-    arm, _, _, _, around, series = loaded()
+    arm, _, _, _, regressors, series = loaded()
     targets = arm.target_arclength.size
     x, y = (series.points - series.points[:, :, :1]).transpose(1, 0, 2)
-    felt = around.columns(0, ['F2'])
-    found = column('turn 0 x F2') * arm.length
+    felt = regressors.columns(0, ['F2'])
+    found = column('rotation 0 x F2') * arm.length
     assert found[:, :targets] == pytest.approx(-y * felt, abs=1e-3 * arm.length)
     assert found[:, targets:] == pytest.approx(x * felt, abs=1e-3 * arm.length)
 
 
 def test_every_function_is_about_one_and_what_it_says():
-    arm, _, inputs, fields, around, _ = loaded()
+    arm, _, inputs, fields, regressors, _ = loaded()
     low, high = arm.pressure_range
     pressure = (inputs.pressure - low) / (high - low)
-    assert around.columns(0, ['1', 'p', 'p^2']) == pytest.approx(
+    assert regressors.columns(0, ['1', 'p', 'p^2']) == pytest.approx(
         np.column_stack([np.ones(FRAMES), pressure, pressure**2])
     )
-    assert around.columns(0, ['t'])[[0, -1], 0].tolist() == [-1.0, 1.0]
+    assert regressors.columns(0, ['t'])[[0, -1], 0].tolist() == [-1.0, 1.0]
     largest = np.abs(FORCE).max()
-    assert around.columns(0, ['F1', 'F1 F2']) == pytest.approx(
+    assert regressors.columns(0, ['F1', 'F1 F2']) == pytest.approx(
         np.column_stack([FORCE[:, 0], FORCE[:, 0] * FORCE[:, 1] / largest]) / largest
     )
-    assert not around.columns(0, ['F1 after more']).any()  # pressure has only grown
-    assert np.abs(around.functions[0]).max() <= 1.0
+    assert not regressors.columns(0, ['F1 below highest p']).any()  # pressure has only grown
+    assert np.abs(regressors.values[0]).max() <= 1.0
     assert len(fields.names) == fields.generic.shape[2]
     assert len(set(fields.names)) == len(fields.names)
-    assert sum(name.startswith('stretch') for name in fields.names) == 3 * len(STRETCH_FUNCTIONS)
-    assert sum(name.startswith('turn') for name in fields.names) == len(TURN_FUNCTIONS)
+    assert sum(name.startswith('stretch') for name in fields.names) == 3 * len(STRETCH_REGRESSORS)
+    assert sum(name.startswith('rotation') for name in fields.names) == len(ROTATION_REGRESSORS)
 
 
 def test_what_was_more_before_is_known_from_the_run_before():
@@ -144,22 +144,22 @@ def test_what_was_more_before_is_known_from_the_run_before():
     second = made(arm, PRESSURE, force, name='second', start=FRAMES)
     first = made(arm, 1.1 * PRESSURE, name='first')
     runs = [second, first]  # in another order than that of their stamps
-    around = Regressors.of(arm, runs, inputs_of(arm, runs))
-    assert around.columns(0, ['F1 after more']) == pytest.approx(np.ones((FRAMES, 1)))
-    assert not around.columns(1, ['F1 after more']).any()
+    regressors = Regressors.of(arm, runs, inputs_of(arm, runs))
+    assert regressors.columns(0, ['F1 below highest p']) == pytest.approx(np.ones((FRAMES, 1)))
+    assert not regressors.columns(1, ['F1 below highest p']).any()
 
 
 def test_windows_and_single_targets():
     arm, _, _, fields, _, _ = loaded()
     targets = arm.target_arclength.size
-    assert fields.hats.sum(axis=1) == pytest.approx(np.ones(FRAMES))
-    windows = fields.windows().reshape(FRAMES, 2 * targets, -1, WINDOWS)
+    assert fields.weights.sum(axis=1) == pytest.approx(np.ones(FRAMES))
+    windows = fields.windows().reshape(FRAMES, 2 * targets, -1, SETTINGS.windows)
     assert windows.sum(axis=3) == pytest.approx(fields.shapes, abs=1e-12)
     moved = fields.shapes[:, :, -2:]
     assert moved[:, :targets].tolist() == np.tile([1.0, 0.0], (FRAMES, targets, 1)).tolist()
     assert moved[:, targets:].tolist() == np.tile([0.0, 1.0], (FRAMES, targets, 1)).tolist()
     single = fields.single().reshape(FRAMES, 2 * targets, 2 * targets, -1)
-    assert np.array_equal(single[:, 5, 5], fields.felt)
+    assert np.array_equal(single[:, 5, 5], fields.regressors)
     assert not single[:, 5, [0, 4, 6]].any()
 
 
@@ -170,7 +170,7 @@ def test_pressure_before_its_past_dies_away():
     run = replace(
         made(arm, np.zeros(400)), reading_stamp_ns=stamps, pressure=step, stamp_ns=stamps
     )
-    felt = behind(run, memory)
+    felt = high_pass(run, memory)
     assert felt[:100] == pytest.approx(np.zeros(100), abs=1e-6)
     after = 1e-9 * (stamps[100:] - stamps[99])
     assert felt[100:] == pytest.approx(20e3 * np.exp(-after / memory), abs=1.0)

@@ -8,18 +8,19 @@ from pathlib import Path
 import subprocess
 import sys
 
-from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import (
+    decode_pressure,
+    decode_wrench,
+    PRESSURE_TYPE,
+    WRENCH_TYPE,
+)
 from pneunet_ros.recordings.recording import open_recording
 import pytest
 from rosbags.rosbag2 import Reader
+from support.example_arms import TABLE_1
 
-# kPa, N, N: typed from the paper a second time.
-PAPER = """
-    0 .25 0 | 5 .25 0 | 10.5 .225 0 | 17.2 .2 .025 | 24.2 .2 .05 | 31 .175 .07 | 37.1 .16 .1
-    | 44.9 .15 .125 | 51.5 .15 .175 | 53.8 .15 .2 | 56.6 .15 .2 | 58.2 .15 .225 | 61.3 .15 .25
-    | 63.6 .15 .26 | 66 .15 .275
-"""
-ROWS = [[float(word) for word in row.split()] for row in PAPER.split('|')]
+# kPa, N, N: typed from the paper twice, there and in the script that makes the recording.
+ROWS = [(row.pressure / 1000, *row.force) for row in TABLE_1]
 
 
 @pytest.fixture(scope='module')

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from pneunet_ros.core.errors import CameraError, MessageError, RecordingError, RequestError
 from pneunet_ros.core.image import Image
-from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, IMAGE_TYPE
+from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE
 from pneunet_ros.recordings.image_files import picture_files, stamp_at
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.vision.camera_model import Lens

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_arm import vary_arm
 import pytest
 from scipy.integrate import cumulative_simpson
 from support.lab_pairs import recorded
@@ -18,7 +18,7 @@ ARM = recorded('strings').scenario.arm
 def test_the_unloaded_arm_turns_by_the_integral_of_its_curvature():
     s = np.linspace(0.0, ARM.length, 2001)
     integral = cumulative_simpson(ARM.intrinsic_curvature(s), x=s, axis=1, initial=0.0)
-    assert ARM.turned(s) == pytest.approx(integral, abs=1e-10)
+    assert ARM.turning_angle(s) == pytest.approx(integral, abs=1e-10)
 
 
 def test_between_rows_all_is_linear_in_pressure():
@@ -33,12 +33,12 @@ def test_between_rows_all_is_linear_in_pressure():
 
 
 def test_varied_arms_differ_by_up_to_15_percent():
-    assert same_values(varied(ARM, 0), ARM)
-    assert same_values(varied(ARM, 5), varied(ARM, 5))
+    assert same_values(vary_arm(ARM, 0), ARM)
+    assert same_values(vary_arm(ARM, 5), vary_arm(ARM, 5))
     s = np.linspace(0.0, ARM.length, 50)
     base, changes = ARM.intrinsic_curvature(s)[1:], []
     for seed in range(1, 200):
-        arm = varied(ARM, seed)
+        arm = vary_arm(ARM, seed)
         ratios = (
             arm.intrinsic_curvature(s)[1:] / base,
             arm.rigidity / ARM.rigidity,

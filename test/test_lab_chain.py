@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.chain import Chain, lying, middle_joints
+from pneunet_ros.lab.chain import Chain, free_shape, middle_joints
 from pneunet_ros.lab.chain_kernels import energy_of, joint
 import pytest
 from support.example_arms import paper_arm, TABLE_1
@@ -18,7 +18,7 @@ LAB_ARM = lab_arm_of(paper_arm())
 
 def chain(elements=448, pressure=PRESSURE, force=FORCE, **changes):
     rigidity, split = LAB_ARM.stiffness(pressure)
-    turned = LAB_ARM.turned(middle_joints(LAB_ARM.length, elements))
+    turned = LAB_ARM.turning_angle(middle_joints(LAB_ARM.length, elements))
     given = {
         'length': LAB_ARM.length,
         'clamp_angle': 0.0,
@@ -32,7 +32,7 @@ def chain(elements=448, pressure=PRESSURE, force=FORCE, **changes):
 
 
 def worst_tip(**options):
-    found = lying(chain(**options))
+    found = free_shape(chain(**options))
     tips = np.array(
         [solve(paper_arm(), p, tuple(f)).tip for p, f in zip(PRESSURE, FORCE, strict=True)]
     )
@@ -48,7 +48,7 @@ def test_the_tip_under_the_loads_of_table_1():
 @pytest.mark.parametrize('split', [0.1, 0.1003, 0.137])
 def test_convergence_is_of_second_order_wherever_l1_is(split):
     def tips(elements):
-        found = lying(chain(elements, split=np.full(15, split * LAB_ARM.length)))
+        found = free_shape(chain(elements, split=np.full(15, split * LAB_ARM.length)))
         return np.stack([found.x[:, -1], found.y[:, -1]])
 
     truth, counts = tips(3000), np.array([80, 113, 160, 226, 320])
@@ -58,7 +58,7 @@ def test_convergence_is_of_second_order_wherever_l1_is(split):
 
 
 def test_shape_and_curvature_along_the_arm():
-    found = lying(chain())
+    found = free_shape(chain())
     s = np.linspace(0.0, LAB_ARM.length, 57)
     x, y, theta = found.points(s)
     shape = solve(paper_arm(), PRESSURE[5], tuple(FORCE[5]))
@@ -108,7 +108,7 @@ def test_any_load_after_any_other_ends_at_rest():
     pressure = random.uniform(0.0, 66e3, 200)
     force = np.column_stack([random.uniform(-0.1, 0.3, 200), random.uniform(-0.3, 0.3, 200)])
     many = chain(96, pressure=pressure, force=force)
-    found = lying(many)
+    found = free_shape(many)
     numbers = np.array([many.element, *np.zeros(9)])
     for frame in range(200):
         parts = np.empty((3, 98))
@@ -123,4 +123,4 @@ def test_negative_rigidity_and_infinite_loads_are_refused():
     with pytest.raises(RequestError, match='needs positive rigidity'):
         chain(rigidity=np.full((15, 2), -1e-4))
     with pytest.raises(RequestError, match='finds no equilibrium in frame 3'):
-        lying(chain(force=np.where(np.arange(15)[:, None] == 3, np.inf, FORCE)))
+        free_shape(chain(force=np.where(np.arange(15)[:, None] == 3, np.inf, FORCE)))

@@ -17,7 +17,7 @@ from pneunet_ros.lab.lab_effects import LAB_EFFECTS
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import lab_effect, Scenario
 from pneunet_ros.lab.sensors import Rates
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.equilibrium import solve_rod
 import pytest
 from support.example_arms import paper_arm
@@ -102,20 +102,20 @@ def test_the_lab_knows_every_effect_of_the_model_by_its_names():
 
 @pytest.mark.parametrize('name', SIZES)
 def test_a_plain_effect_agrees_with_the_model(name):
-    plain = simulated(scenario((lab_effect(name, SIZES[name]),)))
+    plain = simulate(scenario((lab_effect(name, SIZES[name]),)))
     assert difference(plain, (EFFECTS[name](**SIZES[name]),)) < CLOSE
     assert difference(plain, ()) > 50 * CLOSE
 
 
 def test_all_effects_together_agree_with_the_model():
-    plain = simulated(scenario(tuple(lab_effect(name, values) for name, values in SIZES.items())))
+    plain = simulate(scenario(tuple(lab_effect(name, values) for name, values in SIZES.items())))
     assert difference(plain, [EFFECTS[name](**values) for name, values in SIZES.items()]) < CLOSE
 
 
 @pytest.mark.parametrize('name', SIZES)
 def test_a_rich_effect_is_another_but_not_a_larger_one(name):
     def seen(**parameters):
-        recording = simulated(scenario((lab_effect(name, parameters),), frames=10.0))
+        recording = simulate(scenario((lab_effect(name, parameters),), frames=10.0))
         return np.stack([recording.x, recording.y]), recording.pressure, recording.force
 
     neutral, plain, rich = seen(), seen(**SIZES[name]), seen(**SIZES[name], richness=1.0)
@@ -130,29 +130,29 @@ def test_a_rich_effect_is_another_but_not_a_larger_one(name):
 
 @pytest.mark.parametrize('name', LAB_EFFECTS)
 def test_a_neutral_effect_does_nothing_however_rich(name):
-    bare = simulated(scenario(()))
-    rich = simulated(scenario((lab_effect(name, {'richness': 2.0}),)))
+    bare = simulate(scenario(()))
+    rich = simulate(scenario((lab_effect(name, {'richness': 2.0}),)))
     for item in ('x', 'y', 'pressure', 'force'):
         assert getattr(rich, item) == pytest.approx(getattr(bare, item), abs=1e-12)
 
 
 def test_an_arm_remembers_what_was_done_to_it():
     effects = tuple(lab_effect(name, SIZES[name]) for name in ('hysteresis', 'creep', 'softening'))
-    first = simulated(scenario(effects))
+    first = simulate(scenario(effects))
     later = dataclasses.replace(first.scenario, start=15.0)
-    again = simulated(later, first.memory)
+    again = simulate(later, first.memory)
     assert np.abs(again.x - first.x).max() > 1e-4
     assert again.stamp_ns[0] - first.stamp_ns[0] == 15_000_000_000
     # Creep is gone after an hour. The play stays where it is, and what is soft stays soft.
-    rested = simulated(dataclasses.replace(later, start=3600.0), first.memory)
+    rested = simulate(dataclasses.replace(later, start=3600.0), first.memory)
     assert rested.memory.past['softening'] == pytest.approx((60e3 - 1500.0,) * 2, rel=0.1)
     with pytest.raises(RequestError, match=r'begins at 15 s, before the end .* at 28.2 s'):
-        simulated(later, again.memory)
+        simulate(later, again.memory)
 
 
 def test_virgin_and_softened_arm_differ_below_the_largest_pressure_alone():
-    recording = simulated(scenario((lab_effect('softening', SIZES['softening']),), frames=10.0))
-    bare = simulated(scenario((), frames=10.0))
+    recording = simulate(scenario((lab_effect('softening', SIZES['softening']),), frames=10.0))
+    bare = simulate(scenario((), frames=10.0))
     moved = np.abs(recording.x - bare.x).max(axis=1)
     virgin = np.maximum.accumulate(bare.truth.pressure) == bare.truth.pressure
     assert moved[virgin].max() < 1e-9

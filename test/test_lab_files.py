@@ -8,8 +8,8 @@ import json
 import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.lab.lab_recording import LabTruth
-from pneunet_ros.lab.scenario import described
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.scenario import describe
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.lab_files import memory_after, message_count, truth_file, write_lab
 from pneunet_ros.recordings.recording import open_recording
@@ -21,7 +21,7 @@ from support.lab_run import run_of
 def write(name, path, overwrite=False):
     calls = []
     recording = recorded(name)
-    write_lab(recording, path, overwrite=overwrite, each=lambda: calls.append(1))
+    write_lab(recording, path, overwrite=overwrite, on_progress=lambda: calls.append(1))
     assert len(calls) == message_count(recording)
     return recording
 
@@ -48,7 +48,7 @@ def test_the_same_scenario_makes_the_same_bytes(tmp_path):
     for name in ('a', 'b'):
         (tmp_path / name).mkdir()
         path = tmp_path / name / 'lab.mcap'
-        write_lab(simulated(scenario), path, overwrite=False, each=lambda: None)
+        write_lab(simulate(scenario), path, overwrite=False, on_progress=lambda: None)
     for file in ('lab.mcap', 'lab.truth.npz'):
         assert (tmp_path / 'a' / file).read_bytes() == (tmp_path / 'b' / file).read_bytes()
 
@@ -59,7 +59,7 @@ def test_the_truth_is_complete_and_needs_no_pickle(tmp_path):
         for item in dataclasses.fields(LabTruth):
             assert np.array_equal(content[item.name], getattr(recording.truth, item.name))
         assert np.array_equal(content['stamp_ns'], recording.stamp_ns)
-        assert json.loads(str(content['scenario'])) == described(recording.scenario)
+        assert json.loads(str(content['scenario'])) == describe(recording.scenario)
 
 
 def test_a_folder_has_its_truth_beside_it(tmp_path):
@@ -83,14 +83,14 @@ def test_an_interrupted_write_leaves_nothing(tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_lab(recorded('strings'), tmp_path / 'lab.mcap', overwrite=False, each=stop)
+        write_lab(recorded('strings'), tmp_path / 'lab.mcap', overwrite=False, on_progress=stop)
     assert not list(tmp_path.iterdir())
 
 
 def test_the_memory_of_an_arm_is_in_its_truth(tmp_path):
     scenario = recorded('strings').scenario.with_effects({'hysteresis': {'width': 2e3}})
-    first = simulated(scenario)
-    write_lab(first, tmp_path / 'lab.mcap', overwrite=False, each=lambda: None)
+    first = simulate(scenario)
+    write_lab(first, tmp_path / 'lab.mcap', overwrite=False, on_progress=lambda: None)
     memory = memory_after(tmp_path / 'lab.mcap')
     assert (memory.time, memory.pressure) == (2440.0, 66e3)
     assert memory.past == {'hysteresis': (65e3, 65e3, 65e3)}

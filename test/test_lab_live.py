@@ -1,4 +1,4 @@
-"""The live lab: led through a protocol it repeats what `simulated` makes of it."""
+"""The live lab: led through a protocol it repeats what `simulate` makes of it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,20 @@ from functools import cache
 
 import numpy as np
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.live import LiveLab, Load
-from pneunet_ros.lab.simulated import simulated
-from pneunet_ros.lab.valve import Valve
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.camera_file import load_camera
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE, Valve
+from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.messages.builders import header, image
+from pneunet_ros.messages.tracker import camera_info_message, decode_camera_info, decode_image
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.vision.camera_settings import PosePlane
+from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from support.lab_pairs import NOISELESS, recorded
 
+HEADING = ('camera', ROSBAGS_TYPES)
 PAST = {
     'pressure_lag': {'time_constant': 0.2},
     'hysteresis': {'width': 3e3, 'richness': 1.0},
@@ -48,7 +56,7 @@ def led(lab, events, times):
 
 
 def expect_the_recording(scenario):
-    recording, events = simulated(scenario), scenario.protocol.timeline()
+    recording, events = simulate(scenario), scenario.protocol.timeline()
     # A valve that is as fast as the steepest leg follows legs of that steepness, and holds.
     slopes = np.abs(np.diff(events.pressure) / np.diff(events.time))
     assert len({round(float(slope), 6) for slope in slopes if slope > 0.0}) == 1
@@ -62,7 +70,7 @@ def expect_the_recording(scenario):
         assert shape.points(recording.truth.arclength)[1][0] == pytest.approx(
             recording.truth.y[frame], abs=1e-6
         )
-        points = lab.sighted(shape, random)
+        points = lab.tracked_points(shape, random)
         assert points[:, 0] == pytest.approx(recording.x[frame], abs=1e-6)
         assert points[:, 1] == pytest.approx(recording.y[frame], abs=1e-6)
     readings = (recording.reading_stamp_ns - recording.reading_stamp_ns[0]) * 1e-9
@@ -131,7 +139,7 @@ def test_effects_can_come_and_go_while_it_lives():
     held = lab(('creep', 'softening'))
     state = held.step(held.begin(), 2.0, 5e4)
     other = lab(('softening', 'hysteresis'))
-    later = other.taking_over(state)
+    later = other.take_over(state)
     assert later.past['softening'] == pytest.approx(state.past['softening'])
     assert set(later.past) == {'softening', 'hysteresis'}
     assert (later.time, later.pressure, later.load) == (state.time, state.pressure, state.load)
@@ -147,8 +155,8 @@ def test_noise_is_of_its_size_and_of_nothing_where_nothing_hangs():
     assert pressure.std() == pytest.approx(60.0, rel=0.15)
     assert pressure.mean() == pytest.approx(state.pressure, abs=12.0)
     assert all(reading.load == Load() for reading in readings)
-    seen = np.array([noisy.sighted(shape, random) for _ in range(500)])
-    assert np.nanstd(seen - noisy.seen(shape)) == pytest.approx(5e-5, rel=0.1)
+    seen = np.array([noisy.tracked_points(shape, random) for _ in range(500)])
+    assert np.nanstd(seen - noisy.camera_points(shape)) == pytest.approx(5e-5, rel=0.1)
     assert 0.0 < np.isnan(seen).mean() < 0.01
 
 
@@ -163,3 +171,75 @@ def test_what_is_no_step_is_refused(time, command):
 def test_a_load_that_is_no_number_is_refused():
     with pytest.raises(RequestError, match='NaN or infinity'):
         Load(force_y=np.nan)
+
+
+# ---- the valve ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(('start', 'command'), [(0.0, 3e4), (5e4, 1e4), (2e4, 2e4)])
+@pytest.mark.parametrize(('time_constant', 'rate_limit'), [(0.1, 1e5), (0.3, 2e4), (0.05, 1e9)])
+def test_the_pressure_follows_its_equation(start, command, time_constant, rate_limit):
+    valve = Valve(time_constant=time_constant, rate_limit=rate_limit)
+    seconds = np.linspace(0.0, 3.0, 30_001)
+    pressure = valve.pressure(start, command, seconds)
+    expected, now = [start], start
+    for step in np.diff(seconds):
+        now += step * np.clip((command - now) / time_constant, -rate_limit, rate_limit)
+        expected.append(now)
+    assert pressure[0] == start
+    assert pressure == pytest.approx(np.array(expected), abs=30.0)
+    assert np.all(np.abs(pressure - command) <= abs(start - command))
+
+
+def test_it_does_not_matter_in_how_many_steps():
+    valve = Valve(time_constant=0.2, rate_limit=3e4)
+    whole = valve.pressure(0.0, 4e4, np.array([1.7]))[-1]
+    first = valve.pressure(0.0, 4e4, np.array([0.4]))[-1]
+    assert valve.pressure(first, 4e4, np.array([1.3]))[-1] == pytest.approx(whole, abs=1e-9)
+
+
+def test_without_a_time_constant_the_supply_alone_is_the_limit():
+    valve = Valve(time_constant=0.0, rate_limit=1e4)
+    pressure = valve.pressure(1e4, 0.0, np.array([0.0, 0.5, 1.0, 2.0]))
+    assert pressure.tolist() == [1e4, 5e3, 0.0, 0.0]
+
+
+def test_an_impossible_valve_is_refused():
+    with pytest.raises(RequestError, match=r'valve\.rate_limit'):
+        Valve(rate_limit=0.0)
+
+
+# ---- its camera --------------------------------------------------------------------------------
+
+
+def test_the_camera_file_says_where_the_camera_is():
+    plane = load_camera(share_path('config/lab_camera.yaml')).plane
+    assert isinstance(plane, PosePlane)
+    assert plane.position == tuple(np.round(SCENE.camera.position, 12).tolist())
+    assert tuple(plane.quaternion) == (1.0, 0.0, 0.0, 0.0)
+    assert np.array_equal(SCENE.camera.rotation, np.diag([1.0, -1.0, -1.0]))
+
+
+def test_the_tracker_finds_all_targets_where_they_are():
+    lab = LiveLab(scenario=recorded('unloaded_ramp').scenario)
+    film, random = Film(lab), np.random.default_rng(0)
+    tracker = Tracker(
+        load_model(share_path('config/lab_arm.yaml')),
+        load_camera(share_path('config/lab_camera.yaml')),
+    )
+    lens = decode_camera_info(camera_info_message(SCENE.camera, 1, *HEADING))
+    tracking, _ = tracker.step(TrackerState(), lens)
+    state = lab.begin()
+    load = Load(force_x=0.05, force_y=0.05)
+    # Already bent when the first image comes: the camera knows where it is.
+    for frame, command in enumerate((30e3, 31e3, 33e3, 32e3), start=1):
+        state, shape = lab.shape(lab.step(state, 2.0 + 0.1 * frame, command, load))
+        message = image(film.image(shape, random), header(frame, *HEADING), ROSBAGS_TYPES)
+        tracking, outcome = tracker.step(tracking, decode_image(message))
+        assert isinstance(outcome, Tracking)
+        points = lab.camera_points(shape)
+        for found, there in (
+            (outcome.sightings.x, points[:, 0]),
+            (outcome.sightings.y, points[:, 1]),
+        ):
+            assert np.abs(found - there).max() < 1e-4

@@ -8,22 +8,20 @@ import cv2
 import numpy as np
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.lab.lens import looking_down
-from pneunet_ros.lab.renderer import as_image, Renderer
+from pneunet_ros.lab.renderer import draw_dots, Renderer, Truth
 from pneunet_ros.lab.scene import (
-    bar,
     Body,
     Dots,
+    FrameState,
     Glint,
-    hand,
     Label,
     Light,
-    Moment,
     Occluder,
     Scene,
     Spot,
 )
-from pneunet_ros.lab.targets import draw_dots, Truth
 import pytest
+from support.camera_images import as_image, bar, hand
 
 SCALE = 0.00027
 BARREL = (-0.3, 0.1, 0.002, -0.001, 0.0)
@@ -189,8 +187,8 @@ def test_a_moving_dot_is_smeared_around_where_it_is_amid_the_exposure():
     still, moved = (
         Renderer(dark(blur=0.5)).render(moment, np.random.default_rng(0))
         for moment in (
-            Moment(dots=at_pixel(300.3, 200.6)),
-            Moment(dots=at_pixel(300.3, 200.6, motion=motion)),
+            FrameState(dots=at_pixel(300.3, 200.6)),
+            FrameState(dots=at_pixel(300.3, 200.6, motion=motion)),
         )
     )
     for name in Truth.__slots__:
@@ -208,7 +206,7 @@ def test_what_an_occluder_hides_is_not_visible():
     edge = Occluder(corners=np.array([[300.5, 0.0], [640.0, 0.0], [640, 480], [300.5, 480]]))
     dots = at_pixel([280.0, 299.0, 300.5, 302.0, 330.0], 200.0 + 20.0 * np.arange(5))
     picture, truth = Renderer(dark()).render(
-        Moment(dots=dots, occluders=(edge,)), np.random.default_rng(0)
+        FrameState(dots=dots, occluders=(edge,)), np.random.default_rng(0)
     )
     # The part of a disc left of a line at distance d from its center.
     d = np.clip((300.5 - np.array([280.0, 299.0, 300.5, 302.0, 330.0])) / 4.0, -1.0, 1.0)
@@ -222,15 +220,17 @@ def test_an_occluder_hides_a_dot_in_the_picture_as_much_as_in_the_truth():
     dots = at_pixel([200.4], [150.2], radius=8.0 * SCALE)
     black = bar(204.0, 155.0, 60.0, 9.0, 0.6, grey=0.0)
     render = Renderer(dark(blur=0.6)).render
-    free, _ = render(Moment(dots=dots), np.random.default_rng(0))
-    covered, truth = render(Moment(dots=dots, occluders=(black,)), np.random.default_rng(0))
+    free, _ = render(FrameState(dots=dots), np.random.default_rng(0))
+    covered, truth = render(FrameState(dots=dots, occluders=(black,)), np.random.default_rng(0))
     assert 0.3 < truth.visible[0] < 0.7
     assert covered.sum() / free.sum() == pytest.approx(truth.visible[0], abs=0.02)
 
 
 def test_the_border_of_the_image_cuts_dots():
     picture, truth = Renderer(dark(blur=0.0)).render(
-        Moment(dots=at_pixel([-0.5, 639.5, 300.0, -30.0, 5000.0], [200.0, 479.5, -3.5, 9.0, 9.0])),
+        FrameState(
+            dots=at_pixel([-0.5, 639.5, 300.0, -30.0, 5000.0], [200.0, 479.5, -3.5, 9.0, 9.0])
+        ),
         np.random.default_rng(0),
     )
     outside = 0.5 - (np.arcsin(0.75) + 0.75 * np.sqrt(1 - 0.75**2)) / np.pi
@@ -242,7 +242,7 @@ def test_the_border_of_the_image_cuts_dots():
 def test_glare_hides_and_saturates():
     scene = dark(glints=(Glint(u=100.0, v=100.0, major=20.0, minor=20.0),))
     picture, truth = Renderer(scene).render(
-        Moment(dots=at_pixel([100.0, 300.0], [100.0, 100.0])), np.random.default_rng(0)
+        FrameState(dots=at_pixel([100.0, 300.0], [100.0, 100.0])), np.random.default_rng(0)
     )
     np.testing.assert_array_equal(truth.visible, [0.0, 1.0])
     assert picture[100, 100] == picture[100, 105] == 255
@@ -251,7 +251,7 @@ def test_glare_hides_and_saturates():
 
 def test_a_dot_without_radius_is_gone():
     picture, truth = Renderer(dark()).render(
-        Moment(dots=at_pixel([100.0, 200.0], [100.0, 100.0], radius=np.array([0.0, RADIUS]))),
+        FrameState(dots=at_pixel([100.0, 200.0], [100.0, 100.0], radius=np.array([0.0, RADIUS]))),
         np.random.default_rng(0),
     )
     assert np.isnan(truth.x[0]) and np.isnan(truth.centroid_u[0]) and truth.visible[0] == 0.0
@@ -261,7 +261,7 @@ def test_a_dot_without_radius_is_gone():
 
 def test_an_image_without_dots_is_no_failure():
     nothing = Dots(x=np.zeros(0), y=np.zeros(0))
-    picture, truth = Renderer(dark()).render(Moment(dots=nothing), np.random.default_rng(0))
+    picture, truth = Renderer(dark()).render(FrameState(dots=nothing), np.random.default_rng(0))
     assert truth.u.size == 0
     assert not picture.any()
 
@@ -269,7 +269,7 @@ def test_an_image_without_dots_is_no_failure():
 def test_noise_is_white_and_of_the_sigma_asked_for():
     render = Renderer(dark(background=120.0, noise=3.0)).render
     rng = np.random.default_rng(4)
-    empty = Moment(dots=at_pixel([], []))
+    empty = FrameState(dots=at_pixel([], []))
     first, second = (render(empty, rng)[0].astype(float) - 120.0 for _ in range(2))
     rounded = np.sqrt(3.0**2 + 1.0 / 12.0)
     for noise in (first, second):
@@ -281,7 +281,9 @@ def test_noise_is_white_and_of_the_sigma_asked_for():
 
 def test_light_is_uneven_as_asked():
     scene = dark(background=100.0, light=Light(gradient_u=0.4, gradient_v=-0.2, vignette=0.5))
-    picture, _ = Renderer(scene).render(Moment(dots=at_pixel([], [])), np.random.default_rng(0))
+    picture, _ = Renderer(scene).render(
+        FrameState(dots=at_pixel([], [])), np.random.default_rng(0)
+    )
     assert picture[240, 320] == pytest.approx(100, abs=1)
     assert picture[240, 639] == pytest.approx(100 * 1.2 * 0.75, abs=1)
     assert picture[479, 320] == pytest.approx(100 * 0.9 * 0.75, abs=1)
@@ -300,7 +302,7 @@ def crowded():
         decoys=Dots(x=np.array([0.0, 0.005, 0.01]), y=np.full(3, 0.08)),
         glints=(Glint(u=300.0, v=400.0),),
     )
-    moment = Moment(
+    moment = FrameState(
         dots=Dots(x=arc['x'][::4], y=arc['y'][::4]),
         body=Body(theta=s / 0.08, **arc),
         occluders=hand(450.0, 150.0, 120.0, 2.0),
@@ -326,7 +328,7 @@ def test_rendering_leaves_no_trace_in_the_next_image():
     renderer = Renderer(scene)
     before, truth = renderer.render(moment, np.random.default_rng(7))
     renderer.render(
-        Moment(dots=at_pixel([10.0], [10.0]), occluders=hand(300.0, 200.0, 300.0, 0.0)),
+        FrameState(dots=at_pixel([10.0], [10.0]), occluders=hand(300.0, 200.0, 300.0, 0.0)),
         np.random.default_rng(3),
     )
     after, _ = renderer.render(moment, np.random.default_rng(7))

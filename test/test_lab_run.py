@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 from pneunet_ros import solve
-from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_arm import vary_arm
 import pytest
 from support.lab_pairs import recorded
 from support.lab_run import run_of, true_model
@@ -38,7 +38,7 @@ def test_the_true_model_lies_where_the_truth_does(name):
 
 def test_the_true_model_knows_plain_effects_and_the_noise():
     scenario = recorded('strings').scenario.with_effects({'gravity': {'weight_y': -1.0}})
-    scenario = dataclasses.replace(scenario, arm=varied(scenario.arm, 2))
+    scenario = dataclasses.replace(scenario, arm=vary_arm(scenario.arm, 2))
     arm = true_model(scenario)
     assert [(effect.name, effect.weight_y) for effect in arm.effects] == [('gravity', -1.0)]
     assert arm.sensors.target_std == scenario.noise.target_std

@@ -5,10 +5,17 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.scenario import Detail
-from pneunet_ros.lab.sensors import drifted, hidden, LabNoise, regular, stamps, stream
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.sensors import (
+    draw_drift,
+    draw_hidden,
+    draw_stamps,
+    LabNoise,
+    random_stream,
+    regular_times,
+)
+from pneunet_ros.lab.simulation import simulate
 import pytest
 from support.lab_pairs import NOISELESS, recorded
 
@@ -16,7 +23,7 @@ STRINGS = dataclasses.replace(recorded('strings').scenario, detail=Detail(elemen
 
 
 def recording(scenario=STRINGS, **noise):
-    return simulated(dataclasses.replace(scenario, noise=dataclasses.replace(NOISELESS, **noise)))
+    return simulate(dataclasses.replace(scenario, noise=dataclasses.replace(NOISELESS, **noise)))
 
 
 def test_without_noise_sensors_tell_the_truth():
@@ -51,7 +58,9 @@ def test_placement_turns_with_the_arm_and_belongs_to_it():
     turned = np.unwrap(np.arctan2(error[1], error[0]), axis=0)[:, -1]
     theta = quiet.truth.theta[:, -1]
     assert turned - turned[0] == pytest.approx(theta - theta[0], abs=0.05)
-    other = recording(dataclasses.replace(STRINGS, arm=varied(STRINGS.arm, 1)), placement_std=5e-5)
+    other = recording(
+        dataclasses.replace(STRINGS, arm=vary_arm(STRINGS.arm, 1)), placement_std=5e-5
+    )
     assert not np.array_equal(painted.truth.placement, other.truth.placement)
 
 
@@ -59,8 +68,8 @@ def test_registration_is_one_translation_per_recording():
     quiet, shifted = recording(), recording(registration_std=1e-4)
     error = np.stack([shifted.x - quiet.x, shifted.y - quiet.y], axis=-1)
     assert error == pytest.approx(np.broadcast_to(shifted.truth.registration, error.shape))
-    # As `simulated` draws them.
-    sizes = [stream('strings/registration', seed).standard_normal(2) for seed in range(500)]
+    # As `simulate` draws them.
+    sizes = [random_stream('strings/registration', seed).standard_normal(2) for seed in range(500)]
     assert shifted.truth.registration == pytest.approx(1e-4 * sizes[STRINGS.seed])
     assert np.std(sizes) == pytest.approx(1.0, rel=0.1)
 
@@ -68,7 +77,9 @@ def test_registration_is_one_translation_per_recording():
 def test_drift_is_smooth_and_ends_at_its_size():
     noise = dataclasses.replace(NOISELESS, drift_std=5e-5)
     time = np.linspace(0.0, 40.0, 401)
-    walks = np.array([drifted(stream('drift', seed), time, 40.0, noise) for seed in range(500)])
+    walks = np.array(
+        [draw_drift(random_stream('drift', seed), time, 40.0, noise) for seed in range(500)]
+    )
     assert not walks[:, 0].any()
     assert walks[:, -1].std() == pytest.approx(5e-5, rel=0.1)
     assert walks[:, 200].std() == pytest.approx(5e-5 / np.sqrt(2.0), rel=0.1)
@@ -76,20 +87,26 @@ def test_drift_is_smooth_and_ends_at_its_size():
 
 
 def test_stamps_jitter_and_stay_in_order():
-    time = regular(50.0, 40.0)
+    time = regular_times(50.0, 40.0)
     noise = dataclasses.replace(NOISELESS, jitter_std=5e-4)
-    late = stamps(stream('stamps', 1), time, 100.0, noise) - 1_750_000_100_000_000_000 - time * 1e9
+    late = (
+        draw_stamps(random_stream('stamps', 1), time, 100.0, noise)
+        - 1_750_000_100_000_000_000
+        - time * 1e9
+    )
     assert late[1:].std() == pytest.approx(5e5, rel=0.1)
     wild = dataclasses.replace(NOISELESS, jitter_std=0.1)
-    assert np.diff(stamps(stream('stamps', 1), time, 0.0, wild)).min() > 0
+    assert np.diff(draw_stamps(random_stream('stamps', 1), time, 0.0, wild)).min() > 0
 
 
 def test_targets_are_missing_at_random_and_in_groups():
-    time = regular(10.0, 400.0)
-    alone = hidden(stream('a', 1), time, 400.0, 23, dataclasses.replace(NOISELESS, dropout=0.01))
+    time = regular_times(10.0, 400.0)
+    alone = draw_hidden(
+        random_stream('a', 1), time, 400.0, 23, dataclasses.replace(NOISELESS, dropout=0.01)
+    )
     assert alone.mean() == pytest.approx(0.01, rel=0.1)
     often = dataclasses.replace(NOISELESS, occlusions=0.5)
-    together = hidden(stream('a', 1), time, 400.0, 23, often)
+    together = draw_hidden(random_stream('a', 1), time, 400.0, 23, often)
     beside = together[:, 1:] & together[:, :-1]
     assert together.mean() > 0.01
     assert beside.sum() > 0.5 * together.sum()

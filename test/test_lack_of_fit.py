@@ -11,26 +11,25 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.lack_of_fit import (
-    CAMERA_FREEDOM,
     clean_moments,
-    Group,
-    groups_of,
-    PLACEMENT_FREEDOM,
-    WHITE_ERROR,
+    lack_of_fit_tests,
+    LackOfFit,
+    ScoreStatistic,
 )
-from pneunet_ros.diagnosis.lack_of_fit import Tested as Asked
 from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.diagnosis.refit import Refitting
+from pneunet_ros.diagnosis.refit import linearize_all_runs
+from pneunet_ros.diagnosis.settings import LackOfFitSettings
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import design, fitted, TRAINING
 
+SETTINGS = LackOfFitSettings()
 LEVEL = 1e-4  # at which a test of these is taken for failed
 
 
-def group(statistic: float, dof: int = 10, mean: float = 10.0, std: float = 20**0.5) -> Group:
+def group(statistic: float, dof: int = 10, mean: float = 10.0, std: float = 20**0.5) -> LackOfFit:
     """Return a test of the moments of chi squared, unless told."""
-    return Group(name='any', statistic=statistic, dof=dof, mean=mean, std=std)
+    return LackOfFit(name='any', statistic=statistic, dof=dof, mean=mean, std=std)
 
 
 def test_chance_and_threshold_are_the_same_thing():
@@ -56,21 +55,23 @@ def test_a_test_that_sees_nothing_finds_nothing():
     assert (blind.p_value, blind.threshold(0.01)) == (1.0, np.inf)
 
 
-def asked(dof: int, *disturbed: tuple[int, Array], name: str = 'any', seed: int = 3) -> Asked:
+def asked(
+    dof: int, *disturbed: tuple[int, Array], name: str = 'any', seed: int = 3
+) -> ScoreStatistic:
     """Return a test of which clean data are to be simulated."""
-    return Asked(name=name, statistic=0.0, dof=dof, disturbed=disturbed, seed=seed)
+    return ScoreStatistic(name=name, statistic=0.0, dof=dof, disturbances=disturbed, seed=seed)
 
 
 def test_clean_data_without_disturbance_are_chi_squared():
     mean, variance = clean_moments(asked(40))
     # The standard deviation of noise is not known exactly: a little wider.
-    wider = (4.0 * (40 * WHITE_ERROR) ** 2) / 80.0
+    wider = (4.0 * (40 * SETTINGS.white_error) ** 2) / 80.0
     assert mean == pytest.approx(40.0, rel=0.02)
     assert variance == pytest.approx(80.0 * (1.0 + wider), rel=0.12)
     assert clean_moments(asked(0)) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize('dof', [CAMERA_FREEDOM, PLACEMENT_FREEDOM])
+@pytest.mark.parametrize('dof', [SETTINGS.camera_dof, SETTINGS.placement_dof])
 def test_disturbances_of_uncertain_size_make_clean_data_wilder(dof):
     answer = np.zeros((40, 3))
     answer[[0, 1, 2], [0, 1, 2]] = 10.0
@@ -92,19 +93,16 @@ def test_the_seed_and_the_name_say_what_is_drawn():
 def whole(hidden: str, effect: str = '') -> tuple[Linearization, GaussianModel]:
     """Return all recordings around a joint fit as a linear problem."""
     found = fitted(effect, hidden)
-    around = found.design.at(found.point, design(hidden).runs)
-    search = Refitting(around, found.hypotheses, len(around.blocks))
-    at = search.residuals(found.base, found.numbers)
-    assert at is not None
-    linear = search.linear(found.base, found.numbers, at)
-    assert linear is not None
-    return around, linear
+    around = found.linearization.at(found.point, design(hidden).runs)
+    at_fit = linearize_all_runs(around, found)
+    assert at_fit is not None
+    return around, at_fit[1]
 
 
 @functools.cache
-def groups(hidden: str, effect: str = '') -> dict[str, Group]:
+def groups(hidden: str, effect: str = '') -> dict[str, LackOfFit]:
     """Return the tests of a joint fit."""
-    return {item.name: item for item in groups_of(*whole(hidden, effect), 5)}
+    return {item.name: item for item in lack_of_fit_tests(*whole(hidden, effect), 5)}
 
 
 def test_clean_data_leave_nothing():
@@ -126,7 +124,7 @@ def test_what_is_missing_is_seen_until_it_is_in_the_model(name):
     assert min(item.p_value for item in known.values()) > LEVEL
 
 
-def misfitting(change: Array, run: int) -> dict[str, Group]:
+def misfitting(change: Array, run: int) -> dict[str, LackOfFit]:
     """Return the tests with another misfit (frames, 2, targets) m in one run of clean data."""
     around, linear = whole('')
     block = around.blocks[run]
@@ -134,7 +132,7 @@ def misfitting(change: Array, run: int) -> dict[str, Group]:
     residuals = list(linear.residuals)
     residuals[run] = residuals[run] + more
     changed = GaussianModel.of(linear.columns, residuals, linear.position, linear.grams)
-    return {item.name: item for item in groups_of(around, changed, 5)}
+    return {item.name: item for item in lack_of_fit_tests(around, changed, 5)}
 
 
 def test_a_target_that_moves_by_itself_with_the_load_is_seen():
@@ -160,24 +158,24 @@ def test_what_happens_in_a_part_of_a_recording_is_seen():
 
 def test_without_held_out_recordings_only_training_is_tested():
     found = fitted()
-    part = groups_of(found.design.of_training(), GaussianModel.of(
-        found.linear.columns[: len(TRAINING)],
-        found.linear.residuals[: len(TRAINING)],
-        found.linear.position,
+    part = lack_of_fit_tests(found.linearization.of_training(), GaussianModel.of(
+        found.gaussian.columns[: len(TRAINING)],
+        found.gaussian.residuals[: len(TRAINING)],
+        found.gaussian.position,
     ), 5)  # fmt: skip
     assert [item.name.split(':')[0] for item in part] == ['training'] * 3
 
 
 def test_simulations_may_run_elsewhere():
     around, linear = whole('')
-    seen: list[Asked] = []
+    seen: list[ScoreStatistic] = []
 
-    def elsewhere(function, tests: Sequence[Asked]) -> Iterable[tuple[float, float]]:
+    def elsewhere(function, tests: Sequence[ScoreStatistic]) -> Iterable[tuple[float, float]]:
         seen.extend(pickle.loads(pickle.dumps(list(tests))))
         with ThreadPoolExecutor(2) as executor:
             yield from executor.map(pickle.loads(pickle.dumps(function)), seen)
 
-    there = {item.name: item for item in groups_of(around, linear, 5, elsewhere)}
+    there = {item.name: item for item in lack_of_fit_tests(around, linear, 5, elsewhere)}
     here = groups('')
     assert len(seen) == 4 + len(around.blocks)
     assert {name: (item.p_value, item.mean) for name, item in there.items()} == {

@@ -9,15 +9,11 @@ import re
 from xml.etree import ElementTree
 
 from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.messages.estimate import SHAPE_POINT
+from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.estimate import OUTPUTS, SHAPE_POINT
 from pneunet_ros.messages.markers import markers_output, transform_output
-from pneunet_ros.messages.topics import TOPICS
-from pneunet_ros.messages.tracker import (
-    COMPRESSED_TYPE,
-    IMAGE_TYPE,
-    TRACKER_INPUTS,
-    TRACKER_OUTPUTS,
-)
+from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.messages.tracker import COMPRESSED_TYPE, TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.recordings.lab_files import NAMESPACE
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 import pytest
@@ -27,7 +23,8 @@ from ruamel.yaml import YAML
 TYPES = {
     topic.name if topic.name.startswith('/') else f'{NAMESPACE}/{topic.name}': topic.type
     for topic in (
-        *TOPICS,
+        *SENSORS,
+        *OUTPUTS,
         *TRACKER_INPUTS,
         *TRACKER_OUTPUTS,
         markers_output(lambda: None),

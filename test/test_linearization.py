@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import filter_of, Linearization, TOLERANCE
+from pneunet_ros.diagnosis.linearization import filter_of, Linearization
+from pneunet_ros.diagnosis.settings import LinearizationSettings
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
@@ -80,7 +81,9 @@ def test_harmless_departures_move_points_by_their_tolerance_together():
     for block in found.blocks:
         squares += float(np.sum((block.fields.generic * found.tolerance) ** 2))
         rows += block.fields.generic.shape[0] * block.fields.generic.shape[1]
-    assert np.sqrt(squares / rows) == pytest.approx(TOLERANCE * found.length, rel=1e-6)
+    assert np.sqrt(squares / rows) == pytest.approx(
+        LinearizationSettings().tolerance * found.length, rel=1e-6
+    )
     felt = [np.any(block.fields.generic, axis=(0, 1)) for block in found.blocks]
     assert np.array_equal(found.tolerance > 0.0, np.any(felt, axis=0))
 

@@ -8,17 +8,17 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.localization import (
-    BINS,
+    collect_frames,
+    describe_misfit,
     Frames,
-    frames_of,
     heat_maps,
-    sentence_of,
-    shares,
+    misfit_shares,
 )
 from pneunet_ros.diagnosis.result import AXES, Axis
 import pytest
 from support.lab_designs import design, fitted, FRAMES, TRAINING
 
+BINS = {'pressure': 5, 'force': 4, 'time': 4}
 COUNT, TARGETS = 400, 20
 
 
@@ -54,10 +54,12 @@ def within(frames: Frames, axis: Axis, start: float, stop: float) -> npt.NDArray
 
 def test_noise_alone_is_nowhere():
     frames = clean()
-    assert sentence_of(frames) == 'no more than noise anywhere'
-    found = shares(frames)
+    assert describe_misfit(frames) == 'the residuals are consistent with noise everywhere'
+    found = misfit_shares(frames)
     assert min(share.p_value for share in found) > 1e-3
-    assert all(share.sentence.startswith('no more than noise') for share in found)
+    assert all(
+        share.sentence.startswith('the residuals are consistent with noise') for share in found
+    )
 
 
 @pytest.mark.parametrize(
@@ -67,13 +69,13 @@ def test_noise_alone_is_nowhere():
 def test_a_misfit_in_one_stretch_is_found_there(axis, which):
     frames = clean()
     edges = np.linspace(frames.axes[axis].min(), frames.axes[axis].max(), BINS[axis] + 1)
-    found = shares(worse(frames, within(frames, axis, edges[which], edges[which + 1])))
+    found = misfit_shares(worse(frames, within(frames, axis, edges[which], edges[which + 1])))
     own = [share for share in found if share.axis == axis]
     assert len(own) == BINS[axis]
     assert (own[which].start, own[which].stop) == pytest.approx((edges[which], edges[which + 1]))
     assert own[which].share > 0.95
     assert own[which].p_value < 1e-12
-    assert own[which].sentence.startswith(f'{own[which].share:.0%} of the misfit')
+    assert own[which].sentence.startswith(f'{own[which].share:.0%} of the misfit lies')
     assert all(share.p_value > 1e-3 for share in own if share is not own[which])
     assert sum(share.share for share in own) == pytest.approx(1.0)
 
@@ -82,7 +84,9 @@ def test_a_misfit_at_the_tip_is_found_there():
     frames = clean()
     squares = frames.squares.copy()
     squares[:, -4:] *= 5.0
-    found = [one for one in shares(replace(frames, squares=squares)) if one.axis == 'arclength']
+    found = [
+        one for one in misfit_shares(replace(frames, squares=squares)) if one.axis == 'arclength'
+    ]
     assert [one.start for one in found] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8])
     assert [one.stop for one in found] == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
     assert found[-1].share > 0.95
@@ -93,12 +97,12 @@ def test_a_misfit_at_the_tip_is_found_there():
 def test_a_misfit_while_the_pressure_falls():
     frames = clean()
     found = worse(frames, frames.axes['direction'] == -1.0)
-    falling, rising = (one for one in shares(found) if one.axis == 'direction')
+    falling, rising = (one for one in misfit_shares(found) if one.axis == 'direction')
     assert (falling.start, falling.stop, rising.start) == (-1.0, -1.0, 1.0)
     assert falling.share > 0.95
     assert falling.sentence.endswith('while the pressure falls')
-    assert rising.sentence == 'no more than noise while the pressure rises'
-    assert sentence_of(found).endswith('differs between rising and falling pressure')
+    assert rising.sentence == 'the residuals are consistent with noise while the pressure rises'
+    assert describe_misfit(found).endswith('differs for rising and falling pressure')
 
 
 @pytest.mark.parametrize('lost', [0.0, 0.1])
@@ -107,36 +111,36 @@ def test_the_sentence_says_what_grows_and_what_does_not(lost):
     force = frames.axes['force']
     squares = frames.squares * (1.0 + 400.0 * force[:, None] ** 2)
     squares[:, 15] *= 1.5
-    assert sentence_of(replace(frames, squares=squares)) == (
-        'grows with the force, hardly depends on the pressure, hardly depends on time, '
-        'largest at 0.79 of the length, the same in both directions'
+    assert describe_misfit(replace(frames, squares=squares)) == (
+        'the misfit grows with the force, hardly depends on the pressure, hardly depends on time, '
+        'is largest at 0.79 of the length and is the same for rising and falling pressure'
     )
     less = frames.squares * (1.0 + 20.0 * np.exp(-frames.axes['pressure'][:, None] / 10e3))
-    assert 'falls with the pressure' in sentence_of(replace(frames, squares=less))
+    assert 'falls with the pressure' in describe_misfit(replace(frames, squares=less))
 
 
 @pytest.mark.parametrize('lost', [0.0, 0.1])
 def test_a_misfit_everywhere_grows_with_nothing(lost):
     frames = clean(lost=lost)
-    words = sentence_of(worse(frames, np.ones(COUNT, dtype=bool)))
+    words = describe_misfit(worse(frames, np.ones(COUNT, dtype=bool)))
     assert 'grows' not in words
     assert 'falls with' not in words
-    assert words.endswith('the same in both directions')
+    assert words.endswith('is the same for rising and falling pressure')
 
 
 def test_recordings_in_which_the_pressure_always_holds_have_no_direction():
     frames = worse(clean(), np.ones(COUNT, dtype=bool))
     frames.axes['direction'] = np.full(COUNT, np.nan)
-    assert 'direction' not in sentence_of(frames)
-    assert all(one.share == 0.0 for one in shares(frames) if one.axis == 'direction')
+    assert 'direction' not in describe_misfit(frames)
+    assert all(one.share == 0.0 for one in misfit_shares(frames) if one.axis == 'direction')
 
 
 def test_a_stretch_in_which_nothing_was_seen():
     frames = worse(clean(), np.ones(COUNT, dtype=bool))
     dark = within(frames, 'pressure', 48e3, 60e3)
     frames = worse(frames, dark, np.nan)
-    assert 'hardly depends on the pressure' in sentence_of(frames)
-    last = [one for one in shares(frames) if one.axis == 'pressure'][-1]
+    assert 'hardly depends on the pressure' in describe_misfit(frames)
+    last = [one for one in misfit_shares(frames) if one.axis == 'pressure'][-1]
     assert last.share < 0.01
 
 
@@ -144,7 +148,7 @@ def test_a_target_that_was_never_seen_is_not_where_it_is_largest():
     frames = worse(clean(), np.ones(COUNT, dtype=bool))
     frames.squares[:, 3] = np.nan
     frames.squares[:, 8] *= 2.0
-    assert 'largest at 0.42 of the length' in sentence_of(frames)
+    assert 'largest at 0.42 of the length' in describe_misfit(frames)
 
 
 def test_heat_maps_show_before_and_after_over_every_axis():
@@ -166,16 +170,18 @@ def test_heat_maps_show_before_and_after_over_every_axis():
 
 def test_residuals_of_a_fit_without_what_is_missing():
     found = fitted(hidden='load_offset')
-    frames = frames_of(found.design, found.linear)
+    frames = collect_frames(found)
     assert frames.squares.shape == (FRAMES * len(TRAINING), design().runs[0].x.shape[1])
     seen = np.concatenate([run.seen for run in design('load_offset').runs[: len(TRAINING)]])
     assert np.array_equal(np.isfinite(frames.squares), seen)
     assert set(np.unique(frames.axes['direction'][:FRAMES])) >= {-1.0, 1.0}
     assert frames.axes['time'][[0, FRAMES]].tolist() == [0.0, 0.0]
-    forces = np.concatenate([np.hypot(*run.force.T) for run in found.design.runs[: len(TRAINING)]])
+    forces = np.concatenate(
+        [np.hypot(*run.force.T) for run in found.linearization.runs[: len(TRAINING)]]
+    )
     assert frames.axes['force'] == pytest.approx(forces)
-    assert 'grows with the force' in sentence_of(frames)
+    assert 'grows with the force' in describe_misfit(frames)
     known = fitted('load_offset', 'load_offset')
-    left = frames_of(known.design, known.linear)
+    left = collect_frames(known)
     assert np.nansum(left.squares) < 0.7 * np.nansum(frames.squares)
     assert np.nanmean(left.squares) == pytest.approx(2.0, abs=0.25)

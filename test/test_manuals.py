@@ -11,11 +11,11 @@ from types import MappingProxyType
 from pneunet_ros.core.stamps import STARTS_ANEW
 from pneunet_ros.estimation.consistency import ConsistencyState
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.messages.builders import POINTS_TYPE, UNREADABLE
+from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
+from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.markers import markers_output, transform_output
-from pneunet_ros.messages.readings import TARGETS_NAME
-from pneunet_ros.messages.topics import TOPICS
-from pneunet_ros.messages.tracker import IMAGE_TYPE, TRACKER_INPUTS, TRACKER_OUTPUTS
+from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import TrackerState
 import pytest
@@ -47,9 +47,8 @@ OF_EVERY_NODE = {
 TYPES = {
     'estimator': {
         topic.name: topic.type
-        for topic in (*TOPICS, markers_output(lambda: None), transform_output('tip'))
-    }
-    | {TARGETS_NAME: POINTS_TYPE},
+        for topic in (*SENSORS, *OUTPUTS, markers_output(lambda: None), transform_output('tip'))
+    },
     'tracker': {topic.name: topic.type for topic in (*TRACKER_INPUTS, *TRACKER_OUTPUTS)}
     | {'image_annotated': IMAGE_TYPE},
 }
@@ -113,7 +112,7 @@ REASONS = {
         UNREADABLE,
         RESTING,
         WRONG_CAMERA_INFO,
-        *(reasons_in(m) for m in ('vision/tracker', 'vision/rest_plane', 'vision/frame_tracker')),
+        *(reasons_in(m) for m in ('vision/tracker', 'vision/rest_plane', 'vision/row_tracker')),
     ],
 }
 

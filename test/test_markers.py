@@ -10,6 +10,7 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.markers import (
     ADD,
     CURVATURE_COLORS,
@@ -18,7 +19,6 @@ from pneunet_ros.messages.markers import (
     markers_output,
     transform_output,
 )
-from pneunet_ros.messages.topics import OUTPUTS
 from pneunet_ros.offline.replay import input_topics, steps
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording import open_recording
@@ -42,9 +42,9 @@ def estimate(arm):
     return next(item for item in found if isinstance(item, ShapeEstimate))
 
 
-def built(output, claim):
+def built(output, estimate):
     """Return the message of an output, which must serialize."""
-    message = output.encode(claim, 'base', ROSBAGS_TYPES)
+    message = output.encode(estimate, 'base', ROSBAGS_TYPES)
     assert serialize(message, output.type)
     return message
 
@@ -104,8 +104,10 @@ def test_rclpy_gives_the_same_markers(arm):
     pytest.importorskip('visualization_msgs')
     from pneunet_ros.nodes.ros_types import RCLPY_TYPES
 
-    output, claim = markers_output(lambda: arm), random_estimate(STATIONS)
-    ours, theirs = (output.encode(claim, 'base', types) for types in (ROSBAGS_TYPES, RCLPY_TYPES))
+    output, estimate = markers_output(lambda: arm), random_estimate(STATIONS)
+    ours, theirs = (
+        output.encode(estimate, 'base', types) for types in (ROSBAGS_TYPES, RCLPY_TYPES)
+    )
     # float32 in a message of rclpy, python's float in one of rosbags.
     assert np.array_equal(numbers(plain(ours)), numbers(plain(theirs)))
 

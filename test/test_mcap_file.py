@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from mcap.writer import CompressionType, IndexType
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.recordings.mcap_blocks import read_block
-from pneunet_ros.recordings.mcap_file import MAGIC, open_mcap
+from pneunet_ros.recordings.mcap_file import MAGIC, open_mcap, read_block
 import pytest
 from support.made_recordings import write_by_mcap, write_readings
 

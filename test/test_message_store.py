@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pneunet_ros.core.errors import MessageError, RecordingError
-from pneunet_ros.messages.topics import PRESSURE_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE
 from pneunet_ros.recordings.message_store import (
     deserialize,
     IDL_HEAD,

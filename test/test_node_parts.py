@@ -8,7 +8,7 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 import pytest
 from ruamel.yaml import YAML
@@ -115,7 +115,7 @@ class SilentNode:
 def published_in(seconds, rate, centerline_rate, subscribers=1):
     """How many messages of each topic estimates of a steady rate bring."""
     node = SilentNode()
-    serializer = ClaimSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
+    serializer = MessageSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
     outputs = EstimatePublisher(node, serializer, centerline_rate)
     for publisher in node.publishers.values():
         publisher.subscribers = subscribers
@@ -211,7 +211,7 @@ def test_the_tracker_is_an_error_while_nothing_is_explained():
     frames(health, 1, 100.2)
     report = health.report(state, 101.0)
     assert report.level == Level.WARN
-    assert report.message == '3 of 4 frames not explained: it is no_row'
+    assert report.message == '3 of 4 frames not tracked: it is no_row'
     frames(health, 3, 101.1, reason='no_row')
     assert health.report(state, 102.0).level == Level.ERROR
     frames(health, 3, 102.1, reason='resting')

@@ -18,8 +18,8 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.model_file import load_model, model_hash, save_model
-from pneunet_ros.messages.estimate import SHAPE_POINT
-from pneunet_ros.messages.topics import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.estimate import OUTPUTS, SHAPE_POINT
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.offline.replay import input_topics, steps
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording import open_recording

@@ -6,13 +6,13 @@ import numpy as np
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.files.scenario_file import effects_from_mapping
-from pneunet_ros.lab.chain import lying
+from pneunet_ros.lab.chain import free_shape
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS, OUTSIDE_EFFECTS
 from pneunet_ros.lab.protocols import Staircase, Strings
 from pneunet_ros.lab.scenario import Detail, lab_effect, Scenario
 from pneunet_ros.lab.sensors import Rates
-from pneunet_ros.lab.simulated import chain_of, simulated, unfolded
+from pneunet_ros.lab.simulation import chain_of, follow_arm, simulate
 import pytest
 from support.example_arms import paper_arm
 from support.lab_pairs import lab_arm_of, NOISELESS
@@ -41,14 +41,14 @@ def scenario(protocol, *effects):
 
 
 def seen(protocol, *effects):
-    recording = simulated(scenario(protocol, *effects))
+    recording = simulate(scenario(protocol, *effects))
     return np.stack([recording.x, recording.y], axis=-1), recording.truth
 
 
 @pytest.mark.parametrize('name', OUTSIDE_EFFECTS)
 def test_a_neutral_one_does_exactly_nothing(name):
-    bare = simulated(scenario(LOADED))
-    same = simulated(scenario(LOADED, lab_effect(name, {})))
+    bare = simulate(scenario(LOADED))
+    same = simulate(scenario(LOADED, lab_effect(name, {})))
     for item in ('x', 'y', 'pressure', 'force', 'moment'):
         assert np.array_equal(getattr(same, item), getattr(bare, item))
 
@@ -117,7 +117,7 @@ def test_a_weak_chamber_is_local_and_grows_with_the_cube_of_the_pressure():
 def chain_with(effect, protocol=LOADED):
     lab = scenario(protocol, effect)
     events = lab.protocol.timeline()
-    course, _ = unfolded(lab, events, None)
+    course, _ = follow_arm(lab, events, None)
     times = np.linspace(0.0, events.duration, 40)
     return chain_of(lab, course, times, events.force_at(times))
 
@@ -126,8 +126,8 @@ def test_an_arm_leans_against_a_peg_no_further_than_its_stiffness_lets_it():
     free, _ = seen(FREE)
     height, stiffness = 0.02, 200.0
     peg = lab_effect('touching_peg', {'stiffness': stiffness, 'place': 0.5, 'height': height})
-    truth = simulated(scenario(FREE, peg)).truth
-    tip_free, place = lying(chain_with(peg, FREE)), 60
+    truth = simulate(scenario(FREE, peg)).truth
+    tip_free, place = free_shape(chain_with(peg, FREE)), 60
     touched = tip_free.y[:, place] > height
     assert 5 < touched.sum() < 35
     # The push that the bending of the arm tells is that of the peg.
@@ -171,7 +171,7 @@ def test_a_mismatch_is_harmless_and_grows_with_the_load():
 
 
 def test_a_peg_that_cannot_be_balanced_is_said(monkeypatch):
-    monkeypatch.setattr('pneunet_ros.lab.contact.MOST_STEPS', 1)
+    monkeypatch.setattr('pneunet_ros.lab.chain.MOST_STEPS', 1)
     peg = lab_effect('touching_peg', {'stiffness': 200.0, 'height': 0.02})
     with pytest.raises(RequestError, match='finds no equilibrium at its peg in frame'):
-        simulated(scenario(FREE, peg))
+        simulate(scenario(FREE, peg))

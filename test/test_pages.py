@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pneunet_ros.reports import style as report_style
+from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.calibration.report import write_report
 from pneunet_ros.reports.diagnosis.files import PAGE, write_diagnosis
 import pytest
@@ -22,7 +22,7 @@ LEAVING = """<!DOCTYPE html><html><body><img src="http://127.0.0.1:9/a.png">
 @pytest.fixture
 def coarse(monkeypatch):
     """Draw coarsely: what is looked at here is not how sharp it is."""
-    monkeypatch.setattr(report_style, 'DOTS_PER_INCH', 30)
+    monkeypatch.setattr(report_figure, 'DOTS_PER_INCH', 30)
 
 
 def test_a_page_that_leaves_is_found(tmp_path):

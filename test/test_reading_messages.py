@@ -10,12 +10,15 @@ from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.point_cloud import point_type
 from pneunet_ros.messages.readings import (
+    decode_pressure,
     decode_targets,
+    decode_wrench,
     pressure_message,
+    PRESSURE_TYPE,
     targets_message,
     wrench_message,
+    WRENCH_TYPE,
 )
-from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 import pytest
 from support.made_recordings import header

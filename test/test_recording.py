@@ -8,7 +8,12 @@ import tracemalloc
 
 from mcap.writer import CompressionType, Writer
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import (
+    decode_pressure,
+    decode_wrench,
+    PRESSURE_TYPE,
+    WRENCH_TYPE,
+)
 from pneunet_ros.recordings.message_store import jazzy, serialize
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording

@@ -10,8 +10,9 @@ import sys
 
 from mcap.reader import make_reader
 from pneunet_ros.core.errors import MessageError, RecordingError
-from pneunet_ros.messages.cdr_template import ClaimSerializer
-from pneunet_ros.messages.topics import OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -89,7 +90,7 @@ def test_a_bare_file_is_all_that_is_left(tmp_path):
 
 def test_all_outputs_of_the_estimator_come_back(tmp_path):
     estimates = [random_estimate(stamp_ns=index * STEP_NS, seed=index) for index in range(20)]
-    filled = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
+    filled = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id='base')
     with write_recording(tmp_path / 'r.mcap') as writer:
         handles = {output: writer.add(f'/arm/{output.name}', output.type) for output in OUTPUTS}
         for estimate in estimates:
@@ -242,7 +243,7 @@ def test_a_disk_that_is_really_full_leaves_nothing(tmp_path, foreign_environment
     # No device of limited size without root: a limit on the size of files is as good.
     code = (
         'import resource, signal, sys\n'
-        'from bags import write_readings\n'
+        'from support.made_recordings import write_readings\n'
         'from pneunet_ros.core.errors import RecordingError\n'
         'signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n'
         'resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n'
@@ -260,8 +261,8 @@ def test_a_disk_that_is_really_full_leaves_nothing(tmp_path, foreign_environment
 def test_after_a_kill_nothing_stands_under_the_name(tmp_path, name, foreign_environment):
     code = (
         'import itertools, os, signal, sys\n'
-        'from bags import PRESSURE, pressure\n'
-        'from pneunet_ros.messages.topics import PRESSURE_TYPE\n'
+        'from support.made_recordings import PRESSURE, pressure\n'
+        'from pneunet_ros.messages.readings import PRESSURE_TYPE\n'
         'from pneunet_ros.recordings.recording_writer import write_recording\n'
         'with write_recording(sys.argv[1]) as writer:\n'
         '    handle = writer.add(PRESSURE, PRESSURE_TYPE)\n'

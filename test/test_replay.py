@@ -13,8 +13,14 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.builders import POINTS_TYPE
-from pneunet_ros.messages.readings import targets_message
-from pneunet_ros.messages.topics import INPUTS, OUTPUTS, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.readings import (
+    PRESSURE_TYPE,
+    SENSORS,
+    TARGETS,
+    targets_message,
+    WRENCH_TYPE,
+)
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.offline.replay import (
     estimate_topic,
@@ -35,6 +41,8 @@ TYPES = {'end_wrench': WRENCH_TYPE, 'pressure': PRESSURE_TYPE, 'targets': POINTS
 LATE_NS = 3_000_000  # from a stamp to its log time
 PRESSURES = [20e3, 21e3, 150e3, 22e3, float('nan'), 23e3, 24e3]  # two of them are refused
 REFUSED = {2: 'out_of_range', 4: 'not_finite'}
+
+READ = [sensor for sensor in SENSORS if sensor is not TARGETS]
 
 
 def stamp_of(index: int) -> int:
@@ -95,7 +103,7 @@ def written(replay, name: str) -> list:
 
 def test_the_outputs_stand_beside_the_inputs(replay, estimates):
     count = {topic.name: (topic.type, topic.count) for topic in replay[1].topics}
-    inputs = {f'/pneunet/{item.name}': (item.type, len(PRESSURES)) for item in INPUTS}
+    inputs = {f'/pneunet/{item.name}': (item.type, len(PRESSURES)) for item in READ}
     outputs = {f'/pneunet/{item.name}': (item.type, len(estimates)) for item in OUTPUTS}
     assert count == inputs | outputs
     assert len(estimates) == len(PRESSURES) - len(REFUSED)
@@ -141,7 +149,7 @@ def test_readings_that_are_refused_write_nothing(replay):
 
 
 def test_what_is_written_is_the_plain_message_of_the_estimators_step(replay):
-    decoders = {f'/pneunet/{item.name}': item.decode for item in INPUTS}
+    decoders = {f'/pneunet/{item.name}': item.decode for item in READ}
     state, expected = EstimatorState(), []
     for message in replay[0].messages([WRENCH, PRESSURE]):
         state, outcome = ESTIMATOR.step(state, decoders[message.topic](message.message))
@@ -170,7 +178,7 @@ def test_outputs_are_in_the_namespace_of_the_pressure(tmp_path):
     record(tmp_path / 'in.mcap', readings('/left/arm'))
     replayed(tmp_path / 'in.mcap', tmp_path / 'out.mcap')
     names = {topic.name for topic in open_recording(tmp_path / 'out.mcap').topics}
-    assert names == {f'/left/arm/{item.name}' for item in (*INPUTS, *OUTPUTS)}
+    assert names == {f'/left/arm/{item.name}' for item in (*READ, *OUTPUTS)}
 
 
 def test_a_topic_without_namespace_stays_without():

@@ -9,10 +9,10 @@ from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import changes_of, load_scenario
-from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Strings
-from pneunet_ros.lab.scenario import described
+from pneunet_ros.lab.scenario import describe
 import pytest
 from support.lab_pairs import recorded
 
@@ -48,7 +48,7 @@ def test_all_keys_are_read(load):
         'noise: {target_std: 1.0e-4}\nrates: {frames: 5.0}\ndetail: {elements: 100}\n'
     )
     assert (scenario.seed, scenario.start) == (4, 60.0)
-    assert same_values(scenario.arm, varied(recorded('strings').scenario.arm, 3))
+    assert same_values(scenario.arm, vary_arm(recorded('strings').scenario.arm, 3))
     creep, gravity = scenario.effects  # in the order of the table
     assert (creep.name, creep.amplitude, creep.richness) == ('creep', 0.1, 0.0)
     assert (gravity.name, gravity.weight_y, gravity.richness) == ('gravity', -1.5, 0.5)
@@ -68,7 +68,7 @@ def test_the_arm_may_stand_in_the_scenario_itself(load):
 
 def test_a_description_holds_all_of_a_scenario():
     scenario = recorded('strings').scenario.with_effects({'extensibility': {'richness': 1.0}})
-    content = described(scenario)
+    content = describe(scenario)
     assert content['arm']['split'] == [0.1, 0.1, 0.15, 0.15]
     assert content['effects'] == {'extensibility': {'richness': 1.0, 'axial_stiffness': 'inf'}}
     assert content['protocol']['kind'] == 'strings'

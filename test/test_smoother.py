@@ -330,9 +330,9 @@ WITHOUT_NUMBA = f"""
 import json
 import numpy as np
 from pneunet_ros import load_model
-from pneunet_ros.centerline import smoother_for
-from pneunet_ros.readings import TargetSightings
-from pneunet_ros.solver.compiled import HAVE_NUMBA
+from pneunet_ros.vision.smoother import smoother_for
+from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.core.jit import HAVE_NUMBA
 
 assert not HAVE_NUMBA
 x, y = np.array({FRAME.tolist()!r})

@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 from pneunet_ros import solve
-from pneunet_ros.core import jit as compiled
+from pneunet_ros.core import jit
 from pneunet_ros.core.jit import HAVE_NUMBA
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.equilibrium import solve_rod
@@ -291,7 +291,7 @@ def test_steep_boundary_layers_are_solved():
 WITHOUT_NUMBA = f"""
 import json, sys
 from pneunet_ros import load_model, solve, solve_tip
-from pneunet_ros.solver.compiled import HAVE_NUMBA
+from pneunet_ros.core.jit import HAVE_NUMBA
 assert not HAVE_NUMBA
 arm = load_model({str(PAPER_ARM)!r})
 shape = solve(arm, 44.9e3, (0.15, 0.125))
@@ -344,10 +344,10 @@ def test_a_kernel_is_compiled_again_when_an_equation_in_another_file_changes(
     tmp_path, foreign_environment
 ):
     toy = tmp_path / 'toy'
-    (toy / 'solver').mkdir(parents=True)
-    (toy / 'solver' / 'compiled.py').write_text(Path(compiled.__file__).read_text())
+    (toy / 'core').mkdir(parents=True)
+    (toy / 'core' / 'jit.py').write_text(Path(jit.__file__).read_text())
     (toy / 'whole.py').write_text(
-        'from toy.solver.compiled import kernel\n'
+        'from toy.core.jit import kernel\n'
         'from toy.piece import piece\n\n\n'
         '@kernel\ndef whole(x: float) -> float:\n    return 2.0 * piece(x)\n\n\n'
         'print(whole(1.0), sum(whole.stats.cache_hits.values()))\n'
@@ -364,7 +364,7 @@ def test_a_kernel_is_compiled_again_when_an_equation_in_another_file_changes(
         ('inlined', 9.0),
     ):
         (toy / 'piece.py').write_text(
-            f'from toy.solver.compiled import {kind}\n\n\n'
+            f'from toy.core.jit import {kind}\n\n\n'
             f'@{kind}\ndef piece(x: float) -> float:\n    return {factor} * x\n'
         )
         (toy / 'beside.py').write_text(f'FACTOR = {len(answers)}  # no kernel knows it\n')
@@ -394,12 +394,12 @@ def test_a_kernel_is_compiled_again_when_an_equation_in_another_file_changes(
 
 def test_the_fingerprint_is_of_the_files_with_kernels_alone_whatever_their_order(tmp_path):
     one, other = tmp_path / 'one', tmp_path / 'other'
-    kernels = {name: f'from p.solver.compiled import kernel  # {name}\n' for name in 'abc'}
+    kernels = {name: f'from p.core.jit import kernel  # {name}\n' for name in 'abc'}
     for package, names in ((one, 'abc'), (other, 'cba')):
         (package / 'inner').mkdir(parents=True)
         for name in names:
             (package / 'inner' / f'{name}.py').write_text(kernels[name])
         (package / 'plain.py').write_text(f'NAME = {names!r}\n')
-    assert compiled.fingerprint(one) == compiled.fingerprint(other)
+    assert jit.fingerprint(one) == jit.fingerprint(other)
     (other / 'inner' / 'b.py').write_text(kernels['b'] + 'CONSTANT = 2\n')
-    assert compiled.fingerprint(one) != compiled.fingerprint(other)
+    assert jit.fingerprint(one) != jit.fingerprint(other)

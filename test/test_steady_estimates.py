@@ -12,15 +12,8 @@ from pneunet_ros.files.model_file import load_model
 from pneunet_ros.offline.replay import input_topics, steps
 from pneunet_ros.recordings.recording import open_recording
 import pytest
+from support.example_arms import TABLE_1
 from support.random_estimates import random_estimate
-
-# kPa, N, N: Table 1 of the paper.
-TABLE_1 = [
-    (0, 0.25, 0), (5, 0.25, 0), (10.5, 0.225, 0), (17.2, 0.2, 0.025), (24.2, 0.2, 0.05),
-    (31, 0.175, 0.07), (37.1, 0.16, 0.1), (44.9, 0.15, 0.125), (51.5, 0.15, 0.175),
-    (53.8, 0.15, 0.2), (56.6, 0.15, 0.2), (58.2, 0.15, 0.225), (61.3, 0.15, 0.25),
-    (63.6, 0.15, 0.26), (66, 0.15, 0.275),
-]  # fmt: skip
 
 
 def stream(*pressures: float, period: float = 0.5) -> list[ShapeEstimate]:
@@ -49,7 +42,7 @@ def test_the_holds_of_table_1_are_its_rows_up_and_down_again():
     loads = [(hold.shape.pressure / 1000, *hold.shape.force) for hold in holds]
     assert len(loads) == 29
     for load, row in zip(loads, TABLE_1 + TABLE_1[-2::-1], strict=True):
-        assert load == pytest.approx(row, abs=1e-12)
+        assert load == pytest.approx((row.pressure / 1000, *row.force), abs=1e-12)
     assert all(hold.shape.end_moment == 0.0 for hold in holds)
 
 

@@ -30,12 +30,12 @@ def test_all_columns_at_once(tmp_path):
         '0.52,,,,,,,,\r\n',
     )
     assert table.stamp_ns.tolist() == [500_000_000, 510_000_000, 520_000_000]
-    np.testing.assert_array_equal(table.pressure, [31.5e3, 32e3, np.nan])
-    np.testing.assert_allclose(table.wrench[0], [0.175, 0.07, 0.002], rtol=1e-15)
-    np.testing.assert_allclose(table.x[0], [0.001, np.nan, 0.03])
-    np.testing.assert_allclose(table.y[0], [0.002, np.nan, -0.004])
-    assert math.isnan(table.x[1, 2])
-    assert table.framed.tolist() == [True, True, False]
+    np.testing.assert_array_equal(table.values['pressure'][:, 0], [31.5e3, 32e3, np.nan])
+    np.testing.assert_allclose(table.values['end_wrench'][0], [0.175, 0.07, 0.002], rtol=1e-15)
+    np.testing.assert_allclose(table.values['targets'][0, 0], [0.001, np.nan, 0.03])
+    np.testing.assert_allclose(table.values['targets'][0, 1], [0.002, np.nan, -0.004])
+    assert math.isnan(table.values['targets'][1, 0, 2])
+    assert table.present()['targets'].tolist() == [True, True, False]
     # A wrench with a hole is none.
     assert table.counts() == {'pressure': 2, 'end_wrench': 1, 'targets': 2}
 
@@ -113,9 +113,9 @@ def test_one_arm_of_a_table_of_many(tmp_path):
         'rate': 1.0,
     }
     table = read(tmp_path, text, **request)
-    np.testing.assert_array_equal(table.pressure, [0.0, 5000.0])
-    np.testing.assert_allclose(table.x, [[0.135], [0.1373]])
-    np.testing.assert_allclose(table.y, [[0.0], [-0.0172]])
+    np.testing.assert_array_equal(table.values['pressure'][:, 0], [0.0, 5000.0])
+    np.testing.assert_allclose(table.values['targets'][:, 0], [[0.135], [0.1373]])
+    np.testing.assert_allclose(table.values['targets'][:, 1], [[0.0], [-0.0172]])
     with pytest.raises(RecordingError, match=r'no row has arm=C; there are A; B$'):
         read(tmp_path, text, **(request | {'select': {'arm': 'C'}}))
     with pytest.raises(RequestError, match='--offset x1_mm=: there is no such column'):
@@ -135,7 +135,9 @@ def test_strings_turn_counter_clockwise(tmp_path):
         tmp_path,
         'time_s,force_a_n,angle_a_deg,force_b_n,angle_b_deg\n1,0.2,90,0.1,0\n2,0.2,0,0.1,90\n',
     )
-    np.testing.assert_allclose(table.wrench[:, :2], [[0.0, 0.3], [0.1, 0.0]], atol=1e-16)
+    np.testing.assert_allclose(
+        table.values['end_wrench'][:, :2], [[0.0, 0.3], [0.1, 0.0]], atol=1e-16
+    )
     # Both strings turned together: the resultant turns with them.
     x, y = string_force(0.175, 0.3, 0.07, 0.3)
     assert math.atan2(y, x) == pytest.approx(math.atan2(0.07, 0.175) + 0.3)
@@ -144,7 +146,7 @@ def test_strings_turn_counter_clockwise(tmp_path):
 
 def test_one_string_is_enough_and_its_angle_0_if_not_given(tmp_path):
     table = read(tmp_path, 'time_s,force_b_n\n1,0.1\n')
-    np.testing.assert_array_equal(table.wrench, [[0.0, 0.1, 0.0]])
+    np.testing.assert_array_equal(table.values['end_wrench'], [[0.0, 0.1, 0.0]])
 
 
 def test_what_the_estimator_made_is_left_out(tmp_path):

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.messages.estimate import POSE_TYPE
-from pneunet_ros.messages.topics import PRESSURE_TYPE
+from pneunet_ros.messages.builders import POSE_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording

@@ -16,7 +16,7 @@ import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.builders import Output
-from pneunet_ros.messages.topics import PRESSURE_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE
 import pytest
 
 # The wheels of ROS import a parser that is older than Python 3.11.
@@ -160,7 +160,7 @@ class Observer(Peer):
 
     def __init__(self, domain):
         kinds = {'true_tip': 'geometry_msgs/msg/PoseStamped', 'pressure_command': PRESSURE_TYPE}
-        outputs = tuple(Output(name=name, type=kind, encode=None) for name, kind in kinds.items())
+        outputs = tuple(Output(name=name, type=kind, build=None) for name, kind in kinds.items())
         super().__init__(domain, 'virtual_arm', outputs)
 
     def command(self):

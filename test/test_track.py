@@ -57,7 +57,9 @@ def tracked(source, target, request=None, **options) -> list:
     seen: list = []
     options = {'with_images': False} | options
     with write_recording(target) as writer:
-        record_tracking(writer, stream, TRACKER, 'pneunet_base', each=seen.append, **options)
+        record_tracking(
+            writer, stream, TRACKER, 'pneunet_base', on_progress=seen.append, **options
+        )
     return seen
 
 
@@ -122,14 +124,14 @@ def test_what_is_written_are_the_plain_messages_of_the_trackers_steps(source, tr
             expected.append((item.log_time_ns, outcome))
     assert len(expected) == FRAMES
     for output in TRACKER_OUTPUTS:
-        claims = [
+        results = [
             (time, outcome.sightings if output.name == 'targets' else outcome.curve)
             for time, outcome in expected
         ]
         made = [
-            (time, plain(output.encode(claim, 'pneunet_base', ROSBAGS_TYPES)))
-            for time, claim in claims
-            if claim is not None
+            (time, plain(output.encode(result, 'pneunet_base', ROSBAGS_TYPES)))
+            for time, result in results
+            if result is not None
         ]
         written = [
             (item.log_time_ns, plain(item.message))

@@ -12,7 +12,7 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.image import ENCODINGS
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.share import share_path
-from pneunet_ros.lab.renderer import as_image, Renderer
+from pneunet_ros.lab.renderer import Renderer
 from pneunet_ros.lab.scene import Dots, Scene
 from pneunet_ros.vision.camera_settings import (
     CameraSettings,
@@ -23,6 +23,7 @@ from pneunet_ros.vision.camera_settings import (
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from scipy.spatial.transform import Rotation
+from support.camera_images import as_image
 from support.moving_arm import motion_of
 from support.rendered_frames import FRAME_NS, lens_of, plain_camera, Score, View
 
@@ -48,7 +49,7 @@ class Film:
 
     def picture(self, pressure=0.0):
         """Return a picture and its truth."""
-        return self.renderer.render(self.motion.moment(pressure), self.rng)
+        return self.renderer.render(self.motion.frame_state(pressure), self.rng)
 
     def show(self, grey, **changes):
         """Show a picture to the tracker as the next frame."""

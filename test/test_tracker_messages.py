@@ -12,23 +12,19 @@ from hypothesis import given, strategies
 import numpy as np
 from pneunet_ros.core.errors import CameraError, MessageError, PneunetError
 from pneunet_ros.core.image import Image, LARGEST_SIDE
-from pneunet_ros.messages.builders import CURVATURE_ROWS
-from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages import builders
+from pneunet_ros.messages.builders import CURVATURE_ROWS, IMAGE_TYPE
 from pneunet_ros.messages.compressed_image import LARGEST_AREA
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
-    claims,
     COMPRESSED_TYPE,
     CURVES,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
-    encode_measured_centerline,
-    encode_measured_curvature,
-    encode_picture,
-    encode_targets,
-    IMAGE_TYPE,
-    TARGETS,
+    outputs_of,
+    TARGETS_OUTPUT,
     TRACKER_INPUTS,
     TRACKER_OUTPUTS,
 )
@@ -136,7 +132,7 @@ def test_topics_are_those_of_the_contract():
 
 def test_a_frame_without_a_curve_brings_targets_alone():
     tracking = random_tracking()
-    brought = [(output.name, claim) for output, claim in claims(tracking)]
+    brought = [(output.name, result) for output, result in outputs_of(tracking)]
     assert brought == [
         ('targets', tracking.sightings),
         ('measured_centerline', tracking.curve),
@@ -145,7 +141,7 @@ def test_a_frame_without_a_curve_brings_targets_alone():
     unexplained = type(tracking)(
         sightings=random_sightings(range(COUNT)), curve=None, reason='no_row', sentence='none'
     )
-    assert [output.name for output, _ in claims(unexplained)] == ['targets']
+    assert [output.name for output, _ in outputs_of(unexplained)] == ['targets']
 
 
 # ---- images as they are -------------------------------------------------------------------------
@@ -279,7 +275,7 @@ def png(width, height, bits=8):
 
 
 def jpeg_head(width, height, bits=8):
-    """Return a jpeg whose header claims a size."""
+    """Return a jpeg whose header results a size."""
     place = JPEG.index(b'\xff\xc0')
     head = struct.pack('>BHH', bits, height, width)
     return JPEG[: place + 4] + head + JPEG[place + 9 :]
@@ -406,7 +402,7 @@ def read_points(cloud):
 @pytest.mark.parametrize('missing', [(), (0, 5, 22), range(COUNT)])
 def test_targets_are_a_point_each_in_order(types, missing):
     sightings = random_sightings(missing)
-    cloud = encode_targets(sightings, FRAME, types)
+    cloud = TARGETS_OUTPUT.encode(sightings, FRAME, types)
     assert cloud.header.frame_id == FRAME
     assert (cloud.header.stamp.sec, cloud.header.stamp.nanosec) == (1, 500_000_007)
     assert (cloud.height, cloud.width, cloud.point_step) == (1, COUNT, 72)
@@ -432,7 +428,7 @@ def test_targets_are_a_point_each_in_order(types, missing):
 
 def test_the_measured_centerline_is_a_pose_per_station(types):
     curve = random_curve()
-    path = encode_measured_centerline(curve, FRAME, types)
+    path = CURVES[0].encode(curve, FRAME, types)
     assert (path.header.stamp.sec, path.header.stamp.nanosec) == (1, 500_000_007)
     assert [pose.pose.position.x for pose in path.poses] == curve.x.tolist()
     assert [pose.pose.position.y for pose in path.poses] == curve.y.tolist()
@@ -446,7 +442,7 @@ def test_the_measured_centerline_is_a_pose_per_station(types):
 
 def test_measured_curvature_has_the_rows_of_the_estimators(types):
     curve = random_curve()
-    message = encode_measured_curvature(curve, FRAME, types)
+    message = CURVES[1].encode(curve, FRAME, types)
     assert [(d.label, d.size, d.stride) for d in message.layout.dim] == [
         ('field', 5, 45),
         ('station', 9, 9),
@@ -460,21 +456,22 @@ def test_measured_curvature_has_the_rows_of_the_estimators(types):
 
 def test_a_picture_is_an_image_again(types):
     picture = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
-    image = decode_image(encode_picture(picture, 1_500_000_007, 'camera', types))
+    heading = builders.header(1_500_000_007, 'camera', types)
+    image = decode_image(builders.image(picture, heading, types))
     assert (image.stamp_ns, image.frame_id, image.encoding) == (1_500_000_007, 'camera', 'bgr8')
     np.testing.assert_array_equal(image.pixels, picture)
 
 
 @pytest.mark.parametrize('stations', [1, 9, 57])
 def test_a_message_filled_in_place_is_that_of_plain_serialization(stations):
-    filled = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=FRAME)
+    filled = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=FRAME)
     for seed in range(3):
-        for output, claim in (
+        for output, result in (
             *((output, random_curve(stations, seed, seed)) for output in CURVES),
-            (TARGETS, random_sightings(range(seed), stamp_ns=seed)),
+            (TARGETS_OUTPUT, random_sightings(range(seed), stamp_ns=seed)),
         ):
-            message = output.encode(claim, FRAME, ROSBAGS_TYPES)
-            assert filled.bytes_of(output, claim) == serialize(message, output.type)
+            message = output.encode(result, FRAME, ROSBAGS_TYPES)
+            assert filled.bytes_of(output, result) == serialize(message, output.type)
 
 
 @pytest.mark.ros
@@ -482,10 +479,10 @@ def test_a_message_filled_in_place_is_that_of_plain_serialization(stations):
 def test_live_and_recorded_are_the_same(missing):
     from rclpy.serialization import serialize_message
 
-    for output, claim in claims(random_tracking(missing)):
-        live = output.encode(claim, FRAME, RclpyTypes())
+    for output, result in outputs_of(random_tracking(missing)):
+        live = output.encode(result, FRAME, RclpyTypes())
         recorded = deserialize(bytes(serialize_message(live)), output.type, jazzy())
-        expected = output.encode(claim, FRAME, ROSBAGS_TYPES)
+        expected = output.encode(result, FRAME, ROSBAGS_TYPES)
         assert repr(plain(recorded)) == repr(plain(live)) == repr(plain(expected))
 
 

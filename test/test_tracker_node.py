@@ -17,15 +17,15 @@ from pneunet_ros import __version__
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
-from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
-    claims,
     COMPRESSED_TYPE,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
-    IMAGE_TYPE,
+    outputs_of,
     TARGET_POINT,
 )
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
@@ -174,8 +174,8 @@ def offline(readings, tracker):
             outcome = None
         brought = {}
         if isinstance(outcome, Tracking):
-            for output, claim in claims(outcome):
-                brought[output.name] = output.encode(claim, 'pneunet_base', ROSBAGS_TYPES)
+            for output, result in outputs_of(outcome):
+                brought[output.name] = output.encode(result, 'pneunet_base', ROSBAGS_TYPES)
         yield brought
 
 
@@ -249,7 +249,7 @@ def test_black_frames_bring_no_targets_and_say_so(peer):
         assert seen(show(peer, BLACK, filmed.stamp_of(index))) == 0
     level, message, values = peer.report()
     assert Level(level).name == 'ERROR'
-    assert message.startswith('5 of 5 frames not explained: ')
+    assert message.startswith('5 of 5 frames not tracked: ')
     assert values['reason'] == 'no_areas'
     assert int(values['unexplained/no_areas']) >= 5
     assert (values['seen'], values['missing']) == ('0', str(COUNT))
@@ -376,7 +376,7 @@ def test_what_nobody_wants_is_not_drawn(subscribers):
         configuration=SimpleNamespace(
             tracker=Tracker(filmed.ARM, load_camera(share_path('config/camera.yaml'))),
         ),
-        serializer=ClaimSerializer(types=RCLPY_TYPES, serialize=to_bytes, frame_id='base'),
+        serializer=MessageSerializer(types=RCLPY_TYPES, serialize=to_bytes, frame_id='base'),
         state=TrackerState(),
         decode=decode_compressed_image,
         outputs={name: out(name) for name in ('targets', *CURVES)},
@@ -501,20 +501,20 @@ from support import films as filmed
 from support.manuals import same_as_running
 import numpy as np
 from numba.core.dispatcher import Dispatcher
-from pneunet_ros.cdr_template import ClaimSerializer
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
-from pneunet_ros.nodes.tracker_configuration import configured_tracker, PARAMETERS
-from pneunet_ros.nodes.tracker_warm_up import warm_up
-from pneunet_ros.overlay import curve_in_image, draw
-from pneunet_ros.tracker_messages import decode_camera_info, decode_image
-from pneunet_ros.tracker_state import TrackerState
+from pneunet_ros.nodes.tracker.configuration import configured_tracker, PARAMETERS
+from pneunet_ros.nodes.tracker.warm_up import warm_up
+from pneunet_ros.vision.overlay import curve_in_image, draw
+from pneunet_ros.messages.tracker import decode_camera_info, decode_image
+from pneunet_ros.vision.tracker import TrackerState
 
 def compiled():
     kernels = [item for item in gc.get_objects() if isinstance(item, Dispatcher)]
     return {(item.py_func.__name__, str(found)) for item in kernels for found in item.signatures}
 
 tracker = configured_tracker({item.name: item.default for item in PARAMETERS.fields}, None).tracker
-serializer = ClaimSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
+serializer = MessageSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
 assert warm_up(tracker, serializer) == ''
 before = compiled()
 assert before

@@ -14,7 +14,7 @@ import numpy as np
 from pneunet_ros.core.share import share_path
 from pneunet_ros.messages.builders import Output, POINTS_TYPE
 from pneunet_ros.messages.point_cloud import cloud_points
-from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 import pytest
 
 # The wheels of ROS import a parser that is older than Python 3.11.
@@ -47,7 +47,7 @@ class Commander(Peer):
     """Commands the arm and hears all its sensors, and an estimator's tip."""
 
     def __init__(self, domain):
-        outputs = tuple(Output(name=name, type=kind, encode=None) for name, kind in HEARD.items())
+        outputs = tuple(Output(name=name, type=kind, build=None) for name, kind in HEARD.items())
         super().__init__(domain, 'virtual_arm', outputs)
         self.commands = self.node.create_publisher(FluidPressure, 'pressure_command', 10)
         self.loads = self.node.create_publisher(WrenchStamped, 'force_command', 10)

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.lab.contact import leaning
+from pneunet_ros.lab.chain import equilibrium_shape
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
-from pneunet_ros.lab.sensors import regular
-from pneunet_ros.lab.simulated import chain_of, read, unfolded
+from pneunet_ros.lab.sensors import regular_times
+from pneunet_ros.lab.simulation import chain_of, follow_arm, read_sensors
 from pneunet_ros.lab.timeline import Timeline
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -66,9 +66,9 @@ def driven(recording: LabRecording, before: LabMemory) -> np.ndarray:
     """
     scenario, truth = recording.scenario, recording.truth
     events = scenario.protocol.timeline()
-    times = regular(scenario.rates.pressure, events.duration)
+    times = regular_times(scenario.rates.pressure, events.duration)
     pressure, force = events.pressure_at(times), events.force_at(times)
-    clean_pressure, clean_force = read(scenario, pressure, force)
+    clean_pressure, clean_force = read_sensors(scenario, pressure, force)
     if recording.loaded:
         hanging = np.abs(force).max(axis=1) > 0.0
         force = force + (recording.wrench_force - clean_force) * hanging[:, None]
@@ -78,10 +78,10 @@ def driven(recording: LabRecording, before: LabMemory) -> np.ndarray:
         force=force,
         loaded=recording.loaded,
     )
-    course, _ = unfolded(scenario, noisy, before)
+    course, _ = follow_arm(scenario, noisy, before)
     chain = chain_of(scenario, course, truth.time, noisy.force_at(truth.time))
     chain = replace(chain, moment=recording.moment)  # there is none: all of it is noise
-    x, y, _ = leaning(chain).points(scenario.arm.targets)
+    x, y, _ = equilibrium_shape(chain).points(scenario.arm.targets)
     points, share = np.stack([x, y], axis=-1), truth.time / events.duration
     for effect in scenario.effects:
         points = effect.see(scenario.arm, points, share)

@@ -18,11 +18,11 @@ from pneunet_ros import load_model
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
 from pneunet_ros.lab.outside_effects import OUTSIDE_EFFECTS
 from pneunet_ros.lab.scenario import Detail, lab_effect, Scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
@@ -157,7 +157,7 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
 def recorded(label: Label) -> tuple[Sealed, Trial]:
     """Let the virtual lab make the recordings of a label, one after the other."""
     design = DESIGNS[label.design]
-    arm = varied(load_scenario(share_path('scenarios/random_mix.yaml')).arm, label.arm_seed)
+    arm = vary_arm(load_scenario(share_path('scenarios/random_mix.yaml')).arm, label.arm_seed)
     hidden = label.effects | label.outside
     effects = {name: lab_effect(name, values) for name, values in hidden.items()}
     memory: LabMemory | None = None
@@ -178,7 +178,7 @@ def recorded(label: Label) -> tuple[Sealed, Trial]:
             rates=RATES,
             detail=Detail(elements=float(label.elements)),
         )
-        recordings.append(simulated(scenario, memory))
+        recordings.append(simulate(scenario, memory))
         memory = recordings[-1].memory
     runs = tuple(run_of(recording) for recording in recordings)
     frame = dataclasses.replace(

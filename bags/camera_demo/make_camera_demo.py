@@ -22,18 +22,17 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.lab.lens import looking_down
-from pneunet_ros.lab.motion import ArmMotion, up_and_down
-from pneunet_ros.lab.renderer import Renderer
-from pneunet_ros.lab.scene import Dots, Glint, hand, Label, Light, Occluder, Scene, Spot
-from pneunet_ros.lab.targets import Truth
-from pneunet_ros.messages.topics import PRESSURE_TYPE
+from pneunet_ros.lab.renderer import Renderer, Truth
+from pneunet_ros.lab.scene import Dots, Glint, Label, Light, Occluder, Scene, Spot
+from pneunet_ros.messages.readings import PRESSURE_TYPE
 from pneunet_ros.recordings.bag_folder import METADATA
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 
 # The tests know how a model's arm is put before the camera of the virtual lab.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
-from support.moving_arm import motion_of
+from support.camera_images import hand
+from support.moving_arm import ArmMotion, motion_of, up_and_down
 
 NAME, TRUTH = 'camera_demo', 'truth.csv'
 IMAGE_TOPIC, IMAGE_TYPE = '/pneunet/image_raw/compressed', 'sensor_msgs/msg/CompressedImage'
@@ -119,7 +118,7 @@ def picture(index: int) -> tuple[Any, Truth]:
     """Return an image (480, 640), grey, and its truth; its stamp is the middle of its exposure."""
     stamp = stamps(IMAGES_PER_SECOND)[index]
     half = 0.5 * EXPOSURE * NANOSECONDS_PER_SECOND
-    moment = motion().moment(
+    moment = motion().frame_state(
         pressure_at(stamp), pressure_at(stamp - half), pressure_at(stamp + half), hand_at(stamp)
     )
     return renderer().render(moment, np.random.default_rng([SEED, index]))

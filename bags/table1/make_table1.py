@@ -16,7 +16,7 @@ from typing import Any
 
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, PASCALS_PER_KILOPASCAL
-from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.recordings.bag_folder import METADATA
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording

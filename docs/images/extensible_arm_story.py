@@ -24,10 +24,10 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.chain_effects import LabExtensibility
+from pneunet_ros.lab.lab_effects import LabExtensibility
 from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import Disturbances
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
@@ -138,7 +138,7 @@ def recorded(stiffness: float) -> Recorded:
     runs = {}
     for name in (*UNLOADED, *LOADED, HELD_OUT):
         scenario = load_scenario(share_path(f'scenarios/{name}.yaml'))
-        recording = simulated(replace(scenario, effects=effects))
+        recording = simulate(replace(scenario, effects=effects))
         runs[name] = run_of(recording)
     protocol = recording.scenario.protocol
     assert isinstance(protocol, Strings)
@@ -210,8 +210,8 @@ def lines(story: Story) -> list[str]:
     out = [
         f'diagnosis: {found.answer}, axial stiffness {stiffness.value:.1f} +- '
         f'{stiffness.std:.1f} N, true {STIFFNESS:.1f}',
-        f'gap on Table 1: {millimeters(before.rms):.2f} to {millimeters(after.rms):.2f} mm rms, '
-        f'noise alone {millimeters(found.noise_floor):.2f}',
+        f'model error on Table 1: {millimeters(before.rms):.2f} to '
+        f'{millimeters(after.rms):.2f} mm rms, noise alone {millimeters(found.noise_floor):.2f}',
         '',
         'p kPa   true F1   F2    tip, inextensible     all, inextensible     all, extensible',
     ]

@@ -26,12 +26,12 @@ from pneunet_ros.cli.verb import (
     SENSOR_SETTINGS,
     settings_of,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.offline.calibration_files import (
@@ -44,8 +44,6 @@ from pneunet_ros.offline.calibration_files import (
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.reports.calibration.report import write_report
 from rich.progress import Progress
-
-TOPIC_NAMES = ('pressure', 'end_wrench', 'targets')
 
 
 def options(parser: ArgumentParser) -> None:
@@ -159,7 +157,7 @@ def read_all(
 ) -> tuple[list[RecordingData], list[str]]:
     """Read the recordings of one experiment, and the sentences on what was left out of them."""
     runs, sentences = [], []
-    topics = topics_of(arguments.topic, TOPIC_NAMES)
+    topics = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     for path in bar.track(paths, description='reading'):
         run, left_out = read_run(path, frame.target_arclength.size, topics, settings_of(arguments))
         runs.append(run)
@@ -180,11 +178,3 @@ def provenance_of(arguments: Namespace, calibration: Calibration) -> dict[str, o
         'coordinates': joint.dof,
         'covariance_share': round(calibration.captured, 4),
     }
-
-
-VERB = Verb(
-    name='calibrate',
-    help="recordings without and with end load -> a model with error bars, the paper's way",
-    options=options,
-    run=run,
-)

@@ -6,23 +6,12 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
+from pneunet_ros.reports.calibration import tables
+from pneunet_ros.reports.calibration.tables import law_rows, number_rows, Row
 from rich.console import Console
 from rich.table import Table
-
-
-def quantities_of(fit: Fit) -> list[dict[str, Any]]:
-    """Return every number of the model that was fitted: value, standard error, width before."""
-    names, change = fit.parameters.quantities()
-    values = change @ fit.values
-    after = np.sqrt(np.einsum('ij,jk,ik->i', change, fit.covariance, change))
-    before = np.sqrt(np.einsum('ij,jk,ik->i', change, fit.parameters.prior, change))
-    return [
-        {'name': name, 'value': float(value), 'std': float(std), 'prior_std': float(wide)}
-        for name, value, std, wide in zip(names, values, after, before, strict=True)
-    ]
 
 
 def numbers_of(calibration: Calibration) -> dict[str, Any]:
@@ -31,7 +20,10 @@ def numbers_of(calibration: Calibration) -> dict[str, Any]:
     return {
         'status': joint.status,
         'converged': joint.converged,
-        'quantities': quantities_of(joint),
+        'quantities': [
+            {'name': row.name, 'value': row.value, 'std': row.std, 'prior_std': row.prior_std}
+            for row in number_rows(calibration)
+        ],
         'noise': {
             name: {'std': getattr(calibration.noise.noise, name), 'source': text}
             for name, text in calibration.noise.sources.items()
@@ -76,8 +68,9 @@ def show(calibration: Calibration, summary: dict[str, Any], console: Console) ->
             f'{row["chi_squared_per_coordinate"]:.2f}',
         )
     console.print(table)
-    console.print(curvature_table(calibration))
-    law = [row for row in summary['quantities'] if row['name'].startswith('moment_law.')]
+    rows = number_rows(calibration)
+    console.print(curvature_table(calibration, rows))
+    law = law_rows(rows)
     if law:
         console.print(law_table(calibration, law))
     if summary['laws']:
@@ -97,41 +90,40 @@ def show(calibration: Calibration, summary: dict[str, Any], console: Console) ->
         console.print(f'wrote {summary["report"]}/index.html')
 
 
-def law_table(calibration: Calibration, law: list[dict[str, Any]]) -> Table:
+def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
     """Return the constants of the moment law: over pressure where it has rows, else by name."""
     fitted = calibration.arm.moment_law
-    found = {row['name']: f'{row["value"]:.4g} +- {row["std"]:.1g}' for row in law}
+    texts = {row.name: f'{row.value:.4g} +- {row.std:.1g}' for row in law}
     table = Table(title=f'Moment law, {fitted.kind}')
     if not isinstance(fitted, PiecewiseLinearLaw):
         for column in ('quantity', 'value'):
             table.add_column(column)
-        for name, text in found.items():
+        for name, text in texts.items():
             table.add_row(name, text)
         return table
-    for column in ('pressure (kPa)', 'alpha1', 'alpha2', 'l1 / l'):
+    texts |= {f'EI of {row.name}': f'{row.unit_stiffness * row.value:.2e}' for row in law}
+    for column in ('pressure (kPa)', 'alpha1', 'EI1 (N m^2)', 'alpha2', 'EI2 (N m^2)', 'l1 / l'):
         table.add_column(column, justify='right')
-    for row, pressure in enumerate(fitted.pressure.tolist()):
-        names = (f'rigidity.{row}.0', f'rigidity.{row}.1', f'split.{row}')
-        texts = (found[f'moment_law.{name}'] for name in names)
-        table.add_row(f'{kilopascals(pressure):.1f}', *texts)
+    for place, pressure in enumerate(fitted.pressure.tolist()):
+        alphas = [f'moment_law.rigidity.{place}.{section}' for section in (0, 1)]
+        names = [name for alpha in alphas for name in (alpha, f'EI of {alpha}')]
+        shown = [texts[name] for name in (*names, f'moment_law.split.{place}')]
+        table.add_row(f'{kilopascals(pressure):.1f}', *shown)
     return table
 
 
-def curvature_table(calibration: Calibration) -> Table:
+def curvature_table(calibration: Calibration, rows: tuple[Row, ...]) -> Table:
     """Return kappa_p0 at every pressure in the middle and its largest standard error."""
-    fit = calibration.joint
-    rows, knots = fit.parameters.pressure, fit.parameters.arclength
-    cells = fit.parameters.cells
-    values = fit.values[:cells].reshape(rows.size, knots.size)
-    std = np.sqrt(np.diag(fit.covariance)[:cells]).reshape(rows.size, knots.size)
+    fitted = tables.curvature_table(calibration, rows)
     table = Table(title='Intrinsic curvature kappa_p0 (1/m)')
     for column in ('pressure (kPa)', 'clamp', 'middle', 'tip', 'standard error, middle and worst'):
         table.add_column(column, justify='right')
-    middle = knots.size // 2
-    for pressure, row, error in zip(rows.tolist(), values, std, strict=True):
+    middle = len(fitted.rows) // 2
+    for place, pressure in enumerate(fitted.pressures):
+        values, errors, _ = zip(*(cells[place] for _, cells in fitted.rows), strict=True)
         table.add_row(
-            f'{kilopascals(pressure):.1f}',
-            *(f'{row[place]:.2f}' for place in (0, middle, -1)),
-            f'{error[middle]:.2f}, {error.max():.2f}',
+            f'{pressure:.1f}',
+            *(f'{values[knot]:.2f}' for knot in (0, middle, -1)),
+            f'{errors[middle]:.2f}, {max(errors):.2f}',
         )
     return table

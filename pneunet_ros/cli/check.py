@@ -18,12 +18,11 @@ from pneunet_ros.cli.verb import (
     SENSOR_SETTINGS,
     settings_of,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.units import kilopascals
+from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.offline.check import check_recording, CheckRequest
 from pneunet_ros.recordings.image_sources import TOPIC_NAMES
-from pneunet_ros.recordings.recorded_series import SERIES_TYPES
 from rich.console import Console
 from rich.table import Table
 
@@ -46,15 +45,15 @@ def run(arguments: Namespace) -> int:
     request = CheckRequest(
         arm=model_of(arguments),
         settings=settings_of(arguments),
-        overrides=topics_of(arguments.topic, [*SERIES_TYPES, *TOPIC_NAMES]),
+        overrides=topics_of(arguments.topic, [*(sensor.name for sensor in SENSORS), *TOPIC_NAMES]),
     )
     found = [check_recording(path, request) for path in arguments.recordings]
     if arguments.json:
         print_json({'model': request.arm.name, 'recordings': found})
         return DONE
     console = output_console()
-    for one in found:
-        show(one, console)
+    for content in found:
+        show(content, console)
     return DONE
 
 
@@ -79,12 +78,12 @@ def show(found: dict[str, Any], console: Console) -> None:
     for line in [*sync_lines(found['sync']), *range_lines(found['ranges'])]:
         console.print(line)
     holds = found['holds']
-    told = ', '.join(
+    shown = ', '.join(
         f'{hold["to"] - hold["from"]:.3g} s at {kilopascals(hold["pressure"]):.3g} kPa'
         for hold in holds[:HOLDS_SHOWN]
     )
     more = ', ...' if len(holds) > HOLDS_SHOWN else ''
-    console.print(f'holds: {len(holds)}{": " if holds else ""}{told}{more}')
+    console.print(f'holds: {len(holds)}{": " if holds else ""}{shown}{more}')
     for name, use in found['uses'].items():
         answer = 'yes' if use['usable'] else 'no'
         console.print(f'{name}: {", ".join(part for part in (answer, use["reason"]) if part)}')
@@ -95,22 +94,20 @@ def show(found: dict[str, Any], console: Console) -> None:
 def sync_lines(sync: dict[str, Any]) -> list[str]:
     """Tell how other stamps lie to those of the pressure."""
     return [
-        f'{name} to pressure: {100.0 * one["share"]:.4g} % within half a period, '
-        f'{1e3 * one["offset"]:.3g} ms later than the nearest, first one '
-        f'{one["starts"]:.3g} s later'
-        for name, one in sync.items()
+        f'{name} to pressure: {100.0 * numbers["share"]:.4g} % within half a period, '
+        f'{1e3 * numbers["offset"]:.3g} ms later than the nearest, first one '
+        f'{numbers["starts"]:.3g} s later'
+        for name, numbers in sync.items()
     ]
 
 
 def range_lines(ranges: dict[str, Any]) -> list[str]:
     """Tell the ranges of readings."""
     lines = []
-    units = {'pressure': ('kPa', 1e-3), 'force_x': ('N', 1.0), 'force_y': ('N', 1.0)}
-    units |= {'moment': ('mN m', 1e3), 'x': ('mm', 1e3), 'y': ('mm', 1e3)}
-    for name, (unit, factor) in units.items():
-        if name in ranges:
-            low, high = ranges[name]
-            lines.append(f'{name}: {factor * low:.4g} to {factor * high:.4g} {unit}')
+    for component in (item for sensor in SENSORS for item in sensor.components):
+        if component.name in ranges:
+            low, high = (component.shown_per_si * limit for limit in ranges[component.name])
+            lines.append(f'{component.name}: {low:.4g} to {high:.4g} {component.shown_unit}')
     if 'targets' in ranges:
         frames, seen = ranges['frames'], ranges['seen_per_target'].tolist()
         missing = ', '.join(
@@ -121,11 +118,3 @@ def range_lines(ranges: dict[str, Any]) -> list[str]:
             + (f'not seen, by target: {missing}' if missing else 'all always seen')
         )
     return lines
-
-
-VERB = Verb(
-    name='check',
-    help='tell what recordings hold and lack, and what they can be used for',
-    options=options,
-    run=run,
-)

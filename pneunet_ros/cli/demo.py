@@ -17,7 +17,6 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     progress_bar,
-    Verb,
 )
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -62,12 +61,12 @@ def run(arguments: Namespace) -> int:
     ):
         task = bar.add_task('replaying Table 1', total=recording.count(topics))
 
-        def each(step: Step) -> None:
+        def on_progress(step: Step) -> None:
             bar.advance(task)
             if isinstance(step.outcome, ShapeEstimate):
                 estimates.append(step.outcome)
 
-        record_steps(writer, recording, estimator, topics, each)
+        record_steps(writer, recording, estimator, topics, on_progress)
         holds = first_of_each_pressure(held_estimates(estimates))
         from pneunet_ros.reports.demo_plot import draw_holds
 
@@ -135,11 +134,3 @@ def show(rows: list[dict[str, float]], estimates: int, mcap: Path, picture: Path
     )
     console.print(f'{estimates} estimates in {mcap} (Foxglove, PlotJuggler, ros2 bag play)')
     console.print(f'picture in {picture}')
-
-
-VERB = Verb(
-    name='demo',
-    help="the first minute: the paper's load history through the estimator",
-    options=options,
-    run=run,
-)

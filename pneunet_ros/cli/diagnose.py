@@ -25,7 +25,6 @@ from pneunet_ros.cli.verb import (
     print_json,
     progress_bar,
     SENSOR_SETTINGS,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
@@ -34,8 +33,8 @@ from pneunet_ros.diagnosis.result import Answer
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 from pneunet_ros.offline.calibration_files import inputs_of
-from pneunet_ros.reports.calibration.figure_data import Each
 from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
+from pneunet_ros.reports.figure import OnProgress
 from rich.progress import Progress
 import scipy
 
@@ -70,8 +69,8 @@ def options(parser: ArgumentParser) -> None:
         nargs='+',
         default=[],
         metavar='REC',
-        help='other recordings, on which the gap before and after is measured (default: none, '
-        'and then the answer is not tested on anything new)',
+        help='other recordings, on which the model error before and after is measured '
+        '(default: none, and then the answer is not tested on anything new)',
     )
     parser.add_argument(
         '--output',
@@ -116,10 +115,15 @@ def run(arguments: Namespace) -> int:
     ):
         training, sentences = read_all(arguments.train, frame, arguments, bar)
         held_out, more = read_all(arguments.heldout, frame, arguments, bar)
-        each = told(bar)
+        on_progress = progress_of(bar)
         with simulating(arguments.scheduler) as executor:
             found = diagnose(
-                frame, training, held_out, seed=arguments.seed, executor=executor, each=each
+                frame,
+                training,
+                held_out,
+                seed=arguments.seed,
+                executor=executor,
+                on_progress=on_progress,
             )
         content = write_diagnosis(
             found,
@@ -132,7 +136,7 @@ def run(arguments: Namespace) -> int:
                 'inputs': inputs,
                 'versions': versions(),
             },
-            each=each,
+            on_progress=on_progress,
         )
     if arguments.json:
         seconds = time.perf_counter() - started
@@ -160,7 +164,7 @@ def check_distinct(inputs: list[dict[str, str]]) -> None:
             )
 
 
-def told(bar: Progress) -> Each:
+def progress_of(bar: Progress) -> OnProgress:
     """Return what shows how far a diagnosis is; a total of 0 is not known."""
     task = bar.add_task('diagnosing', total=None)
     return lambda stage, done, total: bar.update(
@@ -176,11 +180,3 @@ def versions() -> dict[str, str]:
         'numpy': np.__version__,
         'scipy': scipy.__version__,
     }
-
-
-VERB = Verb(
-    name='diagnose',
-    help='model and recordings -> what the model lacks, the model with it, and a report',
-    options=options,
-    run=run,
-)

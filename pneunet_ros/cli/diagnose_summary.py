@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pneunet_ros.diagnosis.result import Diagnosis
-from pneunet_ros.reports.diagnosis.error_figures import gap_sentence
+from pneunet_ros.reports.diagnosis.error_figures import error_sentence
 from pneunet_ros.reports.diagnosis.files import MODEL, NUMBERS, PAGE
 from pneunet_ros.reports.diagnosis.tables import (
     ANSWERS,
     detectable_table,
     effect_table,
+    error_table,
     evidence_table,
-    gap_table,
     Table,
-    unseen_sentence,
+    undetectable_sentence,
     where_text,
 )
 import rich.box
@@ -28,22 +28,24 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
     """Print the answer first, then what it rests on."""
     console.print(Text(diagnosis.sentence, style='bold'))
     console.print(f'({ANSWERS[diagnosis.answer]})')
-    console.print(drawn(gap_table(diagnosis), 'Gap between model and measurement'))
+    console.print(drawn(error_table(diagnosis), 'Model error'))
     if diagnosis.before.held_out is None:
-        console.print('no recording was held out: the gap was not tested on one')
+        console.print('no recording was held out: the model error was not tested on one')
     else:
-        console.print(Text(gap_sentence(diagnosis)))
+        console.print(Text(error_sentence(diagnosis)))
     for table, title in (
-        (effect_table(diagnosis), 'What was added'),
+        (effect_table(diagnosis), 'Added effects'),
         (evidence_table(diagnosis), 'Evidence'),
     ):
         if table.rows:
             console.print(drawn(table, title))
     console.print(Text(where_text(diagnosis)))
     if diagnosis.alternatives:
-        console.print(f'acts alike on these recordings: {", ".join(diagnosis.alternatives)}')
-    console.print(drawn(detectable_table(diagnosis), 'What these recordings could have shown'))
-    console.print(unseen_sentence(diagnosis))
+        console.print(
+            f'cannot be distinguished with these data: {", ".join(diagnosis.alternatives)}'
+        )
+    console.print(drawn(detectable_table(diagnosis), 'Detection limits of these recordings'))
+    console.print(undetectable_sentence(diagnosis))
     if diagnosis.proposal:
         console.print(Text(f'next recording: {diagnosis.proposal}'))
     for sentence in (*left_out, *diagnosis.notes):

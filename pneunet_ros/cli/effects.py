@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 
-from pneunet_ros.cli.verb import add_json, DONE, output_console, print_json, Verb
+from pneunet_ros.cli.verb import add_json, DONE, output_console, print_json
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from rich.table import Table
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
@@ -58,11 +63,3 @@ def run(arguments: Namespace) -> int:
             )
     output_console().print(table)
     return DONE
-
-
-VERB = Verb(
-    name='effects',
-    help='the physical effects that a model can have, with their parameters',
-    options=add_json,
-    run=run,
-)

@@ -18,14 +18,13 @@ from pneunet_ros.cli.verb import (
     SENSOR_SETTINGS,
     settings_of,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.messages.builders import nanoseconds
-from pneunet_ros.messages.estimate import POSE_TYPE
+from pneunet_ros.messages.builders import nanoseconds, POSE_TYPE
+from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.offline.table_conversion import tabulate
-from pneunet_ros.recordings.recorded_series import find_series, read_series, SERIES_TYPES
+from pneunet_ros.recordings.recorded_series import find_all_series, read_series
 from pneunet_ros.recordings.recording import open_recording, Recording
 from pneunet_ros.tables.reading_table import columns
 from pneunet_ros.tables.table_writer import check_suffix, write_columns
@@ -55,24 +54,22 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Export and summarize."""
     check_suffix(arguments.output)
-    overrides = topics_of(arguments.topic, [*SERIES_TYPES, TIP])
+    names = [sensor.name for sensor in SENSORS]
+    overrides = topics_of(arguments.topic, [*names, TIP])
     recording = open_recording(arguments.recording)
-    found = {
-        name: find_series(recording, name, overrides, required=False) for name in SERIES_TYPES
-    }
-    topics = {name: topic for name, topic in found.items() if topic is not None}
+    topics = find_all_series(recording, overrides)
     tip_topic = overrides.get(TIP)
     if tip_topic is not None or recording.candidates(TIP, POSE_TYPE):
         tip_topic = recording.find(TIP, POSE_TYPE, tip_topic)
     if not topics and tip_topic is None:
         raise RecordingError(
             f'{arguments.recording} has nothing to export: no topic '
-            f'{", ".join(SERIES_TYPES)} or {TIP}; images are turned into targets by `track`'
+            f'{", ".join(names)} or {TIP}; images are turned into targets by `track`'
         )
     series = read_series(recording, topics, settings_of(arguments))
     sentences = [*recording.sentences]
-    for one in series.values():
-        sentences += one.sentences()
+    for item in series.values():
+        sentences += item.sentences()
     tips = {} if tip_topic is None else read_tips(recording, tip_topic)
     table = tabulate(series, list(tips))
     content = columns(table)
@@ -119,11 +116,3 @@ def read_tips(recording: Recording, topic: str) -> dict[int, Array]:
             ) from error
         tips[stamp_ns] = np.array([pose.position.x, pose.position.y, heading])
     return tips
-
-
-VERB = Verb(
-    name='export',
-    help='write the readings of a recording as a table, CSV or npz',
-    options=options,
-    run=run,
-)

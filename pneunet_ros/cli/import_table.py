@@ -7,9 +7,10 @@ from collections.abc import Iterable
 import math
 from pathlib import Path
 
-from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json, Verb
+from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
+from pneunet_ros.messages.readings import TARGETS
 from pneunet_ros.offline.table_conversion import record_table
 from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.tables.columns import known_names
@@ -67,7 +68,7 @@ def run(arguments: Namespace) -> int:
         'table': arguments.table,
         'output': arguments.output,
         'rows': len(table.stamp_ns),
-        'targets': table.x.shape[1],
+        'targets': table.values[TARGETS.name].shape[2],
         'seconds': seconds,
         'topics': topics,
         'sentences': list(sentences),
@@ -104,11 +105,3 @@ def number(option: str, text: str) -> float:
     if not math.isfinite(value):
         raise RequestError(f'{option}: {text!r} is no number')
     return value
-
-
-VERB = Verb(
-    name='import',
-    help='make a recording of a CSV table whose columns are named with their units',
-    options=options,
-    run=run,
-)

@@ -5,46 +5,92 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from collections.abc import Sequence
 from decimal import Decimal
+from importlib import import_module
 import os
 import re
 import sys
+from typing import NamedTuple
 
 from pneunet_ros import __version__
-from pneunet_ros.cli import (
-    calibrate,
-    check,
-    demo,
-    diagnose,
-    effects,
-    export,
-    import_table,
-    predict,
-    replay,
-    simulate,
-    track,
-)
-from pneunet_ros.cli.verb import Verb, WRONG
 from pneunet_ros.core.errors import PneunetError
 
-VERBS: tuple[Verb, ...] = (
-    demo.VERB,
-    predict.VERB,
-    replay.VERB,
-    track.VERB,
-    calibrate.VERB,
-    diagnose.VERB,
-    check.VERB,
-    export.VERB,
-    import_table.VERB,
-    effects.VERB,
-    simulate.VERB,
+
+class Verb(NamedTuple):
+    """A verb: its name, one line of help, and its module, which is imported when it is called.
+
+    The module has `options(parser)`, which adds the options, and `run(arguments)`, which does it
+    and returns the exit code.
+    """
+
+    name: str
+    help: str
+    module: str
+
+
+VERBS = (
+    Verb(
+        'demo',
+        "the first minute: the paper's load history through the estimator",
+        'pneunet_ros.cli.demo',
+    ),
+    Verb(
+        'predict',
+        'shape of the arm at a pressure, under an end load or with the tip at a given place',
+        'pneunet_ros.cli.predict',
+    ),
+    Verb(
+        'replay',
+        'run the estimator on a recording of pressure and end wrench',
+        'pneunet_ros.cli.replay',
+    ),
+    Verb(
+        'track',
+        'find the white targets in camera images: points, smoothed centerline, curvature',
+        'pneunet_ros.cli.track',
+    ),
+    Verb(
+        'calibrate',
+        "recordings without and with end load -> a model with error bars, the paper's way",
+        'pneunet_ros.cli.calibrate',
+    ),
+    Verb(
+        'diagnose',
+        'model and recordings -> what the model lacks, the model with it, and a report',
+        'pneunet_ros.cli.diagnose',
+    ),
+    Verb(
+        'check',
+        'tell what recordings hold and lack, and what they can be used for',
+        'pneunet_ros.cli.check',
+    ),
+    Verb(
+        'export',
+        'write the readings of a recording as a table, CSV or npz',
+        'pneunet_ros.cli.export',
+    ),
+    Verb(
+        'import',
+        'make a recording of a CSV table whose columns are named with their units',
+        'pneunet_ros.cli.import_table',
+    ),
+    Verb(
+        'effects',
+        'the physical effects that a model can have, with their parameters',
+        'pneunet_ros.cli.effects',
+    ),
+    Verb(
+        'simulate',
+        'make a recording in the virtual lab, with its truth in a file beside it',
+        'pneunet_ros.cli.simulate',
+    ),
 )
+WRONG = 2  # exit code
 INTERRUPTED = 130
 NEGATIVE_NUMBER = re.compile(r'-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?')
 
 
-def parser() -> ArgumentParser:
-    """Build the command line of all verbs."""
+def parser(words: Sequence[str]) -> ArgumentParser:
+    """Build the command line of all verbs, with the options of the one among the words."""
     command = ArgumentParser(
         prog='pneunet',
         description='Where a pneu-net arm is, from pressure and end force, by a rod model.',
@@ -57,8 +103,10 @@ def parser() -> ArgumentParser:
         options = verbs.add_parser(
             verb.name, help=verb.help, description=verb.help, allow_abbrev=False
         )
-        verb.options(options)
-        options.set_defaults(run=verb.run)
+        if words and words[0] == verb.name:
+            module = import_module(verb.module)
+            module.options(options)
+            options.set_defaults(run=module.run)
     return command
 
 
@@ -72,7 +120,7 @@ def without_exponent(argument: str) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit code."""
     words = sys.argv[1:] if arguments is None else arguments
-    given = parser().parse_args([without_exponent(word) for word in words])
+    given = parser(words).parse_args([without_exponent(word) for word in words])
     try:
         code: int = given.run(given)
         sys.stdout.flush()

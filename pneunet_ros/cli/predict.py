@@ -14,16 +14,16 @@ from pneunet_ros.cli.verb import (
     NEGATIVE,
     output_console,
     print_json,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.estimation.estimator import Estimator, sensed
+from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.measurement.noise_jacobian import true_load
 from pneunet_ros.model.equilibrium import DEFAULT_STATIONS, solve
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.shape import Shape
@@ -109,9 +109,9 @@ def uncertain(estimator: Estimator, shape: Shape, pressure: float) -> ShapeEstim
 
 def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[float]:
     """Return F1, F2 and M that sensors show under the true load; all sensing is affine."""
-    nothing = sensed(estimator.arm, (0.0, 0.0, 0.0, pressure))[:3]
+    nothing = true_load(estimator.arm, (0.0, 0.0, 0.0, pressure))[:3]
     units = np.eye(3).tolist()
-    answers = [sensed(estimator.arm, (*unit, pressure))[:3] - nothing for unit in units]
+    answers = [true_load(estimator.arm, (*unit, pressure))[:3] - nothing for unit in units]
     true = np.array([*shape.force, shape.end_moment])
     read: list[float] = np.linalg.solve(np.transpose(answers), true - nothing).tolist()
     return read
@@ -181,11 +181,3 @@ def show(shape: Shape, estimate: ShapeEstimate | None) -> None:
     )
     table.add_row('moment at the clamp', f'{1000.0 * shape.moment[0]:.4f}', '', 'mN m')
     console.print(table)
-
-
-VERB = Verb(
-    name='predict',
-    help='shape of the arm at a pressure, under an end load or with the tip at a given place',
-    options=options,
-    run=run,
-)

@@ -22,14 +22,12 @@ from pneunet_ros.cli.verb import (
     progress_bar,
     settings_of,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
-from pneunet_ros.messages.readings import TARGETS_NAME
-from pneunet_ros.messages.topics import INPUTS
+from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
 from pneunet_ros.offline.replay import (
     input_topics,
     record_steps,
@@ -70,12 +68,11 @@ def run(arguments: Namespace) -> int:
     """Replay and summarize."""
     arm = model_of(arguments)
     estimator = Estimator(arm=arm, settings=settings_of(arguments))
-    names = [*(item.name for item in INPUTS), TARGETS_NAME]
-    overrides = topics_of(arguments.topic, names)
+    overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     recording = open_recording(arguments.recording)
     topics = input_topics(recording, estimator, overrides)
     targets = targets_topic(recording, estimator, overrides)
-    pressure_topic = next(name for name, item in topics.items() if item.name == 'pressure')
+    pressure_topic = next(name for name, sensor in topics.items() if sensor is PRESSURE)
     tally = Tally()
     begun = time.perf_counter()
     with ExitStack() as stack:
@@ -84,23 +81,23 @@ def run(arguments: Namespace) -> int:
             'replaying', total=recording.count([*topics, *([targets] if targets else [])])
         )
 
-        def each(step: Step) -> None:
+        def on_progress(step: Step) -> None:
             tally.count(step, pressure_topic)
             if tally.pressures % 200 == 0:
                 bar.update(task, completed=tally.messages)
 
         if arguments.output is None:
             for step in steps(recording, estimator, topics, targets):
-                each(step)
+                on_progress(step)
         else:
             writer = stack.enter_context(
                 write_recording(
                     arguments.output, overwrite=arguments.overwrite, inputs=[arguments.recording]
                 )
             )
-            views = (markers_output(lambda: arm), transform_output(TIP_FRAME))
-            shown = views if arguments.views else ()
-            record_steps(writer, recording, estimator, topics, each, shown, targets)
+            markers = (markers_output(lambda: arm), transform_output(TIP_FRAME))
+            shown = markers if arguments.views else ()
+            record_steps(writer, recording, estimator, topics, on_progress, shown, targets)
     seconds = time.perf_counter() - begun
     state = tally.state
     summary = {
@@ -108,8 +105,8 @@ def run(arguments: Namespace) -> int:
         'output': arguments.output,
         'model': arm.name,
         'model_hash': model_hash(arm),
-        'topics': {item.name: name for name, item in topics.items()}
-        | ({} if targets is None else {TARGETS_NAME: targets}),
+        'topics': {sensor.name: name for name, sensor in topics.items()}
+        | ({} if targets is None else {TARGETS.name: targets}),
         'pressure_readings': tally.pressures,
         'estimates': 0 if state is None else state.estimates,
         'rejected': {} if state is None else dict(state.rejected),
@@ -182,11 +179,3 @@ def show(summary: dict[str, object], tally: Tally) -> None:
         console.print('Nothing written; --output OUT.mcap writes inputs and all estimator topics.')
     else:
         console.print(f'wrote {summary["output"]}')
-
-
-VERB = Verb(
-    name='replay',
-    help='run the estimator on a recording of pressure and end wrench',
-    options=options,
-    run=run,
-)

@@ -16,16 +16,15 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     progress_bar,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.scenario_file import changes_of, FOLDER, load_scenario
-from pneunet_ros.lab.lab_arm import varied
+from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_recording import LabRecording
-from pneunet_ros.lab.scenario import described, Scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.scenario import describe, Scenario
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.recordings.lab_files import memory_after, message_count, write_lab
 from rich.table import Table
 
@@ -69,7 +68,8 @@ def options(parser: ArgumentParser) -> None:
         '--after',
         type=Path,
         metavar='REC',
-        help='the arm remembers this earlier recording of the lab (default: a virgin arm at rest)',
+        help='the arm remembers this earlier recording of the lab '
+        '(default: an unconditioned arm at rest)',
     )
     add_json(parser)
 
@@ -78,13 +78,13 @@ def run(arguments: Namespace) -> int:
     """Simulate and write."""
     scenario = load_scenario(scenario_file(arguments.scenario))
     if arguments.arm_seed is not None:
-        scenario = dataclasses.replace(scenario, arm=varied(scenario.arm, arguments.arm_seed))
+        scenario = dataclasses.replace(scenario, arm=vary_arm(scenario.arm, arguments.arm_seed))
     if arguments.seed is not None:
         scenario = dataclasses.replace(scenario, seed=arguments.seed)
     scenario = scenario.with_effects(changes_of(arguments.effect))
     memory = memory_after(arguments.after) if arguments.after is not None else None
     started = time.perf_counter()
-    recording = simulated(scenario, memory)
+    recording = simulate(scenario, memory)
     seconds = time.perf_counter() - started
     with progress_bar(shown=not arguments.json) as bar:
         task = bar.add_task('writing', total=message_count(recording))
@@ -92,7 +92,7 @@ def run(arguments: Namespace) -> int:
             recording,
             arguments.output,
             overwrite=arguments.overwrite,
-            each=lambda: bar.advance(task),
+            on_progress=lambda: bar.advance(task),
         )
     summary = summary_of(recording) | {
         'output': arguments.output,
@@ -100,7 +100,7 @@ def run(arguments: Namespace) -> int:
         'seconds': seconds,
     }
     if arguments.json:
-        print_json(summary | {'scenario': described(scenario)})
+        print_json(summary | {'scenario': describe(scenario)})
     else:
         show(scenario, summary)
     return DONE
@@ -191,11 +191,3 @@ def effect_texts(scenario: Scenario) -> list[str]:
         ]
         texts.append(f'{effect.name} ({", ".join(set_)})')
     return texts
-
-
-VERB = Verb(
-    name='simulate',
-    help='make a recording in the virtual lab, with its truth in a file beside it',
-    options=options,
-    run=run,
-)

@@ -22,7 +22,6 @@ from pneunet_ros.cli.verb import (
     print_json,
     progress_bar,
     topics_of,
-    Verb,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
@@ -42,7 +41,7 @@ from pneunet_ros.vision.tracker import Tracker, Tracking
 
 CAMERA = 'config/camera.yaml'
 PREVIEWS = ('.png', '.mp4')
-Each = Callable[[TrackStep], None]
+Follower = Callable[[TrackStep], None]
 
 
 def options(parser: ArgumentParser) -> None:
@@ -126,14 +125,14 @@ def run(arguments: Namespace) -> int:
                     arguments.output, overwrite=arguments.overwrite, inputs=inputs(arguments)
                 )
             )
-        views = [tally.count, *views_of(arguments, stack, stream, arm, unit)]
+        followers = [tally.count, *followers_of(arguments, stack, stream, arm, unit)]
         bar = stack.enter_context(progress_bar(shown=not arguments.json))
         task = bar.add_task('tracking', total=stream.frames)
         times = [time.perf_counter()]
 
-        def each(step: TrackStep) -> None:
-            for view in views:
-                view(step)
+        def on_progress(step: TrackStep) -> None:
+            for follow in followers:
+                follow(step)
             if step.frame:
                 times.append(time.perf_counter())
                 if tally.frames % 20 == 0:
@@ -141,10 +140,10 @@ def run(arguments: Namespace) -> int:
 
         if writer is None:
             for step in track_steps(stream, tracker):
-                each(step)
+                on_progress(step)
         else:
             left_out = record_tracking(
-                writer, stream, tracker, BASE_FRAME, arguments.with_images, each
+                writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress
             )
             sentences = (*sentences, *left_out)
         seconds = time.perf_counter() - times[0]
@@ -184,12 +183,12 @@ def inputs(arguments: Namespace) -> list[Path]:
     return [file for file in files if file is not None]
 
 
-def views_of(
+def followers_of(
     arguments: Namespace, stack: ExitStack, stream: ImageStream, arm: Arm, unit: LengthUnit
-) -> list[Each]:
+) -> list[Follower]:
     """Open the table and the preview that were asked for; each sees every step."""
     options: dict[str, Any] = {'overwrite': arguments.overwrite, 'inputs': inputs(arguments)}
-    views: list[Each] = []
+    followers: list[Follower] = []
     if arguments.table is not None:
         table = stack.enter_context(write_table(arguments.table, unit, **options))
 
@@ -197,9 +196,9 @@ def views_of(
             if isinstance(step.outcome, Tracking):
                 table.write(step.outcome.sightings)
 
-        views.append(tabulate)
+        followers.append(tabulate)
     if arguments.preview is None:
-        return views
+        return followers
     if arguments.preview.suffix.lower() == '.mp4':
         from pneunet_ros.reports.tracking.preview_video import write_video
 
@@ -209,7 +208,7 @@ def views_of(
             if isinstance(step.outcome, Tracking) and isinstance(step.item.reading, Image):
                 video.add(step.item.reading, step.outcome, step.state)
 
-        return [*views, film]
+        return [*followers, film]
     from pneunet_ros.reports.tracking.preview import write_preview
 
     title = f'{arguments.source} through {arm.name}'
@@ -225,12 +224,4 @@ def views_of(
             tracking = step.outcome if isinstance(step.outcome, Tracking) else None
             preview.add(step.item.log_time_ns, image, tracking, step.state)
 
-    return [*views, collect]
-
-
-VERB = Verb(
-    name='track',
-    help='find the white targets in camera images: points, smoothed centerline, curvature',
-    options=options,
-    run=run,
-)
+    return [*followers, collect]

@@ -55,7 +55,7 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
     table.add_row('images', f'{summary["kind"]}, {summary["topics"]["image_raw"]}')
     table.add_row('lens', str(summary['topics']['camera_info']))
     table.add_row('frames', str(frames))
-    table.add_row('explained', share(explained, frames))
+    table.add_row('frames tracked', share(explained, frames))
     reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
     table.add_row('without targets', reasons or 'none')
     table.add_row('targets seen', share(summary['seen'], explained * summary['targets']))
@@ -84,6 +84,6 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
         console.print('Nothing written; --output OUT.mcap writes the tracker topics.')
 
 
-def share(part: int, whole: int) -> str:
-    """Tell a number and what share of the whole it is."""
-    return f'{part} of {whole} ({100.0 * part / whole:.1f} %)' if whole else '0'
+def share(part: int, total: int) -> str:
+    """Tell a number and what share of a total it is."""
+    return f'{part} of {total} ({100.0 * part / total:.1f} %)' if total else '0'

@@ -1,11 +1,10 @@
-"""What every verb has: how it is called, what it prints, and common options."""
+"""What verbs share: what they print, and common options."""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser, BooleanOptionalAction, Namespace
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 import dataclasses
-from dataclasses import dataclass
 from pathlib import Path
 import sys
 from typing import Any
@@ -19,7 +18,7 @@ from pneunet_ros.model.arm import Arm
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-DONE, NEGATIVE, WRONG = 0, 1, 2  # exit codes
+DONE, NEGATIVE = 0, 1  # exit codes
 PAPER_ARM = 'config/paper_arm.yaml'
 # The settings that say what a reading means, for verbs that read recordings without estimating.
 SENSOR_SETTINGS = (
@@ -32,16 +31,6 @@ SENSOR_SETTINGS = (
     'wrench_yaw',
     'wrench_frame',
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verb:
-    """A verb: name, one line of help, options, and what it does; `run` gives the exit code."""
-
-    name: str
-    help: str
-    options: Callable[[ArgumentParser], None]
-    run: Callable[[Namespace], int]
 
 
 def output_console() -> Console:

@@ -1,4 +1,4 @@
-"""What we claim: a shape, an estimate with its uncertainty, or a refusal with its reason."""
+"""Read-only float64 arrays, tables over pressure, and equality of values to the last bit."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 
 BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
 STARTS_ANEW = 'starts_anew'
+LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # a header holds its seconds in 32 bits
 
 
 def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str]:
@@ -32,6 +33,3 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
 def count_reason(counts: Mapping[str, int], reason: str) -> Mapping[str, int]:
     """Return counts by reason with one more of this reason."""
     return MappingProxyType({**counts, reason: counts.get(reason, 0) + 1})
-
-
-LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # a header holds its seconds in 32 bits

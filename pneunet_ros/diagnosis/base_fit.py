@@ -12,30 +12,31 @@ from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
 from pneunet_ros.calibration.preconditions import check_runs, FEWEST_FRAMES
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.diagnosis.settings import BaseFitSettings, DEFAULTS
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
-FRAMES = 48  # of every run; neighbors say nearly the same, but for white noise
-HARMLESS_CAMERA = 5e-4  # of the length, that a camera may move without a word; invented
-FIRST_FRAMES = 24  # of every run, for a fit to begin with
-FEWEST_UNIFORM = 3  # frames of a recording, for a model of constant curvature
-
-Each = Callable[[str, int, int], None]  # what is done, how far, of how much (0 = unknown)
+Progress = Callable[[str, int, int], None]  # what is done, how far, of how much (0 = unknown)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Base:
-    """The base model fitted to few frames of all training runs, and the noise of the whole."""
+class BaseFit:
+    """The base model fitted to few frames of all training runs, and the noise of all frames."""
 
     frame: Arm
     noise: NoiseEstimate
     fit: Fit
 
 
-def refitted(frame: Arm, training: Sequence[RecordingData], each: Each) -> Base:
-    """Refit; RequestError and RecordingError where the recordings are not fit for it."""
+def fit_base(
+    frame: Arm,
+    training: Sequence[RecordingData],
+    on_progress: Progress,
+    settings: BaseFitSettings = DEFAULTS.base_fit,
+) -> BaseFit:
+    """Fit; RequestError and RecordingError where the recordings are not fit for it."""
     unloaded = [run for run in training if not run.loaded]
     loaded = [run for run in training if run.loaded]
     if not unloaded:
@@ -43,35 +44,36 @@ def refitted(frame: Arm, training: Sequence[RecordingData], each: Each) -> Base:
             'a diagnosis needs a training recording without a load: it says what the arm does '
             'by pressure alone'
         )
-    plain = uniform(frame)
-    fewest = FEWEST_UNIFORM if plain else FEWEST_FRAMES
+    uniform = has_uniform_curvature(frame)
+    fewest = settings.fewest_uniform if uniform else FEWEST_FRAMES
     check_runs(unloaded, loaded, frame, first=True, fewest=fewest)
     noise = estimate_noise(training, frame.target_arclength, frame.sensors)
-    noise = replace(noise, noise=with_harmless_camera(noise.noise, frame.length))
+    least = settings.harmless_camera * frame.length
+    noise = replace(noise, noise=with_camera_motion(noise.noise, least))
     frame = replace(frame, sensors=noise.noise, covariance=None)
     low, high = pressure_span(inputs_of(frame, training))
-    unloaded, loaded = ([run.thinned(FIRST_FRAMES) for run in runs] for runs in (unloaded, loaded))
-    stage = Stages(frame, noise, low, high, each, uniform=plain)
+    most = settings.first_frames
+    unloaded, loaded = ([run.thinned(most) for run in runs] for runs in (unloaded, loaded))
+    stage = Stages(frame, noise, low, high, on_progress, uniform=uniform)
     fit, hyperparameters = stage.first_experiment(unloaded)
     if loaded and frame.moment_law.kind in MOMENT_LAW_PARAMETERS:
         stiffness = stage.stiffness(unloaded, loaded, fit, hyperparameters)
         law = stage.law(frame.moment_law.kind, stiffness)
-        fit = stage.joint(unloaded, loaded, fit, hyperparameters, law, FIRST_FRAMES)
-    return Base(frame=frame, noise=noise, fit=fit)
+        fit = stage.joint(unloaded, loaded, fit, hyperparameters, law, most)
+    return BaseFit(frame=frame, noise=noise, fit=fit)
 
 
-def uniform(arm: Arm) -> bool:
+def has_uniform_curvature(arm: Arm) -> bool:
     """Whether curvature without knots between the ends, the same at both, is part of a model."""
     table = arm.intrinsic_curvature
     return table.arclength.size == 2 and bool(np.all(np.ptp(table.curvature, axis=1) == 0.0))
 
 
-def with_harmless_camera(noise: SensorNoise, length: float) -> SensorNoise:
-    """Return the noise with a camera that moves a little at least.
+def with_camera_motion(noise: SensorNoise, least: float) -> SensorNoise:
+    """Return the noise with a camera that moves by so much (m) at least.
 
-    Its place and its drift are known from few values, and may be found to be nothing.
+    Its place and its drift are known from few values, and may be estimated to be nothing.
     """
-    least = HARMLESS_CAMERA * length
     return replace(
         noise,
         registration_std=max(noise.registration_std, least),

@@ -1,4 +1,4 @@
-"""Find what a model lacks: detect, localize, name, test, and show the gap before and after."""
+"""Find what a model lacks: detect, localize, name, test, and evaluate before and after."""
 
 from __future__ import annotations
 
@@ -7,269 +7,337 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.diagnosis.augmented import augmented, fitted, named, shifts
-from pneunet_ros.diagnosis.base_fit import Each, FRAMES, refitted
-from pneunet_ros.diagnosis.detectability import cosines, detection_limits
-from pneunet_ros.diagnosis.evaluation import closed, misfit, noise_floor, scores
+from pneunet_ros.diagnosis.augmented_model import (
+    augment_model,
+    describe_effects,
+    fit_with_effects,
+    parameter_shifts,
+)
+from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base, Progress
+from pneunet_ros.diagnosis.detectability import detection_limits, effect_cosines
+from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import hypotheses
-from pneunet_ros.diagnosis.lack_of_fit import Group
+from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
-from pneunet_ros.diagnosis.localization import frames_of, heat_maps, sentence_of, shares
-from pneunet_ros.diagnosis.refit import Refit
-from pneunet_ros.diagnosis.result import Adequacy, Answer, Diagnosis, Evaluation, Evidence
+from pneunet_ros.diagnosis.localization import (
+    collect_frames,
+    describe_misfit,
+    heat_maps,
+    misfit_shares,
+)
+from pneunet_ros.diagnosis.result import (
+    Adequacy,
+    Answer,
+    Detectable,
+    Diagnosis,
+    Evaluation,
+    Evidence,
+)
 from pneunet_ros.diagnosis.score_test import Candidate
-from pneunet_ros.diagnosis.selection import LEAST_EVIDENCE, LEVEL, margin, Record, Selection, Trial
+from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection, Trial
+from pneunet_ros.diagnosis.settings import (
+    AugmentedModelSettings,
+    DEFAULTS,
+    DiagnosisSettings,
+    SelectionSettings,
+)
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
-
-SAME = 0.98  # cosine of effects that are one class on these recordings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """The answer, with what cannot be told from it and how probable each effect is."""
+    """The answer: the model that holds, and effects that cannot be distinguished from its own.
+
+    probability: how probable it is that each effect is missing.
+    """
 
     answer: Answer
     trial: Trial
-    alternatives: tuple[str, ...]
+    alternatives: tuple[str, ...] = ()
     probability: Mapping[str, float]
 
 
 def diagnose(
-    frame: Arm,
+    model: Arm,
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     *,
     seed: int = 0,
     executor: Executor | None = None,
-    each: Each = lambda what, done, total: None,
+    on_progress: Progress = lambda stage, done, total: None,
+    settings: DiagnosisSettings = DEFAULTS,
 ) -> Diagnosis:
-    """Diagnose a model by recordings; `frame` has the effects that are known already.
+    """Diagnose a model by recordings: what it lacks, or what the recordings could have shown.
 
     The base model is refitted to the training recordings together with every hypothesis; held-out
-    ones are used for scores and tests only. seed: of the simulated clean data behind the
-    thresholds; executor: where they are simulated, here if None. Raises RequestError and
-    RecordingError where the recordings are not fit for it.
+    ones are used for scores and tests only. docs/diagnosis.md says how.
+
+    Args:
+        model: the arm, with the effects that are known already.
+        training: recordings of pressure (Pa), end load (N, N m) and targets (m, base frame), at
+            least one of them without a load.
+        held_out: others, in the same range of pressure and force; may be empty.
+        seed: of the simulated clean data behind the thresholds.
+        executor: where they are simulated; here if None.
+        on_progress: called with what is done, how far, and of how much (0 = unknown).
+        settings: the numbers by which it decides.
+
+    Returns:
+        The answer, with the model before and after; all numbers in SI.
+
+    Raises:
+        RequestError: no training recording is without a load.
+        RecordingError: a recording has too few frames, or contradicts the model.
+        ModelError: the model has no shape in most of the recordings.
+
     """
-    base = refitted(frame, training, each)
+    base = fit_base(model, training, on_progress, settings.base_fit)
     ordered = sorted(training, key=lambda run: run.loaded)  # as the base was fitted
-    runs = [run.thinned(FRAMES) for run in ordered]
-    point = LinearizationPoint(
-        parameters=base.fit.parameters, values=base.fit.values, placement=base.fit.placement
-    )
-    whole = (*runs, *(run.thinned(FRAMES) for run in held_out))
-    design = Linearization(point, whole, len(runs), base.noise.noise)
     known = tuple(effect.name for effect in base.frame.effects)
-    asked = hypotheses(without=known)
+    asked = hypotheses(known, settings.hypothesis)
     selection = Selection(
-        design=design,
+        linearization=linearize(base, ordered, held_out, settings),
         hypotheses=tuple(item for item in asked if not item.confounded_with_pressure_scale),
         seed=seed,
-        each=each,
-        mapped=map if executor is None else executor.map,
+        on_progress=on_progress,
+        map_function=map if executor is None else executor.map,
+        settings=settings,
     )
-    first = selection.base()
-    best = selection.forward(first)
-    found = selection.following(first)
-    visible = detection_limits(asked, found)
-    alike = cosines(first.refit.linear, found)
-    some = any(item.observable for item in visible.values())
-    verdict = decide(selection, first, best, some)
-    each('the gap', 0, 0)
+    first = selection.fit_base()
+    best = selection.select_forward(first)
+    candidates = selection.score_candidates(first)
+    detectable = detection_limits(asked, candidates, settings.detectability)
+    cosines = effect_cosines(first.refit.gaussian, candidates, settings.detectability)
+    observable = any(item.observable for item in detectable.values())
+    verdict = decide(selection, first, best, observable=observable)
     after = verdict.trial
-    before_fit = fitted(first.refit)
-    after_fit = before_fit if after is first else fitted(after.refit)
-    before_design, before_linear = selection.wholly(first.refit)
-    after_design, after_linear = selection.wholly(after.refit)
-    sides = [
-        side(first.refit, before_fit, before_design, before_linear, (ordered, held_out)),
-        side(after.refit, after_fit, after_design, after_linear, (ordered, held_out)),
-    ]
-    frames = [frames_of(item.refit.design, item.refit.linear) for item in (first, after)]
-    floor = noise_floor(sides[1].arm, held_out or ordered, base.noise.noise)
-    gaps = [item.held_out or item.training for item in sides]
-    wished = [item for item in found if not visible[item.hypothesis.name].observable]
-    if verdict.alternatives:
-        names = (*after.names, *verdict.alternatives)
-        wished = [item for item in found if item.hypothesis.name in names]
-    advice = propose_experiment(first.refit, wished, wished if verdict.alternatives else ())
-    effects = named(after.refit, verdict.probability)
+    on_progress('evaluation before and after', 0, 0)
+    thinned, recordings = selection.linearization.runs, (ordered, held_out)
+    before = evaluate(first, thinned, recordings, settings.augmented_model)
+    evaluations = [before, before]
+    if after is not first:
+        evaluations[1] = evaluate(after, thinned, recordings, settings.augmented_model)
+    frames = [collect_frames(trial.refit, settings.localization) for trial in (first, after)]
+    floor = noise_floor(evaluations[1].arm, held_out or ordered, base.noise.noise)
+    errors = (
+        (before.held_out or before.training).rms,
+        (evaluations[1].held_out or evaluations[1].training).rms,
+    )
+    wanted = wanted_candidates(verdict, candidates, detectable)
+    rivals = wanted if verdict.alternatives else ()
+    level = settings.lack_of_fit.level
     return Diagnosis(
         answer=verdict.answer,
-        sentence=sentence(verdict, gaps[0].rms, gaps[1].rms),
-        effects=effects,
+        sentence=describe_verdict(verdict, *errors),
+        effects=describe_effects(after.refit, verdict.probability, settings.augmented_model),
         alternatives=verdict.alternatives,
-        where=shares(frames[0]),
-        where_sentence=sentence_of(frames[0]),
+        where=misfit_shares(frames[0]),
+        where_sentence=describe_misfit(frames[0]),
         heat_maps=heat_maps(*frames),
-        before=sides[0],
-        after=sides[1],
+        before=before,
+        after=evaluations[1],
         noise_floor=floor,
-        closed=None if first.record.adequate else closed(gaps[0].rms, gaps[1].rms, floor),
-        adequacy_before=adequacy(first.record.groups),
-        adequacy_after=adequacy(after.record.groups),
-        detectable=visible,
-        shift={} if after is first else shifts(before_fit, after_fit),
-        evidence=evidence(selection, found, alike),
-        cosines=alike,
-        proposal=advice,
-        notes=notes(first, best, verdict),
+        closed=None if first.record.adequate else removed_share(*errors, floor),
+        adequacy_before=worst_test(first.record.tests, level),
+        adequacy_after=worst_test(after.record.tests, level),
+        detectable=detectable,
+        shift={} if after is first else parameter_shifts(before.fit, evaluations[1].fit),
+        evidence=collect_evidence(
+            selection, candidates, indistinguishable(cosines, settings.detectability.same_class)
+        ),
+        cosines=cosines,
+        proposal=propose_experiment(first.refit, wanted, rivals, settings),
+        notes=write_notes(first, best, verdict),
         seed=seed,
+        settings=settings,
     )
 
 
-def decide(selection: Selection, first: Trial, best: Trial, some: bool) -> Verdict:
-    """Decide on the answer; some: an effect could have been seen at all."""
-    nothing = Verdict(answer='none', trial=first, alternatives=(), probability={})
-    if not best.names:
-        if not first.record.adequate:
-            return Verdict(answer='unknown', trial=first, alternatives=(), probability={})
-        if some:
-            return nothing
-        return Verdict(answer='unobservable', trial=first, alternatives=(), probability={})
+def linearize(
+    base: BaseFit,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+    settings: DiagnosisSettings,
+) -> Linearization:
+    """Linearize all recordings, thinned, around the base fit."""
+    fit = base.fit
+    point = LinearizationPoint(
+        parameters=fit.parameters, values=fit.values, placement=fit.placement
+    )
+    runs = [run.thinned(settings.base_fit.frames) for run in (*training, *held_out)]
+    noise = base.noise.noise
+    return Linearization(point, runs, len(training), noise, settings.linearization)
+
+
+def decide(selection: Selection, first: Trial, best: Trial, *, observable: bool) -> Verdict:
+    """Decide on the answer; observable: at least one effect could have been seen."""
     if not best.record.adequate:
-        return Verdict(answer='unknown', trial=first, alternatives=(), probability={})
+        return Verdict(answer='unknown', trial=first, probability={})
+    if not best.names:
+        answer: Answer = 'none' if observable else 'unobservable'
+        return Verdict(answer=answer, trial=first, probability={})
+    settings = selection.settings.selection
     rivals = [
-        trial
-        for trial in possible(selection, best)
-        if trial.dof <= best.record.dof
-        and trial.evidence > best.record.evidence - margin(best.record.evidence)
+        item
+        for item in selection.tried.values()
+        if item.adequate and item.plausible and item is not best.record
     ]
-    others = sorted({name for trial in rivals for name in trial.names} - set(best.names))
+    least = best.record.evidence - evidence_margin(best.record.evidence, settings)
+    others = {
+        name
+        for item in rivals
+        if item.dof <= best.record.dof and item.evidence > least
+        for name in item.names
+    }
+    alternatives = tuple(sorted(others - set(best.names)))
     return Verdict(
-        answer='inseparable' if others else 'named',
+        answer='inseparable' if alternatives else 'named',
         trial=best,
-        alternatives=tuple(others),
-        probability=probabilities([best.record, *possible(selection, best)]),
+        alternatives=alternatives,
+        probability=effect_probabilities([best.record, *rivals], settings),
     )
 
 
-def possible(selection: Selection, best: Trial) -> list[Record]:
-    """Return what else may be the answer: sets that leave nothing over, of usual sizes."""
-    tried = selection.tried.values()
-    return [item for item in tried if item.adequate and item.plausible and item is not best.record]
-
-
-def probabilities(records: Sequence[Record]) -> dict[str, float]:
+def effect_probabilities(
+    records: Sequence[Record], settings: SelectionSettings = DEFAULTS.selection
+) -> dict[str, float]:
     """Return how probable it is that each effect is missing, over sets that may be the answer.
 
-    Evidence counts by what laws of effects are worth, as it does for the answer (`margin`).
+    Evidence counts by what laws of effects are worth, as it does for the answer.
     """
     logs = np.array([item.evidence for item in records])
-    weight = np.exp((logs - logs.max()) * LEAST_EVIDENCE / margin(float(logs.max())))
-    weight /= weight.sum()
+    margin = evidence_margin(float(logs.max()), settings)
+    weights = np.exp((logs - logs.max()) * settings.least_evidence / margin)
+    weights /= weights.sum()
     names = sorted({name for item in records for name in item.names})
+    pairs = list(zip(weights, records, strict=True))
     return {
-        name: float(sum(w for w, item in zip(weight, records, strict=True) if name in item.names))
-        for name in names
+        name: float(sum(weight for weight, item in pairs if name in item.names)) for name in names
     }
 
 
-def side(
-    refit: Refit,
-    fit: Fit,
-    design: Linearization,
-    linear: GaussianModel,
+def evaluate(
+    trial: Trial,
+    thinned: Sequence[RecordingData],
     recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]],
+    settings: AugmentedModelSettings,
 ) -> Evaluation:
-    """Return a model beside all recordings: training and held-out ones."""
-    arm = augmented(refit, fit)
+    """Evaluate the model of a trial on training and held-out recordings.
+
+    thinned: the runs of the trial, of which chi squared is known already.
+    """
+    fit = fit_with_effects(trial.refit, settings)
+    arm = augment_model(trial.refit, fit)
     training, held_out = recordings
+    count = len(training)
     every = scores(arm, [*training, *held_out])
-    first, rest = every[: len(training)], every[len(training) :]
-    runs = range(design.training), range(design.training, len(design.blocks))
+    chi_squared = trial.record.run_chi_squared
     return Evaluation(
         arm=arm,
         fit=fit,
-        training=misfit(first, linear, runs[0], design),
-        held_out=misfit(rest, linear, runs[1], design) if rest else None,
-        training_scores=first,
-        held_out_scores=rest,
+        training=misfit(every[:count], chi_squared[:count], thinned[:count]),
+        held_out=misfit(every[count:], chi_squared[count:], thinned[count:]) if held_out else None,
+        training_scores=every[:count],
+        held_out_scores=every[count:],
     )
 
 
-def adequacy(groups: Sequence[Group]) -> Adequacy:
-    """Return the test of the worst of the groups, at the level of all of them together."""
-    worst = min(groups, key=lambda item: item.p_value)
+def worst_test(tests: Sequence[LackOfFit], level: float) -> Adequacy:
+    """Return the test with the least p-value, at the level of all of them together."""
+    worst = min(tests, key=lambda item: item.p_value)
     return Adequacy(
         statistic=worst.statistic,
-        threshold=worst.threshold(LEVEL / len(groups)),
-        p_value=min(1.0, worst.p_value * len(groups)),
+        threshold=worst.threshold(level / len(tests)),
+        p_value=min(1.0, worst.p_value * len(tests)),
     )
 
 
-def evidence(
-    selection: Selection, found: Sequence[Candidate], alike: Mapping[tuple[str, str], float]
+def wanted_candidates(
+    verdict: Verdict, candidates: Sequence[Candidate], detectable: Mapping[str, Detectable]
+) -> list[Candidate]:
+    """Return the effects that the next recording should show: rivals, else unseen ones."""
+    if verdict.alternatives:
+        names = (*verdict.trial.names, *verdict.alternatives)
+        return [item for item in candidates if item.name in names]
+    return [item for item in candidates if not detectable[item.name].observable]
+
+
+def collect_evidence(
+    selection: Selection,
+    candidates: Sequence[Candidate],
+    same_class: Sequence[tuple[str, str]],
 ) -> tuple[Evidence, ...]:
     """Return what was tried, the best first; effects that were not refitted by their score."""
     trials = sorted(selection.tried.values(), key=lambda item: -item.evidence)
-    out = [
-        Evidence(
-            effects=item.names,
-            chi_squared=item.gain,
-            evidence=item.evidence,
-            adequate=item.adequate,
-            alike=look_alikes(item.names, alike),
-        )
-        for item in trials
-        if item.names
+    rows = [(item.names, item.gain, item.evidence, item.adequate) for item in trials if item.names]
+    fitted = {names for names, *_ in rows}
+    rows += [
+        ((item.name,), item.gain, float('nan'), False)
+        for item in candidates
+        if (item.name,) not in fitted
     ]
-    fitted_alone = {item.names[0] for item in trials if len(item.names) == 1}
-    out += [
+    return tuple(
         Evidence(
-            effects=(item.hypothesis.name,),
-            chi_squared=item.gain,
-            evidence=float('nan'),
-            adequate=False,
-            alike=look_alikes((item.hypothesis.name,), alike),
+            effects=names,
+            chi_squared=gain,
+            evidence=evidence,
+            adequate=adequate,
+            alike=alike_effects(names, same_class),
         )
-        for item in found
-        if item.hypothesis.name not in fitted_alone
-    ]
-    return tuple(out)
+        for names, gain, evidence, adequate in rows
+    )
 
 
-def look_alikes(names: tuple[str, ...], alike: Mapping[tuple[str, str], float]) -> tuple[str, ...]:
-    """Return the effects that act as one of these does on these recordings, but for its size."""
-    pairs = [pair for pair, cosine in alike.items() if abs(cosine) > SAME]
-    both = {name for pair in pairs if set(pair) & set(names) for name in pair}
-    return tuple(sorted(both - set(names)))
+def indistinguishable(
+    cosines: Mapping[tuple[str, str], float], least: float
+) -> list[tuple[str, str]]:
+    """Return the pairs of effects that differ in nothing but their size on these recordings."""
+    return [pair for pair, cosine in cosines.items() if abs(cosine) > least]
 
 
-def notes(first: Trial, best: Trial, verdict: Verdict) -> tuple[str, ...]:
+def alike_effects(
+    names: tuple[str, ...], same_class: Sequence[tuple[str, str]]
+) -> tuple[str, ...]:
+    """Return the other effects of the classes of these."""
+    pairs = [pair for pair in same_class if set(pair) & set(names)]
+    return tuple(sorted({name for pair in pairs for name in pair} - set(names)))
+
+
+def write_notes(first: Trial, best: Trial, verdict: Verdict) -> tuple[str, ...]:
     """Return what else one should know."""
-    out = []
+    notes = []
     if verdict.answer == 'unknown' and best.names:
-        left = min(best.record.groups, key=lambda item: item.p_value)
-        out.append(
-            f'{" + ".join(best.names)} explains most (chi squared falls by '
-            f'{best.record.gain:.0f}), but something is left beside it ({left.name}): it is not '
-            'what is missing, or not alone'
+        worst = min(best.record.tests, key=lambda item: item.p_value)
+        notes.append(
+            f'{" + ".join(best.names)} reduces chi squared most, by {best.record.gain:.0f}, but '
+            f'fails the lack-of-fit test of {worst.name}: it is not what is missing, or not alone'
         )
     if not first.refit.converged:
-        out.append('the fit of the base model has not settled')
-    return tuple(out)
+        notes.append('the fit of the base model has not converged')
+    return tuple(notes)
 
 
-def sentence(verdict: Verdict, before: float, after: float) -> str:
-    """Return the answer in one sentence."""
+def describe_verdict(verdict: Verdict, before: float, after: float) -> str:
+    """Return the answer in one sentence; before, after: model error (m, rms)."""
     names = ' and '.join(verdict.trial.names)
-    gap = f'from {millimeters(before):.2f} to {millimeters(after):.2f} mm rms'
+    reduced = (
+        f'adding it reduces the model error from {millimeters(before):.2f} to '
+        f'{millimeters(after):.2f} mm rms.'
+    )
     match verdict.answer:
         case 'none':
-            return 'Nothing is missing that these recordings could show.'
+            return 'The residuals are consistent with noise: no effect is missing that is visible.'
         case 'unobservable':
-            return 'These recordings could not have shown any effect of the library.'
+            return 'No effect of the library is observable in these recordings.'
         case 'unknown':
-            return 'Something is missing, and it is no effect of the library.'
+            return 'The model lacks something, and no effect of the library explains it.'
         case 'named':
-            return f'What is missing is {names}: with it the gap falls {gap}.'
+            return f'The model lacks {names}: {reduced}'
     others = ' or '.join(verdict.alternatives)
     return (
-        f'What is missing is {names} or {others}, which these recordings cannot tell apart: with '
-        f'it the gap falls {gap}.'
+        f'The model lacks {names} or {others}, which cannot be distinguished with these data: '
+        f'{reduced}'
     )

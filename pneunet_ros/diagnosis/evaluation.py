@@ -1,4 +1,4 @@
-"""The gap between a model and recordings, in meters, and the floor that noise puts under it."""
+"""The model error on recordings, in meters, and the floor that noise puts under it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.held_out import Score, score
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
-from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.result import Misfit
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -19,34 +17,32 @@ from pneunet_ros.model.uncertainty import SensorNoise
 
 
 def scores(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Score, ...]:
-    """Score every run; what the arm remembers is carried on from run to run by their stamps."""
+    """Score every run; the arm's history is carried on from run to run by their stamps."""
     pairs = zip(runs, inputs_of(arm, runs), strict=True)
     return tuple(score(arm, run, inputs) for run, inputs in pairs)
 
 
 def misfit(
-    found: Sequence[Score], linear: GaussianModel, which: range, design: Linearization
+    run_scores: Sequence[Score], chi_squared: Sequence[float], runs: Sequence[RecordingData]
 ) -> Misfit:
-    """Return what scores of runs come to; chi squared is that of the linear problem's runs.
+    """Return what the scores of runs come to; chi_squared: of the whitened residuals of each run.
 
-    Whitened residuals at the fit to the training runs: nothing is fitted to held-out ones.
+    Residuals at the fit to the training runs: nothing is fitted to held-out ones.
     """
-    squares = np.concatenate([item.error[np.isfinite(item.error)] ** 2 for item in found])
-    apart = np.concatenate([distances(item.error) for item in found])
-    residual = linear.residuals
-    chi = sum(float(residual[place] @ residual[place]) for place in which)
-    count = sum(2 * int(design.blocks[place].run.seen.sum()) for place in which)
+    squares = np.concatenate([item.error[np.isfinite(item.error)] ** 2 for item in run_scores])
+    lengths = np.concatenate([distances(item.error) for item in run_scores])
+    count = sum(2 * int(run.seen.sum()) for run in runs)
     return Misfit(
         rms=float(np.sqrt(squares.mean())) if squares.size else float('nan'),
-        p95=float(np.percentile(apart, 95.0)) if apart.size else float('nan'),
-        chi_squared=chi / max(count, 1),
+        p95=float(np.percentile(lengths, 95.0)) if lengths.size else float('nan'),
+        chi_squared=sum(chi_squared) / max(count, 1),
     )
 
 
 def distances(error: Array) -> Array:
     """Return the length of errors (frames, 2, targets) where they are known."""
-    apart = np.hypot(error[:, 0], error[:, 1]).ravel()
-    return apart[np.isfinite(apart)]
+    lengths = np.hypot(error[:, 0], error[:, 1]).ravel()
+    return lengths[np.isfinite(lengths)]
 
 
 def noise_floor(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> float:
@@ -69,9 +65,9 @@ def noise_floor(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> 
     return float(np.sqrt(squares / max(count, 1)))
 
 
-def closed(before: float, after: float, floor: float) -> float | None:
-    """Return the share of the removable gap that is closed; None where there was none."""
-    removable = before**2 - floor**2
-    if removable <= 0.0:
+def removed_share(before: float, after: float, floor: float) -> float | None:
+    """Return the share of the reducible error that is removed; None where there was none."""
+    reducible = before**2 - floor**2
+    if reducible <= 0.0:
         return None
-    return 1.0 - (after**2 - floor**2) / removable
+    return 1.0 - (after**2 - floor**2) / reducible

@@ -1,4 +1,4 @@
-"""Which recording to make next: the one that would tell most, tried out with the model itself."""
+"""Experiment design: which recording would tell most, by experiments tried out with the model."""
 
 from __future__ import annotations
 
@@ -9,27 +9,52 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.diagnosis.detectability import PRIOR_RANGE
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.linearization import Linearization
-from pneunet_ros.diagnosis.refit import Refit, Refitting
+from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, ExperimentDesignSettings
 from pneunet_ros.measurement.dataset import RecordingData
-
-FRAMES, RATE = 60, 20.0  # of a recording that is tried out; readings per second
-USUAL_FORCE = 0.2  # N, where none was recorded so far; invented
-Corners = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
-    """A recording that could be made: corners of (s, share of pressure, F1, F2 in largest)."""
+    """A recording that could be made: corners of (s, pressure, F1, F2), as shares of ranges."""
 
     words: str
-    corners: Corners
+    corners: tuple[tuple[float, ...], ...]
+
+    def recording(
+        self,
+        pressure_range: tuple[float, float],
+        force: float,
+        stamp_ns: int,
+        targets: int,
+        settings: ExperimentDesignSettings = DEFAULTS.experiment_design,
+    ) -> RecordingData:
+        """Return the recording from a stamp on, its targets at zero; force (N): the largest."""
+        corners = np.array(self.corners, dtype=np.float64)
+        time = np.arange(0.0, corners[-1, 0], 1.0 / settings.rate)
+        share, f1, f2 = (np.interp(time, corners[:, 0], corners[:, i]) for i in (1, 2, 3))
+        low, high = pressure_range
+        reading = np.linspace(0, time.size - 1, settings.frames).astype(np.int64)
+        loads = np.column_stack([f1, f2])
+        stamps = stamp_ns + np.rint(time * NANOSECONDS_PER_SECOND).astype(np.int64)
+        return RecordingData(
+            name=self.words,
+            reading_stamp_ns=stamps,
+            pressure=low + (high - low) * share,
+            stamp_ns=stamps[reading],
+            reading=reading,
+            loaded=bool(np.any(loads)),
+            force=force * loads[reading],
+            moment=np.zeros(settings.frames),
+            x=np.zeros((settings.frames, targets)),
+            y=np.zeros((settings.frames, targets)),
+        )
 
 
-IDEAS = (
+EXPERIMENTS = (
     Experiment(
         words='without a load, steps of pressure up and down with holds of 8 s',
         corners=(
@@ -69,42 +94,44 @@ IDEAS = (
 
 
 def propose_experiment(
-    refit: Refit, wanted: Sequence[Candidate], rivals: Sequence[Candidate]
+    refit: Refit,
+    wanted: Sequence[Candidate],
+    rivals: Sequence[Candidate],
+    settings: DiagnosisSettings = DEFAULTS,
 ) -> str:
-    """Say which recording would show most of the wanted effects, beside their rivals.
+    """Say which experiment would show most of a wanted effect, its rivals fitted beside it.
 
-    Of each wanted effect counts how large, in units of what is visible, it would be at the far
-    end of its prior range. Empty where there is nothing to wish for.
+    Counted is the chi squared of each wanted effect at the far end of its prior range. Empty where
+    nothing is wanted.
     """
-    if not wanted:
+    linearization = linearize_experiments(refit, settings) if wanted else None
+    if linearization is None:
         return ''
-    design = made(refit)
-    if design is None:
+    at_fit = linearize_all_runs(linearization, refit, settings.refit)
+    if at_fit is None:
         return ''
-    first = design.training
-    trial = Refitting(design, refit.hypotheses, len(design.blocks))
-    at = trial.residuals(refit.base, refit.numbers)
-    linear = None if at is None else trial.linear(refit.base, refit.numbers, at)
-    if linear is None or at is None:
-        return ''
-    names = {item.hypothesis.name: item for item in (*wanted, *rivals)}
-    answers = {name: answer(refit, design, at, item) for name, item in names.items()}
+    residuals, gaussian = at_fit[0].residuals, at_fit[1]
+    directions = {
+        item.name: effect_direction(
+            linearization, refit, residuals, item.hypothesis.effect(item.tried)
+        )
+        for item in (*wanted, *rivals)
+    }
     best, words, name = 0.0, '', ''
-    for place, idea in enumerate(IDEAS):
-        kept = [*range(first), first + place]
+    for place, experiment in enumerate(EXPERIMENTS):
+        kept = [*range(linearization.training), linearization.training + place]
         part = GaussianModel.of(
-            [linear.columns[which] for which in kept],
-            [linear.residuals[which] for which in kept],
-            linear.position,
-            [linear.grams[which] for which in kept],
+            [gaussian.columns[which] for which in kept],
+            [gaussian.residuals[which] for which in kept],
+            gaussian.position,
+            [gaussian.grams[which] for which in kept],
         )
         for item in wanted:
-            mine = item.hypothesis.name
-            others = [one.hypothesis.name for one in rivals if one.hypothesis.name != mine]
-            chosen = [answers[one] for one in (mine, *others)]
-            shown = information(part, kept, chosen) * at_the_end(item)
+            others = [directions[rival.name] for rival in rivals if rival.name != item.name]
+            shown = effect_information(part, kept, directions[item.name], others)
+            shown *= prior_end_factor(item, settings.detectability.prior_range)
             if shown > best:
-                best, words, name = shown, idea.words, mine
+                best, words, name = shown, experiment.words, item.name
     if not words:
         return ''
     return (
@@ -113,73 +140,50 @@ def propose_experiment(
     )
 
 
-def made(refit: Refit) -> Linearization | None:
-    """Return a design with a run for each idea behind the training runs."""
-    design = refit.design
-    training = design.runs[: design.training]
-    low, high = refit.point.arm.pressure_range
-    force = max((float(np.abs(run.force).max()) for run in training), default=0.0) or USUAL_FORCE
-    stamp = max(int(run.reading_stamp_ns[-1]) for run in training) + NANOSECONDS_PER_SECOND
-    runs = [run_of(idea, low, high, force, stamp, training[0].x.shape[1]) for idea in IDEAS]
+def linearize_experiments(refit: Refit, settings: DiagnosisSettings) -> Linearization | None:
+    """Return the training runs and every experiment after them, around a refit."""
+    fitted, arm = refit.linearization, refit.point.arm
+    training = fitted.runs[: fitted.training]
+    force = max(float(np.abs(run.force).max()) for run in training)
+    force = force or settings.experiment_design.usual_force
+    stamp_ns = max(int(run.reading_stamp_ns[-1]) for run in training) + NANOSECONDS_PER_SECOND
+    experiments = [
+        item.recording(
+            arm.pressure_range, force, stamp_ns, training[0].x.shape[1], settings.experiment_design
+        )
+        for item in EXPERIMENTS
+    ]
     try:
-        return Linearization(refit.point, (*training, *runs), len(training), design.noise)
+        return Linearization(
+            refit.point, (*training, *experiments), len(training), fitted.noise, fitted.settings
+        )
     except ModelError:
         return None
 
 
-def run_of(
-    idea: Experiment, low: float, high: float, force: float, stamp: int, targets: int
-) -> RecordingData:
-    """Return an idea as a run, its targets at zero."""
-    corners = np.array(idea.corners, dtype=np.float64)
-    time = np.arange(0.0, corners[-1, 0], 1.0 / RATE)
-    pressure = low + (high - low) * np.interp(time, corners[:, 0], corners[:, 1])
-    reading = np.linspace(0, time.size - 1, FRAMES).astype(np.int64)
-    loads = np.column_stack([np.interp(time, corners[:, 0], corners[:, i]) for i in (2, 3)])
-    stamps = stamp + np.rint(time * NANOSECONDS_PER_SECOND).astype(np.int64)
-    none = np.zeros((FRAMES, targets))
-    return RecordingData(
-        name=idea.words,
-        reading_stamp_ns=stamps,
-        pressure=pressure,
-        stamp_ns=stamps[reading],
-        reading=reading,
-        loaded=bool(np.any(loads)),
-        force=force * loads[reading],
-        moment=np.zeros(FRAMES),
-        x=none,
-        y=none,
-    )
-
-
-def answer(
-    refit: Refit, design: Linearization, at: Sequence[Array], item: Candidate
-) -> tuple[Array, ...] | None:
-    """Return how all runs of a design answer to an effect; None where they have no shape."""
-    effects = (*refit.effects, item.hypothesis.effect(item.tried))
-    there = design.residual(refit.point.values, effects, range(len(design.blocks)))
-    if there is None:
-        return None
-    return tuple(a - b for a, b in zip(at, there, strict=True))
-
-
-def information(
-    linear: GaussianModel, kept: Sequence[int], answers: Sequence[tuple[Array, ...] | None]
+def effect_information(
+    gaussian: GaussianModel,
+    runs: Sequence[int],
+    effect: Sequence[Array] | None,
+    rivals: Sequence[Sequence[Array] | None],
 ) -> float:
-    """Return chi squared of the first of some effects in some runs, beside all others."""
-    known = [item for item in answers if item is not None]
-    if answers[0] is None:
+    """Return chi squared of an effect in these runs, its rivals fitted beside it.
+
+    effect, rivals: their directions in all runs, None where they are not known.
+    """
+    if effect is None:
         return 0.0
-    columns = [np.column_stack([item[which] for item in known]) for which in kept]
-    inner = linear.inner(columns, columns)
-    mine = float(inner[0, 0])
+    known = [effect, *(item for item in rivals if item is not None)]
+    columns = [np.column_stack([item[which] for item in known]) for which in runs]
+    inner = gaussian.inner(columns, columns)
+    information = float(inner[0, 0])
     if len(known) > 1:
-        mine -= float(inner[0, 1:] @ np.linalg.pinv(inner[1:, 1:]) @ inner[1:, 0])
-    return max(mine, 0.0)
+        information -= float(inner[0, 1:] @ np.linalg.pinv(inner[1:, 1:]) @ inner[1:, 0])
+    return max(information, 0.0)
 
 
-def at_the_end(item: Candidate) -> float:
+def prior_end_factor(candidate: Candidate, prior_range: float) -> float:
     """Return by how much chi squared is larger at the end of the prior range than as tried."""
-    coordinate = item.hypothesis.coordinates[item.which]
-    tried = max(abs(float(item.tried[item.which])), 1e-300)
-    return float((PRIOR_RANGE * coordinate.std / tried) ** 2)
+    coordinate = candidate.hypothesis.coordinates[candidate.which]
+    tried = max(abs(float(candidate.tried[candidate.which])), 1e-300)
+    return float((prior_range * coordinate.std / tried) ** 2)

@@ -14,8 +14,6 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from scipy.linalg import cho_factor, cho_solve
 
-SEEN = 0.3  # of one unit: smaller parts of a field are not seen in these recordings
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GaussianModel:

@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.settings import DEFAULTS, HypothesisSettings
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, Load
-
-FIRST_SIZES = (0.05, 0.25, 0.8)  # of the prior range, where effects with a history are tried
-FIRST_SIZE = 5e-4  # of the prior range, for those linear in their size: the tangent
-SHAPES = 5  # values of a shape parameter that are tried, over its prior range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +60,7 @@ class Hypothesis:
 
     kind: type[Effect]
     coordinates: tuple[Coordinate, ...]
+    settings: HypothesisSettings = DEFAULTS.hypothesis
 
     @property
     def name(self) -> str:
@@ -76,7 +74,7 @@ class Hypothesis:
 
     @property
     def has_memory(self) -> bool:
-        """Whether it lives by the history of pressure, so that its answer is no straight line."""
+        """Whether it lives by the history of pressure, so that points are not linear in it."""
         return self.kind.actuate is not Effect.actuate
 
     @property
@@ -84,18 +82,13 @@ class Hypothesis:
         """Whether it is another pressure scale alone: kappa_p0(p), fitted anew, takes that up."""
         if self.kind.sense is Effect.sense:
             return False
-        sensed = self.effect(self.starts()[0][1]).sense(
-            Load(pressure=1e4, force_x=1.0, force_y=1.0)
-        )
-        return sensed.pressure != 1e4
+        load = Load(pressure=1e4, force_x=1.0, force_y=1.0)
+        return self.effect(self.starts()[0][1]).sense(load).pressure != load.pressure
 
     def effect(self, numbers: Array) -> Effect:
         """Return the effect with these numbers (size,)."""
-        values = {
-            item.parameter: item.value(float(number))
-            for item, number in zip(self.coordinates, numbers, strict=True)
-        }
-        return self.kind(**values)
+        pairs = zip(self.coordinates, numbers, strict=True)
+        return self.kind(**{item.parameter: item.value(float(number)) for item, number in pairs})
 
     def numbers(self, effect: Effect) -> Array:
         """Return the numbers of an effect."""
@@ -103,68 +96,66 @@ class Hypothesis:
 
     @property
     def mean(self) -> Array:
-        """What is expected before any data, (size,)."""
+        """Prior mean of the numbers, (size,)."""
         return np.array([item.mean for item in self.coordinates])
 
     @property
     def std(self) -> Array:
-        """How far from it a number may be, (size,)."""
+        """Prior standard deviation of the numbers, (size,)."""
         return np.array([item.std for item in self.coordinates])
+
+    @property
+    def low(self) -> Array:
+        """Lower bounds of the numbers, (size,)."""
+        return np.array([item.low for item in self.coordinates])
+
+    @property
+    def high(self) -> Array:
+        """Upper bounds of the numbers, (size,)."""
+        return np.array([item.high for item in self.coordinates])
 
     @property
     def sizes(self) -> list[int]:
         """Which numbers are sizes: zero where nothing happens."""
         return [i for i, item in enumerate(self.coordinates) if not item.shape]
 
-    def clipped(self, numbers: Array) -> Array:
-        """Return numbers within the bounds."""
-        low = [item.low for item in self.coordinates]
-        high = [item.high for item in self.coordinates]
-        return np.clip(numbers, low, high)
-
     def starts(self) -> list[tuple[int, Array]]:
-        """Return where the answer is tried: which size is moved, and all numbers there."""
-        tried = []
-        shapes = self.shapes()
-        # What has a shape of its own is linear in its size.
-        shares = FIRST_SIZES if self.has_memory and len(shapes) == 1 else (FIRST_SIZE,)
+        """Return where the effect is tried: which size is moved, and all numbers there."""
+        shapes, settings, starts = self.shapes(), self.settings, []
+        # An effect with a shape is linear in its size.
+        nonlinear = self.has_memory and len(shapes) == 1
         for shape in shapes:
             for which in self.sizes:
-                for share in shares:
+                for share in settings.first_sizes if nonlinear else (settings.first_size,):
                     numbers = shape.copy()
                     numbers[which] = 2.0 * share * self.coordinates[which].std
-                    tried.append((which, numbers))
-        return tried
+                    starts.append((which, numbers))
+        return starts
 
     def shapes(self) -> list[Array]:
-        """Return numbers without any size, over the range of what is a shape."""
-        base = np.zeros(self.size)
-        places = [i for i, item in enumerate(self.coordinates) if item.shape]
-        if not places:
-            return [base]
-        out = []
-        for step in np.linspace(-1.0, 1.0, SHAPES):
-            numbers = base.copy()
-            for place in places:
-                item = self.coordinates[place]
-                numbers[place] = item.mean + step * item.std
-            out.append(numbers)
-        return out
+        """Return numbers without any size, over the prior range of the shapes."""
+        is_shape = np.array([item.shape for item in self.coordinates])
+        steps = np.linspace(-1.0, 1.0, self.settings.shapes) if is_shape.any() else [0.0]
+        return [np.where(is_shape, self.mean + step * self.std, 0.0) for step in steps]
 
 
-def hypothesis(kind: type[Effect]) -> Hypothesis:
+def hypothesis(
+    kind: type[Effect], settings: HypothesisSettings = DEFAULTS.hypothesis
+) -> Hypothesis:
     """Return an effect of the table as a hypothesis."""
-    return Hypothesis(kind=kind, coordinates=tuple(coordinate(item) for item in fields(kind)))
+    coordinates = tuple(coordinate_of(item, settings.shape_margin) for item in fields(kind))
+    return Hypothesis(kind=kind, coordinates=coordinates, settings=settings)
 
 
-def coordinate(item: Any) -> Coordinate:
+def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
     """Return the coordinate of a declared parameter."""
-    neutral, (low, high) = float(item.default), item.metadata['bounds']
-    first, last = item.metadata['prior']
-    reciprocal, shape = math.isinf(neutral), bool(item.metadata['shape'])
+    neutral, (low, high) = float(parameter.default), parameter.metadata['bounds']
+    first, last = parameter.metadata['prior']
+    reciprocal, shape = math.isinf(neutral), bool(parameter.metadata['shape'])
     mean = 0.0
     if shape:
-        low, high = math.log(max(low, first / 10.0)), math.log(min(high, last * 10.0))
+        low = math.log(max(low, first / shape_margin))
+        high = math.log(min(high, last * shape_margin))
         mean = 0.5 * (math.log(first) + math.log(last))
         std = 0.5 * (math.log(last) - math.log(first))
     elif reciprocal:
@@ -173,8 +164,8 @@ def coordinate(item: Any) -> Coordinate:
         low, high = low - neutral, high - neutral
         std = 0.5 * max(abs(first - neutral), abs(last - neutral))
     return Coordinate(
-        parameter=item.name,
-        unit=item.metadata['unit'],
+        parameter=parameter.name,
+        unit=parameter.metadata['unit'],
         neutral=neutral,
         reciprocal=reciprocal,
         shape=shape,
@@ -185,6 +176,10 @@ def coordinate(item: Any) -> Coordinate:
     )
 
 
-def hypotheses(without: tuple[str, ...] = ()) -> tuple[Hypothesis, ...]:
-    """Return all effects of the table but some, as hypotheses."""
-    return tuple(hypothesis(kind) for name, kind in EFFECTS.items() if name not in without)
+def hypotheses(
+    without: tuple[str, ...] = (), settings: HypothesisSettings = DEFAULTS.hypothesis
+) -> tuple[Hypothesis, ...]:
+    """Return all effects of the table as hypotheses, without those of the given names."""
+    return tuple(
+        hypothesis(kind, settings) for name, kind in EFFECTS.items() if name not in without
+    )

@@ -16,6 +16,7 @@ from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Regressors
+from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
@@ -24,9 +25,6 @@ from pneunet_ros.measurement.pressure_filter import smooth_pressure
 from pneunet_ros.measurement.whitening import Whitening
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
-
-TOLERANCE = 0.001  # of the length: rms of departures that matter to nobody; invented
-MOST_LOST = 0.02  # of the frames
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,8 +92,10 @@ class Linearization:
         runs: Sequence[RecordingData],
         training: int,
         noise: SensorNoise,
+        settings: LinearizationSettings = DEFAULTS.linearization,
         acted: dict[tuple[Effect, ...], list[Inputs]] | None = None,
     ) -> None:
+        self.settings = settings
         self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
         # What acted does not depend on the base model: one table for all points.
         self.acted = {} if acted is None else acted
@@ -114,9 +114,9 @@ class Linearization:
         self.mean = posterior.mean[:shared]
         self.position = np.linalg.solve(self.scale, values[:shared] - self.mean)
         all_inputs = self.all_inputs(arm)
-        around = Regressors.of(arm, self.runs, all_inputs)
+        regressors = Regressors.of(arm, self.runs, all_inputs, settings)
         self.blocks = [
-            self.block(posterior, which, arm, inputs, values, around)
+            self.block(posterior, which, arm, inputs, values, regressors)
             for which, inputs in enumerate(all_inputs)
         ]
         self.tolerance = self.tolerances()
@@ -133,7 +133,8 @@ class Linearization:
     ) -> Linearization:
         """Return the same runs, or these, around another point."""
         acted = self.acted if runs is None else None
-        return Linearization(point, runs or self.runs, self.training, self.noise, acted)
+        runs = runs or self.runs
+        return Linearization(point, runs, self.training, self.noise, self.settings, acted)
 
     def of_training(self) -> Linearization:
         """Return the training runs alone, around the same point."""
@@ -146,7 +147,7 @@ class Linearization:
         arm: Arm,
         inputs: Inputs,
         values: Array,
-        around: Regressors,
+        regressors: Regressors,
     ) -> LinearizedRun:
         """Linearize one run."""
         size = self.size
@@ -179,22 +180,22 @@ class Linearization:
             shrink=shrink,
             base=np.zeros((0, 0)),
             path=path,
-            fields=fields_of(around, which, knots, fitted.fields[:, THETA]),
+            fields=fields_of(regressors, which, knots, fitted.fields[:, THETA]),
         )
         return replace(block, base=block.filtered(np.concatenate([first, placed], axis=1)))
 
     def tolerances(self) -> Array:
         """Return the size of every generic field that is harmless, (fields,).
 
-        Together they move the points by TOLERANCE of the length, root mean square.
+        Together they move the points by `settings.tolerance` of the length, root mean square.
         """
         squares = sum(np.sum(block.fields.generic**2, axis=(0, 1)) for block in self.blocks)
         rows = sum(
             block.fields.generic.shape[0] * block.fields.generic.shape[1] for block in self.blocks
         )
         rms = np.sqrt(np.asarray(squares) / rows)
-        each = TOLERANCE * self.length / np.sqrt(rms.size)
-        return np.where(rms > 0.0, each / np.maximum(rms, 1e-300), 0.0)
+        tolerance = self.settings.tolerance * self.length / np.sqrt(rms.size)
+        return np.where(rms > 0.0, tolerance / np.maximum(rms, 1e-300), 0.0)
 
     def residual(
         self, values: Array, effects: Sequence[Effect], which: range
@@ -237,7 +238,7 @@ class Linearization:
             block = self.blocks[place]
             solved = block.series.solve(arm, inputs)
             lost = block.whitening.mask.any(axis=1) & ~solved
-            if lost.mean() > MOST_LOST:
+            if lost.mean() > self.settings.most_lost:
                 return None
             # A frame without equilibrium says nothing: as if the model were right there.
             here = np.stack([block.run.x, block.run.y], axis=1)

@@ -9,231 +9,220 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.units import kilopascals, NANOSECONDS_PER_SECOND
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
-from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.result import Axis, HeatMap, Share
+from pneunet_ros.diagnosis.settings import DEFAULTS, LocalizationSettings
 from scipy.stats import chi2
 
-BINS = {'arclength': 5, 'pressure': 5, 'force': 4, 'time': 4}
-MOVING = 0.02  # of the range of pressure, per second: slower is a hold
-MUCH = 2.0  # times as much misfit at one end of an axis as at the other
 FALLING, RISING = -1.0, 1.0
-SIGNIFICANT = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frames:
     """All frames of the training runs: squared whitened residuals and what acted.
 
-    squares (frames, targets), NaN where not seen, 2 on average by noise alone; axes: per axis
-    (frames,) its value, NaN where a frame belongs to none.
+    squares (frames, targets), NaN where not seen, 2 on average by noise alone; arclength
+    (targets,) s / l; axes: per axis (frames,) its value, NaN where a frame belongs to none.
     """
 
     squares: Array
     arclength: Array
     axes: dict[Axis, Array]
+    settings: LocalizationSettings = DEFAULTS.localization
+
+    def edges(self, axis: Axis) -> Array:
+        """Return the borders of the bins of an axis, (bins + 1,) SI."""
+        if axis == 'direction':
+            return np.array([-2.0, 0.0, 2.0])
+        bins: int = getattr(self.settings, f'{axis}_bins')
+        if axis == 'arclength':
+            return np.linspace(0.0, 1.0, bins + 1)
+        known = self.axes[axis][np.isfinite(self.axes[axis])]
+        low, high = float(known.min()), float(known.max())
+        return np.linspace(low, high if high > low else low + 1.0, bins + 1)
+
+    def bin_indices(self, axis: Axis) -> npt.NDArray[np.int64]:
+        """Return the bin of each frame, (frames,), -1 where it has none."""
+        return bin_indices(self.axes[axis], self.edges(axis))
 
 
-def frames_of(design: Linearization, linear: GaussianModel) -> Frames:
-    """Collect the residuals of the training runs, what was taken for harmless departures added."""
+def collect_frames(refit: Refit, settings: LocalizationSettings = DEFAULTS.localization) -> Frames:
+    """Collect the residuals of the training runs, harmless departures added."""
+    linearization, gaussian = refit.linearization, refit.gaussian
     squares, axes = [], []
-    departures = slice(design.mean.size, design.fixed[0].shape[1])
-    sizes = (linear.position + linear.step)[departures]
-    span = np.ptp([block.inputs.pressure.max() for block in design.blocks] + [0.0])
-    for which, rest in enumerate(linear.best_residuals()[: design.training]):
-        block = design.blocks[which]
+    departures = slice(linearization.mean.size, linearization.fixed[0].shape[1])
+    sizes = (gaussian.position + gaussian.step)[departures]
+    highest = [block.inputs.pressure.max() for block in linearization.blocks]
+    span = max(float(np.ptp([*highest, 0.0])), 1.0)
+    residuals = gaussian.best_residuals()[: linearization.training]
+    for block, columns, residual in zip(
+        linearization.blocks, gaussian.columns, residuals, strict=False
+    ):
         run, inputs = block.run, block.inputs
-        rest = rest + linear.columns[which][:, departures] @ sizes
-        values = rest.reshape(len(run.stamp_ns), 2, -1) ** 2
-        squares.append(np.where(run.seen, values.sum(axis=1), np.nan))
+        values = (residual + columns[:, departures] @ sizes).reshape(len(run.stamp_ns), 2, -1)
+        squares.append(np.where(run.seen, (values**2).sum(axis=1), np.nan))
         time = (run.stamp_ns - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
-        speed = np.gradient(inputs.pressure, time) / max(float(span), 1.0)
-        direction = np.where(np.abs(speed) > MOVING, np.sign(speed), np.nan)
-        force = np.hypot(*inputs.loads[:, :2].T)
-        axes.append((inputs.pressure, force, time, direction))
+        speed = np.gradient(inputs.pressure, time) / span
+        direction = np.where(np.abs(speed) > settings.moving, np.sign(speed), np.nan)
+        axes.append((inputs.pressure, np.hypot(*inputs.loads[:, :2].T), time, direction))
     pressure, force, time, direction = (np.concatenate(item) for item in zip(*axes, strict=True))
     return Frames(
         squares=np.concatenate(squares),
-        arclength=design.point.arm.target_arclength / design.length,
+        arclength=linearization.point.arm.target_arclength / linearization.length,
         axes={'pressure': pressure, 'force': force, 'time': time, 'direction': direction},
+        settings=settings,
     )
 
 
-def edges_of(axis: Axis, values: Array) -> Array:
-    """Return the borders of the bins of an axis."""
-    if axis == 'direction':
-        return np.array([-2.0, 0.0, 2.0])
-    known = values[np.isfinite(values)]
-    low, high = float(known.min()), float(known.max())
-    return np.linspace(low, high if high > low else low + 1.0, BINS[axis] + 1)
-
-
-def bins_of(values: Array, edges: Array) -> npt.NDArray[np.int64]:
+def bin_indices(values: Array, edges: Array) -> npt.NDArray[np.int64]:
     """Return the bin of each value, -1 where it has none."""
     inside = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, edges.size - 2)
     return np.where(np.isfinite(values), inside, -1).astype(np.int64)
 
 
-def shares(frames: Frames) -> tuple[Share, ...]:
+def misfit_shares(frames: Frames) -> tuple[Share, ...]:
     """Return how the misfit beyond the noise is spread over each axis."""
-    found = along_the_arm(frames)
-    for axis, values in frames.axes.items():
-        edges = edges_of(axis, values)
-        place = bins_of(values, edges)
-        rows = [frames.squares[place == which] for which in range(edges.size - 1)]
-        found += shared(axis, edges, rows)
-    return tuple(found)
+    edges = frames.edges('arclength')
+    bins = bin_indices(frames.arclength, edges)
+    columns = [frames.squares[:, bins == which] for which in range(edges.size - 1)]
+    shares = axis_shares('arclength', edges, columns, frames.settings.significant)
+    for axis in frames.axes:
+        edges, bins = frames.edges(axis), frames.bin_indices(axis)
+        rows = [frames.squares[bins == which] for which in range(edges.size - 1)]
+        shares += axis_shares(axis, edges, rows, frames.settings.significant)
+    return tuple(shares)
 
 
-def along_the_arm(frames: Frames) -> list[Share]:
-    """Return the shares along the arm."""
-    edges = np.linspace(0.0, 1.0, BINS['arclength'] + 1)
-    place = bins_of(frames.arclength, edges)
-    rows = [frames.squares[:, place == which] for which in range(edges.size - 1)]
-    return shared('arclength', edges, rows)
-
-
-def shared(axis: Axis, edges: Array, rows: Sequence[Array]) -> list[Share]:
-    """Return the share of each bin with its significance, its squares in rows."""
-    excess, chances = [], []
-    for values in rows:
-        known = values[np.isfinite(values)]
-        dof = 2 * known.size
-        excess.append(max(float(known.sum()) - dof, 0.0))
-        chances.append(float(chi2.sf(known.sum(), dof)) if dof else 1.0)
-    whole = sum(excess) or 1.0
-    found = []
-    for which, (part, chance) in enumerate(zip(excess, chances, strict=True)):
+def axis_shares(
+    axis: Axis, edges: Array, squares: Sequence[Array], significant: float
+) -> list[Share]:
+    """Return the share of each bin with its significance; squares: those of each bin."""
+    finite = [item[np.isfinite(item)] for item in squares]
+    excess = [max(float(item.sum()) - 2 * item.size, 0.0) for item in finite]
+    total = sum(excess) or 1.0
+    shares = []
+    for which, (part, values) in enumerate(zip(excess, finite, strict=True)):
         start, stop = float(edges[which]), float(edges[which + 1])
         if axis == 'direction':
             start = stop = (FALLING, RISING)[which]
-        share = part / whole
-        sentence = f'{share:.0%} of the misfit {where_words(axis, start, stop)}'
-        if chance > SIGNIFICANT:
-            sentence = f'no more than noise {where_words(axis, start, stop)}'
-        found.append(
+        p_value = float(chi2.sf(values.sum(), 2 * values.size)) if values.size else 1.0
+        statement = f'{part / total:.0%} of the misfit lies'
+        if p_value > significant:
+            statement = 'the residuals are consistent with noise'
+        shares.append(
             Share(
-                axis=axis, start=start, stop=stop, share=share, p_value=chance, sentence=sentence
+                axis=axis,
+                start=start,
+                stop=stop,
+                share=part / total,
+                p_value=p_value,
+                sentence=f'{statement} {describe_interval(axis, start, stop)}',
             )
         )
-    return found
+    return shares
 
 
-def where_words(axis: Axis, start: float, stop: float) -> str:
-    """Return a stretch of an axis in words."""
-    if axis == 'arclength':
-        return f'between {start:.1f} and {stop:.1f} of the length'
-    if axis == 'pressure':
-        return f'between {kilopascals(start):.3g} and {kilopascals(stop):.3g} kPa'
-    if axis == 'force':
-        return f'under forces of {start:.3g} to {stop:.3g} N'
-    if axis == 'time':
-        return f'from {start:.3g} to {stop:.3g} s after the start of a recording'
+def describe_interval(axis: Axis, start: float, stop: float) -> str:
+    """Return an interval of an axis in words."""
+    match axis:
+        case 'arclength':
+            return f'between {start:.1f} and {stop:.1f} of the length'
+        case 'pressure':
+            return f'between {kilopascals(start):.3g} and {kilopascals(stop):.3g} kPa'
+        case 'force':
+            return f'under forces of {start:.3g} to {stop:.3g} N'
+        case 'time':
+            return f'from {start:.3g} to {stop:.3g} s after the start of a recording'
     return 'while the pressure ' + ('rises' if start > 0.0 else 'falls')
 
 
-def sentence_of(frames: Frames) -> str:
+def describe_misfit(frames: Frames) -> str:
     """Say in one sentence how the misfit depends on what acted and where it is."""
-    whole = frames.squares[np.isfinite(frames.squares)]
-    if chi2.sf(whole.sum(), 2 * whole.size) > SIGNIFICANT:
-        return 'no more than noise anywhere'
+    settings = frames.settings
+    known = frames.squares[np.isfinite(frames.squares)]
+    if chi2.sf(known.sum(), 2 * known.size) > settings.significant:
+        return 'the residuals are consistent with noise everywhere'
     words = []
-    named: tuple[tuple[Axis, str], ...] = (
+    names: tuple[tuple[Axis, str], ...] = (
         ('force', 'the force'),
         ('pressure', 'the pressure'),
         ('time', 'time'),
     )
-    for axis, name in named:
-        ratio = trend(frames, axis)
-        if ratio > MUCH:
-            words.append(f'grows with {name}')
-        elif ratio < 1.0 / MUCH:
-            words.append(f'falls with {name}')
-        else:
-            words.append(f'hardly depends on {name}')
-    top = float(frames.arclength[int(np.nanargmax(means_of(frames.squares)))])
-    words.append(f'largest at {top:.2f} of the length')
+    for axis, name in names:
+        ratio = end_ratio(frames, axis)
+        verb = 'hardly depends on'
+        if ratio > settings.trend:
+            verb = 'grows with'
+        elif ratio < 1.0 / settings.trend:
+            verb = 'falls with'
+        words.append(f'{verb} {name}')
+    top = float(frames.arclength[int(np.nanargmax(target_means(frames.squares)))])
+    words.append(f'is largest at {top:.2f} of the length')
     if {FALLING, RISING} <= set(frames.axes['direction'].tolist()):
-        ratio = rising_over_falling(frames)
-        differs = ratio > MUCH or ratio < 1.0 / MUCH
+        ratio = rising_to_falling_ratio(frames)
+        differs = ratio > settings.trend or ratio < 1.0 / settings.trend
         words.append(
-            'differs between rising and falling pressure'
-            if differs
-            else 'the same in both directions'
+            ('differs' if differs else 'is the same') + ' for rising and falling pressure'
         )
-    return ', '.join(words)
+    return f'the misfit {", ".join(words[:-1])} and {words[-1]}'
 
 
-def trend(frames: Frames, axis: Axis) -> float:
+def end_ratio(frames: Frames, axis: Axis) -> float:
     """Return the misfit beyond noise at the upper end of an axis over that at the lower end."""
-    values = frames.axes[axis]
-    place = bins_of(values, edges_of(axis, values))
-    place[~np.isfinite(frames.squares).any(axis=1)] = -1
-    rows = [np.nanmean(frames.squares[place == which]) for which in np.unique(place[place >= 0])]
-    floor = 0.1 * max(float(np.nanmean(frames.squares)) - 2.0, 0.1)
-    low, high = max(rows[0] - 2.0, floor), max(rows[-1] - 2.0, floor)
-    return float(high / low)
+    bins = frames.bin_indices(axis)
+    bins[~np.isfinite(frames.squares).any(axis=1)] = -1
+    used = np.unique(bins[bins >= 0])
+    low, high = (np.nanmean(frames.squares[bins == which]) - 2.0 for which in used[[0, -1]])
+    least = frames.settings.floor
+    floor = least * max(float(np.nanmean(frames.squares)) - 2.0, least)
+    return float(max(high, floor) / max(low, floor))
 
 
-def rising_over_falling(frames: Frames) -> float:
+def rising_to_falling_ratio(frames: Frames) -> float:
     """Return the misfit beyond noise while pressure rises over that while it falls.
 
     Only frames of like pressure and force are compared: what hangs on the arm on the way up, and
     not on the way down, is no hysteresis.
     """
-    names: tuple[Axis, ...] = ('pressure', 'force')
-    places = [bins_of(frames.axes[name], edges_of(name, frames.axes[name])) for name in names]
-    cells = places[0] * (int(places[1].max()) + 1) + places[1]
-    squares = np.array([known_mean(row) for row in frames.squares]) - 2.0
+    pressure, force = frames.bin_indices('pressure'), frames.bin_indices('force')
+    cells = pressure * (int(force.max()) + 1) + force
+    excess = target_means(frames.squares.T) - 2.0
     direction = frames.axes['direction']
     sums = np.zeros(2)
     for cell in np.unique(cells):
-        both = [squares[(cells == cell) & (direction == sign)] for sign in (RISING, FALLING)]
-        both = [item[np.isfinite(item)] for item in both]
+        here = (cells == cell) & np.isfinite(excess)
+        both = [excess[here & (direction == sign)] for sign in (RISING, FALLING)]
         weight = min(item.size for item in both)
         if weight:
             sums += [weight * max(float(item.mean()), 0.0) for item in both]
-    floor = 0.1 * max(float(sums.max()), 0.1)
+    least = frames.settings.floor
+    floor = least * max(float(sums.max()), least)
     return float(max(sums[0], floor) / max(sums[1], floor))
 
 
-def known_mean(row: Array) -> float:
-    """Return the mean of what is known, NaN where nothing is."""
-    known = row[np.isfinite(row)]
-    return float(known.mean()) if known.size else float('nan')
-
-
-def means_of(squares: Array) -> Array:
-    """Return the mean of squares per target, (targets,), NaN where it was never seen."""
+def target_means(squares: Array) -> Array:
+    """Return the mean of squares (frames, targets) per target, NaN where it was never seen."""
     count = np.isfinite(squares).sum(axis=0)
     return np.where(count > 0, np.nansum(squares, axis=0) / np.maximum(count, 1), np.nan)
 
 
 def heat_maps(before: Frames, after: Frames) -> tuple[HeatMap, ...]:
-    """Return the whitened rms over arclength and each other axis, before and after."""
-    found = []
-    for axis, values in before.axes.items():
-        edges = edges_of(axis, values)
-        place = bins_of(values, edges)
-        maps = [binned(item.squares, place, edges.size - 1) for item in (before, after)]
-        found.append(
+    """Return the whitened rms per coordinate over arclength and each other axis."""
+    maps = []
+    for axis in before.axes:
+        edges, bins = before.edges(axis), before.bin_indices(axis)
+        rms_before, rms_after = (
+            np.sqrt(0.5 * np.array([target_means(item.squares[bins == which])
+                                    for which in range(edges.size - 1)]))
+            for item in (before, after)
+        )  # fmt: skip
+        maps.append(
             HeatMap(
                 axis=axis,
                 edges=frozen_array(edges),
                 arclength=frozen_array(before.arclength),
-                before=frozen_array(maps[0]),
-                after=frozen_array(maps[1]),
+                before=frozen_array(rms_before),
+                after=frozen_array(rms_after),
             )
         )
-    return tuple(found)
-
-
-def binned(squares: Array, place: npt.NDArray[np.int64], bins: int) -> Array:
-    """Return the rms per coordinate, (bins, targets), NaN where nothing was seen."""
-    out = np.full((bins, squares.shape[1]), np.nan)
-    for which in range(bins):
-        rows = squares[place == which]
-        count = np.isfinite(rows).sum(axis=0)
-        sums = np.nansum(rows, axis=0)
-        out[which] = np.where(count > 0, np.sqrt(sums / np.maximum(2 * count, 1)), np.nan)
-    return out
+    return tuple(maps)

@@ -1,7 +1,7 @@
-"""An effect put into the model and fitted jointly with all of it, its shape parameters free.
+"""Effects put into the model and fitted jointly with all of it, their shape parameters free.
 
-Gauss-Newton; how points answer to the base model is taken from its fit, how they answer to the
-effect is taken anew at every step, and residuals are those of the equilibrium itself.
+Gauss-Newton: the Jacobian of the base model is that of its linearization, the one of the effects
+is taken anew at every step, and residuals are those of the equilibrium itself.
 """
 
 from __future__ import annotations
@@ -14,39 +14,32 @@ from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
+from pneunet_ros.diagnosis.settings import DEFAULTS, RefitSettings
 from pneunet_ros.effects.effect import Effect
-
-MOST_STEPS, MOST_HALVINGS = 5, 5
-SMALL = 0.1  # of the cost, that a step can gain at most
-SETTLED = 0.5  # of the cost, from one round to the next
-# Of the prior's standard deviation, for the answer to a number. The base takes up most of what
-# gravity does: a coarser difference is bent by more than is left, and taken for information.
-DIFFERENCE = 5e-4
-PRIOR_WIDTHS = 1.0  # of the prior's standard deviation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Refit:
     """Effects fitted jointly: their numbers and covariance, and the linear problem at the end.
 
-    numbers (k,) of all hypotheses, one after the other; base (n,) scaled position of the base
-    unknowns; linear: with columns base, departures, numbers. settled: taking the answer of the
-    base anew changes nothing.
+    numbers (k,) of all hypotheses, one after the other; base (n,) scaled position of all other
+    unknowns; gaussian: with columns base, departures, numbers. settled: another linearization
+    changes nothing.
     """
 
-    design: Linearization
+    linearization: Linearization
     hypotheses: tuple[Hypothesis, ...]
     numbers: Array
     covariance: Array
     base: Array
-    linear: GaussianModel
+    gaussian: GaussianModel
     cost: float
     converged: bool
     settled: bool = False
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects with the numbers found."""
+        """The effects with the fitted numbers."""
         return effects_of(self.hypotheses, self.numbers)
 
     @property
@@ -56,190 +49,236 @@ class Refit:
 
     @property
     def point(self) -> LinearizationPoint:
-        """Where it ended."""
-        design, here = self.design, self.design.point
-        values = design.mean + design.scale @ self.base[: design.mean.size]
+        """Where the fit ended."""
+        linearization = self.linearization
+        values = linearization.mean + linearization.scale @ self.base[: linearization.mean.size]
         return replace(
-            here,
-            values=frozen_array(values[: design.size]),
-            placement=frozen_array(values[design.size :].reshape(2, -1)),
+            linearization.point,
+            values=frozen_array(values[: linearization.size]),
+            placement=frozen_array(values[linearization.size :].reshape(2, -1)),
             effects=self.effects,
         )
 
 
-def split(hypotheses: Sequence[Hypothesis], numbers: Array) -> list[Array]:
+def split_numbers(hypotheses: Sequence[Hypothesis], numbers: Array) -> list[Array]:
     """Return the numbers of each hypothesis."""
-    if not hypotheses:
-        return []
     ends = np.cumsum([item.size for item in hypotheses])
-    return list(np.split(numbers, ends[:-1]))
+    return list(np.split(numbers, ends[:-1])) if hypotheses else []
 
 
 def effects_of(hypotheses: Sequence[Hypothesis], numbers: Array) -> tuple[Effect, ...]:
     """Return the effects with these numbers."""
-    parts = split(hypotheses, numbers)
+    parts = split_numbers(hypotheses, numbers)
     return tuple(item.effect(part) for item, part in zip(hypotheses, parts, strict=True))
 
 
-class Refitting:
-    """The search for the numbers of some hypotheses, in the first runs of a design: training."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Iterate:
+    """A point of the search: scaled base (n,), numbers (k,), residuals (rows,) per run, cost.
+
+    Residuals are those of the model alone; the cost is half of chi squared and prior.
+    """
+
+    base: Array
+    numbers: Array
+    residuals: list[Array]
+    cost: float
+
+
+class JointFit:
+    """The search for the numbers of hypotheses, in the training runs or in all of them."""
 
     def __init__(
-        self, design: Linearization, hypotheses: Sequence[Hypothesis], runs: int | None = None
+        self,
+        linearization: Linearization,
+        hypotheses: Sequence[Hypothesis],
+        settings: RefitSettings = DEFAULTS.refit,
+        *,
+        all_runs: bool = False,
     ) -> None:
-        self.design, self.hypotheses = design, tuple(hypotheses)
-        self.which = range(design.training if runs is None else runs)
-        self.fixed = design.fixed[: self.which.stop]
-        self.grams = design.grams[: self.which.stop]
-        self.mean = np.concatenate([item.mean for item in hypotheses] or [np.zeros(0)])
-        std = np.concatenate([item.std for item in hypotheses] or [np.zeros(0)])
-        self.width = PRIOR_WIDTHS * std
-        self.delta = DIFFERENCE * std
-        self.low = [item.low for one in hypotheses for item in one.coordinates]
-        self.high = [item.high for one in hypotheses for item in one.coordinates]
+        self.linearization, self.hypotheses = linearization, tuple(hypotheses)
+        self.settings = settings
+        self.runs = range(len(linearization.blocks) if all_runs else linearization.training)
+        self.fixed = linearization.fixed[: self.runs.stop]
+        self.grams = linearization.grams[: self.runs.stop]
+        nothing = [np.zeros(0)]
+        self.mean = np.concatenate([item.mean for item in hypotheses] or nothing)
+        self.std = np.concatenate([item.std for item in hypotheses] or nothing)
+        self.low = np.concatenate([item.low for item in hypotheses] or nothing)
+        self.high = np.concatenate([item.high for item in hypotheses] or nothing)
 
-    def residuals(self, scaled: Array, numbers: Array) -> list[Array] | None:
-        """Return residuals of all runs with nothing but the model taken off."""
-        design, size = self.design, self.design.size
-        values = design.mean[:size] + design.scale[:size, :size] @ scaled[:size]
-        return design.residual(values, effects_of(self.hypotheses, numbers), self.which)
+    def residuals(self, base: Array, numbers: Array) -> list[Array] | None:
+        """Return residuals (rows,) per run; placement and departures are not taken off."""
+        linearization, size = self.linearization, self.linearization.size
+        values = linearization.mean[:size] + linearization.scale[:size, :size] @ base[:size]
+        return linearization.residual(values, effects_of(self.hypotheses, numbers), self.runs)
 
-    def answers(self, scaled: Array, numbers: Array, at: list[Array]) -> list[Array] | None:
-        """Return how residuals fall per number, (rows, numbers) per run."""
-        columns: list[list[Array]] = [[] for _ in at]
-        for place, delta in enumerate(self.delta.tolist()):
-            moved = numbers.copy()
-            moved[place] += delta if numbers[place] + delta <= self.high[place] else -delta
-            beside = self.residuals(scaled, moved)
-            if beside is None:
-                return None
-            for run, values in enumerate(beside):
-                columns[run].append((at[run] - values) / (moved[place] - numbers[place]))
-        return [
-            np.column_stack(item) if item else np.zeros((rest.size, 0))
-            for item, rest in zip(columns, at, strict=True)
-        ]
-
-    def linear(self, scaled: Array, numbers: Array, at: list[Array]) -> GaussianModel | None:
-        """Return the linear problem here."""
-        answers = self.answers(scaled, numbers, at)
-        if answers is None:
+    def iterate(self, base: Array, numbers: Array) -> Iterate | None:
+        """Return a point of the search; None where the model has no shape there."""
+        residuals = self.residuals(base, numbers)
+        if residuals is None:
             return None
-        position = np.concatenate([scaled, (numbers - self.mean) / self.width])
-        size = self.design.size
-        columns = [
-            np.concatenate([fixed, item * self.width], axis=1)
-            for fixed, item in zip(self.fixed, answers, strict=True)
+        cost = float(base @ base) + float(np.sum(((numbers - self.mean) / self.std) ** 2))
+        for values in self.without_departures(base, residuals):
+            cost += float(np.sum(values**2))
+        return Iterate(base=base, numbers=numbers, residuals=residuals, cost=0.5 * cost)
+
+    def without_departures(self, base: Array, residuals: Sequence[Array]) -> list[Array]:
+        """Return residuals with placement and departures taken off."""
+        size = self.linearization.size
+        pairs = zip(self.fixed, residuals, strict=True)
+        return [values - fixed[:, size:] @ base[size:] for fixed, values in pairs]
+
+    def jacobian(self, at: Iterate) -> list[Array] | None:
+        """Return how residuals fall per number, (rows, numbers) per run."""
+        columns: list[list[Array]] = [[] for _ in at.residuals]
+        for place, delta in enumerate((self.settings.difference * self.std).tolist()):
+            moved = at.numbers.copy()
+            moved[place] += delta if moved[place] + delta <= self.high[place] else -delta
+            residuals = self.residuals(at.base, moved)
+            if residuals is None:
+                return None
+            change = moved[place] - at.numbers[place]
+            for run, values in enumerate(residuals):
+                columns[run].append((at.residuals[run] - values) / change)
+        return [
+            np.column_stack(item) if item else np.zeros((values.size, 0))
+            for item, values in zip(columns, at.residuals, strict=True)
         ]
-        rest = [
-            values - fixed[:, size:] @ scaled[size:]
-            for fixed, values in zip(self.fixed, at, strict=True)
-        ]
-        return GaussianModel.of(columns, rest, position, self.grams_with(columns))
 
-    def grams_with(self, columns: Sequence[Array]) -> list[Array]:
-        """Return columns^T columns of each run, of which most is known."""
-        out = []
-        for known, item in zip(self.grams, columns, strict=True):
-            size = known.shape[0]
-            gram = np.empty((item.shape[1],) * 2)
-            gram[:size, :size] = known
-            gram[:, size:] = item.T @ item[:, size:]
-            gram[size:, :size] = gram[:size, size:].T
-            out.append(gram)
-        return out
+    def linearize(self, at: Iterate) -> GaussianModel | None:
+        """Return the linear problem at a point of the search."""
+        jacobian = self.jacobian(at)
+        if jacobian is None:
+            return None
+        pairs = zip(self.fixed, jacobian, strict=True)
+        columns = [np.concatenate([fixed, item * self.std], axis=1) for fixed, item in pairs]
+        return GaussianModel.of(
+            columns,
+            self.without_departures(at.base, at.residuals),
+            np.concatenate([at.base, (at.numbers - self.mean) / self.std]),
+            [complete_gram(*pair) for pair in zip(self.grams, columns, strict=True)],
+        )
 
-    def cost(self, scaled: Array, numbers: Array, at: list[Array]) -> float:
-        """Half of chi squared and prior."""
-        size = self.design.size
-        cost = float(scaled @ scaled) + float(np.sum(((numbers - self.mean) / self.width) ** 2))
-        for fixed, values in zip(self.fixed, at, strict=True):
-            cost += float(np.sum((values - fixed[:, size:] @ scaled[size:]) ** 2))
-        return 0.5 * cost
+    def start(self) -> Array:
+        """Return the scaled position of the base in the linearization, without departures."""
+        known = self.linearization.position
+        return np.concatenate([known, np.zeros(self.fixed[0].shape[1] - known.size)])
 
-    def search(self, numbers: Array, base: Array | None = None) -> Refit | None:
+    def fit(self, numbers: Array, base: Array | None = None) -> Refit | None:
         """Find the most probable numbers from a start; None where the start has no shapes.
 
-        base: scaled position of all other unknowns to begin with; else that of the design.
+        base: scaled position of all other unknowns to begin with; else that of the linearization.
         """
-        scaled = base
-        if scaled is None:
-            known = self.design.position
-            scaled = np.concatenate([known, np.zeros(self.fixed[0].shape[1] - known.size)])
         numbers = np.clip(numbers, self.low, self.high)
-        at = self.residuals(scaled, numbers)
-        problem = None if at is None else self.linear(scaled, numbers, at)
-        if at is None or problem is None:
+        at = self.iterate(self.start() if base is None else base, numbers)
+        gaussian = None if at is None else self.linearize(at)
+        if at is None or gaussian is None:
             return None
-        cost, converged = self.cost(scaled, numbers, at), False
-        for _ in range(MOST_STEPS):
-            step, gain = problem.step_without(self.blocked(numbers, problem.step))
-            if gain < SMALL:
+        converged = False
+        for _ in range(self.settings.most_steps):
+            step, gain = gaussian.step_without(self.active_bounds(at.numbers, gaussian.step))
+            if gain < self.settings.least_gain:
                 converged = True
                 break
-            found = self.shorter(scaled, numbers, step, cost)
-            following = None if found is None else self.linear(*found[:3])
-            if found is None or following is None:
+            following = self.line_search(at, step)
+            relinearized = None if following is None else self.linearize(following)
+            if following is None or relinearized is None:
                 break
-            scaled, numbers, at, cost = found
-            problem = following
+            at, gaussian = following, relinearized
         count = numbers.size
-        covariance = problem.covariance[-count:, -count:] if count else np.zeros((0, 0))
+        covariance = gaussian.covariance[-count:, -count:] if count else np.zeros((0, 0))
         return Refit(
-            design=self.design,
+            linearization=self.linearization,
             hypotheses=self.hypotheses,
-            numbers=numbers,
-            covariance=covariance * np.outer(self.width, self.width),
-            base=scaled,
-            linear=problem,
-            cost=cost,
+            numbers=at.numbers,
+            covariance=covariance * np.outer(self.std, self.std),
+            base=at.base,
+            gaussian=gaussian,
+            cost=at.cost,
             converged=converged,
         )
 
-    def blocked(self, numbers: Array, step: Array) -> list[int]:
+    def active_bounds(self, numbers: Array, step: Array) -> list[int]:
         """Return which unknowns are at a bound that the step would cross."""
         first = step.size - numbers.size
         change = step[first:]
-        low = (numbers <= np.asarray(self.low)) & (change < 0.0)
-        high = (numbers >= np.asarray(self.high)) & (change > 0.0)
+        low = (numbers <= self.low) & (change < 0.0)
+        high = (numbers >= self.high) & (change > 0.0)
         return [first + int(place) for place in np.flatnonzero(low | high)]
 
-    def shorter(
-        self, scaled: Array, numbers: Array, step: Array, cost: float
-    ) -> tuple[Array, Array, list[Array], float] | None:
-        """Return the first of ever shorter steps that is better."""
-        size = scaled.size
-        for halvings in range(MOST_HALVINGS):
+    def line_search(self, at: Iterate, step: Array) -> Iterate | None:
+        """Return where the first of ever shorter steps leads that lowers the cost."""
+        size = at.base.size
+        for halvings in range(self.settings.most_halvings):
             share = 0.5**halvings
-            there = scaled + share * step[:size]
-            moved = np.clip(numbers + share * step[size:] * self.width, self.low, self.high)
-            at = self.residuals(there, moved)
-            if at is None:
-                continue
-            better = self.cost(there, moved, at)
-            if better < cost:
-                return there, moved, at, better
+            numbers = np.clip(at.numbers + share * step[size:] * self.std, self.low, self.high)
+            following = self.iterate(at.base + share * step[:size], numbers)
+            if following is not None and following.cost < at.cost:
+                return following
         return None
 
 
+def complete_gram(known: Array, columns: Array) -> Array:
+    """Return columns^T columns (n, n), of which the first part is known."""
+    size = known.shape[0]
+    gram = np.empty((columns.shape[1],) * 2)
+    gram[:size, :size] = known
+    gram[:, size:] = columns.T @ columns[:, size:]
+    gram[size:, :size] = gram[:size, size:].T
+    return gram
+
+
 def refit(
-    design: Linearization, hypotheses: Sequence[Hypothesis], numbers: Array, rounds: int
+    linearization: Linearization,
+    hypotheses: Sequence[Hypothesis],
+    numbers: Array,
+    rounds: int,
+    settings: RefitSettings = DEFAULTS.refit,
 ) -> Refit | None:
-    """Fit jointly, with the answer of the base model taken anew so many times at most."""
-    found = Refitting(design, hypotheses).search(numbers)
-    return None if found is None else finished(found, rounds)
+    """Fit jointly with so many relinearizations at most; None where the start has no shapes."""
+    first = JointFit(linearization, hypotheses, settings).fit(numbers)
+    return None if first is None else settle(first, rounds, settings)
 
 
-def finished(found: Refit, rounds: int) -> Refit:
-    """Take the answer of the base model anew, so many times at most, until the fit is settled."""
+def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) -> Refit:
+    """Relinearize and fit again, so many times at most, until that changes nothing."""
     for _ in range(rounds):
-        if found.settled:
+        if fit.settled:
             break
-        design = found.design.at(found.point)
-        again = Refitting(design, found.hypotheses).search(found.numbers, found.base)
+        linearization = fit.linearization.at(fit.point)
+        again = JointFit(linearization, fit.hypotheses, settings).fit(fit.numbers, fit.base)
         if again is None:
             break
-        gain, found = found.cost - again.cost, again
-        if abs(gain) < SETTLED:
-            found = replace(found, settled=True)
-    return found
+        settled = abs(fit.cost - again.cost) < settings.settled
+        fit = replace(again, settled=settled)
+    return fit
+
+
+def linearize_all_runs(
+    linearization: Linearization, fit: Refit, settings: RefitSettings = DEFAULTS.refit
+) -> tuple[Iterate, GaussianModel] | None:
+    """Return all runs of a linearization at a fit to some of them; None where one has no shape.
+
+    Scores of fields in held-out recordings are then those of what the training ones predict of
+    them: V^-1 of all, with the fields of a part, is that of the part given the others.
+    """
+    search = JointFit(linearization, fit.hypotheses, settings, all_runs=True)
+    at = search.iterate(fit.base, fit.numbers)
+    gaussian = None if at is None else search.linearize(at)
+    return None if at is None or gaussian is None else (at, gaussian)
+
+
+def effect_direction(
+    linearization: Linearization, fit: Refit, residuals: Sequence[Array], effect: Effect
+) -> tuple[Array, ...] | None:
+    """Return by how much whitened residuals (rows,) per run fall with one effect more.
+
+    residuals: those without it, of the first runs of the linearization. None where the arm has no
+    shape with it.
+    """
+    effects = (*fit.effects, effect)
+    changed = linearization.residual(fit.point.values, effects, range(len(residuals)))
+    if changed is None:
+        return None
+    return tuple(before - after for before, after in zip(residuals, changed, strict=True))

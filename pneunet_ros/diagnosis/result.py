@@ -1,4 +1,4 @@
-"""What a diagnosis says: the answer, its evidence, and what could not have been seen."""
+"""The result of a diagnosis: the answer, its evidence, and the detection limits."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Literal
 from pneunet_ros.calibration.held_out import Score
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.model.arm import Arm
 
 Answer = Literal['none', 'named', 'inseparable', 'unknown', 'unobservable']
@@ -18,7 +19,7 @@ AXES: tuple[Axis, ...] = ('arclength', 'pressure', 'force', 'time', 'direction')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimated:
-    """A number found, its standard error, and the unit of both."""
+    """A fitted number, its standard error, and the unit of both."""
 
     value: float
     std: float
@@ -52,9 +53,9 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Misfit:
-    """How far a model is from recordings: rms per coordinate and 95th percentile (m).
+    """The model error on recordings: rms per coordinate, 95th percentile of the distance (m).
 
-    chi_squared is per coordinate, whitened by the full noise model.
+    chi_squared is per coordinate, whitened by the full noise model: 1 is noise alone.
     """
 
     rms: float
@@ -64,9 +65,10 @@ class Misfit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evaluation:
-    """A model, before or after, beside all recordings.
+    """A model, before or after, evaluated on all recordings.
 
-    score and errors are after removing each recording's registration; held_out may be empty.
+    arm: the model with its covariance; fit: of its base to the training recordings. Scores and
+    errors (m) are after removing each recording's registration; held_out is None without any.
     """
 
     arm: Arm
@@ -79,7 +81,7 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Adequacy:
-    """Is anything left? The omnibus statistic, what clean data reach, and how often they do."""
+    """The worst lack-of-fit test: statistic, what clean data stay below, and p-value."""
 
     statistic: float
     threshold: float
@@ -88,9 +90,10 @@ class Adequacy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detectable:
-    """The smallest size of an effect that these recordings would have shown, if any is likely.
+    """The detection limit of an effect: its smallest size that these recordings would have shown.
 
-    parameter: the quantity that `smallest` is of; observable: smallest is within its prior range.
+    parameter: the quantity that `smallest` (SI, `unit`) is of, for a stiffness the largest value;
+    observable: it is within the prior range.
     """
 
     parameter: str
@@ -114,8 +117,9 @@ class Evidence:
     """What speaks for an effect, or for several together.
 
     chi_squared: by how much the fit to the training recordings gets better; evidence: the gain in
-    log probability of every recording predicted from the others, summed; adequate: nothing is left
-    beside them.
+    log probability of every recording predicted from the others, summed, NaN where only the score
+    was tested; adequate: the residuals are then consistent with noise; alike: effects that cannot
+    be distinguished from these with these data.
     """
 
     effects: tuple[str, ...]
@@ -142,14 +146,18 @@ class HeatMap:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosis:
-    """All that was found.
+    """The result of `diagnose`.
 
-    effects: what is missing, strongest first; alternatives: what these recordings cannot tell from
-    it. where: shares of the misfit with `where_sentence` in plain words. closed: the share of the
-    removable gap on held-out recordings that is gone, None where there is no gap to close.
-    noise_floor (m): the rms that a perfect model would still have. shift: base quantities by
-    dotted name. cosines: how alike two effects act on these recordings, -1 to 1. proposal: the
-    next recording that would tell more.
+    answer: one of five; sentence: the same in words. effects: what is missing, strongest first;
+    alternatives: names of effects that cannot be distinguished from it with these data. where:
+    shares of the misfit, in words `where_sentence`; heat_maps: over arclength and another axis.
+    before, after: the base model, and the one with the effects (the same where none was added).
+    noise_floor (m): the rms that a perfect model would have. closed: share of the reducible error
+    on held-out recordings that was removed, None where there was none. adequacy_before, _after:
+    the worst lack-of-fit test. detectable: detection limit by effect. shift: base quantities, by
+    dotted name, that were biased by the missing effect. evidence: what was tried, best first.
+    cosines: of the directions of two effects, -1 to 1, where worth a word. proposal: the
+    next recording that would tell more, empty if none. seed: of the simulated clean data.
     """
 
     answer: Answer
@@ -172,3 +180,4 @@ class Diagnosis:
     proposal: str
     notes: tuple[str, ...]
     seed: int
+    settings: DiagnosisSettings = DEFAULTS

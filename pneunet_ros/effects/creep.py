@@ -98,9 +98,9 @@ class Creep(Effect):
                 weight *= decay
             weights[index] = weight
 
-    def recall(self, past: Array, scale: PressureScale) -> Terms:
+    def history_terms(self, history: Array, scale: PressureScale) -> Terms:
         """Return the late part of the intrinsic curvature."""
-        return Terms(late_share=self.amplitude, late_weights=past[..., 1:])
+        return Terms(row_share=self.amplitude, row_weights=history[..., 1:])
 
 
 def row_below(rows: tuple[float, ...], pressure: float) -> int:

@@ -1,14 +1,24 @@
 """The contract of a physical effect: one file, one frozen dataclass, parameters declared once.
 
-An effect may speak in four places and nowhere else:
+An effect changes the model in one of four places, by the methods that it implements:
 
-- *sensing* (`sense`, `see`): what a reading means, and what a camera makes of points;
-- *actuation* (`initial`, `actuate`, `follows`): from the pressure at the sensor, with its history,
-  to the pressure in the chamber; history comes in and goes out as a tuple of numbers;
-- *material* and *mechanics* (`terms`): what it adds to the record of the rod;
-- an effect that keeps a history may add to the record by it, too (`recall`).
+=========== ============================= ====================================================
+place       methods                       what they change
+=========== ============================= ====================================================
+sensing     sense                         what a reading of pressure and wrench means
+sensing     see                           where a camera measures a point
+actuation   initial, actuate, in_play     pressure at the sensor, with its past, -> chamber
+actuation   history_terms                 what that past adds to the rod, such as a mixture of
+                                          rows of the intrinsic curvature
+material    terms                         moment-curvature law: rigidity, offset, cubic term
+material    initial, actuate,             what a past of its own adds to that law
+            history_terms
+mechanics   terms                         strain, compliances, line load, where the load acts
+=========== ============================= ====================================================
 
-The defaults of the parameters are neutral: an effect with all of them does nothing at all.
+`Terms` is the record of all that can be added to the rod; the solver knows nothing else. A history
+comes in and goes out as a tuple of numbers. The default of every parameter is neutral: an effect
+with all of them does nothing at all.
 """
 
 from __future__ import annotations
@@ -67,9 +77,9 @@ class Terms:
 
     Only rigidity factors multiply. Each term is a number or an array (pressures,); it holds for
     the whole length. Units: moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -,
-    line loads N/m, clamp_angle rad, clamp_compliance rad/(N m), load_offset m. late_share of
-    kappa_p0 is replaced by a mixture of the rows of its table with late_weights, (rows,) or one
-    mixture per pressure (pressures, rows).
+    line loads N/m, clamp_angle rad, clamp_compliance rad/(N m), load_offset m. Where the curvature
+    is not that of the pressure alone, row_share of it is a mixture of the rows of the table of
+    kappa_p0, by row_weights (rows,) or (pressures, rows).
     """
 
     rigidity_factor: float | Array = UNITY
@@ -82,8 +92,8 @@ class Terms:
     clamp_angle: float | Array = NOTHING
     clamp_compliance: float | Array = NOTHING
     load_offset: float | Array = NOTHING
-    late_share: float = NOTHING
-    late_weights: Array | None = None
+    row_share: float = NOTHING
+    row_weights: Array | None = None
 
     def add_to(self, sections: Array, clamp: Array) -> None:
         """Add these terms to records of a rod: sections (n, sections, 8), clamp (n, 3)."""
@@ -107,6 +117,10 @@ class Terms:
             if term is not NOTHING:
                 clamp[:, column] += term
 
+    def mix_rows(self, values: Array, mixture: Array) -> Array:
+        """Replace row_share of values at pressures (n, ...) by those of the mixture of rows."""
+        return (1.0 - self.row_share) * values + self.row_share * mixture
+
 
 def across(term: float | Array) -> float | Array:
     """Return a term per pressure as a column, to stand beside the sections of a rod."""
@@ -118,7 +132,7 @@ NO_TERMS = Terms()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect(abc.ABC):
-    """A physical effect beside the base model; the module names its four places."""
+    """A physical effect on top of the base model; the module names its four places."""
 
     name: ClassVar[str]
     place: ClassVar[Place]
@@ -146,14 +160,19 @@ class Effect(abc.ABC):
         """History and chamber pressure (Pa), `seconds` after the last call, at this pressure."""
         return history, pressure
 
-    def follows(self, history: History) -> bool:
-        """Whether the chamber answers to a small change of the pressure at the sensor."""
-        return True
+    def in_play(self, history: History) -> bool:
+        """Whether a small change of the pressure at the sensor does not reach the chamber."""
+        return False
 
-    def recall(self, past: Array, scale: PressureScale) -> Terms:
-        """Return what the past adds to the rod: one history (numbers,) or many (n, numbers)."""
+    def history_terms(self, history: Array, scale: PressureScale) -> Terms:
+        """Return what the history, (numbers,) or one per pressure (n, numbers), adds."""
         return NO_TERMS
 
     def terms(self, pressure: Array) -> Terms:
         """Return what the effect adds to the rod at these chamber pressures (n,) Pa."""
         return NO_TERMS
+
+    @classmethod
+    def implements(cls, method: str) -> bool:
+        """Return whether this effect does something by a method of the contract."""
+        return getattr(cls, method) is not getattr(Effect, method)

@@ -41,8 +41,8 @@ class Hysteresis(Effect):
         chamber = min(max(history[1], pressure - half), pressure + half)
         return (pressure, chamber), chamber
 
-    def follows(self, history: History) -> bool:
-        """Whether the play is at one of its ends; the same sums as in `actuate`, so exactly."""
+    def in_play(self, history: History) -> bool:
+        """Whether the play is at none of its ends; the same sums as in `actuate`, so exactly."""
         pressure, chamber = history
         half = 0.5 * self.width
-        return not pressure - half < chamber < pressure + half
+        return pressure - half < chamber < pressure + half

@@ -1,4 +1,4 @@
-"""An arm that has been inflated further before is softer than a virgin one (Mullins)."""
+"""An arm that has been inflated further before is softer than an unconditioned one (Mullins)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Softening(Effect):
     p_range is the upper end of the calibrated range, and p_max counts no further. A reading is
     below p_max where the noise of the sensor does not explain it: an arm that rests at p_max would
     else be soft by noise alone. History: p_max (Pa), and 1 where p is below it, else 0. Starts
-    virgin.
+    unconditioned (no prior loading).
     """
 
     name: ClassVar[str] = 'softening'
@@ -36,7 +36,7 @@ class Softening(Effect):
     )
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
-        """Virgin: never inflated further."""
+        """Unconditioned: never inflated further."""
         return (pressure, 0.0)
 
     def actuate(
@@ -47,9 +47,9 @@ class Softening(Effect):
         below = pressure < largest - NOISE_BAND * scale.std
         return (largest, float(below)), pressure
 
-    def recall(self, past: Array, scale: PressureScale) -> Terms:
+    def history_terms(self, history: Array, scale: PressureScale) -> Terms:
         """Return the loss of rigidity, the same for small changes of pressure."""
         if scale.top <= 0.0:  # an arm of negative pressures alone is never inflated
             return Terms()
-        share = np.minimum(np.maximum(past[..., 0] / scale.top, 0.0), 1.0)
-        return Terms(rigidity_factor=1.0 - self.loss * share * past[..., 1])
+        share = np.minimum(np.maximum(history[..., 0] / scale.top, 0.0), 1.0)
+        return Terms(rigidity_factor=1.0 - self.loss * share * history[..., 1])

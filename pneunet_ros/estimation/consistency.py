@@ -19,27 +19,32 @@ from types import MappingProxyType
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.readings import PressureReading, TargetSightings
+from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.core.settings import tuned
 from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.predicted_targets import (
-    Innovation,
-    innovation,
-    predict_targets,
-    Snapshot,
-)
-from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.measurement.predicted_targets import innovation, predict_targets
 
-KEPT = 256  # estimates; frames come later than readings, as images are looked at first
-PERIODS = 32  # of the last readings, whose median is their period
-MOST_WAITING = 32  # frames whose reading has not come
-FEWEST = 10  # frames, before anything is claimed
-# A single bad frame is no disagreement: this share of the recent ones must be beyond the limit.
-SHARE = 0.25
-# One-sided normal quantile of 1e-4: how rarely the targets of one frame go beyond the limit.
-QUANTILE = 3.719
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConsistencySettings:
+    """The numbers by which measured targets are compared with estimates."""
+
+    estimates_kept: int = tuned(256, 'estimates that wait for frames, which come later')
+    periods: int = tuned(32, 'last readings, whose median distance is their period')
+    most_waiting: int = tuned(32, 'frames that wait for their reading')
+    fewest_frames: int = tuned(10, 'frames, before anything is claimed')
+    share: float = tuned(0.25, 'share of recent frames beyond the limit that is a disagreement')
+    quantile: float = tuned(
+        3.719,
+        'one-sided quantile of 1e-4: how rarely the targets of a frame go beyond the limit',
+        unit='sigma',
+    )
+
+
+DEFAULTS = ConsistencySettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +101,7 @@ class RunningInnovation:
 class ConsistencyState:
     """All that is remembered from one reading or frame to the next."""
 
-    moments: tuple[Snapshot, ...] = ()
+    estimates: tuple[ShapeEstimate, ...] = ()
     frame_stamp_ns: int | None = None
     waiting: tuple[TargetSightings, ...] = ()
     running: RunningInnovation | None = None
@@ -107,20 +112,20 @@ class ConsistencyState:
         """Forget readings and frames; only the counts go on."""
         return ConsistencyState(matched=self.matched, unmatched=self.unmatched)
 
-    def missing(self, reason: str) -> ConsistencyState:
+    def count_unmatched(self, reason: str) -> ConsistencyState:
         """Count one more frame that cannot be compared."""
         return replace(self, unmatched=count_reason(self.unmatched, reason))
 
-    def disagreement(self) -> Disagreement | None:
+    def disagreement(self, settings: ConsistencySettings = DEFAULTS) -> Disagreement | None:
         """Return how far measured and estimated targets have been apart; None: too few frames.
 
         Errors of registration, placement and model are the same in many frames and do not average
         out, so the limit of the mean is that of a single frame.
         """
         running = self.running
-        if running is None or running.frames < FEWEST:
+        if running is None or running.frames < settings.fewest_frames:
             return None
-        most = limit(running.coordinates)
+        most = chi_square_limit(running.coordinates, settings.quantile)
         target = int(np.nanargmax(running.at_targets))
         return Disagreement(
             stamp_ns=running.stamp_ns,
@@ -128,32 +133,31 @@ class ConsistencyState:
             limit=math.sqrt(most),
             target=target,
             arclength=float(running.arclength[target]),
-            beyond=running.chi_square > most and running.beyond >= SHARE,
+            beyond=running.chi_square > most and running.beyond >= settings.share,
         )
 
 
 def take_estimate(
     state: ConsistencyState,
     estimator: Estimator,
-    reading: PressureReading,
-    after: EstimatorState,
     outcome: Outcome,
+    settings: ConsistencySettings = DEFAULTS,
 ) -> ConsistencyState:
-    """Take what became of a pressure reading, and compare the frames that have waited for it.
-
-    after: the state of the estimator after the reading.
-    """
+    """Take what became of a pressure reading, and compare the frames that have waited for it."""
     if not isinstance(outcome, ShapeEstimate):
         return state
-    if state.moments and reading.stamp_ns <= state.moments[-1].reading.stamp_ns:
+    if state.estimates and outcome.stamp_ns <= state.estimates[-1].stamp_ns:
         state = state.fresh()  # the estimator has started anew
-    moment = Snapshot(reading=reading, state=after, estimate=outcome)
-    state = replace(state, moments=(*state.moments[1 - KEPT :], moment))
-    return compared(state, estimator) if state.waiting else state
+    kept = state.estimates[1 - settings.estimates_kept :]
+    state = replace(state, estimates=(*kept, outcome))
+    return compare_waiting(state, estimator, settings) if state.waiting else state
 
 
 def take_targets(
-    state: ConsistencyState, estimator: Estimator, sightings: TargetSightings
+    state: ConsistencyState,
+    estimator: Estimator,
+    sightings: TargetSightings,
+    settings: ConsistencySettings = DEFAULTS,
 ) -> tuple[ConsistencyState, Refusal | None]:
     """Take a frame; returns why it cannot follow the one before, or None."""
     reason, sentence = stamp_fault('frame of targets', state.frame_stamp_ns, sightings.stamp_ns)
@@ -163,54 +167,60 @@ def take_targets(
         refusal = Refusal(
             stamp_ns=sightings.stamp_ns, reason=reason, sentence=sentence, error=False
         )
-        return state.missing(reason), refusal
+        return state.count_unmatched(reason), refusal
     state = replace(state, frame_stamp_ns=sightings.stamp_ns)
     if not sightings.seen:
-        return state.missing('not_seen'), None
-    if len(state.waiting) == MOST_WAITING:
-        state = replace(state, waiting=state.waiting[1:]).missing('no_estimate')
-    return compared(replace(state, waiting=(*state.waiting, sightings)), estimator), None
+        return state.count_unmatched('not_seen'), None
+    if len(state.waiting) == settings.most_waiting:
+        state = replace(state, waiting=state.waiting[1:]).count_unmatched('no_estimate')
+    state = replace(state, waiting=(*state.waiting, sightings))
+    return compare_waiting(state, estimator, settings), None
 
 
-def compared(state: ConsistencyState, estimator: Estimator) -> ConsistencyState:
+def compare_waiting(
+    state: ConsistencyState, estimator: Estimator, settings: ConsistencySettings
+) -> ConsistencyState:
     """Compare the waiting frames whose nearest estimate is known by now."""
-    if not state.moments:
+    if not state.estimates:
         return state
-    stamps = [moment.reading.stamp_ns for moment in state.moments]
-    recent = stamps[-PERIODS - 1 :]
-    periods = [after - before for before, after in pairwise(recent)]
+    stamps = [estimate.stamp_ns for estimate in state.estimates[-settings.periods - 1 :]]
+    periods = [after - before for before, after in pairwise(stamps)]
     reach = 0.5 * median(periods) if periods else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     for sightings in waiting:
-        moment = nearest(state.moments, sightings.stamp_ns)
-        if abs(moment.reading.stamp_ns - sightings.stamp_ns) <= reach:
-            found = innovation(
-                predict_targets(estimator, moment), sightings, estimator.arm.sensors
-            )
-            assert found is not None
-            running = followed(state.running, found, sightings.stamp_ns, estimator)
+        estimate = nearest_estimate(state.estimates, sightings.stamp_ns)
+        if abs(estimate.stamp_ns - sightings.stamp_ns) <= reach:
+            running = add_frame(state.running, sightings, estimate, estimator, settings)
             state = replace(state, running=running, matched=state.matched + 1)
         elif sightings.stamp_ns > stamps[-1]:
             state = replace(state, waiting=(*state.waiting, sightings))
         else:
-            state = state.missing('no_estimate')
+            state = state.count_unmatched('no_estimate')
     return state
 
 
-def nearest(moments: tuple[Snapshot, ...], stamp_ns: int) -> Snapshot:
-    """Return the one whose reading is nearest; of two as near the earlier one."""
-    after = bisect_left(moments, stamp_ns, key=lambda moment: moment.reading.stamp_ns)
-    beside = moments[max(after - 1, 0) : after + 1]
-    return min(beside, key=lambda moment: abs(moment.reading.stamp_ns - stamp_ns))
+def nearest_estimate(estimates: tuple[ShapeEstimate, ...], stamp_ns: int) -> ShapeEstimate:
+    """Return the estimate that is nearest by stamp; of two as near the earlier one."""
+    after = bisect_left(estimates, stamp_ns, key=lambda estimate: estimate.stamp_ns)
+    neighbors = estimates[max(after - 1, 0) : after + 1]
+    return min(neighbors, key=lambda estimate: abs(estimate.stamp_ns - stamp_ns))
 
 
-def followed(
-    before: RunningInnovation | None, found: Innovation, stamp_ns: int, estimator: Estimator
+def add_frame(
+    before: RunningInnovation | None,
+    sightings: TargetSightings,
+    estimate: ShapeEstimate,
+    estimator: Estimator,
+    settings: ConsistencySettings,
 ) -> RunningInnovation:
     """Take a frame into the running means; after a gap of `watch_time` they start anew."""
-    time = estimator.settings.watch_time
-    chi_square = found.chi_square / found.coordinates
-    beyond = float(chi_square > limit(found.coordinates))
+    assert estimate.sensitivity is not None and estimate.noise is not None
+    predicted = predict_targets(estimator.table, estimate.sensitivity, estimate.noise)
+    frame = innovation(predicted, sightings, estimator.arm.sensors)
+    assert frame is not None
+    stamp_ns, time = sightings.stamp_ns, estimator.settings.watch_time
+    chi_square = frame.chi_square / frame.coordinates
+    beyond = float(chi_square > chi_square_limit(frame.coordinates, settings.quantile))
     since = math.inf if before is None else seconds_between(before.stamp_ns, stamp_ns)
     if before is None or since > time:
         return RunningInnovation(
@@ -218,28 +228,28 @@ def followed(
             weight=1.0,
             frames=1,
             chi_square=chi_square,
-            coordinates=found.coordinates,
+            coordinates=frame.coordinates,
             beyond=beyond,
-            at_targets=freeze(found.at_targets),
+            at_targets=freeze(frame.at_targets),
             arclength=estimator.arm.target_arclength,
         )
     weight = before.weight * math.exp(-since / time) + 1.0
     share = 1.0 / weight
-    known = np.where(np.isnan(before.at_targets), found.at_targets, before.at_targets)
-    news = np.where(np.isnan(found.at_targets), known, found.at_targets)
+    known = np.where(np.isnan(before.at_targets), frame.at_targets, before.at_targets)
+    news = np.where(np.isnan(frame.at_targets), known, frame.at_targets)
     return RunningInnovation(
         stamp_ns=stamp_ns,
         weight=weight,
         frames=before.frames + 1,
         chi_square=before.chi_square + share * (chi_square - before.chi_square),
-        coordinates=before.coordinates + share * (found.coordinates - before.coordinates),
+        coordinates=before.coordinates + share * (frame.coordinates - before.coordinates),
         beyond=before.beyond + share * (beyond - before.beyond),
         at_targets=freeze(known + share * (news - known)),
         arclength=before.arclength,
     )
 
 
-def limit(coordinates: float) -> float:
+def chi_square_limit(coordinates: float, quantile: float) -> float:
     """Return what chi square per coordinate of one frame rarely exceeds (Wilson and Hilferty)."""
-    spread = 2.0 / (9.0 * coordinates)
-    return (1.0 - spread + QUANTILE * math.sqrt(spread)) ** 3
+    variance = 2.0 / (9.0 * coordinates)
+    return (1.0 - variance + quantile * math.sqrt(variance)) ** 3

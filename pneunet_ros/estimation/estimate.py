@@ -6,17 +6,21 @@ from dataclasses import dataclass
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.shape import Shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShapeEstimate:
-    """A shape predicted from readings, with its uncertainty.
+    """A shape predicted from readings, with its uncertainty; SI units, in the base frame.
 
-    `jacobian` (3, 4): d(x, y, theta of the tip) / d(pressure in the chamber, F1, F2, M).
-    `tip_covariance` (3, 3) of (x, y, theta). `std_x`, `std_y` (m) and `std_curvature` (1/m) per
-    station. `stamp_ns` is the pressure reading's; `warnings` are sentences about what limits the
-    estimate.
+    stamp_ns: the pressure reading's; chamber_pressure: Pa; jacobian (3, 4): d(x, y, theta of the
+    tip) / d(pressure in the chamber, F1, F2, M); tip_covariance (3, 3) of (x, y, theta); std_x,
+    std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None where
+    no wrench is needed; warnings: sentences about what limits the estimate.
+
+    sensitivity and noise (sources, causes), the noise input matrix: the linearization from which
+    covariance and standard deviations come, so that nobody has to linearize again.
     """
 
     stamp_ns: int
@@ -29,6 +33,8 @@ class ShapeEstimate:
     std_curvature: Array
     wrench_age: float | None
     warnings: tuple[str, ...]
+    sensitivity: Sensitivity | None = None
+    noise: Array | None = None
 
 
 Outcome = ShapeEstimate | Refusal | None

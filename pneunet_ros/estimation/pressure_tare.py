@@ -2,29 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from pneunet_ros.core.readings import PressureReading
+from pneunet_ros.core.settings import tuned
 from pneunet_ros.estimation.estimator import Estimator
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TareSettings:
+    """When the mean of readings is the zero of the sensor."""
+
+    fewest_readings: int = tuned(5, 'readings of the vented arm')
+    noise_band: float = tuned(10.0, 'largest less smallest reading, if noise', unit='sigma')
+    moved: float = tuned(0.01, 'the same, whatever the noise', unit='of the calibrated range')
+    largest: float = tuned(0.1, 'offset of a sensor', unit='of the calibrated range')
+
+
+DEFAULTS = TareSettings()
+
+
 def pressure_zero(
-    estimator: Estimator, readings: tuple[PressureReading, ...]
+    estimator: Estimator,
+    readings: tuple[PressureReading, ...],
+    settings: TareSettings = DEFAULTS,
 ) -> tuple[float | None, str]:
     """Return the offset (Pa) that makes readings of the vented arm zero, and a sentence.
 
-    No offset where there are fewer than 5 readings, where they move by more than 5 sigma or 1 % of
-    the range, or where the offset would exceed a tenth of the calibrated range.
+    No offset where there are too few readings, where they move by more than the noise and a share
+    of the range, or where it would be too large for an offset.
     """
-    if len(readings) < 5:
-        return None, f'only {len(readings)} recent pressure readings; at least 5 are needed'
+    fewest = settings.fewest_readings
+    if len(readings) < fewest:
+        return None, f'only {len(readings)} recent pressure readings; at least {fewest} are needed'
     values = np.array([reading.pressure for reading in readings])
     if estimator.settings.pressure_reference == 'absolute':
         values = values - estimator.settings.ambient_pressure
     low, high = estimator.arm.pressure_range
-    spread, mean = float(np.ptp(values)), float(values.mean())
-    allowed = max(10.0 * estimator.arm.sensors.pressure_std, 0.01 * (high - low))
-    if not spread <= allowed:
-        return None, f'the pressure moves by {spread:.4g} Pa; hold the vented arm still'
-    if abs(mean) > 0.1 * (high - low):
+    moved, mean = float(np.ptp(values)), float(values.mean())
+    noise = settings.noise_band * estimator.arm.sensors.pressure_std
+    if not moved <= max(noise, settings.moved * (high - low)):
+        return None, f'the pressure moves by {moved:.4g} Pa; hold the vented arm still'
+    if abs(mean) > settings.largest * (high - low):
         return None, f'the pressure is {mean:.4g} Pa, too far from zero for a vented arm'
     return -mean, f'pressure offset {-mean:.4g} Pa from {len(readings)} readings'

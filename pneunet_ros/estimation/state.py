@@ -61,14 +61,12 @@ class EstimatorState:
             estimates=self.estimates, resets=self.resets + 1, rejected=self.rejected
         )
 
-    def counting(self, reason: str) -> EstimatorState:
+    def count_rejected(self, reason: str) -> EstimatorState:
         """Count one more rejected reading."""
         return replace(self, rejected=count_reason(self.rejected, reason))
 
 
-def admitted(
-    state: EstimatorState, reading: Reading
-) -> tuple[EstimatorState, Refusal | None, str]:
+def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refusal | None, str]:
     """Whether a reading may be used: finite, stamped, and later than the last one of its kind.
 
     A stamp that jumps back by more than a second (a looping bag, a restarted simulation) starts

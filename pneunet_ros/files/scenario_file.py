@@ -9,7 +9,7 @@ from typing import Any
 from pneunet_ros.core.arrays import table_array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.files.yaml_file import given, YamlFile
-from pneunet_ros.lab.lab_arm import LabArm, varied
+from pneunet_ros.lab.lab_arm import LabArm, vary_arm
 from pneunet_ros.lab.lab_effect import LabEffect
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
 from pneunet_ros.lab.protocols import Protocol, PROTOCOLS, SlowRamp
@@ -72,7 +72,7 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
         name=text(top['name'], 'name'),
         seed=whole(given(top.get('seed'), 0), 'seed'),
         start=FILE.number(given(top.get('start'), 0.0), 'start'),
-        arm=varied(arm, whole(given(top.get('arm_seed'), 0), 'arm_seed')),
+        arm=vary_arm(arm, whole(given(top.get('arm_seed'), 0), 'arm_seed')),
         effects=effects_from_mapping(given(top.get('effects'), {}), richness),
         protocol=protocol_from_mapping(top['protocol']),
         noise=LabNoise(**FILE.numbers_of(LabNoise, given(top.get('noise'), {}), 'noise')),

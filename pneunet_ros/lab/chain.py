@@ -1,17 +1,20 @@
-"""Shapes of the lab arm: what a chain is made of and carries in every frame, and how it lies.
+"""Shapes of the lab arm: what a chain is made of and carries in every frame, and its equilibrium.
 
 Second order in the element length. See `chain_kernels` for the energy.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain_kernels import equilibria
+
+SETTLED = 1e-10  # m, between how far the peg is pushed in and what its push says
+MOST_STEPS = 60
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +96,7 @@ class Chain:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Lying:
+class ChainShape:
     """A chain in equilibrium: angles (frames, n + 2) rad, x, y (frames, n + 1) m of its joints."""
 
     chain: Chain
@@ -134,8 +137,8 @@ def middle_joints(length: float, elements: int) -> Array:
     return freeze(np.concatenate([[0.0], middles, [length]]))
 
 
-def lying(chain: Chain, start: Array | None = None) -> Lying:
-    """Return the chain in equilibrium, frame after frame.
+def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
+    """Return the chain in equilibrium without its peg, frame after frame.
 
     A frame starts from the one before, the first one from the angles `start` (n + 2,) where they
     are given, so that a branch of equilibria is followed as long as it exists. Raises RequestError
@@ -177,4 +180,45 @@ def lying(chain: Chain, start: Array | None = None) -> Lying:
         freeze(np.concatenate([nothing, np.cumsum(stretched * part, axis=1)], axis=1))
         for part in (cosine, sine)
     )
-    return Lying(chain=chain, angles=freeze(angles), x=x, y=y)
+    return ChainShape(chain=chain, angles=freeze(angles), x=x, y=y)
+
+
+def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
+    """Return the chain in equilibrium, with the push of its peg where it touches.
+
+    The peg acts on the joint nearest to its place, along -y. RequestError where no push balances.
+    """
+    free, peg = free_shape(chain, start), chain.peg
+    if peg is None or peg.stiffness <= 0.0:
+        return free
+    joint = round(min(peg.place, chain.length) / chain.element)
+    before = np.arange(chain.rest.shape[1])[:, None] < joint
+    gap = free.y[:, joint] - peg.height
+    touching = gap > 0.0
+    if not touching.any():
+        return free
+    # The less the arm gives way, the harder the push, up to that of an arm that does not at all.
+    low, high = np.zeros(gap.size), peg.stiffness * np.maximum(gap, 0.0)
+    bending = 3.0 * chain.rigidity.min(axis=1) / max(peg.place, chain.element) ** 3
+    push = np.where(touching, np.maximum(gap, 0.0) / (1.0 / peg.stiffness + 1.0 / bending), 0.0)
+    tried, left = np.zeros(gap.size), np.where(touching, gap, 0.0)
+    for _ in range(MOST_STEPS):
+        pushed = replace(chain, line=chain.line - push[:, None, None] * before * [0.0, 1.0])
+        shape = free_shape(pushed, start)
+        beyond = shape.y[:, joint] - peg.height - push / peg.stiffness
+        beyond = np.where(touching, beyond, 0.0)
+        if np.abs(beyond).max() < SETTLED:
+            return shape
+        low, high = np.where(beyond > 0.0, push, low), np.where(beyond < 0.0, push, high)
+        change = np.where(left == beyond, np.inf, left - beyond)
+        step = beyond * (push - tried) / change
+        tried, left = push, beyond
+        wanted = push + step
+        within = (wanted > low) & (wanted < high) & (np.abs(beyond) >= SETTLED)
+        halved = np.minimum(0.5 * (low + high), 2.0 * low + push)
+        push = np.where(within, wanted, np.where(np.abs(beyond) < SETTLED, push, halved))
+    frame = int(np.argmax(np.abs(beyond)))
+    raise RequestError(
+        f'the lab arm finds no equilibrium at its peg in frame {frame}: use a softer peg or '
+        'another place'
+    )

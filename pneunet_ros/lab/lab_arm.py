@@ -91,7 +91,7 @@ class LabArm:
         u = 2.0 * np.asarray(arclength, np.float64) / self.length - 1.0
         return freeze(np.asarray(legendre.legval(u, self.modes.T)))
 
-    def turned(self, arclength: npt.ArrayLike) -> Array:
+    def turning_angle(self, arclength: npt.ArrayLike) -> Array:
         """Return the angle (rad) that the unloaded arm has turned at places (m), for each row."""
         u = 2.0 * np.asarray(arclength, np.float64) / self.length - 1.0
         integral = legendre.legint(self.modes.T, lbnd=-1.0, axis=0)
@@ -105,7 +105,7 @@ class LabArm:
         return freeze(scale * np.column_stack(rigidity)), freeze(self.length * split)
 
 
-def varied(arm: LabArm, seed: int) -> LabArm:
+def vary_arm(arm: LabArm, seed: int) -> LabArm:
     """Return another arm of the same make: parameters up to 15 % off, targets painted anew.
 
     Seed 0 is the arm itself.
@@ -116,7 +116,7 @@ def varied(arm: LabArm, seed: int) -> LabArm:
     size, lean, first, second, tilt, place = random.uniform(-1.0, 1.0, 6)
     # A factor 1 + VARIATION (2/3 size + 1/3 lean u), u from -1 at the clamp to 1 at the end.
     factor = [1.0 + VARIATION * size * 2.0 / 3.0, VARIATION * lean / 3.0]
-    modes = np.stack([padded(legendre.legmul(row, factor), row.size + 1) for row in arm.modes])
+    modes = np.stack([pad(legendre.legmul(row, factor), row.size + 1) for row in arm.modes])
     low, high = arm.pressure_range
     along = 2.0 * (arm.law_pressure - low) / (high - low) - 1.0
     stiffer = 1.0 + VARIATION * (np.array([first, second]) * 0.75 + 0.25 * tilt * along[:, None])
@@ -130,6 +130,6 @@ def varied(arm: LabArm, seed: int) -> LabArm:
     )
 
 
-def padded(row: Array, size: int) -> Array:
+def pad(row: Array, size: int) -> Array:
     """Return coefficients with zeros for those that vanished."""
     return np.concatenate([row, np.zeros(size - row.size)])

@@ -37,7 +37,7 @@ class Course:
     weights: Array
     rigidity_factor: Array
 
-    def pressed(self, chamber: Array) -> Course:
+    def with_chamber(self, chamber: Array) -> Course:
         """Return the course with another pressure in the chamber."""
         return replace(self, chamber=chamber, weights=self.arm.curvature_weights(chamber))
 
@@ -70,7 +70,7 @@ class LabEffect(abc.ABC):
         return points
 
 
-def rising(arm: LabArm, pressure: Array) -> Array:
+def relative_pressure(arm: LabArm, pressure: Array) -> Array:
     """Return -1 to 1 from the lowest to the highest pressure of the arm."""
     low, high = arm.pressure_range
     return 2.0 * (pressure - low) / (high - low) - 1.0

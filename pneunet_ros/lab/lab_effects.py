@@ -1,28 +1,270 @@
-"""The table of what the virtual lab can do to an arm: a class a line.
+"""The effects of the model as the virtual lab has them, written anew, and their table.
 
-The order is that of application; sensors undo it in this order, too: offset before gain, as true
-pressure = gain x reading + offset.
+Sensing, then history, then material and mechanics. The order of the table is that of application;
+sensors undo it in this order, too: offset before gain, as true pressure = gain x reading + offset.
 """
 
 from __future__ import annotations
 
-from pneunet_ros.lab.chain_effects import (
-    LabClampCompliance,
-    LabExtensibility,
-    LabGravity,
-    LabLoadOffset,
-    LabPressureElongation,
-    LabStiffening,
-)
-from pneunet_ros.lab.lab_effect import LabEffect
-from pneunet_ros.lab.memory_effects import LabCreep, LabHysteresis, LabPressureLag, LabSoftening
-from pneunet_ros.lab.reading_effects import (
-    LabCameraRotation,
-    LabCameraScale,
-    LabForceMisalignment,
-    LabPressureGain,
-    LabPressureOffset,
-)
+from dataclasses import dataclass, replace
+import math
+from typing import ClassVar
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.units import quantity
+from pneunet_ros.lab.chain import Chain
+from pneunet_ros.lab.history_kernels import lagging, largest_so_far, playing, relaxing
+from pneunet_ros.lab.lab_arm import LabArm
+from pneunet_ros.lab.lab_effect import Course, LabEffect, Past, relative_pressure
+
+RECOVERY_TIME = 120.0  # s, in which a part of a rich Mullins effect is forgotten
+RECOVERING = 0.05  # that part; invented, in real rubber it is small at room temperature
+# Share of the arm's largest pressure over which a softened arm comes back to its first curve:
+# hardly any by the plain law, and more by a rich one.
+REJOINING, RICH_REJOINING = 0.002, 0.02
+CLAMP_YIELD = 0.1  # rad, at which a rich clamp is twice as stiff
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabPressureGain(LabEffect):
+    """True pressure = gain x reading; rich: the gain is more wrong at high pressure."""
+
+    name: ClassVar[str] = 'pressure_gain'
+    gain: float = quantity(1.0, unit='-', bounds=(0.1, 10.0))
+
+    def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
+        """Divide by the gain."""
+        error = (self.gain - 1.0) * (1.0 + 0.3 * self.richness * relative_pressure(arm, pressure))
+        return freeze(pressure / (1.0 + error)), force
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabPressureOffset(LabEffect):
+    """True pressure = reading + offset, after any gain; rich: it grows with pressure."""
+
+    name: ClassVar[str] = 'pressure_offset'
+    offset: float = quantity(0.0, unit='Pa', bounds=(-2e5, 2e5))
+
+    def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
+        """Take the offset away."""
+        grown = self.offset * (1.0 + 0.3 * self.richness * relative_pressure(arm, pressure))
+        return freeze(pressure - grown), force
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabForceMisalignment(LabEffect):
+    """True force = R(angle) reading; rich: a stronger pull straightens the sensor."""
+
+    name: ClassVar[str] = 'force_misalignment'
+    angle: float = quantity(0.0, unit='rad', bounds=(-4.0, 4.0))
+
+    def read(self, arm: LabArm, pressure: Array, force: Array) -> tuple[Array, Array]:
+        """Turn the force back."""
+        pull = np.hypot(force[:, 0], force[:, 1]) / arm.weight
+        angle = self.angle * (1.0 + 0.3 * self.richness * (1.0 - pull))
+        return pressure, turn(force, -angle)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabCameraScale(LabEffect):
+    """Measured = factor x true, about the base; rich: the plane is tilted, too."""
+
+    name: ClassVar[str] = 'camera_scale'
+    factor: float = quantity(1.0, unit='-', bounds=(0.1, 10.0))
+
+    def see(self, arm: LabArm, points: Array, share: Array) -> Array:
+        """Scale, more so where x is large."""
+        tilt = 0.3 * self.richness * (2.0 * points[..., :1] / arm.length - 1.0)
+        return freeze(points * (1.0 + (self.factor - 1.0) * (1.0 + tilt)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabCameraRotation(LabEffect):
+    """Measured = R(angle) true, about the base; rich: the camera goes on turning."""
+
+    name: ClassVar[str] = 'camera_rotation'
+    angle: float = quantity(0.0, unit='rad', bounds=(-4.0, 4.0))
+
+    def see(self, arm: LabArm, points: Array, share: Array) -> Array:
+        """Turn, more so at the end of the recording."""
+        angle = self.angle * (1.0 + 0.3 * self.richness * (2.0 * share - 1.0))
+        return turn(points, angle[:, None])
+
+
+def turn(vectors: Array, angle: Array) -> Array:
+    """Return vectors (..., 2) turned counter-clockwise by angles that broadcast to (...)."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    x, y = vectors[..., 0], vectors[..., 1]
+    return freeze(np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabPressureLag(LabEffect):
+    """First-order line; rich: it empties more slowly than it fills."""
+
+    name: ClassVar[str] = 'pressure_lag'
+    time_constant: float = quantity(0.0, unit='s', bounds=(0.0, 1e3))
+
+    def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
+        """Let the chamber follow the sensor."""
+        start = past[0] if past else float(course.chamber[0])
+        filling = self.time_constant * (1.0 - 0.25 * self.richness)
+        emptying = self.time_constant * (1.0 + 0.25 * self.richness)
+        chamber = freeze(lagging(course.time, course.chamber, start, filling, emptying))
+        return course.with_chamber(chamber), (float(chamber[-1]),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabHysteresis(LabEffect):
+    """Play of full width on the chamber pressure; rich: three plays of mean width `width`."""
+
+    name: ClassVar[str] = 'hysteresis'
+    width: float = quantity(0.0, unit='Pa', bounds=(0.0, 1e6))
+
+    def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
+        """Let the plays follow the chamber."""
+        spread = np.array([-1.0, 0.0, 1.0]) * min(0.6 * self.richness, 1.0)
+        half = 0.5 * self.width * (1.0 + spread)
+        start = np.array(past) if past else np.full(half.size, course.chamber[0])
+        answers = playing(course.chamber, freeze(start), freeze(half))
+        return course.with_chamber(freeze(answers.mean(axis=1))), tuple(answers[-1].tolist())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabCreep(LabEffect):
+    """kappa0 follows by 1 - amplitude at once, the rest later; rich: a part of that soon."""
+
+    name: ClassVar[str] = 'creep'
+    amplitude: float = quantity(0.0, unit='-', bounds=(0.0, 1.0))
+    time_constant: float = quantity(60.0, unit='s', bounds=(0.0, 1e6))
+
+    def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
+        """Let a part of the intrinsic curvature come late."""
+        wanted, rows = course.weights, course.weights.shape[1]
+        start = np.array(past).reshape(2, rows) if past else np.stack([wanted[0]] * 2)
+        constants = self.time_constant, self.time_constant / 8.0
+        slow, fast = (
+            relaxing(course.time, wanted, freeze(start[i].copy()), constants[i]) for i in (0, 1)
+        )
+        share = 0.3 * self.richness
+        late = (1.0 - share) * slow + share * fast
+        weights = freeze((1.0 - self.amplitude) * wanted + self.amplitude * late)
+        past = (*slow[-1].tolist(), *fast[-1].tolist())
+        return replace(course, weights=weights), past
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabSoftening(LabEffect):
+    """Mullins: softer below the largest pressure ever; rich: a part recovers within minutes."""
+
+    name: ClassVar[str] = 'softening'
+    loss: float = quantity(0.0, unit='-', bounds=(0.0, 0.9))
+
+    def unfold(self, course: Course, past: Past) -> tuple[Course, Past]:
+        """Scale the rigidity."""
+        top = course.arm.pressure_range[1]
+        rest = float(course.chamber[0])
+        start, later = past if past else (rest, rest)
+        ever = largest_so_far(course.time, course.chamber, start, 0.0)
+        lately = largest_so_far(course.time, course.chamber, later, 1.0 / RECOVERY_TIME)
+        recovering = RECOVERING * self.richness
+        largest = freeze((1.0 - recovering) * ever + recovering * lately)
+        rejoining = REJOINING + RICH_REJOINING * self.richness
+        below = (largest - course.chamber) / (rejoining * top)
+        lost = self.loss * largest / top * (1.0 - np.exp(-below))
+        factor = freeze(course.rigidity_factor * (1.0 - lost))
+        return replace(course, rigidity_factor=factor), (float(ever[-1]), float(lately[-1]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabStiffening(LabEffect):
+    """M = B d (1 + c d^2); rich: and a term in d^5."""
+
+    name: ClassVar[str] = 'stiffening'
+    coefficient: float = quantity(0.0, unit='m^2', bounds=(0.0, 1.0))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Add to the energy of joints."""
+        quintic = self.richness * self.coefficient**2
+        return replace(chain, cubic=self.coefficient, quintic=quintic)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabExtensibility(LabEffect):
+    """Strain = tension / EA; rich: as rubber (neo-Hookean), softer the more it is stretched."""
+
+    name: ClassVar[str] = 'extensibility'
+    axial_stiffness: float = quantity(math.inf, unit='N', bounds=(0.1, math.inf))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Let the elements stretch.
+
+        T = EA / 3 (stretch - 1 / stretch^2) is strain = T / EA + (T / EA)^2 to second order.
+        """
+        compliance = 1.0 / self.axial_stiffness
+        return replace(chain, axial_compliance=compliance, axial_growth=self.richness)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabPressureElongation(LabEffect):
+    """Strain of the unloaded arm, linear and quadratic in p; rich: more of it near the clamp."""
+
+    name: ClassVar[str] = 'pressure_elongation'
+    strain_per_pascal: float = quantity(0.0, unit='1/Pa', bounds=(-1e-5, 1e-5))
+    strain_per_pascal_squared: float = quantity(0.0, unit='1/Pa^2', bounds=(-1e-9, 1e-9))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Lengthen the elements."""
+        strain = chamber * (self.strain_per_pascal + self.strain_per_pascal_squared * chamber)
+        along = 1.0 + 0.4 * self.richness * (1.0 - 2.0 * chain.middles / chain.length)
+        return replace(chain, rest=chain.rest + strain[:, None] * along)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabGravity(LabEffect):
+    """Weight per length, its mean along the arm; rich: heavier near the clamp."""
+
+    name: ClassVar[str] = 'gravity'
+    weight_x: float = quantity(0.0, unit='N/m', bounds=(-1e3, 1e3))
+    weight_y: float = quantity(0.0, unit='N/m', bounds=(-1e3, 1e3))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Add the weight beyond every element.
+
+        Weight per length 1 + a (1 - 2 u) with u = s / l leaves 1 - u - a u (1 - u) beyond u.
+        """
+        u = chain.middles / chain.length
+        beyond = chain.length * (1.0 - u) * (1.0 - 0.4 * self.richness * u)
+        weight = np.array([self.weight_x, self.weight_y])
+        return replace(chain, line=chain.line + beyond[:, None] * weight)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabClampCompliance(LabEffect):
+    """The clamp turns under the moment it carries; rich: less and less so."""
+
+    name: ClassVar[str] = 'clamp_compliance'
+    compliance: float = quantity(0.0, unit='rad/(N m)', bounds=(0.0, 1e4))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Put a spring into the clamp."""
+        hardening = self.richness / CLAMP_YIELD**2
+        return replace(chain, clamp_compliance=self.compliance, clamp_hardening=hardening)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabLoadOffset(LabEffect):
+    """The end force acts beside the free end; rich: and a little beyond it, too."""
+
+    name: ClassVar[str] = 'load_offset'
+    offset: float = quantity(0.0, unit='m', bounds=(-0.1, 0.1))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Move the point of action."""
+        beyond = 0.3 * self.richness * self.offset
+        return replace(chain, beside=self.offset, beyond=beyond)
+
 
 LAB_EFFECTS: dict[str, type[LabEffect]] = {
     effect.name: effect

@@ -1,6 +1,6 @@
 """The virtual lab one step after the other: what is commanded goes in, what is read comes out.
 
-The same arm, effects and sensors as in `simulated`, whose recordings it repeats when it is led
+The same arm, effects and sensors as in `simulate`, whose recordings it repeats when it is led
 through the same pressures and loads. There is no clock here: time is given with every step.
 """
 
@@ -8,27 +8,82 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 import math
+from typing import Final
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.chain import Lying
-from pneunet_ros.lab.contact import leaning
+from pneunet_ros.core.image import Bytes
+from pneunet_ros.core.units import check_quantities, quantity
+from pneunet_ros.lab.chain import ChainShape, equilibrium_shape
 from pneunet_ros.lab.lab_effect import Course, Past
+from pneunet_ros.lab.lens import looking_down
+from pneunet_ros.lab.renderer import Renderer
 from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.lab.sensors import placed, stream
-from pneunet_ros.lab.simulated import (
+from pneunet_ros.lab.scene import Body, Dots, FrameState, Light, Scene
+from pneunet_ros.lab.sensors import draw_placement, random_stream
+from pneunet_ros.lab.simulation import (
+    apply_effects,
     chain_of,
-    followed,
     MOST_STEPS_BETWEEN,
-    painted,
+    painted_targets,
     random_of,
-    read,
+    read_sensors,
     STEP,
 )
-from pneunet_ros.lab.valve import Valve
 
+OUTLINE = 57  # stations of the outline of the arm
+# The camera looks squarely at the working plane; config/lab_camera.yaml says where it is.
+SCENE: Final = Scene(
+    camera=looking_down(
+        width=640,
+        height=480,
+        focal_px=610.0,
+        scale=0.00027,
+        middle=(0.058, 0.032),
+        distortion=(-0.25, 0.09, 0.0006, -0.0004, 0.0),
+    ),
+    light=Light(level=0.97, gradient_u=-0.2, gradient_v=0.1, vignette=0.25),
+    background=96.0,
+    texture=1.5,
+    blur=0.75,
+    noise=0.85,
+)
 MIDDLE = 0.5  # share of the time of a recording at which rich cameras see live
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Valve:
+    """A pressure regulator: of first order, and no faster than its supply.
+
+    p' = (command - p) / time_constant, at most rate_limit; all numbers are invented.
+    """
+
+    time_constant: float = quantity(
+        0.1, unit='s', meaning='of the valve; 0.0: none', bounds=(0.0, 100.0), source='invented'
+    )
+    rate_limit: float = quantity(
+        4e4,
+        unit='Pa/s',
+        meaning='largest rate at which the valve fills or vents',
+        bounds=(1.0, 1e9),
+        source='invented',
+    )
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        check_quantities(self, 'valve', RequestError)
+
+    def pressure(self, start: float, command: float, seconds: Array) -> Array:
+        """Return the pressures (n,) Pa at times (n,) s after it was `start`, exactly."""
+        way = abs(command - start)
+        # Limited until what is left is slow enough, and exponential from then on.
+        left = min(way, self.rate_limit * self.time_constant)
+        limited = (way - left) / self.rate_limit
+        after = np.maximum(seconds - limited, 0.0)
+        share = np.exp(-after / self.time_constant) if self.time_constant > 0.0 else 1.0
+        remaining = np.where(seconds < limited, way - self.rate_limit * seconds, left * share)
+        return freeze(command - math.copysign(1.0, command - start) * remaining)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,24 +144,24 @@ class LiveLab:
     def __post_init__(self) -> None:
         """Paint the targets and put up the camera, as for a recording of the same scenario."""
         arm, noise = self.scenario.arm, self.scenario.noise
-        placement = placed(stream('placement', arm.seed), arm.targets.size, noise)
+        placement = draw_placement(random_stream('placement', arm.seed), arm.targets.size, noise)
         beside = random_of(self.scenario, 'registration').standard_normal(2)
         object.__setattr__(self, 'placement', placement)
         object.__setattr__(self, 'registration', freeze(noise.registration_std * beside))
 
     def begin(self, time: float = 0.0) -> LiveState:
-        """Return a virgin arm, at rest at the lowest pressure it is described for."""
+        """Return an unconditioned arm at rest at its lowest pressure."""
         pressure = max(0.0, self.scenario.arm.pressure_range[0])
         return self._at(time, pressure, Load(), {})
 
-    def taking_over(self, state: LiveState) -> LiveState:
+    def take_over(self, state: LiveState) -> LiveState:
         """Return a moment of the same arm with other effects: what is new starts at rest."""
         names = {effect.name for effect in self.scenario.effects}
         past = {name: values for name, values in state.past.items() if name in names}
         return self._at(state.time, state.pressure, state.load, past)
 
     def _at(self, time: float, pressure: float, load: Load, past: dict[str, Past]) -> LiveState:
-        course, past = followed(self.scenario, np.zeros(1), np.full(1, pressure), past)
+        course, past = apply_effects(self.scenario, np.zeros(1), np.full(1, pressure), past)
         return LiveState(time=time, pressure=pressure, load=load, course=course, past=past)
 
     def step(
@@ -127,13 +182,13 @@ class LiveLab:
         count = min(math.ceil(elapsed / STEP), MOST_STEPS_BETWEEN) + 1
         seconds = np.linspace(0.0, elapsed, count)
         pressure = self.valve.pressure(state.pressure, command, seconds)
-        course, past = followed(self.scenario, seconds, pressure, state.past)
+        course, past = apply_effects(self.scenario, seconds, pressure, state.past)
         load = state.load if load is None else load
         return replace(
             state, time=time, pressure=float(pressure[-1]), load=load, course=course, past=past
         )
 
-    def shape(self, state: LiveState) -> tuple[LiveState, Lying]:
+    def shape(self, state: LiveState) -> tuple[LiveState, ChainShape]:
         """Return the arm in equilibrium; RequestError where it finds none.
 
         The state that comes back knows the shape, so that the next one is near to it.
@@ -142,14 +197,14 @@ class LiveLab:
         force = freeze(np.array([[load.force_x, load.force_y]]))
         chain = chain_of(self.scenario, state.course, state.course.time[-1:], force)
         chain = replace(chain, moment=freeze(np.array([load.moment])))
-        shape = leaning(chain, state.angles)
+        shape = equilibrium_shape(chain, state.angles)
         return replace(state, angles=shape.angles[0]), shape
 
     def reading(self, state: LiveState, random: np.random.Generator) -> LiveReading:
         """Return what the sensors say, with their noise."""
         noise, load = self.scenario.noise, state.load
         force = np.array([[load.force_x, load.force_y]])
-        pressure, force = read(self.scenario, np.array([state.pressure]), freeze(force))
+        pressure, force = read_sensors(self.scenario, np.array([state.pressure]), freeze(force))
         white = random.standard_normal(4)
         felt = Load()
         if load.hangs:
@@ -160,17 +215,39 @@ class LiveLab:
             )
         return LiveReading(pressure=float(pressure[0] + noise.pressure_std * white[0]), load=felt)
 
-    def seen(self, shape: Lying) -> Array:
+    def camera_points(self, shape: ChainShape) -> Array:
         """Return where the camera shows the targets (targets, 2) m, before its noise."""
         arm = self.scenario.arm
-        points = np.stack(painted(shape, arm.targets, self.placement), axis=-1)
+        points = np.stack(painted_targets(shape, arm.targets, self.placement), axis=-1)
         for effect in self.scenario.effects:
             points = effect.see(arm, points, np.full(1, MIDDLE))
         return freeze(points[0] + self.registration)
 
-    def sighted(self, shape: Lying, random: np.random.Generator) -> Array:
+    def tracked_points(self, shape: ChainShape, random: np.random.Generator) -> Array:
         """Return the targets as a tracker measures them (targets, 2) m, NaN = not seen."""
-        noise, points = self.scenario.noise, self.seen(shape)
+        noise, points = self.scenario.noise, self.camera_points(shape)
         measured = points + noise.target_std * random.standard_normal(points.shape)
         measured[random.uniform(size=len(points)) < noise.dropout] = np.nan
         return freeze(measured)
+
+
+class Film:
+    """Renders the arm of a live lab as it lies."""
+
+    __slots__ = ('_lab', '_outline', '_renderer')
+
+    def __init__(self, lab: LiveLab) -> None:
+        """Draw what does not move."""
+        self._lab = lab
+        self._outline = np.linspace(0.0, lab.scenario.arm.length, OUTLINE)
+        self._renderer = Renderer(SCENE)
+
+    def image(self, shape: ChainShape, random: np.random.Generator) -> Bytes:
+        """Return an image (height, width), grey levels, of the arm; nothing moves meanwhile."""
+        points = self._lab.camera_points(shape)
+        x, y, theta = (rows[0] for rows in shape.points(self._outline))
+        moment = FrameState(
+            dots=Dots(x=points[:, 0], y=points[:, 1]), body=Body(x=x, y=y, theta=theta)
+        )
+        picture, _ = self._renderer.render(moment, random)
+        return picture

@@ -6,7 +6,7 @@ Steps are ramps that take their time. Nothing hangs on the arm where the force i
 from __future__ import annotations
 
 import abc
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 import math
 from typing import Any, ClassVar
 
@@ -80,11 +80,11 @@ class SlowRamp(Protocol):
         left = self.duration - 2.0 * self.rest - self.hold
         slope = share_of_time(left, 2, SHORTEST, 'ramps')
         legs = [
-            Leg(seconds=self.rest, pressure=0.0),
-            Leg(seconds=slope, pressure=self.top),
-            Leg(seconds=self.hold, pressure=self.top),
-            Leg(seconds=slope, pressure=0.0),
-            Leg(seconds=self.rest, pressure=0.0),
+            Leg(self.rest, 0.0),
+            Leg(slope, self.top),
+            Leg(self.hold, self.top),
+            Leg(slope, 0.0),
+            Leg(self.rest, 0.0),
         ]
         return timeline(legs, loaded=False)
 
@@ -100,10 +100,9 @@ class Staircase(Protocol):
         """Return the staircase."""
         levels = [*self.pressures, *self.pressures[-2::-1], 0.0]
         hold = self.holds(len(levels), len(levels))
-        legs = [Leg(seconds=self.rest, pressure=0.0)]
+        legs = [Leg(self.rest, 0.0)]
         for level in levels:
-            legs.append(Leg(seconds=self.ramp, pressure=level))
-            legs.append(Leg(seconds=hold, pressure=level))
+            legs += [Leg(self.ramp, level), Leg(hold, level)]
         return timeline(legs, loaded=False)
 
 
@@ -123,15 +122,11 @@ class DeadWeights(Protocol):
         """Return the steps."""
         count = len(self.weights) * len(self.pressures)
         hold = self.holds(count, count + 1)
-        legs = [
-            Leg(seconds=self.rest, pressure=0.0),
-            Leg(seconds=self.ramp, pressure=self.pressures[0]),
-        ]
+        legs = [Leg(self.rest, 0.0), Leg(self.ramp, self.pressures[0])]
         for place, weight in enumerate(self.weights):
             force = weight * math.cos(self.angle), weight * math.sin(self.angle)
             for level in self.pressures[:: -1 if place % 2 else 1]:
-                legs.append(Leg(seconds=self.ramp, pressure=level, force=force))
-                legs.append(Leg(seconds=hold, pressure=level, force=force))
+                legs += [Leg(self.ramp, level, force), Leg(hold, level, force)]
         return timeline(legs, loaded=True)
 
 
@@ -150,19 +145,14 @@ class ForceSweeps(Protocol):
         count = len(self.pressures) * len(self.angles)
         left = self.duration - self.rest - (count + 1) * self.ramp
         half = share_of_time(left, 2 * count, SHORTEST, 'sweeps')
-        legs = [
-            Leg(seconds=self.rest, pressure=0.0),
-            Leg(seconds=self.ramp, pressure=self.pressures[0]),
-        ]
+        legs = [Leg(self.rest, 0.0), Leg(self.ramp, self.pressures[0])]
         for level in self.pressures:
             for angle in self.angles:
                 low, high = (
                     (pull * math.cos(angle), pull * math.sin(angle))
                     for pull in (self.smallest, self.largest)
                 )
-                legs.append(Leg(seconds=self.ramp, pressure=level, force=low))
-                legs.append(Leg(seconds=half, pressure=level, force=high))
-                legs.append(Leg(seconds=half, pressure=level, force=low))
+                legs += [Leg(self.ramp, level, low), Leg(half, level, high), Leg(half, level, low)]
         return timeline(legs, loaded=True)
 
 
@@ -199,9 +189,9 @@ class Strings(Protocol):
         legs: list[Leg] = []
         for level, force in zip(self.pressures, forces, strict=True):
             if legs:
-                legs.append(Leg(seconds=self.ramp, pressure=level, force=force))
-            legs.append(Leg(seconds=hold, pressure=level, force=force))
-        return timeline(legs, loaded=True, pressure=self.pressures[0], force=forces[0])
+                legs.append(Leg(self.ramp, level, force))
+            legs.append(Leg(hold, level, force))
+        return timeline(legs, loaded=True, start=Leg(0.0, self.pressures[0], forces[0]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,7 +212,7 @@ class RandomMix(Protocol):
         """Return the course."""
         random = np.random.default_rng([int(self.seed), 5])
         loaded = any(self.force_x) or any(self.force_y)
-        legs = [Leg(seconds=self.rest, pressure=0.0)]
+        legs = [Leg(self.rest, 0.0)]
         left = self.duration - self.rest
         while left > 0.0:
             level, a, b, slope, hold = random.uniform(size=5)
@@ -233,12 +223,12 @@ class RandomMix(Protocol):
             level = self.lowest + level * (self.top - self.lowest)
             slope = self.ramp * (1.0 + 4.0 * slope**2)
             if slope > left:  # no time for a ramp: a last hold
-                legs.append(replace(legs[-1], seconds=left))
+                legs.append(legs[-1]._replace(seconds=left))
                 break
             hold = min(3.0 * max(hold - 0.4, 0.0), left - slope)
             for part in (slope, hold):
                 if part > 0.0:
-                    legs.append(Leg(seconds=part, pressure=level, force=force))
+                    legs.append(Leg(part, level, force))
             left -= slope + hold
         return timeline(legs, loaded=loaded)
 

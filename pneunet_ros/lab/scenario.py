@@ -88,23 +88,25 @@ def lab_effect(name: str, parameters: Mapping[str, float]) -> LabEffect:
     return kind(**parameters)
 
 
-def described(scenario: Scenario) -> dict[str, Any]:
+def describe(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario as plain numbers, texts and lists; infinity as text, as JSON has none."""
-    protocol = plain(scenario.protocol)
+    protocol = as_plain(scenario.protocol)
     return {
-        **{name: plain(getattr(scenario, name)) for name in ('name', 'seed', 'start', 'arm')},
-        'effects': {effect.name: plain(effect) for effect in scenario.effects},
+        **{name: as_plain(getattr(scenario, name)) for name in ('name', 'seed', 'start', 'arm')},
+        'effects': {effect.name: as_plain(effect) for effect in scenario.effects},
         'protocol': {'kind': scenario.protocol.kind, **protocol},
-        **{name: plain(getattr(scenario, name)) for name in ('noise', 'rates', 'detail')},
+        **{name: as_plain(getattr(scenario, name)) for name in ('noise', 'rates', 'detail')},
     }
 
 
-def plain(value: Any) -> Any:
+def as_plain(value: Any) -> Any:
     """Return a dataclass, an array, a tuple or a number as JSON can carry it."""
     if dataclasses.is_dataclass(value):
-        return {item.name: plain(getattr(value, item.name)) for item in dataclasses.fields(value)}
+        return {
+            item.name: as_plain(getattr(value, item.name)) for item in dataclasses.fields(value)
+        }
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, tuple):
-        return [plain(item) for item in value]
+        return [as_plain(item) for item in value]
     return str(value) if isinstance(value, float) and math.isinf(value) else value

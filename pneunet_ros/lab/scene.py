@@ -1,4 +1,4 @@
-"""What stands before the camera of the virtual lab: what stays (Scene) and what moves (Moment).
+"""What the camera of the virtual lab sees: what stays (Scene) and what moves (FrameState).
 
 Targets live in the working plane (m, base frame), all that distracts from them in the image (px).
 Grey levels are those under even light, from 0 to 255.
@@ -157,7 +157,7 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Moment:
+class FrameState:
     """What moves, as it is in the middle of an exposure: targets, arm, and what hides them."""
 
     dots: Dots
@@ -165,41 +165,7 @@ class Moment:
     occluders: tuple[Occluder, ...] = ()
 
 
-def bar(
-    u: float, v: float, length: float, width: float, angle: float, grey: float = 62.0
-) -> Occluder:
-    """Return a bar with round ends: the middle of it in px, its angle from +u towards +v."""
-    turns = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 9)
-    straight = 0.5 * (length - width)
-    half = np.stack([straight + 0.5 * width * np.cos(turns), 0.5 * width * np.sin(turns)], axis=1)
-    return Occluder(corners=turned(np.concatenate([half, -half]), u, v, angle), grey=grey)
-
-
-def hand(
-    u: float, v: float, size: float, angle: float, grey: float = 62.0
-) -> tuple[Occluder, ...]:
-    """Return a gloved hand, `size` px long, with forearm: palm at (u, v), fingers to `angle`.
-
-    All in px, the angle in rad from +u towards +v.
-    """
-    # Forearm, palm, fingers, thumb: middle along and across, length, width (in sizes), turn (rad).
-    parts = (
-        (-1.85, 0.0, 3.6, 0.34, 0.0),
-        (0.0, 0.0, 0.55, 0.50, 0.0),
-        (0.39, -0.20, 0.78, 0.115, -0.06),
-        (0.46, -0.07, 0.92, 0.115, -0.02),
-        (0.44, 0.07, 0.88, 0.115, 0.02),
-        (0.34, 0.20, 0.68, 0.115, 0.07),
-        (0.15, 0.33, 0.50, 0.14, 0.7),
-    )
-    bars = []
-    for along, across, length, width, turn in parts:
-        (there,) = turned(size * np.array([[along, across]]), u, v, angle).tolist()
-        bars.append(bar(there[0], there[1], size * length, size * width, angle + turn, grey))
-    return tuple(bars)
-
-
-def turned(points: Array, u: float, v: float, angle: float) -> Array:
+def turn_points(points: Array, u: float, v: float, angle: float) -> Array:
     """Return points (n, 2) turned by an angle (rad, from +u towards +v) and moved to (u, v)."""
     cos, sin = math.cos(angle), math.sin(angle)
     there: Array = points @ np.array([[cos, sin], [-sin, cos]]) + np.array([u, v])

@@ -70,18 +70,18 @@ class Rates:
         check_quantities(self, 'rates', RequestError)
 
 
-def stream(name: str, *seeds: int) -> np.random.Generator:
+def random_stream(name: str, *seeds: int) -> np.random.Generator:
     """Return the random numbers of this name and these seeds."""
     return np.random.default_rng([zlib.crc32(name.encode()), *seeds])
 
 
-def regular(rate: float, duration: float, offset: float = 0.0) -> Array:
+def regular_times(rate: float, duration: float, offset: float = 0.0) -> Array:
     """Return the times (s) at which a sensor speaks, the first after `offset` of a period."""
     count = int(np.floor(rate * duration + 1e-9))
     return freeze((np.arange(count, dtype=np.float64) + offset) / rate)
 
 
-def stamps(
+def draw_stamps(
     random: np.random.Generator, time: Array, start: float, noise: LabNoise
 ) -> npt.NDArray[np.int64]:
     """Return stamps (ns) of readings taken at these times (s) after `start`: late or early."""
@@ -94,12 +94,14 @@ def stamps(
     return result
 
 
-def placed(random: np.random.Generator, targets: int, noise: LabNoise) -> Array:
+def draw_placement(random: np.random.Generator, targets: int, noise: LabNoise) -> Array:
     """Return how far targets (targets, 2) m are from their places, along and across the arm."""
     return freeze(noise.placement_std * random.standard_normal((targets, 2)))
 
 
-def drifted(random: np.random.Generator, time: Array, duration: float, noise: LabNoise) -> Array:
+def draw_drift(
+    random: np.random.Generator, time: Array, duration: float, noise: LabNoise
+) -> Array:
     """Return how far the camera has drifted (n, 2) m: smooth, from nothing to drift_std."""
     steps = random.standard_normal((DRIFT_KNOTS - 1, 2)) / np.sqrt(DRIFT_KNOTS - 1)
     walk = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
@@ -107,7 +109,7 @@ def drifted(random: np.random.Generator, time: Array, duration: float, noise: La
     return freeze(noise.drift_std * np.asarray(PchipInterpolator(knots, walk)(time)))
 
 
-def hidden(
+def draw_hidden(
     random: np.random.Generator, time: Array, duration: float, targets: int, noise: LabNoise
 ) -> npt.NDArray[np.bool_]:
     """Return which targets are missing in which frame, (frames, targets)."""

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.lab.lens import Camera
-from pneunet_ros.lab.scene import Body, Glint, Label, Light, turned
+from pneunet_ros.lab.scene import Body, Glint, Label, Light, turn_points
 
 Grey = npt.NDArray[np.float32]
 Canvas = npt.NDArray[np.uint8]
@@ -61,7 +61,7 @@ def draw_label(canvas: Canvas, label: Label) -> None:
 
 def _rectangle(label: Label, left: float, right: float, top: float, bottom: float) -> Array:
     corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-    return turned(corners * [label.width, label.height], label.u, label.v, label.angle)
+    return turn_points(corners * [label.width, label.height], label.u, label.v, label.angle)
 
 
 def draw_body(canvas: Canvas, body: Body, camera: Camera) -> None:

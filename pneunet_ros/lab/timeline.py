@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+import itertools
+from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
@@ -43,8 +45,7 @@ class Timeline:
         return freeze(np.column_stack(columns))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Leg:
+class Leg(NamedTuple):
     """A part of a protocol: so many seconds, straight to a pressure (Pa) and a force (N)."""
 
     seconds: float
@@ -52,30 +53,26 @@ class Leg:
     force: tuple[float, float] = (0.0, 0.0)
 
 
-def timeline(
-    legs: Iterable[Leg],
-    *,
-    loaded: bool,
-    pressure: float = 0.0,
-    force: tuple[float, float] = (0.0, 0.0),
-) -> Timeline:
-    """Put legs one after the other, beginning at this pressure (Pa) and force (N)."""
-    time, pressures, forces = [0.0], [pressure], [force]
-    for leg in legs:
-        time.append(time[-1] + leg.seconds)
-        pressures.append(leg.pressure)
-        forces.append(leg.force)
+REST = Leg(0.0, 0.0)
+
+
+def timeline(legs: Iterable[Leg], *, loaded: bool, start: Leg = REST) -> Timeline:
+    """Put legs one after the other, beginning where `start` ends."""
+    legs = [start, *legs]
     return Timeline(
-        time=np.array(time), pressure=np.array(pressures), force=np.array(forces), loaded=loaded
+        time=np.array(list(itertools.accumulate(leg.seconds for leg in legs))),
+        pressure=np.array([leg.pressure for leg in legs]),
+        force=np.array([leg.force for leg in legs]),
+        loaded=loaded,
     )
 
 
 def share_of_time(left: float, parts: int, shortest: float, what: str) -> float:
     """Return the length (s) of each of so many equal parts; RequestError where it is too short."""
-    each = left / parts
-    if each < shortest:
+    part = left / parts
+    if part < shortest:
         raise RequestError(
-            f'protocol: {what} would last {each:.2f} s each, and less than {shortest:g} s is of '
+            f'protocol: {what} would last {part:.2f} s each, and less than {shortest:g} s is of '
             'no use: make duration longer or the protocol simpler'
         )
-    return each
+    return part

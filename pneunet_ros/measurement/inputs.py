@@ -46,13 +46,9 @@ class Inputs:
         weights = np.zeros((self.pressure.size, rows.size))
         weights[frames, row] = 1.0 - above
         weights[frames, row + 1] = above
-        for place in () if self.histories is None else arm.recalling:
-            assert self.histories is not None
-            terms = arm.acting[place].recall(self.histories[place], arm.scale)
-            if terms.late_weights is not None:
-                weights = (
-                    1.0 - terms.late_share
-                ) * weights + terms.late_share * terms.late_weights
+        for terms in arm.terms(self.pressure, self.histories):
+            if terms.row_weights is not None:
+                weights = terms.mix_rows(weights, terms.row_weights)
         return weights
 
 

@@ -15,11 +15,14 @@ from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 
 PATH_TYPE = 'nav_msgs/msg/Path'
 ARRAY_TYPE = 'std_msgs/msg/Float64MultiArray'
+IMAGE_TYPE = 'sensor_msgs/msg/Image'
 POINTS_TYPE = 'sensor_msgs/msg/PointCloud2'
+POSE_TYPE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
 UNREADABLE = 'unreadable'  # reason of a refusal: a message is not what its topic promises
 # What fields raise that are not there, of another kind, or infinite where integers are due.
 UNFIT = (AttributeError, TypeError, ValueError, OverflowError)
@@ -31,15 +34,15 @@ _POINT_FIELD_DATATYPE = {'<i4': 5, '<f4': 7, '<f8': 8}
 
 
 class Stamped(Protocol):
-    """What belongs to one moment: a claim, as a reading gave it."""
+    """What belongs to one moment: a result, stamped as the reading that it comes from."""
 
     @property
     def stamp_ns(self) -> int:
         """The stamp of the reading it comes from."""
 
 
-Said = TypeVar('Said')  # what a sensor said
-Claim = TypeVar('Claim', bound=Stamped)  # what is claimed
+ReadingType = TypeVar('ReadingType')
+Result = TypeVar('Result', bound=Stamped)  # what is made of readings and published
 
 
 class MessageTypes(Protocol):
@@ -56,29 +59,35 @@ class MessageTypes(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Input(Generic[Said]):
+class Input(Generic[ReadingType]):
     """A topic that is read: its last name, its type, and how a message becomes a reading."""
 
     direction: ClassVar[Literal['in', 'out']] = 'in'
     name: str
     type: str
-    decode: Callable[[Any], Said]
+    decode: Callable[[Any], ReadingType]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Output(Generic[Claim]):
-    """A topic that is written: its name, its type, and how a claim becomes a message.
+class Output(Generic[Result]):
+    """A topic that is written: its name, its type, and the one layout of its messages.
 
-    `encode(claim, frame_id, types)` builds the message. `numbers(claim)`, where given, are all the
-    numbers in it but stamps, row by row as they stand in the serialized message: with them
-    `cdr_template` fills it in place.
+    `numbers(result)` returns all numbers of a message but its stamps, row by row as they stand in
+    the serialized message; `build(numbers, header, types)` builds the message around them. A
+    `MessageSerializer` builds one for each size and from then on fills the numbers in place.
+    Without `numbers`, `build` takes the result itself, and every message is built.
     """
 
     direction: ClassVar[Literal['in', 'out']] = 'out'
     name: str
     type: str
-    encode: Callable[[Claim, str, MessageTypes], Any]
-    numbers: Callable[[Claim], npt.NDArray[Any]] | None = None
+    build: Callable[[Any, Any, MessageTypes], Any]
+    numbers: Callable[[Result], npt.NDArray[Any]] | None = None
+
+    def encode(self, result: Result, frame_id: str, types: MessageTypes) -> Any:
+        """Build the message of a result."""
+        content = result if self.numbers is None else self.numbers(result)
+        return self.build(content, header(result.stamp_ns, frame_id, types), types)
 
 
 def nanoseconds(stamp: Any) -> int:
@@ -123,8 +132,13 @@ def path(rows: Array, heading: Any, types: MessageTypes) -> Any:
     return types(PATH_TYPE)(header=heading, poses=poses)
 
 
-def multi_array(values: Array, labels: tuple[str, str], types: MessageTypes) -> Any:
-    """Build a 2-D Float64MultiArray; a stride counts all elements from its dimension on."""
+def multi_array(
+    values: Array, heading: Any, types: MessageTypes, *, labels: tuple[str, str]
+) -> Any:
+    """Build a 2-D Float64MultiArray; a stride counts all elements from its dimension on.
+
+    The type has no place for a header.
+    """
     dimension = types('std_msgs/msg/MultiArrayDimension')
     rows, columns = values.shape
     layout = types('std_msgs/msg/MultiArrayLayout')(
@@ -137,8 +151,21 @@ def multi_array(values: Array, labels: tuple[str, str], types: MessageTypes) -> 
     return types(ARRAY_TYPE)(layout=layout, data=types.sequence(values.ravel()))
 
 
+def pose_with_covariance(rows: Array, heading: Any, types: MessageTypes) -> Any:
+    """Build a PoseWithCovarianceStamped of one row: a row of `pose_rows`, then 36 covariances."""
+    x, y, z, qx, qy, qz, qw = rows[0, :7].tolist()
+    pose = types('geometry_msgs/msg/Pose')(
+        position=types('geometry_msgs/msg/Point')(x=x, y=y, z=z),
+        orientation=types('geometry_msgs/msg/Quaternion')(x=qx, y=qy, z=qz, w=qw),
+    )
+    return types(POSE_TYPE)(
+        header=heading,
+        pose=types('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=rows[0, 7:]),
+    )
+
+
 def point_cloud(
-    points: npt.NDArray[Any], heading: Any, types: MessageTypes, *, is_dense: bool
+    points: npt.NDArray[Any], heading: Any, types: MessageTypes, *, is_dense: bool = True
 ) -> Any:
     """Build a PointCloud2 of a row of records of numbers; is_dense: there is no NaN in them."""
     return types(POINTS_TYPE)(
@@ -151,6 +178,20 @@ def point_cloud(
         row_step=points.nbytes,
         data=types.sequence(points.view(np.uint8)),
         is_dense=is_dense,
+    )
+
+
+def image(pixels: Bytes, heading: Any, types: MessageTypes) -> Any:
+    """Build an Image of grey levels (height, width), mono8, or colors (height, width, 3), bgr8."""
+    height, width = pixels.shape[:2]
+    return types(IMAGE_TYPE)(
+        header=heading,
+        height=height,
+        width=width,
+        encoding='mono8' if pixels.ndim == 2 else 'bgr8',
+        is_bigendian=0,
+        step=pixels[0].size,
+        data=types.sequence(np.ascontiguousarray(pixels).reshape(-1)),
     )
 
 

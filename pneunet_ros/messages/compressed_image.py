@@ -46,9 +46,9 @@ def decode_compressed(data: Bytes) -> Bytes:
     # Some cameras fill their messages up with zeros.
     tail = data[-4096:].tobytes().rstrip(b'\0')
     if head.startswith(JPEG):
-        kind, (width, height), whole = 'jpeg', jpeg_size(data), tail.endswith(JPEG_END)
+        kind, (width, height), is_complete = 'jpeg', jpeg_size(data), tail.endswith(JPEG_END)
     elif head == PNG:
-        kind, (width, height), whole = 'png', png_size(data), tail.endswith(PNG_END)
+        kind, (width, height), is_complete = 'png', png_size(data), tail.endswith(PNG_END)
     else:
         raise MessageError(f'a compressed image is neither jpeg nor png; {POSSIBLE}')
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
@@ -61,7 +61,7 @@ def decode_compressed(data: Bytes) -> Bytes:
             f'a {kind} of {width} x {height} pixels cannot be used; '
             f'{LARGEST_AREA / 1e6:g} megapixels are possible'
         )
-    if not whole:
+    if not is_complete:
         raise MessageError(f'a {kind} is cut off after {data.size} bytes')
     grey, complaint = decode_heard(data, _FLAGS)
     damage = _DAMAGE.search(complaint)
@@ -77,14 +77,14 @@ def decode_heard(data: Bytes, flags: int) -> tuple[Any, bytes]:
 
     Nothing of the latter is printed.
     """
-    with tempfile.TemporaryFile() as said:
-        with _stderr_into(said.fileno()):
+    with tempfile.TemporaryFile() as complaints:
+        with _stderr_into(complaints.fileno()):
             try:
                 pixels = cv2.imdecode(data, flags)
             except cv2.error:
                 pixels = None
-        said.seek(0)
-        return pixels, _of_decoders(said.read())
+        complaints.seek(0)
+        return pixels, _of_decoders(complaints.read())
 
 
 def jpeg_size(data: Bytes) -> tuple[int, int]:
@@ -129,9 +129,9 @@ def _stderr_into(file: int) -> Iterator[None]:
         os.close(stderr)
 
 
-def _of_decoders(said: bytes) -> bytes:
+def _of_decoders(complaints: bytes) -> bytes:
     """Return the lines of the decoders; what others said in the meantime is passed on."""
-    others = _BY_DECODERS.sub(b'', said)
+    others = _BY_DECODERS.sub(b'', complaints)
     if others:
         os.write(2, others)
-    return b''.join(_BY_DECODERS.findall(said))
+    return b''.join(_BY_DECODERS.findall(complaints))

@@ -26,5 +26,5 @@ def watched_message(
         sightings = decode_targets(message, estimator.settings.frame_id, targets)
     except MessageError as error:
         refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
-        return state.missing(UNREADABLE), refusal
+        return state.count_unmatched(UNREADABLE), refusal
     return take_targets(state, estimator, sightings)

@@ -1,6 +1,6 @@
 """An estimate for the eye: markers of the arm, and the transform from its base to its tip.
 
-Not among `TOPICS`, as their types are not in every installation of ROS: node and replay have them
+Not among `OUTPUTS`, as their types are not in every installation of ROS: node and replay have them
 when asked.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.messages.builders import header, MessageTypes, Output
+from pneunet_ros.messages.builders import MessageTypes, Output
 from pneunet_ros.model.arm import Arm
 
 MARKERS_TYPE = 'visualization_msgs/msg/MarkerArray'
@@ -40,8 +40,8 @@ Color = tuple[float, float, float, float]
 ArmInUse = Callable[[], Arm]
 
 
-def encode_markers(
-    estimate: ShapeEstimate, frame_id: str, types: MessageTypes, arm: ArmInUse
+def marker_array(
+    estimate: ShapeEstimate, heading: Any, types: MessageTypes, *, arm: ArmInUse
 ) -> Any:
     """Build a MarkerArray: the arm colored by curvature, its targets, the force at its end."""
     shape = estimate.shape
@@ -54,7 +54,7 @@ def encode_markers(
     force_x, force_y = shape.force
     end = np.array([x, x + FORCE_SCALE * force_x]), np.array([y, y + FORCE_SCALE * force_y])
     pulled = math.hypot(force_x, force_y) > 0.0
-    make = partial(marker, heading=header(estimate.stamp_ns, frame_id, types), types=types)
+    make = partial(marker, heading=heading, types=types)
     return types(MARKERS_TYPE)(
         markers=[
             make(
@@ -128,8 +128,8 @@ def marker(
     )
 
 
-def encode_transform(
-    estimate: ShapeEstimate, frame_id: str, types: MessageTypes, tip_frame: str
+def tip_transform(
+    estimate: ShapeEstimate, heading: Any, types: MessageTypes, *, tip_frame: str
 ) -> Any:
     """Build a TFMessage with the transform from the base to the free end, +x along its tangent."""
     x, y, theta = estimate.shape.tip
@@ -139,7 +139,7 @@ def encode_transform(
         rotation=types('geometry_msgs/msg/Quaternion')(x=0.0, y=0.0, z=turn_z, w=turn_w),
     )
     stamped = types('geometry_msgs/msg/TransformStamped')(
-        header=header(estimate.stamp_ns, frame_id, types),
+        header=heading,
         child_frame_id=tip_frame,
         transform=transform,
     )
@@ -148,10 +148,10 @@ def encode_transform(
 
 def markers_output(arm: ArmInUse) -> Output[ShapeEstimate]:
     """Return the topic `markers`; arm: gives the arm that is in use when a message is built."""
-    return Output(name='markers', type=MARKERS_TYPE, encode=partial(encode_markers, arm=arm))
+    return Output(name='markers', type=MARKERS_TYPE, build=partial(marker_array, arm=arm))
 
 
 def transform_output(tip_frame: str) -> Output[ShapeEstimate]:
     """Return the topic `/tf`, which is the same in every namespace."""
-    encode = partial(encode_transform, tip_frame=tip_frame)
-    return Output(name='/tf', type=TRANSFORM_TYPE, encode=encode)
+    build = partial(tip_transform, tip_frame=tip_frame)
+    return Output(name='/tf', type=TRANSFORM_TYPE, build=build)

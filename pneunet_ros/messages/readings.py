@@ -1,25 +1,125 @@
-"""Readings -> messages of the topics that are read: pressure, end wrench, targets; and back.
+"""The sensors: for each its topic, its messages to readings and back, its readings as numbers.
 
-What measures or imports writes with these; the way back for pressure and wrench is in `messages`.
+`SENSORS` is the one place that names them. What replays, checks, exports, imports and writes
+recordings goes through it. Nothing of ROS is imported: a message is anything with the fields of
+its type, be it of rclpy or decoded from a recording.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
-from pneunet_ros.messages.builders import header, MessageTypes, nanoseconds, POINTS_TYPE, UNFIT
+from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.messages.builders import (
+    header,
+    Input,
+    MessageTypes,
+    nanoseconds,
+    POINTS_TYPE,
+    ReadingType,
+    UNFIT,
+)
 from pneunet_ros.messages.point_cloud import cloud_points
-from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.messages.tracker import encode_targets
+from pneunet_ros.messages.tracker import TARGETS_OUTPUT
 
-TARGETS_NAME = 'targets'
+PRESSURE_TYPE = 'sensor_msgs/msg/FluidPressure'
+WRENCH_TYPE = 'geometry_msgs/msg/WrenchStamped'
 # What a point of `targets` may hold beside its coordinates and its id.
-_BESIDE = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
+_MEASURED_IN_IMAGE = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
+
+
+class UnusableTopic(MessageError):
+    """A message that is not alone in being unusable: all of its topic are."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Component:
+    """One number of a reading: name and kind of unit of its column, and how people see it."""
+
+    name: str
+    kind: str
+    shown_unit: str
+    shown_per_si: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor(Input[ReadingType]):
+    """A topic of readings, and what a reading is as a row of numbers: SI, gauge, base frame.
+
+    label: what a reading is called in sentences. components: what a row holds; with `per_target`
+    a row of each, an entry for each target, NaN where it was not seen. `message(stamp_ns, row,
+    frame_id, types)` builds the message of a row. `row(message, settings, targets)` returns stamp
+    (ns) and row, or raises MessageError; without it, a row is what the reading has under the names
+    of the components. needed: whether the estimator reads the topic by these settings. rank:
+    readings of one stamp are taken in this order; the pressure makes the estimate.
+    """
+
+    label: str
+    components: tuple[Component, ...]
+    message: Callable[[int, Array, str, MessageTypes], Any]
+    row: Callable[[Any, EstimatorSettings, int | None], tuple[int, Array]] | None = None
+    needed: Callable[[EstimatorSettings], bool] = lambda settings: False
+    per_target: bool = False
+    rank: int = 0
+
+    def read(
+        self, message: Any, settings: EstimatorSettings, targets: int | None = None
+    ) -> tuple[int, Array]:
+        """Return stamp (ns) and row of a message; targets: how many there must be (None: any).
+
+        Raises MessageError, and UnusableTopic where no other message of the topic will do either.
+        """
+        if self.row is not None:
+            return self.row(message, settings, targets)
+        reading: Any = self.decode(message)
+        return reading.stamp_ns, np.array([getattr(reading, c.name) for c in self.components])
+
+    def row_shape(self, targets: int) -> tuple[int, ...]:
+        """Return the shape of a row of this sensor, where the arm has so many targets."""
+        return (len(self.components), targets) if self.per_target else (len(self.components),)
+
+    def present(self, values: Array) -> npt.NDArray[np.bool_]:
+        """Return which of these rows (rows, *row_shape) are readings."""
+        complete = np.asarray(np.isfinite(values).all(axis=1))
+        return np.asarray(complete.any(axis=1)) if self.per_target else complete
+
+
+def decode_pressure(message: Any) -> PressureReading:
+    """Return the reading in a FluidPressure, even NaN; MessageError on another content."""
+    try:
+        return PressureReading(
+            stamp_ns=nanoseconds(message.header.stamp),
+            pressure=float(message.fluid_pressure),
+            variance=float(message.variance),
+        )
+    except UNFIT as error:
+        raise MessageError(f'a message is no usable {PRESSURE_TYPE}: {error}') from error
+
+
+def decode_wrench(message: Any) -> WrenchReading:
+    """Return the planar part of a WrenchStamped as it is; MessageError on another content."""
+    try:
+        force = message.wrench.force
+        return WrenchReading(
+            stamp_ns=nanoseconds(message.header.stamp),
+            force_x=float(force.x),
+            force_y=float(force.y),
+            moment=float(message.wrench.torque.z),
+            frame_id=str(message.header.frame_id),
+        )
+    except UNFIT as error:
+        raise MessageError(f'a message is no usable {WRENCH_TYPE}: {error}') from error
 
 
 def pressure_message(reading: PressureReading, frame_id: str, types: MessageTypes) -> Any:
@@ -67,7 +167,7 @@ def targets_message(
         std=np.where(seen, std, np.nan),
         **values,
     )
-    return encode_targets(sightings, frame_id, types)
+    return TARGETS_OUTPUT.encode(sightings, frame_id, types)
 
 
 def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> TargetSightings:
@@ -103,9 +203,95 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
     points = points[np.argsort(ids)]
     columns = {
         name: points[name].astype(np.float64) if name in kinds else np.full(points.size, np.nan)
-        for name in ('x', 'y', *_BESIDE)
+        for name in ('x', 'y', *_MEASURED_IN_IMAGE)
     }
     unseen = ~(np.isfinite(columns['x']) & np.isfinite(columns['y']))
     for values in columns.values():
         values[unseen] = np.nan
     return TargetSightings(stamp_ns=stamp_ns, **columns)
+
+
+def pressure_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[int, Array]:
+    """Return stamp and gauge pressure (1,) Pa of a FluidPressure."""
+    reading = decode_pressure(message)
+    return reading.stamp_ns, np.array([gauge_pressure(settings, reading.pressure)])
+
+
+def wrench_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[int, Array]:
+    """Return stamp and end load (3,) N, N, N m of a WrenchStamped; UnusableTopic: wrong frame."""
+    reading = decode_wrench(message)
+    sentence = wrong_frame(settings, reading)
+    if sentence:
+        raise UnusableTopic(sentence)
+    load = base_wrench(settings, reading)
+    return load.stamp_ns, np.array([load.force_x, load.force_y, load.moment])
+
+
+def targets_row(
+    message: Any, settings: EstimatorSettings, targets: int | None
+) -> tuple[int, Array]:
+    """Return stamp and coordinates (2, targets) m of a PointCloud2; UnusableTopic: no targets."""
+    try:
+        sightings = decode_targets(message, settings.frame_id, targets)
+    except MessageError as error:
+        raise UnusableTopic(str(error)) from error
+    return sightings.stamp_ns, np.array([sightings.x, sightings.y])
+
+
+def _message_of_pressure(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
+    reading = PressureReading(stamp_ns=stamp_ns, pressure=float(row[0]))
+    return pressure_message(reading, frame_id, types)
+
+
+def _message_of_wrench(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
+    force_x, force_y, moment = row.tolist()
+    reading = WrenchReading(
+        stamp_ns=stamp_ns, force_x=force_x, force_y=force_y, moment=moment, frame_id=frame_id
+    )
+    return wrench_message(reading, types)
+
+
+PRESSURE = Sensor(
+    name='pressure',
+    type=PRESSURE_TYPE,
+    label='pressure reading',
+    components=(Component(name='pressure', kind='pressure', shown_unit='kPa', shown_per_si=1e-3),),
+    decode=decode_pressure,
+    row=pressure_row,
+    message=_message_of_pressure,
+    needed=lambda settings: True,
+    rank=1,
+)
+END_WRENCH = Sensor(
+    name='end_wrench',
+    type=WRENCH_TYPE,
+    label='end wrench',
+    components=(
+        Component(name='force_x', kind='force', shown_unit='N'),
+        Component(name='force_y', kind='force', shown_unit='N'),
+        Component(name='moment', kind='moment', shown_unit='mN m', shown_per_si=1e3),
+    ),
+    decode=decode_wrench,
+    row=wrench_row,
+    message=_message_of_wrench,
+    needed=lambda settings: settings.wrench_required,
+)
+TARGETS = Sensor(
+    name=TARGETS_OUTPUT.name,
+    type=TARGETS_OUTPUT.type,
+    label='frame',
+    components=tuple(
+        Component(name=name, kind='length', shown_unit='mm', shown_per_si=1e3) for name in 'xy'
+    ),
+    decode=partial(decode_targets, frame_id=BASE_FRAME),
+    row=targets_row,
+    message=lambda stamp_ns, row, *end: targets_message(stamp_ns, row[0], row[1], *end),
+    needed=lambda settings: settings.watch_targets,
+    per_target=True,
+    rank=2,
+)
+SENSORS: tuple[Sensor[Any], ...] = (
+    PRESSURE,
+    END_WRENCH,
+    TARGETS,
+)

@@ -1,12 +1,13 @@
-"""ROS messages <-> images, lenses and what the tracker claims: the table of its topics.
+"""ROS messages <-> images, lenses and what the tracker measured: the table of its topics.
 
-As `messages.py` for the estimator: a message is anything with the fields of its type. A new output
-is one function and one line in the tables at the end.
+A message is anything with the fields of its type. A new output is one entry in the table at the
+end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,11 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.lab.lens import Camera
 from pneunet_ros.messages.builders import (
     ARRAY_TYPE,
-    CURVATURE_ROWS,
     header,
+    IMAGE_TYPE,
     Input,
     MessageTypes,
     multi_array,
@@ -36,7 +38,6 @@ from pneunet_ros.vision.camera_model import check_whole_image, Lens
 from pneunet_ros.vision.smoother import MeasuredCurve
 from pneunet_ros.vision.tracker import Tracking
 
-IMAGE_TYPE = 'sensor_msgs/msg/Image'
 COMPRESSED_TYPE = 'sensor_msgs/msg/CompressedImage'
 CAMERA_INFO_TYPE = 'sensor_msgs/msg/CameraInfo'
 
@@ -123,49 +124,40 @@ def target_points(sightings: TargetSightings) -> npt.NDArray[Any]:
     return points
 
 
-def encode_targets(sightings: TargetSightings, frame_id: str, types: MessageTypes) -> Any:
+def _targets_cloud(sightings: TargetSightings, heading: Any, types: MessageTypes) -> Any:
     """Build a PointCloud2: a point per target in order, NaN in all but `id` where not seen."""
-    heading = header(sightings.stamp_ns, frame_id, types)
-    whole = sightings.seen == len(sightings.x)
-    return point_cloud(target_points(sightings), heading, types, is_dense=whole)
+    is_dense = sightings.seen == len(sightings.x)
+    return point_cloud(target_points(sightings), heading, types, is_dense=is_dense)
 
 
-def measured_centerline_numbers(curve: MeasuredCurve) -> Array:
+def measured_centerline_rows(curve: MeasuredCurve) -> Array:
     """Return a row per station: position (3) and heading quaternion (x, y, z, w)."""
     return pose_rows(curve.x, curve.y, curve.theta)
 
 
-def encode_measured_centerline(curve: MeasuredCurve, frame_id: str, types: MessageTypes) -> Any:
-    """Build a Path: a pose per station, +x along the tangent."""
-    heading = header(curve.stamp_ns, frame_id, types)
-    return path(measured_centerline_numbers(curve), heading, types)
-
-
-def measured_curvature_numbers(curve: MeasuredCurve) -> Array:
+def measured_curvature_rows(curve: MeasuredCurve) -> Array:
     """Return the rows named in CURVATURE_ROWS; NaN in those that an image does not show."""
-    rows = np.full((len(CURVATURE_ROWS), curve.arclength.size), np.nan)
-    rows[0] = curve.arclength
-    rows[1] = curve.curvature
-    rows[4] = curve.std_curvature
-    return rows
+    unknown = np.full(curve.arclength.size, np.nan)
+    return np.stack([curve.arclength, curve.curvature, unknown, unknown, curve.std_curvature])
 
 
-def encode_measured_curvature(curve: MeasuredCurve, frame_id: str, types: MessageTypes) -> Any:
-    """Build a Float64MultiArray "field" x "station", as the estimator's `curvature`."""
-    return multi_array(measured_curvature_numbers(curve), ('field', 'station'), types)
-
-
-def encode_picture(picture: Bytes, stamp_ns: int, frame_id: str, types: MessageTypes) -> Any:
-    """Build an Image, bgr8, of a picture (height, width, 3)."""
-    height, width, channels = picture.shape
-    return types(IMAGE_TYPE)(
+def camera_info_message(camera: Camera, stamp_ns: int, frame_id: str, types: MessageTypes) -> Any:
+    """Build the CameraInfo of a camera of the virtual lab; its images are not rectified."""
+    full_image = types('sensor_msgs/msg/RegionOfInterest')(
+        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+    )
+    return types(CAMERA_INFO_TYPE)(
         header=header(stamp_ns, frame_id, types),
-        height=height,
-        width=width,
-        encoding='bgr8',
-        is_bigendian=0,
-        step=width * channels,
-        data=types.sequence(np.ascontiguousarray(picture).reshape(-1)),
+        height=camera.height,
+        width=camera.width,
+        distortion_model=camera.model,
+        d=types.sequence(camera.distortion),
+        k=camera.matrix.reshape(-1),
+        r=np.eye(3).reshape(-1),
+        p=np.hstack([camera.matrix, np.zeros((3, 1))]).reshape(-1),
+        binning_x=0,
+        binning_y=0,
+        roi=full_image,
     )
 
 
@@ -174,27 +166,31 @@ def _bytes(data: Any) -> Bytes:
     return np.frombuffer(data, np.uint8)
 
 
-TARGETS: Output[TargetSightings] = Output(name='targets', type=POINTS_TYPE, encode=encode_targets)
+TARGETS_OUTPUT: Output[TargetSightings] = Output(
+    name='targets', type=POINTS_TYPE, build=_targets_cloud
+)
 CURVES: tuple[Output[MeasuredCurve], ...] = (
     Output(
-        name='measured_centerline',
-        type=PATH_TYPE,
-        encode=encode_measured_centerline,
-        numbers=measured_centerline_numbers,
+        name='measured_centerline', type=PATH_TYPE, build=path, numbers=measured_centerline_rows
     ),
-    Output(name='measured_curvature', type=ARRAY_TYPE, encode=encode_measured_curvature),
+    Output(
+        name='measured_curvature',
+        type=ARRAY_TYPE,
+        build=partial(multi_array, labels=('field', 'station')),
+        numbers=measured_curvature_rows,
+    ),
 )
 TRACKER_INPUTS: tuple[Input[Image | Lens], ...] = (
     Input(name='image_raw', type=IMAGE_TYPE, decode=decode_image),
     Input(name='image_raw/compressed', type=COMPRESSED_TYPE, decode=decode_compressed_image),
     Input(name='camera_info', type=CAMERA_INFO_TYPE, decode=decode_camera_info),
 )
-TRACKER_OUTPUTS: tuple[Output[Any], ...] = (TARGETS, *CURVES)
+TRACKER_OUTPUTS: tuple[Output[Any], ...] = (TARGETS_OUTPUT, *CURVES)
 
 
-def claims(tracking: Tracking) -> Iterator[tuple[Output[Any], Any]]:
-    """Yield the outputs that a frame brings, with what each of them encodes."""
-    yield TARGETS, tracking.sightings
+def outputs_of(tracking: Tracking) -> Iterator[tuple[Output[Any], Any]]:
+    """Yield the outputs that a frame brings, with what each of them shows."""
+    yield TARGETS_OUTPUT, tracking.sightings
     if tracking.curve is not None:
         for output in CURVES:
             yield output, tracking.curve

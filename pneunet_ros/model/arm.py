@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -13,7 +13,7 @@ from pneunet_ros.core.arrays import Array, frozen_array, table_array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.effects.effect import Effect, History, Load, PressureScale
+from pneunet_ros.effects.effect import Effect, History, Load, PressureScale, Terms
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import MomentLaw
 from pneunet_ros.model.parameter_path import Move, moved, unknown_quantity
@@ -31,7 +31,7 @@ class Arm:
     of the table of effects; `sources` says where each number comes from. `pressure_range` (Pa) is
     where both intrinsic curvature and moment law are calibrated; `sensing`, `seeing` and `acting`
     are the effects that change what a reading means, where points are seen, and those that have a
-    history; `recalling` are the places in `acting` of those whose history changes the rod.
+    history; `history_dependent` are the places in `acting` of those whose history changes the rod.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Arm:
     sensing: tuple[Effect, ...] = field(init=False, repr=False)
     seeing: tuple[Effect, ...] = field(init=False, repr=False)
     acting: tuple[Effect, ...] = field(init=False, repr=False)
-    recalling: tuple[int, ...] = field(init=False, repr=False)
+    history_dependent: tuple[int, ...] = field(init=False, repr=False)
     scale: PressureScale = field(init=False, repr=False)
     knots: Array = field(init=False, repr=False)
     table: RodTable = field(init=False, repr=False)
@@ -73,11 +73,11 @@ class Arm:
         effects = tuple(sorted(self.effects, key=lambda effect: order.index(effect.name)))
         object.__setattr__(self, 'target_arclength', targets)
         object.__setattr__(self, 'effects', effects)
-        for place, verb in (('sensing', 'sense'), ('seeing', 'see'), ('acting', 'actuate')):
-            speaking = [item for item in effects if overrides(item, verb)]
-            object.__setattr__(self, place, tuple(speaking))
-        recalling = [i for i, item in enumerate(self.acting) if overrides(item, 'recall')]
-        object.__setattr__(self, 'recalling', tuple(recalling))
+        for place, method in (('sensing', 'sense'), ('seeing', 'see'), ('acting', 'actuate')):
+            acting_there = tuple(item for item in effects if item.implements(method))
+            object.__setattr__(self, place, acting_there)
+        dependent = [i for i, item in enumerate(self.acting) if item.implements('history_terms')]
+        object.__setattr__(self, 'history_dependent', tuple(dependent))
         object.__setattr__(self, 'sources', MappingProxyType(dict(self.sources)))
         object.__setattr__(self, 'provenance', MappingProxyType(dict(self.provenance)))
         object.__setattr__(
@@ -129,11 +129,27 @@ class Arm:
             following.append(state)
         return tuple(following), pressure
 
-    def follows(self, history: tuple[History, ...]) -> bool:
-        """Whether the chamber answers to a small change of the pressure at the sensor."""
-        return all(
-            effect.follows(state) for effect, state in zip(self.acting, history, strict=True)
+    def in_play(self, history: tuple[History, ...]) -> bool:
+        """Whether a small change of the pressure at the sensor does not reach the chamber."""
+        return any(
+            effect.in_play(state) for effect, state in zip(self.acting, history, strict=True)
         )
+
+    def terms(
+        self, pressure: Array, history: tuple[History, ...] | tuple[Array, ...] | None
+    ) -> Iterator[Terms]:
+        """Yield what every effect adds to the rod, with arguments as those of `rods`."""
+        for effect in self.effects:
+            yield effect.terms(pressure)
+        yield from self.history_terms(history)
+
+    def history_terms(
+        self, history: tuple[History, ...] | tuple[Array, ...] | None
+    ) -> Iterator[Terms]:
+        """Yield what the history of every effect that has one adds to the rod."""
+        for place in () if history is None else self.history_dependent:
+            assert history is not None
+            yield self.acting[place].history_terms(np.asarray(history[place]), self.scale)
 
     def tabulated(self) -> RodTable:
         """Every pressure at which curvature or law has a row, with the record of the rod there.
@@ -168,17 +184,11 @@ class Arm:
         sections, turning = self.table.at(pressure)
         clamp = np.zeros((pressure.size, CLAMP_WIDTH))
         clamp[:, CLAMP_ANGLE] = self.clamp_angle
-        for effect in self.effects:
-            effect.terms(pressure).add_to(sections, clamp)
-        if history is not None:
-            for place in self.recalling:
-                past = np.asarray(history[place])
-                terms = self.acting[place].recall(past, self.scale)
-                terms.add_to(sections, clamp)
-                if terms.late_weights is not None:
-                    late = self.intrinsic_curvature.mixed_turning(terms.late_weights, self.length)
-                    turning *= 1.0 - terms.late_share
-                    turning += terms.late_share * late
+        for terms in self.terms(pressure, history):
+            terms.add_to(sections, clamp)
+            if terms.row_weights is not None:
+                mixture = self.intrinsic_curvature.mixed_turning(terms.row_weights, self.length)
+                turning = terms.mix_rows(turning, mixture)
         return Rods(
             length=self.length,
             pressure=pressure,
@@ -205,8 +215,3 @@ class Arm:
                 raise ModelError(unknown_quantity(name))
         arm: Arm = moved(dataclasses.replace(self, covariance=None), moves)
         return arm
-
-
-def overrides(effect: Effect, verb: str) -> bool:
-    """Return whether an effect speaks in the place of this method."""
-    return getattr(type(effect), verb) is not getattr(Effect, verb)

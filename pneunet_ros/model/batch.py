@@ -15,14 +15,14 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.equilibrium import (
+    changes_on_mesh,
     DEFAULT_STATIONS,
     linearized_ends,
-    panels_of,
     solve_rod,
     station_arclength,
     steady_pressure,
-    with_pressure_change,
 )
+from pneunet_ros.model.perturbation import with_pressure_change
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.batch import evaluate_many, newton_many
 from pneunet_ros.solver.boundary_value_problem import FINEST_DETAIL
@@ -117,8 +117,7 @@ def predicted(arm: Arm, start: Shape, causes: Array) -> Array:
     solution = start.solution
     chamber = steady_pressure(arm, start.pressure)
     _, change = with_pressure_change(arm, chamber)
-    difference = panels_of(change.after, solution) - panels_of(change.before, solution)
-    nodes, _, _ = linearized_ends(solution, difference[None] / change.distance, np.zeros((1, 6)))
+    nodes, _, _ = linearized_ends(solution, *changes_on_mesh(solution, change))
     moved = causes - np.array([*start.force, start.end_moment, chamber])
     tangent = nodes.reshape(nodes.shape[0], -1)
     return np.ascontiguousarray(solution.nodes.reshape(-1, 1) + tangent.T @ moved.T)

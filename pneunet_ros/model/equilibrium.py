@@ -17,10 +17,12 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver import collocation
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
-from pneunet_ros.solver.interpolation import at_stations, station_changes
+from pneunet_ros.solver.interpolation import at_stations
+from pneunet_ros.solver.linearization import panel_changes, station_changes
 from pneunet_ros.solver.rod import REST_STRAIN, RIGIDITY, Rods
 from pneunet_ros.solver.sensitivity import LOADS, sensitivities
 from pneunet_ros.solver.solution import SolverNodes
@@ -29,29 +31,48 @@ DEFAULT_STATIONS = 57
 SHORTEST = 0.05  # of the length, of an arm shortened by rest strain
 NO_PANELS = np.zeros((0, 0, collocation.PANEL_WIDTH))
 NO_ENDS = np.zeros((0, 6))
-PRESSURE_STEP = 1e-5  # of the calibrated range, for the change of the record with pressure
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Perturbation:
-    """A small change of the record of a rod: two records and how far apart their cause is."""
-
-    before: Rods
-    after: Rods
-    distance: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensitivity:
     """How a solved rod answers to unit changes of F1, F2, M and of further causes, in that order.
 
-    tip (causes, 3): x, y, theta of the free end. stations (causes, 6, stations): x, y, theta,
-    curvature, intrinsic curvature, moment at fixed material arclength. stable: see Shape.
+    tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
+    The others are what `stations` needs: the solution with its changes per cause (causes, panels +
+    1, 6), the changes of its panels and of the table of turning per further cause, and the table.
     """
 
     tip: Array
-    stations: Array
     stable: bool | None
+    solution: SolverNodes
+    knots: Array
+    turning: Array
+    panel_changes: Array
+    turning_changes: Array
+    node_changes: Array
+
+    def fields(self, arclength: Array) -> Array:
+        """Return x, y, theta, curvature, intrinsic curvature, moment (6, n) at arclengths (m)."""
+        out = np.empty((6, arclength.size))
+        solution = self.solution
+        at_stations(solution.panels, solution.nodes, self.knots, self.turning, arclength, out)
+        return out
+
+    def stations(self, arclength: Array) -> Array:
+        """Return the changes (causes, 6, n) of the same, at increasing material arclengths (m)."""
+        out = np.empty((self.tip.shape[0], 6, arclength.size))
+        station_changes(
+            self.solution.panels,
+            self.solution.nodes,
+            self.knots,
+            self.turning,
+            self.panel_changes,
+            self.turning_changes,
+            self.node_changes,
+            arclength,
+            out,
+        )
+        return out
 
 
 def solve(
@@ -195,7 +216,7 @@ def linearized_ends(
 ) -> tuple[Array, Array, bool]:
     """Return changes of nodes and tip per cause (F1, F2, M, further), and whether it is stable."""
     causes = LOADS + panel_changes.shape[0]
-    nodes = np.empty((causes, *solution.nodes.shape))
+    nodes = np.zeros((causes, *solution.nodes.shape))  # the last row is partly unused
     tip = np.empty((causes, 3))
     stable = sensitivities(
         solution.panels, solution.ends, solution.nodes, panel_changes, end_changes, nodes, tip
@@ -209,58 +230,45 @@ def is_stable(solution: SolverNodes) -> bool:
 
 
 def linearize(
-    solution: SolverNodes, rods: Rods, changes: tuple[Perturbation, ...], arclength: Array
+    solution: SolverNodes, rods: Rods, changes: Perturbation | None = None
 ) -> Sensitivity:
-    """Linear answer of a solved rod to the loads and to changes of its record, at stations (m)."""
-    panel_changes = np.empty((len(changes), *solution.panels.shape))
-    end_changes = np.zeros((len(changes), 6))
-    turning_changes = np.empty((len(changes), *rods.turning.shape[1:]))
-    for index, change in enumerate(changes):
-        after, before = change.after, change.before
-        scale = 1.0 / change.distance
-        panel_changes[index] = scale * (panels_of(after, solution) - panels_of(before, solution))
-        end_changes[index, :3] = scale * (after.clamp[0] - before.clamp[0])
-        turning_changes[index] = scale * (after.turning[0] - before.turning[0])
-    nodes, tip, stable = linearized_ends(solution, panel_changes, end_changes)
-    out = np.empty((tip.shape[0], 6, arclength.size))
-    station_changes(
-        solution.panels,
-        solution.nodes,
-        rods.knots,
-        rods.turning[0],
-        panel_changes,
-        turning_changes,
-        nodes,
-        arclength,
-        out,
-    )
+    """Linearize a solved rod: its answer to the loads and to changes of its record."""
+    panels, ends = changes_on_mesh(solution, changes)
+    nodes, tip, stable = linearized_ends(solution, panels, ends)
+    turning = np.zeros((0, *rods.turning.shape[1:]))
+    if changes is not None:
+        scale = 1.0 / changes.distance
+        turning = scale[:, None, None] * (changes.turning[1] - changes.turning[0])
     positive = min(solution.panels[:, 1].tolist()) > 0.0
-    return Sensitivity(tip=tip, stations=out, stable=stable if positive else None)
-
-
-def panels_of(rods: Rods, solution: SolverNodes) -> Array:
-    """Return the panels of another record on the mesh of a solution, under the same load."""
-    panels = np.empty_like(solution.panels)
-    collocation.prepare(
-        rods.length,
-        rods.sections[0],
-        rods.knots,
-        rods.turning[0],
-        solution.ends.copy(),
-        np.array(solution.counts),
-        panels,
+    return Sensitivity(
+        tip=freeze(tip),
+        stable=stable if positive else None,
+        solution=solution,
+        knots=rods.knots,
+        turning=rods.turning[0],
+        panel_changes=panels,
+        turning_changes=turning,
+        node_changes=nodes,
     )
-    return panels
 
 
-def with_pressure_change(
-    arm: Arm, chamber_pressure: float, history: tuple[History, ...] | None = None
-) -> tuple[Rods, Perturbation]:
-    """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal."""
-    step = PRESSURE_STEP * (arm.pressure_range[1] - arm.pressure_range[0])
-    pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
-    rods = arm.rods(np.array(pressures), history)
-    return rods.one(0), Perturbation(before=rods.one(1), after=rods.one(2), distance=2.0 * step)
+def changes_on_mesh(solution: SolverNodes, changes: Perturbation | None) -> tuple[Array, Array]:
+    """Return the change of panels (causes, panels, 16) and ends (causes, 6) of a solution."""
+    count = 0 if changes is None else changes.distance.size
+    panels, ends = np.empty((count, *solution.panels.shape)), np.zeros((count, 6))
+    if changes is not None:
+        panel_changes(
+            changes.length,
+            changes.sections,
+            changes.knots,
+            changes.turning,
+            changes.distance,
+            solution.ends,
+            np.array(solution.counts),
+            panels,
+        )
+        ends[:, :3] = (changes.clamp[1] - changes.clamp[0]) / changes.distance[:, None]
+    return panels, ends
 
 
 def tip_jacobian(arm: Arm, shape: Shape) -> Array:
@@ -270,13 +278,12 @@ def tip_jacobian(arm: Arm, shape: Shape) -> Array:
     rested = arm.initial_history(shape.pressure)
     history, chamber = arm.actuate(rested, 0.0, shape.pressure)
     rods, change = with_pressure_change(arm, chamber, history)
-    response = linearize(shape.solution, rods, (change,), shape.arclength[-1:])
-    return jacobian_of(arm, response, history)
+    return jacobian_of(arm, linearize(shape.solution, rods, change), history)
 
 
-def jacobian_of(arm: Arm, response: Sensitivity, history: tuple[History, ...]) -> Array:
-    """Return the tip's Jacobian from a response whose first cause after the loads is pressure."""
-    jacobian = response.tip[[LOADS, 0, 1, 2]].T
-    if not arm.follows(history):  # the play takes up what the pressure changes
+def jacobian_of(arm: Arm, sensitivity: Sensitivity, history: tuple[History, ...]) -> Array:
+    """Return the tip's Jacobian; the first cause after the loads is the pressure."""
+    jacobian = sensitivity.tip[[LOADS, 0, 1, 2]].T
+    if arm.in_play(history):  # the play takes up what the pressure changes
         jacobian[:, 0] = 0.0
     return freeze(jacobian)

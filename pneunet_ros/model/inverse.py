@@ -163,5 +163,5 @@ class TipSearch:
 def force_jacobian(rods: Rods, shape: Shape) -> Array:
     """d(x, y) of the tip / d(F1, F2), (2, 2) m/N."""
     assert shape.solution is not None
-    tip: Array = linearize(shape.solution, rods, (), shape.arclength[-1:]).tip
+    tip: Array = linearize(shape.solution, rods).tip
     return tip[:2, :2].T

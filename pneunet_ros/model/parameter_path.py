@@ -37,27 +37,27 @@ def moved(owner: Any, moves: Sequence[Move]) -> Any:
     """Return a copy of `owner` in which the numbers at these paths are larger by their amounts."""
     if not moves:
         return owner
-    ended = next((move for move in moves if not move.path), None)
-    if ended is not None:
+    here = next((move for move in moves if not move.path), None)
+    if here is not None:
         if isinstance(owner, bool) or not isinstance(owner, (int, float)):
-            raise ModelError(unknown_quantity(ended.name))
+            raise ModelError(unknown_quantity(here.name))
         return float(owner) + sum(move.amount for move in moves)
     if isinstance(owner, np.ndarray):
         return moved_table(owner, moves)
-    apart: dict[str, list[Move]] = {}
+    by_key: dict[str, list[Move]] = {}
     for move in moves:
-        apart.setdefault(move.path[0], []).append(move.inside())
+        by_key.setdefault(move.path[0], []).append(move.inside())
     known: list[str] = []
     if isinstance(owner, tuple):
         known = [effect.name for effect in owner]
     elif dataclasses.is_dataclass(owner):
         known = [item.name for item in dataclasses.fields(owner) if item.init]
-    for key, inside in apart.items():
+    for key, inside in by_key.items():
         if key not in known:
             raise ModelError(unknown_quantity(inside[0].name))
     if isinstance(owner, tuple):
-        return tuple(moved(effect, apart.get(effect.name, [])) for effect in owner)
-    changes = {key: moved(getattr(owner, key), inside) for key, inside in apart.items()}
+        return tuple(moved(effect, by_key.get(effect.name, [])) for effect in owner)
+    changes = {key: moved(getattr(owner, key), inside) for key, inside in by_key.items()}
     return dataclasses.replace(owner, **changes)
 
 

@@ -1,7 +1,11 @@
 """A subscription that takes reliability and durability from those who publish.
 
-Images that are sent best effort cannot be received reliably, and those that are sent reliably lose
-much when they are received best effort. What is latched is received only by who asks for it.
+Images that are sent best effort cannot be received reliably, and those sent reliably lose much
+when they are received best effort. What is latched is received only by who asks for it.
+
+ReliabilityPolicy.BEST_AVAILABLE does not do: it looks at the publishers once, when a subscription
+is made, and without any it takes reliable and latched. Publishers that come later and offer less
+are then never heard.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How a node is doing: what a report of its health is made of."""
+"""How a node is doing: what happened to its input, and what a report is made of."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import enum
 from typing import Any
 
 import numpy as np
+from pneunet_ros.core.outcome import Refusal
 
 LATENCIES = 1000  # readings over which percentiles are taken
 
@@ -30,21 +31,73 @@ class Report:
     values: Mapping[str, str]
 
 
-class Latencies:
-    """The times (s) from receipt to publishing of the last readings."""
+class InputHealth:
+    """Collects what happens to the input that a node cannot be without: readings or images.
 
-    def __init__(self) -> None:
-        self._seconds: deque[float] = deque(maxlen=LATENCIES)
+    All times are seconds of one steady clock. What stopped the results is told in every report
+    until there is a result again, all else in the next report.
+    """
 
-    def note(self, seconds: float) -> None:
-        """Note one more."""
-        self._seconds.append(seconds)
+    def __init__(self, source: str, now: float) -> None:
+        """Begin; source: of what the input is, as in 'pressure on /pneunet/pressure'."""
+        self.source = source
+        self._begun = self._reported = now
+        self._input_at: float | None = None
+        self._latencies: deque[float] = deque(maxlen=LATENCIES)
+        self._stopped: Refusal | None = None
+        self._problems: dict[str, Refusal] = {}
+        self._results = 0
 
-    def percentile(self, percent: float) -> float | None:
-        """Return a percentile; None as long as there is nothing to take it of."""
-        if not self._seconds:
-            return None
-        return float(np.percentile(np.array(self._seconds), percent))
+    def take(self, outcome: object, now: float) -> None:
+        """Note a result of the input, or why there is none."""
+        if isinstance(outcome, Refusal):
+            self.refused(outcome)
+            if not outcome.error:
+                return
+        else:
+            self._results += 1
+        self._stopped = outcome if isinstance(outcome, Refusal) else None
+        self._input_at = now
+
+    def refused(self, refusal: Refusal) -> None:
+        """Note a message that was refused."""
+        self._problems[refusal.reason] = refusal
+
+    def published(self, latency: float) -> None:
+        """Note the time (s) from the receipt of the input until its result was published."""
+        self._latencies.append(latency)
+
+    def silence(self, now: float) -> float:
+        """Return for how long (s) there has been no usable input."""
+        return now - (self._begun if self._input_at is None else self._input_at)
+
+    def silence_sentence(self, now: float) -> str:
+        """Say for how long there has been no usable input."""
+        return f'no usable {self.source} for {self.silence(now):.1f} s'
+
+    def input_age(self, now: float) -> float | None:
+        """Return how old the last usable input is (s); None before the first."""
+        return age(self._input_at, now)
+
+    def rate(self, now: float) -> float:
+        """Return the results per second (Hz) since the last report."""
+        return self._results / max(now - self._reported, 1e-9)
+
+    def problems(self) -> tuple[list[str], list[str]]:
+        """Return sentences on errors, and on what was merely dropped, since the last report."""
+        problems = self._problems
+        if self._stopped is not None:
+            problems = {self._stopped.reason: self._stopped, **problems}
+        errors = [problem.sentence for problem in problems.values() if problem.error]
+        return errors, [problem.sentence for problem in problems.values() if not problem.error]
+
+    def latency(self, percent: float) -> float | None:
+        """Return a percentile of the last latencies (s); None where nothing was published."""
+        return float(np.percentile(self._latencies, percent)) if self._latencies else None
+
+    def begin_next(self, now: float) -> None:
+        """Begin the time up to the next report."""
+        self._reported, self._results, self._problems = now, 0, {}
 
 
 def age(at: float | None, now: float) -> float | None:

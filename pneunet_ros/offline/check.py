@@ -20,7 +20,7 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.steady_estimates import held_spans
 from pneunet_ros.measurement.dataset import RecordingData, Stamps
-from pneunet_ros.messages.readings import TARGETS_NAME
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.replay import input_topics
 from pneunet_ros.recordings.dataset_reader import read_run
@@ -30,7 +30,6 @@ from pneunet_ros.recordings.recorded_series import (
     nearest,
     read_series,
     Series,
-    SERIES_TYPES,
 )
 from pneunet_ros.recordings.recording import open_recording, Recording
 
@@ -59,23 +58,23 @@ def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
     recording = open_recording(path)
     sentences = [*recording.sentences]
     series: dict[str, Series] = {}
-    for name in SERIES_TYPES:
+    for sensor in SENSORS:
         try:
-            topic = find_series(recording, name, request.overrides, required=False)
+            topic = find_series(recording, sensor, request.overrides, required=False)
             if topic is not None:
-                series |= read_series(recording, {name: topic}, request.settings)
+                series |= read_series(recording, {sensor.name: topic}, request.settings)
         except RecordingError as error:
             sentences.append(str(error))
-    for one in series.values():
-        sentences += one.sentences()
-    series = {name: one for name, one in series.items() if len(one.stamp_ns)}
+    for item in series.values():
+        sentences += item.sentences()
+    series = {name: item for name, item in series.items() if len(item.stamp_ns)}
     sentences += doubts(series, request)
     return {
         'recording': path,
         'seconds': seconds_between(recording.start_ns, recording.end_ns),
         'topics': topics_of(recording, series),
-        'sync': {name: sync(series, name) for name in series if name != 'pressure'}
-        if 'pressure' in series
+        'sync': {name: sync(series, name) for name in series if name != PRESSURE.name}
+        if PRESSURE.name in series
         else {},
         'ranges': ranges(series),
         'holds': holds(series, request.arm),
@@ -92,7 +91,7 @@ def topics_of(recording: Recording, series: Mapping[str, Series]) -> list[dict[s
     logged: dict[str, list[int]] = {topic.name: [] for topic in recording.topics}
     for message in recording.raw_messages(tuple(logged)):
         logged[message.topic].append(message.log_time_ns)
-    stamped = {one.topic: one.stamp_ns for one in series.values()}
+    stamped = {item.topic: item.stamp_ns for item in series.values()}
     return [
         {
             'name': topic.name,
@@ -126,7 +125,7 @@ def sync(series: Mapping[str, Series], name: str) -> dict[str, Any]:
     share: of them that have a pressure reading within half its period. offset: median time (s) to
     the nearest one, positive where the pressure is earlier; starts: how much later it begins.
     """
-    stamps, pressure = series[name].stamp_ns, series['pressure']
+    stamps, pressure = series[name].stamp_ns, series[PRESSURE.name]
     found, matched = nearest(stamps, pressure)
     return {
         'share': float(np.mean(matched)),
@@ -138,19 +137,14 @@ def sync(series: Mapping[str, Series], name: str) -> dict[str, Any]:
 def ranges(series: Mapping[str, Series]) -> dict[str, Any]:
     """Return smallest and largest reading, and in how many frames each target was seen."""
     found: dict[str, Any] = {}
-    if 'pressure' in series:
-        found['pressure'] = limits(series['pressure'].values)
-    if 'end_wrench' in series:
-        wrench = series['end_wrench'].values
-        for place, name in enumerate(('force_x', 'force_y', 'moment')):
-            found[name] = limits(wrench[:, place])
-    if TARGETS_NAME in series:
-        places = series[TARGETS_NAME].values
-        found['targets'] = places.shape[2]
-        found['frames'] = len(places)
-        found['seen_per_target'] = np.isfinite(places[:, 0]).sum(axis=0)
-        if np.isfinite(places).any():
-            found['x'], found['y'] = limits(places[:, 0]), limits(places[:, 1])
+    for item in series.values():
+        if item.sensor.per_target:
+            found['targets'] = item.values.shape[2]
+            found['frames'] = len(item.values)
+            found['seen_per_target'] = np.isfinite(item.values[:, 0]).sum(axis=0)
+        if np.isfinite(item.values).any():
+            for place, component in enumerate(item.sensor.components):
+                found[component.name] = limits(item.values[:, place])
     return found
 
 
@@ -161,15 +155,16 @@ def limits(values: Array) -> list[float]:
 
 def holds(series: Mapping[str, Series], arm: Arm) -> list[dict[str, float]]:
     """Return the stretches in which pressure and end load stand still, as far as noise tells."""
-    if 'pressure' not in series:
+    if PRESSURE.name not in series:
         return []
-    pressure = series['pressure']
+    pressure = series[PRESSURE.name]
     low, high = arm.pressure_range
     values = pressure.values
     still = [max(STILL * arm.sensors.pressure_std, STILL_SHARE * (high - low))]
-    if 'end_wrench' in series:
-        found, _ = nearest(pressure.stamp_ns, series['end_wrench'])
-        values = np.column_stack([values, series['end_wrench'].values[found, :2]])
+    if END_WRENCH.name in series:
+        wrench = series[END_WRENCH.name]
+        found, _ = nearest(pressure.stamp_ns, wrench)
+        values = np.column_stack([values, wrench.values[found, :2]])
         still += [max(STILL * arm.sensors.force_std, SMALLEST_FORCE)] * 2
     start = int(pressure.stamp_ns[0])
     return [
@@ -184,10 +179,10 @@ def holds(series: Mapping[str, Series], arm: Arm) -> list[dict[str, float]]:
 
 def doubts(series: Mapping[str, Series], request: CheckRequest) -> list[str]:
     """Return sentences about pressures that do not look like gauge pressures of this arm."""
-    if 'pressure' not in series:
+    if PRESSURE.name not in series:
         return []
     arm, settings = request.arm, request.settings
-    topic, values = series['pressure'].topic, series['pressure'].values[:, 0]
+    topic, values = series[PRESSURE.name].topic, series[PRESSURE.name].values[:, 0]
     lowest, highest = limits(values)
     low, high = arm.pressure_range
     if lowest > LIKE_AIR * settings.ambient_pressure and lowest > high:
@@ -210,26 +205,26 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
     run: list[RecordingData] = []
     settings, overrides = request.settings, request.overrides
 
-    def needs(name: str) -> None:
+    def needs(sensor: Sensor[Any]) -> None:
         """Refuse shortly where a topic is simply not there."""
-        if find_series(recording, name, overrides, required=False) is None:
-            raise RecordingError(f'there is no topic {name} of type {SERIES_TYPES[name]}')
+        if find_series(recording, sensor, overrides, required=False) is None:
+            raise RecordingError(f'there is no topic {sensor.name} of type {sensor.type}')
 
     def reads_as_run() -> RecordingData:
         """Read it once; raises each time where it cannot be read."""
         if not run:
-            needs('pressure')
-            needs(TARGETS_NAME)
+            needs(PRESSURE)
+            needs(TARGETS)
             targets = request.arm.target_arclength.size
             run.append(read_run(recording.path, targets, overrides, settings)[0])
         return run[0]
 
     def replays() -> str:
-        needs('pressure')
-        loaded = find_series(recording, 'end_wrench', overrides, required=False) is not None
+        needs(PRESSURE)
+        loaded = find_series(recording, END_WRENCH, overrides, required=False) is not None
         asked = replace(settings, wrench_required=loaded and settings.wrench_required)
         input_topics(recording, Estimator(arm=request.arm, settings=asked), overrides)
-        return '' if loaded else 'with --no-wrench-required: there is no end_wrench'
+        return '' if loaded else f'with --no-wrench-required: there is no {END_WRENCH.name}'
 
     def tracks() -> str:
         there = {topic.type for topic in recording.topics}
@@ -244,13 +239,13 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         return ''
 
     def calibrates_loaded() -> str:
-        one = reads_as_run()
-        check_targets(one, request.arm)
-        check_units(one, request.arm)
-        largest = float(np.max(np.hypot(*one.force.T)))
+        data = reads_as_run()
+        check_targets(data, request.arm)
+        check_units(data, request.arm)
+        largest = float(np.max(np.hypot(*data.force.T)))
         if largest < SMALLEST_FORCE:
             raise RecordingError(
-                f'{one.name} has no end force above {SMALLEST_FORCE} N: it is an unloaded one'
+                f'{data.name} has no end force above {SMALLEST_FORCE} N: it is an unloaded one'
             )
         return ''
 

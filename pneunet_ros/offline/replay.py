@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.readings import PressureReading, Reading
+from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.estimation.consistency import ConsistencyState, Disagreement, take_estimate
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.messages.builders import Input, Output, UNREADABLE
-from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.builders import Output, UNREADABLE
 from pneunet_ros.messages.consistency import watched_message
-from pneunet_ros.messages.readings import TARGETS_NAME
-from pneunet_ros.messages.topics import INPUTS, OUTPUTS
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import RecordedMessage, Recording
@@ -38,19 +39,20 @@ class Step:
 
 def input_topics(
     recording: Recording, estimator: Estimator, overrides: Mapping[str, str]
-) -> dict[str, Input[Reading]]:
-    """Return the topics of a recording that the estimator reads, the wrench first.
+) -> dict[str, Sensor[Any]]:
+    """Return the topics of a recording that the estimator reads, the pressure last.
 
     overrides: full topic name by last name, as `--topic pressure=/my/name` gives them. Raises
     RecordingError where a topic is missing or there are two candidates.
     """
     needed = [
-        item
-        for item in sorted(INPUTS, key=lambda item: item.name)
-        if item.name != 'end_wrench' or estimator.settings.wrench_required
+        sensor
+        for sensor in sorted(SENSORS, key=lambda sensor: sensor.rank)
+        if sensor is not TARGETS and sensor.needed(estimator.settings)
     ]
     return {
-        recording.find(item.name, item.type, overrides.get(item.name)): item for item in needed
+        recording.find(sensor.name, sensor.type, overrides.get(sensor.name)): sensor
+        for sensor in needed
     }
 
 
@@ -61,15 +63,15 @@ def targets_topic(
 
     Raises RecordingError where there are two candidates.
     """
-    if not (estimator.settings.watch_targets and estimator.arm.target_arclength.size):
+    if not (TARGETS.needed(estimator.settings) and estimator.arm.target_arclength.size):
         return None
-    return find_series(recording, TARGETS_NAME, overrides, required=False)
+    return find_series(recording, TARGETS, overrides, required=False)
 
 
 def steps(
     recording: Recording,
     estimator: Estimator,
-    topics: Mapping[str, Input[Reading]],
+    topics: Mapping[str, Sensor[Any]],
     targets: str | None = None,
 ) -> Iterator[Step]:
     """Feed the recorded readings to the estimator in the order of their log time.
@@ -89,11 +91,11 @@ def steps(
             outcome = Refusal(
                 stamp_ns=message.log_time_ns, reason=UNREADABLE, sentence=str(error), error=False
             )
-            state = state.counting(UNREADABLE)
+            state = state.count_rejected(UNREADABLE)
         else:
             state, outcome = estimator.step(state, reading)
             if targets is not None and isinstance(reading, PressureReading):
-                watch = take_estimate(watch, estimator, reading, state, outcome)
+                watch = take_estimate(watch, estimator, outcome)
         yield Step(message=message, outcome=outcome, state=state, watch=watch)
 
 
@@ -108,27 +110,27 @@ def record_steps(
     writer: RecordingWriter,
     recording: Recording,
     estimator: Estimator,
-    topics: Mapping[str, Input[Reading]],
-    each: Callable[[Step], None],
-    views: Sequence[Output[ShapeEstimate]] = (),
+    topics: Mapping[str, Sensor[Any]],
+    on_progress: Callable[[Step], None],
+    markers: Sequence[Output[ShapeEstimate]] = (),
     targets: str | None = None,
 ) -> None:
-    """Write the inputs, unchanged, all outputs, and `views`; `each` sees every step.
+    """Write the inputs, unchanged, all outputs, and `markers`; `on_progress` sees every step.
 
     targets: a topic of targets that is an input as well, to be compared with the estimates.
     """
     inputs = [*topics, *([] if targets is None else [targets])]
     copies = {name: writer.add_copy(recording.topic(name)) for name in inputs}
-    pressure_topic = next(name for name, item in topics.items() if item.name == 'pressure')
+    pressure_topic = next(name for name, sensor in topics.items() if sensor is PRESSURE)
     outputs = [
         (output, writer.add(estimate_topic(pressure_topic, output.name), output.type))
-        for output in (*OUTPUTS, *views)
+        for output in (*OUTPUTS, *markers)
     ]
-    serializer = ClaimSerializer(
+    serializer = MessageSerializer(
         types=ROSBAGS_TYPES, serialize=serialize, frame_id=estimator.settings.frame_id
     )
     for step in steps(recording, estimator, topics, targets):
-        each(step)
+        on_progress(step)
         message = step.message
         writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
         if isinstance(step.outcome, ShapeEstimate):

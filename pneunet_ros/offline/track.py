@@ -12,8 +12,8 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.messages.builders import UNREADABLE
-from pneunet_ros.messages.cdr_template import ClaimSerializer
-from pneunet_ros.messages.tracker import claims, TRACKER_OUTPUTS
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
 from pneunet_ros.recordings.image_sources import IMAGE_TYPES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
@@ -65,12 +65,12 @@ def record_tracking(
     tracker: Tracker,
     frame_id: str,
     with_images: bool,
-    each: Callable[[TrackStep], None],
+    on_progress: Callable[[TrackStep], None],
 ) -> tuple[str, ...]:
-    """Write all that the tracker claims, and the other topics of a recording unchanged.
+    """Write all that the tracker measured, and the other topics of a recording unchanged.
 
-    with_images: copy images, too. `each` sees every step. Returns sentences about topics that were
-    left out.
+    with_images: copy images, too. `on_progress` sees every step. Returns sentences about
+    topics that were left out.
     """
     outputs = {
         output.name: writer.add(f'{stream.namespace}/{output.name}', output.type)
@@ -87,15 +87,15 @@ def record_tracking(
             copies[topic.name] = writer.add_copy(topic)
         except RecordingError as error:
             sentences.append(f'{topic.name} was not copied: {error}')
-    serializer = ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
+    serializer = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
     for step in track_steps(stream, tracker, copies):
-        each(step)
+        on_progress(step)
         item = step.item
         if item.topic in copies:
             writer.write_raw(copies[item.topic], item.log_time_ns, item.raw)
         if isinstance(step.outcome, Tracking):
-            for output, claim in claims(step.outcome):
-                raw = serializer.bytes_of(output, claim)
+            for output, result in outputs_of(step.outcome):
+                raw = serializer.bytes_of(output, result)
                 writer.write_raw(outputs[output.name], item.log_time_ns, raw)
     return tuple(sentences)
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.messages.readings import TARGETS_NAME
-from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series
+from pneunet_ros.measurement.dataset import RecordingData, Stamps
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS
+from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, Series
 from pneunet_ros.recordings.recording import open_recording
 
 _AS_SHIPPED = EstimatorSettings()
@@ -31,55 +33,45 @@ def read_run(
 
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
     within half a median period; frames without one, and those in which no target was seen, are
-    left out. Without a topic `end_wrench`, or with `wrench_required` false, nothing was attached.
+    left out. Without a topic of it, or with `wrench_required` false, nothing was attached.
 
     targets: how many the arm has. overrides: full topic name by last name. Raises RecordingError
     where a topic is missing or not what it must be, or where no frame is left.
     """
     recording = open_recording(path)
-    topics = {'pressure': find_series(recording, 'pressure', overrides)}
-    topics[TARGETS_NAME] = find_series(recording, TARGETS_NAME, overrides)
-    if settings.wrench_required:
-        topics['end_wrench'] = find_series(recording, 'end_wrench', overrides, required=False)
-    found = {name: topic for name, topic in topics.items() if topic is not None}
-    series = read_series(recording, found, settings, targets)
-    for name, one in series.items():
-        if not len(one.stamp_ns):
-            why = '; '.join(one.sentences()) or 'the topic is empty'
-            raise RecordingError(f'{path}: {found[name]} holds nothing that can be used: {why}')
+    sensors: list[Sensor[Any]] = [
+        PRESSURE,
+        TARGETS,
+        *([END_WRENCH] if settings.wrench_required else []),
+    ]
+    topics: dict[str, str] = {}
+    for sensor in sensors:
+        topic = find_series(recording, sensor, overrides, required=sensor is not END_WRENCH)
+        if topic is not None:
+            topics[sensor.name] = topic
+    series = read_series(recording, topics, settings, targets)
     sentences = [*recording.sentences]
-    for one in series.values():
-        sentences += one.sentences()
+    for item in series.values():
+        if not len(item.stamp_ns):
+            why = '; '.join(item.sentences()) or 'the topic is empty'
+            raise RecordingError(f'{path}: {item.topic} holds nothing that can be used: {why}')
+        sentences += item.sentences()
 
-    frames = series[TARGETS_NAME]
-    keep = np.isfinite(frames.values[:, 0]).any(axis=1)
-    _say(sentences, frames.topic, int(np.count_nonzero(~keep)), 'no target was seen')
-    reading, matched = nearest(frames.stamp_ns, series['pressure'])
-    _say(
-        sentences,
-        frames.topic,
-        int(np.count_nonzero(keep & ~matched)),
-        f'no {series["pressure"].topic} reading within half its period',
-    )
-    keep &= matched
+    frames, readings = series[TARGETS.name], series[PRESSURE.name]
+    wrench = series.get(END_WRENCH.name)
+    keep = TARGETS.present(frames.values)
+    _say_left_out(sentences, frames, ~keep, 'no target was seen')
+    reading, keep = _match(sentences, frames, readings, keep)
     load = np.zeros((len(frames.stamp_ns), 3))
-    wrench = series.get('end_wrench')
     if wrench is not None:
-        at, matched = nearest(frames.stamp_ns, wrench)
-        _say(
-            sentences,
-            frames.topic,
-            int(np.count_nonzero(keep & ~matched)),
-            f'no {wrench.topic} reading within half its period',
-        )
-        keep &= matched
+        at, keep = _match(sentences, frames, wrench, keep)
         load = wrench.values[at]
     if not keep.any():
         raise RecordingError(f'{path}: no frame is left: {"; ".join(sentences)}')
     run = RecordingData(
         name=str(path),
-        reading_stamp_ns=series['pressure'].stamp_ns,
-        pressure=series['pressure'].values[:, 0],
+        reading_stamp_ns=readings.stamp_ns,
+        pressure=readings.values[:, 0],
         stamp_ns=frames.stamp_ns[keep],
         reading=reading[keep],
         loaded=wrench is not None,
@@ -91,6 +83,20 @@ def read_run(
     return run, tuple(sentences)
 
 
-def _say(sentences: list[str], topic: str, count: int, why: str) -> None:
+def _match(
+    sentences: list[str], frames: Series, readings: Series, keep: npt.NDArray[np.bool_]
+) -> tuple[Stamps, npt.NDArray[np.bool_]]:
+    """Return the reading nearest to each frame, and which frames are still kept."""
+    found, matched = nearest(frames.stamp_ns, readings)
+    why = f'no {readings.topic} reading within half its period'
+    _say_left_out(sentences, frames, keep & ~matched, why)
+    return found, keep & matched
+
+
+def _say_left_out(
+    sentences: list[str], frames: Series, left_out: npt.NDArray[np.bool_], why: str
+) -> None:
+    count = int(np.count_nonzero(left_out))
     if count:
-        sentences.append(f'{topic}: {count} frame{"" if count == 1 else "s"} left out, {why}')
+        plural = '' if count == 1 else 's'
+        sentences.append(f'{frames.topic}: {count} frame{plural} left out, {why}')

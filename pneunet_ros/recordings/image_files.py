@@ -87,8 +87,8 @@ def folder_images(folder: Path, camera_info: str | None, rate: float | None) -> 
             f'({", ".join(PICTURES)})'
         )
     if camera_info is None:
-        beside = [folder / name for name in LENS_FILES if (folder / name).is_file()]
-        camera_info = str(beside[0]) if beside else None
+        lens_files = [folder / name for name in LENS_FILES if (folder / name).is_file()]
+        camera_info = str(lens_files[0]) if lens_files else None
     used = checked_rate(rate) or FOLDER_RATE
 
     def items() -> Iterator[StreamItem]:

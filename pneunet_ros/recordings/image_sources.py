@@ -10,12 +10,8 @@ from pneunet_ros.core.errors import CameraError, MessageError, RecordingError, R
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.files.camera_file import load_camera_info
-from pneunet_ros.messages.tracker import (
-    CAMERA_INFO_TYPE,
-    COMPRESSED_TYPE,
-    IMAGE_TYPE,
-    TRACKER_INPUTS,
-)
+from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE, TRACKER_INPUTS
 from pneunet_ros.recordings.bag_folder import METADATA
 from pneunet_ros.recordings.image_files import (
     folder_images,
@@ -157,9 +153,9 @@ def find_info_topic(recording: Recording, image_topic: str, override: str | None
     """
     if override is None:
         candidates = recording.candidates('camera_info', CAMERA_INFO_TYPE)
-        beside = image_topic.removesuffix('/compressed').rsplit('/', 1)[0] + '/camera_info'
-        if beside in candidates:
-            return beside
+        same_namespace = image_topic.removesuffix('/compressed').rsplit('/', 1)[0] + '/camera_info'
+        if same_namespace in candidates:
+            return same_namespace
         if not candidates:
             raise RecordingError(
                 f'{recording.path} has no topic camera_info of type {CAMERA_INFO_TYPE}: give '

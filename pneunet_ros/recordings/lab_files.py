@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
-from pneunet_ros.lab.scenario import described
-from pneunet_ros.messages.builders import POINTS_TYPE
-from pneunet_ros.messages.readings import pressure_message, targets_message, wrench_message
-from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.lab.scenario import describe
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 
@@ -38,11 +35,11 @@ def truth_file(path: Path) -> Path:
 
 
 def write_lab(
-    recording: LabRecording, path: Path, *, overwrite: bool, each: Callable[[], None]
+    recording: LabRecording, path: Path, *, overwrite: bool, on_progress: Callable[[], None]
 ) -> Path:
     """Write a recording and, in a file of its own, its truth; returns the path of the truth.
 
-    Both stand there when both are complete. `each` is called after every message. Raises
+    Both stand there when both are complete. `on_progress` is called after every message. Raises
     RecordingError as `write_recording` does.
     """
     truth = truth_file(path)
@@ -52,17 +49,13 @@ def write_lab(
     ):
         np.savez_compressed(temporary, allow_pickle=False, **truth_arrays(recording))
         topics = {
-            name: writer.add(f'{NAMESPACE}/{name}', type_name)
-            for name, type_name in (
-                ('pressure', PRESSURE_TYPE),
-                ('end_wrench', WRENCH_TYPE),
-                ('targets', POINTS_TYPE),
-            )
-            if name != 'end_wrench' or recording.loaded
+            sensor.name: writer.add(f'{NAMESPACE}/{sensor.name}', sensor.type)
+            for sensor in (PRESSURE, END_WRENCH, TARGETS)
+            if sensor is not END_WRENCH or recording.loaded
         }
         for log_time, name, message in messages(recording):
             writer.write(topics[name], log_time, message)
-            each()
+            on_progress()
     return truth
 
 
@@ -74,59 +67,33 @@ def message_count(recording: LabRecording) -> int:
 
 def messages(recording: LabRecording) -> Iterator[Message]:
     """Yield the messages of a recording in the order of their log time, the wrench before all."""
+    loads = np.column_stack([recording.wrench_force, recording.wrench_moment])
+
+    def wrench(stamp_ns: int, index: int) -> Any:
+        return END_WRENCH.message(stamp_ns, loads[index], BASE_FRAME, ROSBAGS_TYPES)
+
+    def pressure(stamp_ns: int, index: int) -> Any:
+        row = recording.pressure[index : index + 1]
+        return PRESSURE.message(stamp_ns, row, PRESSURE_FRAME, ROSBAGS_TYPES)
+
+    def targets(stamp_ns: int, index: int) -> Any:
+        x, y, std = recording.x[index], recording.y[index], recording.scenario.noise.target_std
+        # The tracker knows the white part of its noise.
+        return targets_message(stamp_ns, x, y, BASE_FRAME, ROSBAGS_TYPES, std)
+
+    sources = (
+        (END_WRENCH, recording.wrench_stamp_ns, TRANSPORT_NS, wrench),
+        (PRESSURE, recording.reading_stamp_ns, TRANSPORT_NS, pressure),
+        (TARGETS, recording.stamp_ns, TRACKING_NS, targets),
+    )
     order = [
-        (int(stamp) + delay, rank, index)
-        for rank, (stamps, delay) in enumerate(
-            (
-                (recording.wrench_stamp_ns, TRANSPORT_NS),
-                (recording.reading_stamp_ns, TRANSPORT_NS),
-                (recording.stamp_ns, TRACKING_NS),
-            )
-        )
-        for index, stamp in enumerate(stamps)
+        (stamp_ns + delay, rank, index, stamp_ns)
+        for rank, (_, stamps, delay, _) in enumerate(sources)
+        for index, stamp_ns in enumerate(stamps.tolist())
     ]
-    makers = (
-        ('end_wrench', wrench_of),
-        ('pressure', pressure_of),
-        ('targets', targets_of),
-    )
-    for log_time, rank, index in sorted(order):
-        name, make = makers[rank]
-        yield log_time, name, make(recording, index)
-
-
-def pressure_of(recording: LabRecording, index: int) -> Any:
-    """Build the FluidPressure of a reading."""
-    reading = PressureReading(
-        stamp_ns=int(recording.reading_stamp_ns[index]),
-        pressure=float(recording.pressure[index]),
-    )
-    return pressure_message(reading, PRESSURE_FRAME, ROSBAGS_TYPES)
-
-
-def wrench_of(recording: LabRecording, index: int) -> Any:
-    """Build the WrenchStamped of a reading."""
-    force_x, force_y = recording.wrench_force[index].tolist()
-    reading = WrenchReading(
-        stamp_ns=int(recording.wrench_stamp_ns[index]),
-        force_x=force_x,
-        force_y=force_y,
-        moment=float(recording.wrench_moment[index]),
-        frame_id=BASE_FRAME,
-    )
-    return wrench_message(reading, ROSBAGS_TYPES)
-
-
-def targets_of(recording: LabRecording, index: int) -> Any:
-    """Build the PointCloud2 of a frame; the tracker knows the white part of its noise."""
-    return targets_message(
-        int(recording.stamp_ns[index]),
-        recording.x[index],
-        recording.y[index],
-        BASE_FRAME,
-        ROSBAGS_TYPES,
-        recording.scenario.noise.target_std,
-    )
+    for log_time, rank, index, stamp_ns in sorted(order):
+        sensor, _, _, build = sources[rank]
+        yield log_time, sensor.name, build(stamp_ns, index)
 
 
 def truth_arrays(recording: LabRecording) -> dict[str, Any]:
@@ -136,7 +103,7 @@ def truth_arrays(recording: LabRecording) -> dict[str, Any]:
     return {
         'stamp_ns': recording.stamp_ns,
         **{item.name: getattr(truth, item.name) for item in fields(truth)},
-        'scenario': np.array(json.dumps(described(recording.scenario))),
+        'scenario': np.array(json.dumps(describe(recording.scenario))),
         'memory': np.array(json.dumps(remembered)),
     }
 

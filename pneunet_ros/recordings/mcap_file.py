@@ -1,37 +1,71 @@
-"""What an MCAP file holds: from its index, or, where there is none, from one pass over all of it.
+"""MCAP files: what one holds, from its index or from one pass over all of it, and its messages.
 
 Whole, unindexed (`fastwrite`) and cut-off files give the same description, so that whoever reads
-messages need not know which of them it is.
+messages need not know which of them it is. The library `mcap` parses summary, chunks and
+definitions; how far a damaged file goes, and that no length in it is believed, is looked after
+here.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 import io
 from pathlib import Path
+import struct
 from typing import BinaryIO
+import zlib
 
+import lz4.frame
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Schema
+from mcap.records import Channel, Chunk, Schema
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.recordings.mcap_blocks import (
-    Block,
-    chunk_content,
-    DAMAGE,
-    McapFile,
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-    records,
-)
+import zstandard
 
 CUT_OFF = 'ends in the middle of a record'
 MAGIC = b'\x89MCAP0\r\n'
+RECORD_HEAD = struct.Struct('<BQ')  # opcode, length of what follows
+MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time; the data follow
 FOOTER_LENGTH = 29  # opcode, length, start of summary, start of its offsets, checksum
 LOOSE_RUN = 1 << 20  # bytes of messages outside of chunks that make a block
+LARGEST_CHUNK = 1_000_000_000  # bytes of its content; writers begin a new one at a few MB
+
+# What the decompressors and the parsing of damaged bytes raise.
+DAMAGE = (ValueError, OverflowError, struct.error, RuntimeError, zstandard.ZstdError, McapError)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """A stretch of a file that is read whole: offset and length in bytes, log times, channels.
+
+    `loose`: a run of records outside of chunks; otherwise the record of one chunk.
+    """
+
+    offset: int
+    length: int
+    loose: bool
+    start_ns: int
+    end_ns: int
+    channels: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class McapFile:
+    """What a file holds: channels and schemas by id, messages per channel, and blocks.
+
+    `damage` is a sentence when the file does not go as far as its writer meant, else None.
+    """
+
+    path: Path
+    channels: dict[int, Channel]
+    schemas: dict[int, Schema]
+    counts: dict[int, int]
+    blocks: tuple[Block, ...]
+    damage: str | None
 
 
 def open_mcap(path: Path) -> McapFile:
@@ -55,6 +89,72 @@ def open_mcap(path: Path) -> McapFile:
         raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
 
 
+def read_block(path: Path, stream: BinaryIO, block: Block) -> Iterator[tuple[int, int, bytes]]:
+    """Yield the messages of a block as they stand: channel id, log time in ns, serialized bytes.
+
+    Raises RecordingError naming `path` when the block is damaged.
+    """
+    stream.seek(block.offset)
+    data = stream.read(block.length)
+    try:
+        if not block.loose:
+            data = chunk_content(data)
+        for opcode, start, end in records(data):
+            if opcode == Opcode.MESSAGE:
+                channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, start)
+                yield channel, log_time, data[start + MESSAGE_HEAD.size : end]
+    except DAMAGE as error:
+        raise RecordingError(
+            f'{path} is damaged in the chunk at byte {block.offset} ({error}): '
+            'recover it with `mcap recover`'
+        ) from error
+
+
+def records(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, start and end of every whole record in `data`.
+
+    The library's StreamReader does the same, and believes lengths. Reading the messages of a file
+    takes 22 us each with it and 10 us with this (measured on estimates of 57 stations).
+    """
+    position, size = 0, len(data)
+    while position + RECORD_HEAD.size <= size:
+        opcode, length = RECORD_HEAD.unpack_from(data, position)
+        start = position + RECORD_HEAD.size
+        position = start + length
+        if position > size:
+            return
+        yield opcode, start, position
+
+
+def chunk_content(record: bytes) -> bytes:
+    """Return the records inside a chunk's record; of one that is cut off, what there is.
+
+    Raises one of DAMAGE when the content is not what its writer put there.
+    """
+    _, length = RECORD_HEAD.unpack_from(record)
+    body = record[RECORD_HEAD.size :]
+    chunk = Chunk.read(ReadDataStream(io.BytesIO(body)))
+    size = chunk.uncompressed_size
+    data: bytes = chunk.data
+    if size > LARGEST_CHUNK:
+        raise ValueError(f'it has {size} bytes, more than {LARGEST_CHUNK}')
+    # No more is unpacked than was announced, whatever the bytes would become.
+    if chunk.compression == 'zstd':
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+    elif chunk.compression == 'lz4':
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1)
+    elif chunk.compression:
+        raise ValueError(
+            f'its compression {chunk.compression!r} is unknown, zstd and lz4 can be read'
+        )
+    if len(body) >= length:
+        if len(data) != size:
+            raise ValueError('its size is wrong')
+        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+            raise ValueError('its checksum is wrong')
+    return data
+
+
 def _from_index(path: Path, stream: BinaryIO, size: int) -> McapFile | None:
     """Describe a whole file by its index; None when there is none that can be relied on."""
     stream.seek(max(0, size - FOOTER_LENGTH - len(MAGIC)))
@@ -64,7 +164,7 @@ def _from_index(path: Path, stream: BinaryIO, size: int) -> McapFile | None:
     stream.seek(0)
     try:
         summary = SeekingReader(stream).get_summary()
-    except (*DAMAGE, McapError):
+    except DAMAGE:
         return None
     if summary is None or summary.statistics is None:
         return None
@@ -159,7 +259,7 @@ class _Scan:
                     self._definition(opcode, self.stream.read(length))
                 position = end
             return 'was not closed by its writer'
-        except (*DAMAGE, McapError):
+        except DAMAGE:
             return CUT_OFF if cut_off else f'is damaged at byte {position}'
         finally:
             self._block(run_start, position, True, loose)

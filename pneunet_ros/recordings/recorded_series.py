@@ -14,17 +14,12 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.stamps import stamp_fault, STARTS_ANEW
-from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import Stamps
-from pneunet_ros.messages.builders import POINTS_TYPE, UNREADABLE
-from pneunet_ros.messages.readings import decode_targets, TARGETS_NAME
-from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.builders import UNREADABLE
+from pneunet_ros.messages.readings import Sensor, SENSORS, UnusableTopic
 from pneunet_ros.recordings.recording import Recording
 
-# What may be read as a series: type by last name, in the words of the contract.
-SERIES_TYPES = {'pressure': PRESSURE_TYPE, 'end_wrench': WRENCH_TYPE, TARGETS_NAME: POINTS_TYPE}
-WHAT = {'pressure': 'pressure reading', 'end_wrench': 'end wrench', TARGETS_NAME: 'frame'}
 REASONS = {
     UNREADABLE: 'not readable',
     'not_finite': 'NaN or infinite',
@@ -37,13 +32,14 @@ REASONS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Series:
-    """The usable readings of a topic: stamps (readings,) that increase, and a row for each.
+    """The usable readings of a sensor: stamps (readings,) that increase, and a row for each.
 
-    values: pressure (readings, 1) Pa gauge; end_wrench (readings, 3) N, N, N m in the base frame;
-    targets (readings, 2, targets) m, NaN where not seen. `left_out` counts the rest by reason.
+    values (readings, *sensor.row_shape): pressure (readings, 1) Pa gauge; end_wrench (readings, 3)
+    N, N, N m in the base frame; targets (readings, 2, targets) m, NaN where not seen. `left_out`
+    counts the rest by reason.
     """
 
-    name: str
+    sensor: Sensor[Any]
     topic: str
     stamp_ns: Stamps
     values: Array
@@ -59,23 +55,36 @@ class Series:
     def sentences(self) -> tuple[str, ...]:
         """Say how many readings were left out, and why."""
         return tuple(
-            f'{self.topic}: {count} {WHAT[self.name]}{"" if count == 1 else "s"} left out, '
+            f'{self.topic}: {count} {self.sensor.label}{"" if count == 1 else "s"} left out, '
             f'{REASONS[reason]}'
             for reason, count in self.left_out.items()
         )
 
 
 def find_series(
-    recording: Recording, name: str, overrides: Mapping[str, str], *, required: bool = True
+    recording: Recording,
+    sensor: Sensor[Any],
+    overrides: Mapping[str, str],
+    *,
+    required: bool = True,
 ) -> str | None:
-    """Return the topic of a series; None where it is not required and not there.
+    """Return the topic of a sensor; None where it is not required and not there.
 
     Raises RecordingError as `Recording.find` does.
     """
-    type_name = SERIES_TYPES[name]
-    if not required and name not in overrides and not recording.candidates(name, type_name):
+    name, override = sensor.name, overrides.get(sensor.name)
+    if not required and override is None and not recording.candidates(name, sensor.type):
         return None
-    return recording.find(name, type_name, overrides.get(name))
+    return recording.find(name, sensor.type, override)
+
+
+def find_all_series(recording: Recording, overrides: Mapping[str, str]) -> dict[str, str]:
+    """Return the topics of all sensors that are there, full names by the sensors' names."""
+    found = {
+        sensor.name: find_series(recording, sensor, overrides, required=False)
+        for sensor in SENSORS
+    }
+    return {name: topic for name, topic in found.items() if topic is not None}
 
 
 def read_series(
@@ -84,58 +93,38 @@ def read_series(
     settings: EstimatorSettings,
     targets: int | None = None,
 ) -> dict[str, Series]:
-    """Return the series of these topics, full names by the names of SERIES_TYPES, in one pass.
+    """Return the series of these topics, full names by the names of SENSORS, in one pass.
 
     targets: how many there must be (None: as many as in the first message). Raises RecordingError
     for targets that are no targets and for readings in a wrong frame.
     """
-    names = {topic: name for name, topic in topics.items()}
-    stamps: dict[str, list[int]] = {name: [] for name in topics}
-    rows: dict[str, list[Array]] = {name: [] for name in topics}
+    sensors = {topics[sensor.name]: sensor for sensor in SENSORS if sensor.name in topics}
+    stamps: dict[str, list[int]] = {topic: [] for topic in sensors}
+    rows: dict[str, list[Array]] = {topic: [] for topic in sensors}
     unreadable: Counter[str] = Counter()
-    for message in recording.messages(tuple(names)):
-        name = names[message.topic]
+    for message in recording.messages(tuple(topics.values())):
+        sensor = sensors[message.topic]
         try:
-            if name == TARGETS_NAME:
-                found = decode_targets(message.message, settings.frame_id, targets)
-                stamp_ns, row = found.stamp_ns, np.array([found.x, found.y])
-                targets = row.shape[1]
-            else:
-                stamp_ns, row = _reading(name, message.message, settings)
-        except MessageError as error:
-            if name == TARGETS_NAME or isinstance(error, _WrongFrame):
-                raise RecordingError(
-                    f'{recording.path}: {message.topic} at log time {message.log_time_ns} ns: '
-                    f'{error}'
-                ) from error
-            unreadable[name] += 1
+            stamp_ns, row = sensor.read(message.message, settings, targets)
+        except UnusableTopic as error:
+            raise RecordingError(
+                f'{recording.path}: {message.topic} at log time {message.log_time_ns} ns: {error}'
+            ) from error
+        except MessageError:
+            unreadable[message.topic] += 1
             continue
-        stamps[name].append(stamp_ns)
-        rows[name].append(row)
+        if sensor.per_target:
+            targets = row.shape[1]
+        stamps[message.topic].append(stamp_ns)
+        rows[message.topic].append(row)
     return {
-        name: _in_order(name, topic, stamps[name], rows[name], unreadable[name])
-        for name, topic in topics.items()
+        sensor.name: _in_order(sensor, topic, stamps[topic], rows[topic], unreadable[topic])
+        for topic, sensor in sensors.items()
     }
 
 
-class _WrongFrame(MessageError):
-    """An end wrench in a frame that is not known: so are all of its topic."""
-
-
-def _reading(name: str, message: Any, settings: EstimatorSettings) -> tuple[int, Array]:
-    if name == 'pressure':
-        pressure = decode_pressure(message)
-        return pressure.stamp_ns, np.array([gauge_pressure(settings, pressure.pressure)])
-    wrench = decode_wrench(message)
-    sentence = wrong_frame(settings, wrench)
-    if sentence:
-        raise _WrongFrame(sentence)
-    load = base_wrench(settings, wrench)
-    return load.stamp_ns, np.array([load.force_x, load.force_y, load.moment])
-
-
 def _in_order(
-    name: str, topic: str, stamps: Sequence[int], rows: Sequence[Array], unreadable: int
+    sensor: Sensor[Any], topic: str, stamps: Sequence[int], rows: Sequence[Array], unreadable: int
 ) -> Series:
     """Keep the readings that may follow one another, by the rules of the estimator.
 
@@ -145,10 +134,10 @@ def _in_order(
     stretches: list[list[int]] = [[]]
     for index, stamp_ns in enumerate(stamps):
         last = stamps[stretches[-1][-1]] if stretches[-1] else None
-        if name != TARGETS_NAME and not np.isfinite(rows[index]).all():
+        if not sensor.per_target and not np.isfinite(rows[index]).all():
             reason = 'not_finite'
         else:
-            reason, _ = stamp_fault(WHAT[name], last, stamp_ns)
+            reason, _ = stamp_fault(sensor.label, last, stamp_ns)
         if reason == STARTS_ANEW:
             stretches.append([])
         elif reason:
@@ -159,9 +148,9 @@ def _in_order(
     jumped = sum(len(stretch) for stretch in stretches) - len(kept)
     if jumped:
         counts[STARTS_ANEW] = jumped
-    shape = rows[0].shape if rows else {'pressure': (1,), 'end_wrench': (3,)}.get(name, (2, 0))
+    shape = rows[0].shape if rows else sensor.row_shape(0)
     return Series(
-        name=name,
+        sensor=sensor,
         topic=topic,
         stamp_ns=np.array([stamps[index] for index in kept], dtype=np.int64),
         values=freeze(np.array([rows[index] for index in kept]).reshape(len(kept), *shape)),

@@ -17,8 +17,7 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.records import Channel
 from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.recordings.bag_folder import mcap_files
-from pneunet_ros.recordings.mcap_blocks import McapFile, read_block
-from pneunet_ros.recordings.mcap_file import open_mcap
+from pneunet_ros.recordings.mcap_file import McapFile, open_mcap, read_block
 from pneunet_ros.recordings.message_store import deserialize, store_for
 
 SCHEMA_ENCODINGS = ('ros2msg', 'ros2idl')

@@ -1,10 +1,9 @@
-"""What the pictures of a report have in common: size, axes, one color per pressure, captions."""
+"""What all figures have in common: size, axes, one color per pressure, dots, bands and bars."""
 
 from __future__ import annotations
 
-import base64
+from collections.abc import Sequence
 from dataclasses import dataclass
-import io
 from typing import Any
 
 from matplotlib import colormaps
@@ -13,45 +12,16 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 
 WIDTH = 11.0  # inches, a page
 HEIGHT = 4.6
-DOTS_PER_INCH = 120
 FIRST, SECOND, THIRD, GREY = '#1f5a96', '#d1603d', '#4c9a6a', '#6f6f6f'
 MEASURED = '#222222'
 BAND_SIGMAS = 2.0
 SHORTEST_NAME = 22  # letters of a recording's name under an axis
 Color = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Picture:
-    """A figure of a report: `number` as in the paper or '', a title, and what one should see."""
-
-    name: str
-    number: str
-    title: str
-    caption: str
-    png: bytes
-
-    @property
-    def file(self) -> str:
-        """Name of its file."""
-        return f'figure_{self.name}.png'
-
-    @property
-    def inline(self) -> str:
-        """The picture as a URL that holds it."""
-        return f'data:image/png;base64,{base64.b64encode(self.png).decode()}'
-
-
-def picture(name: str, title: str, caption: str, figure: Figure, number: str = '') -> Picture:
-    """Return a drawn figure as a picture."""
-    out = io.BytesIO()
-    # Without software and date, so that the same calibration gives the same file.
-    figure.savefig(out, dpi=DOTS_PER_INCH, format='png', metadata={'Software': None})
-    return Picture(name=name, number=number, title=title, caption=caption, png=out.getvalue())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,10 +53,10 @@ def panels(columns: int, rows: int = 1, height: float = HEIGHT) -> tuple[Figure,
     """Return a figure of page width and its axes, row by row."""
     figure = Figure(figsize=(WIDTH, height), layout='constrained')
     axes = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
-    for one in axes:
-        one.grid(color='0.92', linewidth=0.7)
-        one.set_axisbelow(True)
-        one.spines[['top', 'right']].set_visible(False)
+    for panel in axes:
+        panel.grid(color='0.92', linewidth=0.7)
+        panel.set_axisbelow(True)
+        panel.spines[['top', 'right']].set_visible(False)
     return figure, axes
 
 
@@ -100,6 +70,51 @@ def as_shapes(axes: Axes, title: str) -> None:
 def legend(axes: Axes, **where: Any) -> None:
     """Draw a legend that hides as little as it can."""
     axes.legend(frameon=True, framealpha=0.85, edgecolor='none', fontsize=9, **where)
+
+
+def same_height(axes: Sequence[Axes], low: float | None = None) -> None:
+    """Give axes the same vertical limits: those that hold all, or from `low` on."""
+    limits = [panel.get_ylim() for panel in axes]
+    bottom = min(limit[0] for limit in limits) if low is None else low
+    for panel in axes:
+        panel.set_ylim(bottom, max(limit[1] for limit in limits))
+
+
+def draw_dots(axes: Axes, x: Array, y: Array, size: float, **style: Any) -> None:
+    """Draw measured points as dots."""
+    axes.plot(x, y, linestyle='', marker='o', markersize=size, markeredgewidth=0.0, **style)
+
+
+def draw_band(
+    axes: Axes, x: Array, value: Array, std: Array, color: Any, alpha: float = 0.25
+) -> None:
+    """Shade what lies within 2 sigma of a value."""
+    width = BAND_SIGMAS * std
+    axes.fill_between(x, value - width, value + width, color=color, alpha=alpha, linewidth=0)
+
+
+def draw_errors(axes: Axes, x: Array, y: Array, std: Array, **style: Any) -> None:
+    """Draw points with bars of 2 sigma."""
+    style = {'marker': 'o'} | style
+    axes.errorbar(x, y, yerr=BAND_SIGMAS * std, linestyle='', **style)
+
+
+def draw_bars(
+    axes: Axes,
+    values: Sequence[float],
+    form: str,
+    *,
+    place: Any = None,
+    width: float = 0.6,
+    label_style: Any = None,
+    **style: Any,
+) -> None:
+    """Draw bars with their values on top, at 0, 1, ... or at these places."""
+    where = np.arange(len(values)) if place is None else place
+    bars = axes.bar(where, values, width=width, **style)
+    label_style = {'fontsize': 9, 'padding': 2} | (label_style or {})
+    axes.bar_label(bars, labels=[form.format(value) for value in values], **label_style)
+    axes.grid(visible=False, axis='x')
 
 
 def short(name: str) -> str:

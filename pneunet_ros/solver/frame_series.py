@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.jit import kernel
 from pneunet_ros.solver.collocation import ACCEPTED, newton, PANEL_WIDTH, prepare, unloaded_nodes
-from pneunet_ros.solver.interpolation import at_stations, resolution, station_changes
+from pneunet_ros.solver.interpolation import at_stations, resolution
+from pneunet_ros.solver.linearization import station_changes
 from pneunet_ros.solver.sensitivity import LOADS, sensitivities
 
 Array = npt.NDArray[np.float64]

@@ -77,41 +77,6 @@ def strained(
 
 
 @kernel
-def spread(mixing: Array, tip: Array, stations: Array, covariance: Array, std: Array) -> bool:
-    """Carry errors through a linear response; returns whether all of it is finite.
-
-    mixing (sources, causes): what one sigma of each independent source does to every cause; tip
-    (causes, 3) and stations (causes, 6, stations) are the response. Into covariance (3, 3) of x,
-    y, theta of the tip, and std (3, stations) of x, y and curvature.
-    """
-    sources, causes, count = mixing.shape[0], mixing.shape[1], stations.shape[2]
-    moved = np.zeros((sources, 3))
-    for source in range(sources):
-        for cause in range(causes):
-            for i in range(3):
-                moved[source, i] += mixing[source, cause] * tip[cause, i]
-    total = 0.0
-    for i in range(3):
-        for j in range(3):
-            covariance[i, j] = 0.0
-            for source in range(sources):
-                covariance[i, j] += moved[source, i] * moved[source, j]
-            total += covariance[i, j]
-    for i in range(3):
-        field = 3 if i == 2 else i  # curvature is the fourth field of a station
-        for station in range(count):
-            variance = 0.0
-            for source in range(sources):
-                change = 0.0
-                for cause in range(causes):
-                    change += mixing[source, cause] * stations[cause, field, station]
-                variance += change * change
-            std[i, station] = math.sqrt(variance)
-            total += std[i, station]
-    return math.isfinite(total)
-
-
-@kernel
 def sensitivities(
     panels: Array,
     ends: Array,

@@ -8,29 +8,31 @@ import re
 
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.units import SI_PER_UNIT
+from pneunet_ros.messages.readings import SENSORS
 
 STAMP = 'stamp_ns'
 TIME = 'time'
 ESTIMATE = 'estimate_'  # begins the columns of what the estimator made of readings
 MOST_TARGETS = 500
 
-# What a table may hold, and the kind of its unit; x and y carry the index of the target.
-KINDS = {
-    TIME: 'time',
-    'pressure': 'pressure',
-    'force_x': 'force',
-    'force_y': 'force',
-    'moment': 'moment',
-    'force_a': 'force',
-    'angle_a': 'angle',
-    'force_b': 'force',
-    'angle_b': 'angle',
-    'x': 'length',
-    'y': 'length',
-}
 IN_BASE = ('force_x', 'force_y')
 OF_STRINGS = ('force_a', 'angle_a', 'force_b', 'angle_b')
-_TARGET = re.compile(r'([xy])(\d{1,3})')
+PER_TARGET = {
+    item.name: item.kind for sensor in SENSORS if sensor.per_target for item in sensor.components
+}
+# What a table may hold, and the kind of its unit; those of PER_TARGET carry the index of a target.
+KINDS = {
+    TIME: 'time',
+    **{
+        item.name: item.kind
+        for sensor in SENSORS
+        if not sensor.per_target
+        for item in sensor.components
+    },
+    **{name: name.partition('_')[0] for name in OF_STRINGS},
+    **PER_TARGET,
+}
+_TARGET = re.compile(r'(.+?)(\d{1,3})')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,11 +53,11 @@ def column_of(name: str) -> Column | None:
                 continue
             head = name.removesuffix(f'_{unit}')
             match = _TARGET.fullmatch(head)
-            if quantity in 'xy' and match and match[1] == quantity:
+            if quantity in PER_TARGET and match and match[1] == quantity:
                 return Column(
                     name=name, quantity=quantity, si_per_unit=si_per_unit, target=int(match[2])
                 )
-            if quantity not in 'xy' and head == quantity:
+            if quantity not in PER_TARGET and head == quantity:
                 return Column(name=name, quantity=quantity, si_per_unit=si_per_unit)
     return None
 
@@ -64,7 +66,7 @@ def known_names() -> str:
     """Return the patterns of all known names, for a person."""
     patterns = [STAMP]
     for quantity, kind in KINDS.items():
-        target = '<target>' if quantity in 'xy' else ''
+        target = '<target>' if quantity in PER_TARGET else ''
         units = '|'.join(SI_PER_UNIT[kind])
         patterns.append(f'{quantity}{target}_({units})')
     return ', '.join(patterns)

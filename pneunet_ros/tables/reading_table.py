@@ -2,60 +2,50 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.core.units import seconds_between
+from pneunet_ros.core.units import seconds_between, SI_PER_UNIT
 from pneunet_ros.measurement.dataset import Stamps
-from pneunet_ros.messages.readings import (
-    TARGETS_NAME,
-)
+from pneunet_ros.messages.readings import Component, SENSORS, TARGETS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadingTable:
-    """What was read at each stamp, in the words of the contract.
+    """What was read at each stamp: stamp_ns (rows,), which increases, and values by sensor.
 
-    stamp_ns (rows,) increases; pressure (rows,) Pa gauge and wrench (rows, 3) N, N, N m in the
-    base frame are NaN where there is no reading; x and y (rows, targets) m where targets were
-    seen, NaN where not. A row without any target is no frame.
+    values: for every sensor of SENSORS (rows, *row_shape), SI in the base frame, NaN where there
+    is no reading: pressure (rows, 1), end_wrench (rows, 3), targets (rows, 2, targets). A row
+    without any target is no frame.
     """
 
     stamp_ns: Stamps
-    pressure: Array
-    wrench: Array
-    x: Array
-    y: Array
+    values: Mapping[str, Array]
 
     def __post_init__(self) -> None:
         """Check the shapes and the order of the stamps."""
-        rows, targets = len(self.stamp_ns), np.shape(self.x)[1]
-        shapes = {
-            'pressure': (rows,),
-            'wrench': (rows, 3),
-            'x': (rows, targets),
-            'y': (rows, targets),
+        targets = np.shape(self.values[TARGETS.name])[2]
+        values = {
+            sensor.name: frozen_array(
+                self.values[sensor.name], (len(self.stamp_ns), *sensor.row_shape(targets))
+            )
+            for sensor in SENSORS
         }
-        for name, shape in shapes.items():
-            object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
+        object.__setattr__(self, 'values', values)
         if not np.all(np.diff(self.stamp_ns) > 0):
             raise RecordingError('the stamps of a table must increase')
 
-    @property
-    def framed(self) -> npt.NDArray[np.bool_]:
-        """In which rows targets were seen, (rows,)."""
-        return np.asarray((np.isfinite(self.x) & np.isfinite(self.y)).any(axis=1))
+    def present(self) -> dict[str, npt.NDArray[np.bool_]]:
+        """Return which rows hold a reading (rows,), by the names of the sensors."""
+        return {sensor.name: sensor.present(self.values[sensor.name]) for sensor in SENSORS}
 
     def counts(self) -> dict[str, int]:
-        """Return how many readings there are, by the names of their topics."""
-        return {
-            'pressure': int(np.count_nonzero(np.isfinite(self.pressure))),
-            'end_wrench': int(np.count_nonzero(np.isfinite(self.wrench).all(axis=1))),
-            TARGETS_NAME: int(np.count_nonzero(self.framed)),
-        }
+        """Return how many readings there are, by the names of the sensors."""
+        return {name: int(np.count_nonzero(rows)) for name, rows in self.present().items()}
 
 
 def columns(table: ReadingTable) -> dict[str, npt.NDArray[np.generic]]:
@@ -70,12 +60,20 @@ def columns(table: ReadingTable) -> dict[str, npt.NDArray[np.generic]]:
         'time_s': np.array(seconds),
     }
     counts = table.counts()
-    if counts['pressure']:
-        found['pressure_pa'] = table.pressure
-    if counts['end_wrench']:
-        for place, name in enumerate(('force_x_n', 'force_y_n', 'moment_n_m')):
-            found[name] = table.wrench[:, place]
-    for target in range(table.x.shape[1]):
-        found[f'x{target}_m'] = table.x[:, target]
-        found[f'y{target}_m'] = table.y[:, target]
+    for sensor in SENSORS:
+        values = table.values[sensor.name]
+        if sensor.per_target:
+            for target in range(values.shape[2]):
+                for place, component in enumerate(sensor.components):
+                    found[column_name(component, target)] = values[:, place, target]
+        elif counts[sensor.name]:
+            for place, component in enumerate(sensor.components):
+                found[column_name(component)] = values[:, place]
     return found
+
+
+def column_name(component: Component, target: int | None = None) -> str:
+    """Return the name of a column in SI: 'pressure_pa', 'x3_m'."""
+    units = SI_PER_UNIT[component.kind]
+    si = next(unit for unit, si_per_unit in units.items() if si_per_unit == 1.0)
+    return f'{component.name}{"" if target is None else target}_{si}'

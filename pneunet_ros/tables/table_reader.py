@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.stamps import LATEST_STAMP
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT
 from pneunet_ros.measurement.dataset import Stamps
+from pneunet_ros.messages.readings import Sensor, SENSORS
 from pneunet_ros.tables.columns import (
     Column,
     columns_of,
@@ -89,30 +91,30 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
             f'{path} has ids up to {count - 1} in {len(stamp_ns)} rows: split it, as at most '
             f'{MOST_PLACES} places of targets are read'
         )
-    x = np.array([si('x', target) for target in range(count)]).T.reshape(len(stamp_ns), count)
-    y = np.array([si('y', target) for target in range(count)]).T.reshape(len(stamp_ns), count)
+    nothing = np.zeros(len(stamp_ns))
+    along_axes: dict[str, Array] = {}
+    if any((name, None) in columns for name in OF_STRINGS):
+        strings = [si(name) if (name, None) in columns else nothing for name in OF_STRINGS]
+        along_axes = dict(zip(IN_BASE, string_force(*strings), strict=True))
+
+    def values_of(sensor: Sensor[Any]) -> Array:
+        """Rows of a sensor: a component without a column is 0, and without any there is none."""
+        names = [item.name for item in sensor.components]
+        if sensor.per_target:
+            values = [[si(name, target) for target in range(count)] for name in names]
+            return np.array(values).reshape(len(names), count, len(stamp_ns)).transpose(2, 0, 1)
+        given = {name for name in names if name in along_axes or (name, None) in columns}
+        if not given:
+            return np.full((len(stamp_ns), len(names)), np.nan)
+        parts = [along_axes.get(n, si(n)) if n in given else nothing for n in names]
+        return np.stack(parts, axis=1)
+
     found = ReadingTable(
-        stamp_ns=stamp_ns, pressure=si('pressure'), wrench=_wrench(columns, si), x=x, y=y
+        stamp_ns=stamp_ns, values={sensor.name: values_of(sensor) for sensor in SENSORS}
     )
     if not any(found.counts().values()):
         raise RecordingError(f'{path} holds no reading: no pressure, no force, no target')
     return found, tuple(sentences)
-
-
-def _wrench(columns: Mapping[tuple[str, int | None], Column], si: Callable[[str], Array]) -> Array:
-    """Return force and moment in the base frame (rows, 3); a column that is not there is 0."""
-
-    def part(quantity: str) -> Array:
-        there = (quantity, None) in columns
-        return si(quantity) if there else np.zeros_like(si(quantity))
-
-    rows = len(part('moment'))
-    if not any((name, None) in columns for name in (*IN_BASE, *OF_STRINGS, 'moment')):
-        return np.full((rows, 3), np.nan)
-    force_x, force_y = part('force_x'), part('force_y')
-    if any((name, None) in columns for name in OF_STRINGS):
-        force_x, force_y = string_force(*(part(name) for name in OF_STRINGS))
-    return np.stack([force_x, force_y, part('moment')], axis=1)
 
 
 def string_force(

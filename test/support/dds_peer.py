@@ -14,9 +14,9 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from pneunet_ros.messages.builders import Output
-from pneunet_ros.messages.topics import OUTPUTS
-from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, IMAGE_TYPE, TRACKER_OUTPUTS
+from pneunet_ros.messages.builders import IMAGE_TYPE, Output
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, TRACKER_OUTPUTS
 from pneunet_ros.nodes.ros_types import message_class
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 import rclpy

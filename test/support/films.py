@@ -14,9 +14,10 @@ from pneunet_ros import load_model, solve
 from pneunet_ros.core.share import share_path
 from pneunet_ros.lab.lens import looking_down
 from pneunet_ros.lab.renderer import Renderer
-from pneunet_ros.lab.scene import Dots, Moment, Scene
-from pneunet_ros.messages.topics import PRESSURE_TYPE
-from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE, IMAGE_TYPE
+from pneunet_ros.lab.scene import Dots, FrameState, Scene
+from pneunet_ros.messages.builders import IMAGE_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE
+from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 
@@ -65,7 +66,7 @@ def pictures(frames: int = FRAMES, hidden: int | None = None) -> tuple[Picture, 
         radius = np.full(x.size, 0.0011)
         if hidden is not None and index == frames - 1:
             radius[hidden] = 0.0
-        films.append(renderer.render(Moment(dots=Dots(x=x, y=y, radius=radius)), rng)[0])
+        films.append(renderer.render(FrameState(dots=Dots(x=x, y=y, radius=radius)), rng)[0])
     return tuple(films)
 
 

@@ -13,13 +13,13 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.base_fit import refitted
+from pneunet_ros.diagnosis.base_fit import fit_base
 from pneunet_ros.diagnosis.hypothesis import Hypothesis, hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.refit import Refit, refit
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -32,6 +32,9 @@ HELD_OUT = 'random_mix'
 HIDDEN: Mapping[str, Mapping[str, float]] = {
     'load_offset': {'offset': 0.006},
     'extensibility': {'axial_stiffness': 20.0},
+    'force_misalignment': {'angle': 0.15},
+    'hysteresis': {'width': 8e3},
+    'softening': {'loss': 0.3},
 }
 BETWEEN = 5.0  # s from one recording to the next
 
@@ -44,7 +47,7 @@ def recorded(effect: str = '', day: int = 0) -> tuple[RecordingData, ...]:
     for place, name in enumerate((*TRAINING, HELD_OUT)):
         scenario = load_scenario(share_path(f'scenarios/{name}.yaml')).with_effects(hidden)
         scenario = replace(scenario, seed=100 * day + place, start=start)
-        recording = simulated(scenario, memory)
+        recording = simulate(scenario, memory)
         memory = recording.memory
         start = memory.time + BETWEEN
         runs.append(run_of(recording))
@@ -70,7 +73,7 @@ def noise() -> SensorNoise:
 @functools.cache
 def base() -> Fit:
     """Return the base model fitted to the recordings without any effect."""
-    return refitted(frame(), recorded()[: len(TRAINING)], lambda *stage: None).fit
+    return fit_base(frame(), recorded()[: len(TRAINING)], lambda *stage: None).fit
 
 
 @functools.cache

@@ -11,7 +11,7 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.sensors import LabNoise
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.arm import Arm
 
 NOTHING = dict.fromkeys(
@@ -49,4 +49,4 @@ def lab_arm_of(arm: Arm) -> LabArm:
 @cache
 def recorded(name: str) -> LabRecording:
     """Return the recording of a shipped scenario."""
-    return simulated(load_scenario(share_path(f'scenarios/{name}.yaml')))
+    return simulate(load_scenario(share_path(f'scenarios/{name}.yaml')))

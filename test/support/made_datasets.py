@@ -10,7 +10,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
 from pneunet_ros.measurement.inputs import inputs_of
@@ -132,4 +132,4 @@ def noisy() -> tuple[list[RecordingData], list[RecordingData]]:
 @cache
 def lab_run(name: str, frames: int = 60) -> RecordingData:
     """Return a thinned recording of a shipped scenario of the virtual lab."""
-    return run_of(simulated(load_scenario(share_path(f'scenarios/{name}.yaml')))).thinned(frames)
+    return run_of(simulate(load_scenario(share_path(f'scenarios/{name}.yaml')))).thinned(frames)

@@ -7,7 +7,7 @@ from typing import Any
 
 from mcap.writer import CompressionType, Writer
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.recordings.message_store import jazzy, ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording_writer import write_recording
 

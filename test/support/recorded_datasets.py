@@ -9,8 +9,13 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.messages.builders import POINTS_TYPE
-from pneunet_ros.messages.readings import pressure_message, targets_message, wrench_message
-from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import (
+    pressure_message,
+    PRESSURE_TYPE,
+    targets_message,
+    wrench_message,
+    WRENCH_TYPE,
+)
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
 

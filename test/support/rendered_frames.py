@@ -8,12 +8,12 @@ import math
 import numpy as np
 from pneunet_ros.core.image import Image
 from pneunet_ros.lab.lens import Camera, looking_down
-from pneunet_ros.lab.renderer import as_image, Renderer
-from pneunet_ros.lab.scene import bar, Dots, Glint, hand, Label, Light, Occluder, Scene, Spot
-from pneunet_ros.lab.targets import Truth
+from pneunet_ros.lab.renderer import Renderer, Truth
+from pneunet_ros.lab.scene import Dots, Glint, Label, Light, Occluder, Scene, Spot
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.camera_model import Lens
 
+from support.camera_images import as_image, bar, hand
 from support.moving_arm import motion_of
 
 FRAME_NS = 33_333_333
@@ -123,7 +123,7 @@ class View:
     def __iter__(self) -> Iterator[tuple[Image, Truth]]:
         start, kind = self.rng.uniform(10.0, 40.0), int(self.rng.integers(0, 3))
         for frame in range(self.frames):
-            moment = self.motion.moment(
+            moment = self.motion.frame_state(
                 self.pressure(frame),
                 self.pressure(frame - 0.15),
                 self.pressure(frame + 0.15),

@@ -8,7 +8,7 @@ from typing import Any
 
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.settings import check_settings, setting
-from pneunet_ros.core.units import quantity
+from pneunet_ros.core.units import quantities, quantity
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -16,8 +16,7 @@ from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
-from pneunet_ros.nodes.estimator.info import estimator_info
-from pneunet_ros.nodes.model_info import model_label
+from pneunet_ros.nodes.model_info import model_info, model_label
 from pneunet_ros.nodes.parameters import model_path, ParameterTable, SHIPPED_MODEL
 
 
@@ -44,7 +43,7 @@ class NodeSettings:
         if not self.tip_frame:
             raise RequestError('tip_frame must not be empty')
 
-    def views(self, arm: ArmInUse) -> tuple[Output[ShapeEstimate], ...]:
+    def markers(self, arm: ArmInUse) -> tuple[Output[ShapeEstimate], ...]:
         """Return the outputs for the eye that were asked for."""
         outputs = []
         if self.publish_tf:
@@ -84,7 +83,19 @@ class EstimatorConfiguration:
 
     def info(self) -> str:
         """Return what the topic model_info says."""
-        return estimator_info(self.estimator, model_path(self.node.model_file))
+        arm, settings = self.estimator.arm, self.estimator.settings
+        return model_info(
+            arm,
+            model_path(self.node.model_file),
+            frame_id=settings.frame_id,
+            pressure_range=list(arm.pressure_range),
+            pressure_offset=settings.pressure_offset,
+            effects={
+                effect.name: {item.name: getattr(effect, item.name) for item in quantities(effect)}
+                for effect in arm.effects
+            },
+            stations=settings.stations,
+        )
 
     def take_over(self, state: EstimatorState, before: EstimatorConfiguration) -> EstimatorState:
         """Return what remains valid of a state of the configuration used before."""

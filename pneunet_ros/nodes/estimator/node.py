@@ -18,11 +18,10 @@ from pneunet_ros.estimation.consistency import ConsistencyState, take_estimate
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.pressure_tare import pressure_zero
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.messages.builders import POINTS_TYPE, UNREADABLE
-from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.consistency import watched_message
-from pneunet_ros.messages.readings import TARGETS_NAME
-from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.estimator.configuration import (
@@ -62,7 +61,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)
 
         settings = self.configuration.estimator.settings
-        serializer = ClaimSerializer(
+        serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
         )
         self.get_logger().info('preparing the solver; the very first time it is compiled')
@@ -71,25 +70,27 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
             self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')
 
         node = self.configuration.node
-        views = node.views(lambda: self.configuration.estimator.arm)
-        self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, views)
+        markers = node.markers(lambda: self.configuration.estimator.arm)
+        self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, markers)
         self.open_services()
         self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
 
-        self.health = EstimatorHealth(self.resolve_topic_name('pressure'), time.monotonic())
-        # Of two readings that are both there, the executor takes that of the first subscription.
-        if settings.wrench_required:
-            subscription(self, WRENCH_TYPE, 'end_wrench', self.take_wrench, input_qos())
-        subscription(self, PRESSURE_TYPE, 'pressure', self.take_pressure, input_qos())
-        # Behind them both: what is compared may wait, what is estimated not.
-        if settings.watch_targets:
-            subscription(self, POINTS_TYPE, TARGETS_NAME, self.take_targets, input_qos())
+        self.health = EstimatorHealth(self.resolve_topic_name(PRESSURE.name), time.monotonic())
+        # Of readings that are all there, the executor takes that of the first subscription: what
+        # is compared may wait, what is estimated not.
+        for sensor, take in (
+            (END_WRENCH, self.take_wrench),
+            (PRESSURE, self.take_pressure),
+            (TARGETS, self.take_targets),
+        ):
+            if sensor.needed(settings):
+                subscription(self, sensor.type, sensor.name, take, input_qos())
         self.tell_ready()
 
     def take_wrench(self, message: Any) -> None:
         """Take a wrench message."""
         try:
-            reading = decode_wrench(message)
+            reading = END_WRENCH.decode(message)
         except MessageError as error:
             self.refuse_message(error)
             return
@@ -104,7 +105,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     def take_pressure(self, message: Any, info: dict[str, int]) -> None:
         """Take a pressure message and publish the shape at it."""
         try:
-            reading = decode_pressure(message)
+            reading = PRESSURE.decode(message)
         except MessageError as error:
             self.refuse_message(error)
             return
@@ -119,7 +120,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.health.took_pressure(outcome, end, end - begin)
         estimator = self.configuration.estimator
         if estimator.settings.watch_targets:
-            self.note_watch(take_estimate(self.watch, estimator, reading, self.state, outcome))
+            self.note_watch(take_estimate(self.watch, estimator, outcome))
         self.note_reset(resets)
         if isinstance(outcome, Refusal):
             self.log_refusal(outcome)
@@ -144,7 +145,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     def refuse_message(self, error: MessageError) -> None:
         """Count a message that could not be decoded."""
         refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
-        self.state = self.state.counting(UNREADABLE)
+        self.state = self.state.count_rejected(UNREADABLE)
         self.health.refused(refusal)
         self.log_refusal(refusal)
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.messages.builders import Output
-from pneunet_ros.messages.cdr_template import ClaimSerializer
-from pneunet_ros.messages.topics import OUTPUTS
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes.topics import output_qos, publisher
 
 # Published first, as a controller may wait for them; the centerline last, as it is for people.
@@ -22,23 +22,23 @@ class EstimatePublisher:
     """Publishes estimates on all their topics, as far as somebody listens.
 
     A message is not even built for a topic without subscribers. `centerline_rate` (Hz) limits the
-    topics for people, as building and reading them is costly; 0 means every estimate. `views` are
-    published beside the topics that are always there.
+    topics for people, as building and reading them is costly; 0 means every estimate.
+    `markers` are published beside the topics that are always there.
     """
 
     def __init__(
         self,
         node: Any,
-        serializer: ClaimSerializer,
+        serializer: MessageSerializer,
         centerline_rate: float,
-        views: tuple[Output[ShapeEstimate], ...] = (),
+        markers: tuple[Output[ShapeEstimate], ...] = (),
     ) -> None:
         self.centerline_rate = centerline_rate
         self._serializer = serializer
         self._due = dict.fromkeys(FOR_PEOPLE, 0.0)
         self._publishers: tuple[tuple[Output[ShapeEstimate], Any], ...] = tuple(
             (topic, publisher(node, topic.type, topic.name, output_qos()))
-            for topic in (*PUBLISHED, *views)
+            for topic in (*PUBLISHED, *markers)
         )
 
     def publish(self, estimate: ShapeEstimate, now: float) -> None:

@@ -6,15 +6,15 @@ import numpy as np
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.predicted_targets import predict_targets, Snapshot
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.messages.cdr_template import ClaimSerializer
-from pneunet_ros.messages.topics import OUTPUTS
+from pneunet_ros.measurement.predicted_targets import predict_targets
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.collocation import TOLERANCE
 
 
-def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
+def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
     """Run every kernel and every encoder once; returns why the model gave no estimate, or ''.
 
     A kernel that is compiled or loaded at its first use would hold up the readings of a running
@@ -24,7 +24,6 @@ def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
     low, high = arm.pressure_range
     middle = 0.5 * (low + high)
     BoundaryValueProblem(arm.rods(np.array([middle])), (0.0, 0.0), 0.0, TOLERANCE).continued()
-    last = PressureReading(stamp_ns=2, pressure=sensed(estimator, middle + 0.01 * (high - low)))
     readings = (
         WrenchReading(
             stamp_ns=1,
@@ -34,7 +33,7 @@ def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
             frame_id=estimator.settings.frame_id,
         ),
         PressureReading(stamp_ns=1, pressure=sensed(estimator, middle)),
-        last,
+        PressureReading(stamp_ns=2, pressure=sensed(estimator, middle + 0.01 * (high - low))),
     )
     state, outcome = EstimatorState(), None
     for reading in readings:
@@ -44,7 +43,8 @@ def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
     for topic in OUTPUTS:
         serializer.bytes_of(topic, outcome)
     if estimator.settings.watch_targets:
-        predict_targets(estimator, Snapshot(reading=last, state=state, estimate=outcome))
+        assert outcome.sensitivity is not None and outcome.noise is not None
+        predict_targets(estimator.table, outcome.sensitivity, outcome.noise)
     return ''
 
 

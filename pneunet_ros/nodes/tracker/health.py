@@ -7,98 +7,66 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.nodes.health import age, counted, Latencies, Level, Report, texts
+from pneunet_ros.nodes.health import counted, InputHealth, Level, Report, texts
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 
 IMAGE_TIMEOUT = 2.0  # s; silence of the camera that is an error
 
 
-class TrackerHealth:
-    """Collects what happens to images. All times are seconds of one steady clock.
+class TrackerHealth(InputHealth):
+    """Collects what happens to images.
 
-    The level of a report is the worst since the last one: ERROR while no frame is explained, WARN
+    The level of a report is the worst since the last one: ERROR while no frame is tracked, WARN
     where some are not, or targets are missing.
     """
 
     def __init__(self, image_topic: str, now: float) -> None:
+        super().__init__(f'image on {image_topic}', now)
         self._image_topic = image_topic
-        self._started = self._reported = now
-        self._image_at: float | None = None
-        self._latencies = Latencies()
         self._last: Tracking | None = None
-        self._stopped: Refusal | None = None
-        self._begin()
+        self.begin_next(now)
 
-    def _begin(self) -> None:
+    def begin_next(self, now: float) -> None:
         """Begin the time up to the next report."""
-        self._frames = self._explained = 0
-        self._problems: dict[str, Refusal] = {}
+        super().begin_next(now)
+        self._explained = 0
         self._sentences: dict[str, str] = {}
         self._missing: set[int] = set()
 
     def took_image(self, outcome: Tracking | Refusal, now: float) -> None:
         """Note what became of an image."""
+        self.take(outcome, now)
         if isinstance(outcome, Refusal):
-            self.refused(outcome)
-            if not outcome.error:
-                return
-            self._stopped = outcome
-        else:
-            self._stopped = None
-            self._looked_at(outcome)
-        self._image_at = now
-
-    def _looked_at(self, tracking: Tracking) -> None:
-        self._last = tracking
-        self._frames += 1
-        if tracking.reason:
-            self._sentences[tracking.reason] = tracking.sentence
+            return
+        self._last = outcome
+        if outcome.reason:
+            self._sentences[outcome.reason] = outcome.sentence
         else:
             self._explained += 1
-            self._missing.update(_missing(tracking))
-
-    def refused(self, refusal: Refusal) -> None:
-        """Note a message that was refused."""
-        self._problems[refusal.reason] = refusal
-
-    def published(self, latency: float) -> None:
-        """Note the time (s) from the receipt of an image until its targets were published."""
-        self._latencies.note(latency)
-
-    def silence(self, now: float) -> float:
-        """Return for how long (s) there has been no usable image."""
-        return now - (self._started if self._image_at is None else self._image_at)
+            self._missing.update(_missing(outcome))
 
     def report(self, state: TrackerState, now: float) -> Report:
         """Sum up the time since the last report, and begin the next one."""
-        rate = self._frames / max(now - self._reported, 1e-9)
-        level, message = self._verdict(rate, now)
-        values = self._values(state, rate, now)
-        self._reported = now
-        self._begin()
+        level, message = self._verdict(now)
+        values = self._values(state, now)
+        self.begin_next(now)
         return Report(level=level, message=message, values=values)
 
-    def _verdict(self, rate: float, now: float) -> tuple[Level, str]:
-        problems = self._problems
-        if self._stopped is not None:
-            problems = {self._stopped.reason: self._stopped, **problems}
-        errors = [problem.sentence for problem in problems.values() if problem.error]
-        warnings = [problem.sentence for problem in problems.values() if not problem.error]
-        silence = self.silence(now)
-        if silence > IMAGE_TIMEOUT:
+    def _verdict(self, now: float) -> tuple[Level, str]:
+        errors, warnings = self.problems()
+        if self.silence(now) > IMAGE_TIMEOUT:
             # What was refused in the meantime is the likely cause.
-            sentence = f'no usable image on {self._image_topic} for {silence:.1f} s'
-            return Level.ERROR, '; '.join([sentence, *errors, *warnings])
+            return Level.ERROR, '; '.join([self.silence_sentence(now), *errors, *warnings])
         if errors:
             return Level.ERROR, '; '.join(errors)
-        unexplained = self._frames - self._explained
+        unexplained = self._results - self._explained
         if unexplained:
             warnings.append(
-                f'{unexplained} of {self._frames} frames not explained: '
+                f'{unexplained} of {self._results} frames not tracked: '
                 + '; '.join(self._sentences.values())
             )
-        if unexplained == self._frames > 0 and set(self._sentences) != {RESTING}:
+        if unexplained == self._results > 0 and set(self._sentences) != {RESTING}:
             return Level.ERROR, '; '.join(warnings)
         if self._missing:
             ids = ', '.join(str(target) for target in sorted(self._missing))
@@ -107,26 +75,26 @@ class TrackerHealth:
             return Level.WARN, '; '.join(warnings)
         if self._last is None:
             return Level.OK, f'waiting for images on {self._image_topic}'
-        return Level.OK, f'tracking at {rate:.3g} Hz'
+        return Level.OK, f'tracking at {self.rate(now):.3g} Hz'
 
-    def _values(self, state: TrackerState, rate: float, now: float) -> dict[str, str]:
+    def _values(self, state: TrackerState, now: float) -> dict[str, str]:
         last = self._last
         seen = None if last is None else last.sightings.seen
         missing = None if last is None else _missing(last)
         values: dict[str, Any] = {
-            'rate_hz': rate,
+            'rate_hz': self.rate(now),
             'frames': state.frames,
             'explained': state.explained,
             'resets': state.resets,
-            'image_age_s': age(self._image_at, now),
+            'image_age_s': self.input_age(now),
             'seen': seen,
             'missing': None if missing is None else len(missing),
             'missing_ids': None if missing is None else ', '.join(str(item) for item in missing),
             'rest_frames': state.rest.frames,
             'scale_mm_per_px': _scale(state),
             'reason': None if last is None else last.reason,
-            'latency_p50_s': self._latencies.percentile(50.0),
-            'latency_p99_s': self._latencies.percentile(99.0),
+            'latency_p50_s': self.latency(50.0),
+            'latency_p99_s': self.latency(99.0),
         }
         return (
             texts(values)

@@ -13,18 +13,17 @@ from typing import Any
 from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.messages.builders import UNREADABLE
-from pneunet_ros.messages.cdr_template import ClaimSerializer
+from pneunet_ros.messages import builders
+from pneunet_ros.messages.builders import header, IMAGE_TYPE, UNREADABLE
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import (
     CAMERA_INFO_TYPE,
-    claims,
     COMPRESSED_TYPE,
     decode_camera_info,
     decode_compressed_image,
     decode_image,
-    encode_picture,
-    IMAGE_TYPE,
-    TARGETS,
+    outputs_of,
+    TARGETS_OUTPUT,
     TRACKER_OUTPUTS,
 )
 from pneunet_ros.nodes import process
@@ -62,7 +61,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         super().__init__('tracker', PARAMETERS, configured_tracker)
         self.state = TrackerState()
         self.get_logger().info('preparing the kernels; the very first time they are compiled')
-        self.serializer = ClaimSerializer(
+        self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id
         )
         trouble = warm_up(self.configuration.tracker, self.serializer)
@@ -124,10 +123,10 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
 
     def publish(self, tracking: Tracking) -> None:
         """Publish the targets of a frame, and of its curve what somebody listens to."""
-        for output, claim in claims(tracking):
+        for output, result in outputs_of(tracking):
             out = self.outputs[output.name]
-            if output is TARGETS or out.get_subscription_count():
-                out.publish(self.serializer.bytes_of(output, claim))
+            if output is TARGETS_OUTPUT or out.get_subscription_count():
+                out.publish(self.serializer.bytes_of(output, result))
 
     def annotate(self, image: Image, tracking: Tracking) -> None:
         """Publish the image with what was made of it."""
@@ -135,9 +134,8 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         if tracking.curve is not None and plane is not None and lens is not None:
             curve = curve_in_image(tracking.curve, plane, lens)
         picture = draw(image, tracking, curve)
-        self.annotated.publish(
-            encode_picture(picture, image.stamp_ns, image.frame_id, RCLPY_TYPES)
-        )
+        heading = header(image.stamp_ns, image.frame_id, RCLPY_TYPES)
+        self.annotated.publish(builders.image(picture, heading, RCLPY_TYPES))
 
     def refuse(self, reason: str, error: Exception) -> None:
         """Count a message that could not be decoded."""

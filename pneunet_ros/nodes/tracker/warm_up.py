@@ -7,15 +7,15 @@ import math
 
 import numpy as np
 from pneunet_ros.core.image import Image
-from pneunet_ros.messages.cdr_template import ClaimSerializer
-from pneunet_ros.messages.tracker import claims
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.messages.tracker import outputs_of
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import CameraSettings, FixedBand, RestPlane
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
 
-def warm_up(tracker: Tracker, serializer: ClaimSerializer) -> str:
+def warm_up(tracker: Tracker, serializer: MessageSerializer) -> str:
     """Run every kernel and every encoder once; returns why targets were not seen, or ''.
 
     The arm is drawn at rest, so whatever way its camera learns where the plane is, here it is by
@@ -37,8 +37,8 @@ def warm_up(tracker: Tracker, serializer: ClaimSerializer) -> str:
         return '' if outcome is None else outcome.sentence
     if outcome.curve is not None and state.plane is not None:
         draw(image, outcome, curve_in_image(outcome.curve, state.plane, lens))
-    for output, claim in claims(outcome):
-        serializer.bytes_of(output, claim)
+    for output, result in outputs_of(outcome):
+        serializer.bytes_of(output, result)
     return outcome.sentence
 
 

@@ -16,10 +16,9 @@ from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import quantity
 from pneunet_ros.files.scenario_file import changes_of, load_lab
-from pneunet_ros.lab.live import LiveLab
-from pneunet_ros.lab.scenario import described
+from pneunet_ros.lab.live import LiveLab, Valve
+from pneunet_ros.lab.scenario import describe
 from pneunet_ros.lab.sensors import noiseless
-from pneunet_ros.lab.valve import Valve
 from pneunet_ros.nodes.parameters import ParameterTable
 
 SHIPPED_ARM = 'scenarios/lab_arm.yaml'
@@ -83,7 +82,7 @@ class VirtualArmConfiguration:
 
     def info(self) -> str:
         """Return what the topic lab_info says: the truth."""
-        about = described(self.lab.scenario)
+        about = describe(self.lab.scenario)
         wanted = {name: about[name] for name in ('arm', 'effects', 'noise', 'seed')}
         return json.dumps({'file': str(self.node.path), **wanted, 'version': __version__})
 

@@ -16,15 +16,11 @@ import numpy as np
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.core.readings import PressureReading, WrenchReading
-from pneunet_ros.lab.chain import Lying
-from pneunet_ros.lab.film import Film, SCENE
-from pneunet_ros.lab.live import LiveLab, Load
-from pneunet_ros.messages.builders import header, POINTS_TYPE, UNREADABLE
-from pneunet_ros.messages.camera import camera_info_message, grey_image_message
-from pneunet_ros.messages.readings import pressure_message, targets_message, wrench_message
-from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
-from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, IMAGE_TYPE
+from pneunet_ros.lab.chain import ChainShape
+from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
+from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, targets_message
+from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
 from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.health import counted, Level, Report, texts
@@ -70,12 +66,12 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.trouble: Refusal | None = None
         self.readings, self.reported = 0, time.monotonic()
 
-        self.pressures = publisher(self, PRESSURE_TYPE, 'pressure', output_qos())
-        self.wrenches = publisher(self, WRENCH_TYPE, 'end_wrench', output_qos())
+        self.pressures = publisher(self, PRESSURE.type, PRESSURE.name, output_qos())
+        self.wrenches = publisher(self, END_WRENCH.type, END_WRENCH.name, output_qos())
         self.tips = publisher(self, TIP_TYPE, 'true_tip', output_qos())
         self.every(1.0 / settings.rate, self.measure)
         if settings.camera == 'targets':
-            self.targets = publisher(self, POINTS_TYPE, 'targets', output_qos())
+            self.targets = publisher(self, TARGETS.type, TARGETS.name, output_qos())
             self.every(1.0 / settings.frame_rate, self.show_targets)
         elif settings.camera == 'images':
             self.infos = publisher(self, CAMERA_INFO_TYPE, 'camera_info', output_qos())
@@ -83,8 +79,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.every(1.0 / settings.frame_rate, self.show_image)
         self.open_services()
         for kind, topic, take in (
-            (PRESSURE_TYPE, 'pressure_command', self.take_command),
-            (WRENCH_TYPE, 'force_command', self.take_load),
+            (PRESSURE.type, 'pressure_command', self.take_command),
+            (END_WRENCH.type, 'force_command', self.take_load),
         ):
             subscription(self, kind, topic, take, input_qos())
         self.tell_ready()
@@ -100,7 +96,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         state, shape = lab.shape(lab.step(lab.begin(), 0.01, 1e3, load))
         _, shape = lab.shape(lab.step(state, 0.02, 1e3))
         lab.reading(state, self.random)
-        lab.sighted(shape, self.random)
+        lab.tracked_points(shape, self.random)
         if self.film is not None:
             self.film.image(shape, self.random)
 
@@ -111,7 +107,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def take_command(self, message: Any) -> None:
         """Take a commanded pressure; its stamp is not looked at."""
         try:
-            command = decode_pressure(message).pressure
+            command = PRESSURE.decode(message).pressure
         except MessageError as error:
             self.refuse(UNREADABLE, str(error))
             return
@@ -127,7 +123,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
     def take_load(self, message: Any) -> None:
         """Take a load that is put on the free end from now on."""
         try:
-            wanted = decode_wrench(message)
+            wanted = END_WRENCH.decode(message)
         except MessageError as error:
             self.refuse(UNREADABLE, str(error))
             return
@@ -156,22 +152,17 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         """Publish the readings of wrench and pressure, and the truth while somebody looks."""
         stamp_ns = self.advance()
         reading = self.configuration.lab.reading(self.state, self.random)
-        wrench = WrenchReading(
-            stamp_ns=stamp_ns,
-            force_x=reading.load.force_x,
-            force_y=reading.load.force_y,
-            moment=reading.load.moment,
-            frame_id=self.configuration.node.frame_id,
-        )
-        pressure = PressureReading(stamp_ns=stamp_ns, pressure=reading.pressure)
+        load, frame_id = reading.load, self.configuration.node.frame_id
+        wrench = np.array([load.force_x, load.force_y, load.moment])
+        pressure = np.array([reading.pressure])
         # The wrench first: the pressure makes the estimate.
-        self.wrenches.publish(wrench_message(wrench, RCLPY_TYPES))
-        self.pressures.publish(pressure_message(pressure, PRESSURE_FRAME, RCLPY_TYPES))
+        self.wrenches.publish(END_WRENCH.message(stamp_ns, wrench, frame_id, RCLPY_TYPES))
+        self.pressures.publish(PRESSURE.message(stamp_ns, pressure, PRESSURE_FRAME, RCLPY_TYPES))
         self.readings += 1
         if self.tips.get_subscription_count():
             self.with_shape(lambda shape: self.tips.publish(self.tip(shape, stamp_ns)))
 
-    def with_shape(self, use: Callable[[Lying], None]) -> None:
+    def with_shape(self, use: Callable[[ChainShape], None]) -> None:
         """Do something with the shape of the arm, if it has one."""
         try:
             self.state, shape = self.configuration.lab.shape(self.state)
@@ -183,7 +174,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         else:
             use(shape)
 
-    def tip(self, shape: Lying, stamp_ns: int) -> Any:
+    def tip(self, shape: ChainShape, stamp_ns: int) -> Any:
         """Return the pose of the true free end."""
         length = self.configuration.lab.scenario.arm.length
         x, y, theta = (float(rows[0, 0]) for rows in shape.points([length]))
@@ -199,8 +190,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         stamp_ns = self.advance()
         lab, frame_id = self.configuration.lab, self.configuration.node.frame_id
 
-        def show(shape: Lying) -> None:
-            x, y = lab.sighted(shape, self.random).T
+        def show(shape: ChainShape) -> None:
+            x, y = lab.tracked_points(shape, self.random).T
             std = lab.scenario.noise.target_std
             self.targets.publish(targets_message(stamp_ns, x, y, frame_id, RCLPY_TYPES, std))
 
@@ -210,12 +201,12 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         """Publish an image of the arm, the camera first."""
         stamp_ns = self.advance()
 
-        def show(shape: Lying) -> None:
+        def show(shape: ChainShape) -> None:
             assert self.film is not None
             grey = self.film.image(shape, self.random)
-            end = (stamp_ns, CAMERA_FRAME, RCLPY_TYPES)
-            self.infos.publish(camera_info_message(SCENE.camera, *end))
-            self.images.publish(grey_image_message(grey, *end))
+            info = camera_info_message(SCENE.camera, stamp_ns, CAMERA_FRAME, RCLPY_TYPES)
+            self.infos.publish(info)
+            self.images.publish(image(grey, info.header, RCLPY_TYPES))
 
         self.with_shape(show)
 
@@ -235,21 +226,21 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         if self.trouble is not None:
             level, message = Level.ERROR, self.trouble.sentence
         self.readings, self.reported, self.trouble = 0, now, None
-        said = texts(values) | counted('rejected', self.rejected)
-        self.publish_report('arm', Report(level=level, message=message, values=said))
+        numbers = texts(values) | counted('rejected', self.rejected)
+        self.publish_report('arm', Report(level=level, message=message, values=numbers))
 
     def forget(self) -> str:
-        """Put a virgin arm in its place, vented and without a load."""
+        """Put an unconditioned arm (no prior loading) in its place, vented and without a load."""
         self.command, self.load = 0.0, Load()
         self.state = self.configuration.lab.begin(self.now())
-        return 'a virgin arm, vented and without a load'
+        return 'an unconditioned arm (no prior loading), vented and without a load'
 
     def take_over(self, configuration: VirtualArmConfiguration) -> None:
-        """Go on with other effects, or with another arm, which is a virgin one."""
+        """Go on with other effects, or with another arm, which is unconditioned."""
         lab = configuration.lab
         self.film = self.camera(lab)
         if lab.scenario.arm is self.configuration.lab.scenario.arm:
-            self.state = lab.taking_over(self.state)
+            self.state = lab.take_over(self.state)
         else:
             self.state = lab.begin(self.now())
 

@@ -1,14 +1,14 @@
-"""What the pictures of a calibration show, worked out once: stances of its runs, their views."""
+"""What the pictures of a calibration show, worked out once: steady states, their views."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.moment_curvature import moment_view, MomentView
-from pneunet_ros.calibration.result import FittedRun
+from pneunet_ros.calibration.result import Fit, FittedRun
 from pneunet_ros.calibration.steady_states import (
     find_steady_states,
     longest_states,
@@ -16,20 +16,20 @@ from pneunet_ros.calibration.steady_states import (
     thin,
 )
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.reports.figure import OnProgress
+from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.reports.style import PressureColors
-from pneunet_ros.vision.smoother import FEWEST_TARGETS, smoother_for
+from pneunet_ros.vision.smoother import FEWEST_TARGETS, Smoother, smoother_for
 
-UNLOADED_SHOWN, LOADED_SHOWN = 10, 12  # stances, at most
-
-Each = Callable[[str, int, int], None]  # stage, how far, of how much
+UNLOADED_SHOWN, LOADED_SHOWN = 10, 12  # steady states, at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FigureData:
     """A calibration with what its pictures need.
 
-    free: stances without load; main: those of the loaded run that spans most pressure, all spread
-    over pressure. The views are theirs, less those that have too few targets for one.
+    free: steady states without load; main: those of the loaded run that spans most pressure, all
+    spread over pressure. The views are theirs, less those with too few targets for one.
     """
 
     calibration: Calibration
@@ -38,6 +38,8 @@ class FigureData:
     free_views: tuple[MomentView, ...]
     main: tuple[SteadyState, ...]
     main_views: tuple[MomentView, ...]
+    on_progress: OnProgress
+    settings: ReportSettings = REPORT_SETTINGS
 
     @property
     def loaded(self) -> tuple[FittedRun, ...]:
@@ -45,20 +47,20 @@ class FigureData:
         return tuple(item for item in self.calibration.joint.runs if item.run.loaded)
 
 
-def figure_data(calibration: Calibration, each: Each) -> FigureData:
+def figure_data(calibration: Calibration, on_progress: OnProgress) -> FigureData:
     """Work out what the pictures show."""
     fit = calibration.joint
-    everything = [(item.run, find_steady_states(item, fit.arm)) for item in fit.runs]
-    free = [steady_state for run, some in everything if not run.loaded for steady_state in some]
-    loaded = [(run, some) for run, some in everything if run.loaded]
+    states = [(item.run, find_steady_states(item, fit.arm)) for item in fit.runs]
+    free = [state for run, of_run in states if not run.loaded for state in of_run]
+    loaded = [(run, of_run) for run, of_run in states if run.loaded]
     main: tuple[SteadyState, ...] = ()
     if loaded:
         _, main = max(loaded, key=lambda item: float(np.ptp(item[0].frame_pressure)))
     groups = [thin(free, UNLOADED_SHOWN), thin(longest_states(main), LOADED_SHOWN)]
     pressures = [steady_state.pressure for group in groups for steady_state in group]
-    each('measured curvature', 0, 1)
+    on_progress('measured curvature', 0, 1)
     views = views_of(calibration, groups)
-    each('measured curvature', 1, 1)
+    on_progress('measured curvature', 1, 1)
     return FigureData(
         calibration=calibration,
         colors=PressureColors(low=min(pressures), high=max(pressures)),
@@ -66,22 +68,28 @@ def figure_data(calibration: Calibration, each: Each) -> FigureData:
         free_views=views[0],
         main=tuple(groups[1]),
         main_views=views[1],
+        on_progress=on_progress,
     )
 
 
 def views_of(
     calibration: Calibration, groups: Sequence[Sequence[SteadyState]]
 ) -> list[tuple[MomentView, ...]]:
-    """Return the views of the stances that have one, group by group."""
-    fit, arm = calibration.joint, calibration.joint.arm
-    if arm.target_arclength.size < FEWEST_TARGETS:
+    """Return the views of the steady states that have one, group by group."""
+    fit = calibration.joint
+    if fit.arm.target_arclength.size < FEWEST_TARGETS:
         return [() for _ in groups]
-    # The placement that was found is taken off the targets, so no more of it is expected.
-    smoother = smoother_for(replace(arm, sensors=replace(arm.sensors, placement_std=0.0)))
-    found = [
+    smoother = smoother_of(fit)
+    views = [
         [moment_view(fit, smoother, steady_state) for steady_state in group] for group in groups
     ]
-    return [tuple(view for view in group if view is not None) for group in found]
+    return [tuple(view for view in group if view is not None) for group in views]
+
+
+def smoother_of(fit: Fit) -> Smoother:
+    """Return what smooths targets off which the placement that a fit estimated is taken."""
+    sensors = replace(fit.arm.sensors, placement_std=0.0)  # so no more of it is expected
+    return smoother_for(replace(fit.arm, sensors=sensors))
 
 
 def nearest_view(views: tuple[MomentView, ...], pressure: float) -> MomentView:

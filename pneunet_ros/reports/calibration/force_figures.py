@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 import numpy as np
-from pneunet_ros.calibration.tip_force import end_forces, EndForces
+from pneunet_ros.calibration import tip_force
+from pneunet_ros.calibration.tip_force import EndForces
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.reports.calibration.figure_data import Each, FigureData
-from pneunet_ros.reports.style import BAND_SIGMAS, FIRST, legend, panels, Picture, picture, SECOND
+from pneunet_ros.reports.calibration.figure_data import FigureData
+from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.style import BAND_SIGMAS, draw_errors, FIRST, legend, panels, SECOND
 
 FRAMES = 60  # in all, of all loaded runs
 MILLI = 1000.0  # mN per N
@@ -19,8 +21,8 @@ WAYS = (('all targets', False, FIRST), ('the tip alone', True, SECOND))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FoundForces:
-    """Forces of some frames: pressure (n,) Pa, read (n, 2) N with read_std, found by each way."""
+class EstimatedForces:
+    """Forces of some frames: pressure (n,) Pa, read (n, 2) N with read_std, and estimated."""
 
     pressure: Array
     read: Array
@@ -28,33 +30,35 @@ class FoundForces:
     ways: tuple[EndForces, ...]
 
 
-def found_forces(data: FigureData, each: Each) -> FoundForces:
-    """Find the end force of some frames of every loaded run, both ways."""
+def estimated_forces(data: FigureData) -> EstimatedForces:
+    """Estimate the end force of some frames of every loaded run, both ways."""
     arm, loaded = data.calibration.arm, data.loaded
     most = max(FRAMES // len(loaded), 2)
     runs = [item.run.thinned(most) for item in loaded]
     parts: list[list[EndForces]] = [[], []]
     for place, run in enumerate(runs):
         for way, (_, tip_only, _) in enumerate(WAYS):
-            each('end forces', 2 * place + way, 2 * len(runs))
-            parts[way].append(end_forces(arm, run, tip_only=tip_only))
-    return FoundForces(
+            data.on_progress('end forces', 2 * place + way, 2 * len(runs))
+            parts[way].append(tip_force.end_forces(arm, run, tip_only=tip_only))
+    return EstimatedForces(
         pressure=np.concatenate([run.frame_pressure for run in runs]),
         read=np.concatenate([run.force for run in runs]),
         read_std=arm.sensors.force_std,
         ways=tuple(
             EndForces(
-                force=np.concatenate([one.force for one in some]),
-                covariance=np.concatenate([one.covariance for one in some]),
+                force=np.concatenate([item.force for item in of_way]),
+                covariance=np.concatenate([item.covariance for item in of_way]),
             )
-            for some in parts
+            for of_way in parts
         ),
     )
 
 
-def end_force_picture(data: FigureData, each: Each) -> Picture:
+def end_forces(data: FigureData) -> Picture | None:
     """Figure 9 (c)."""
-    found = found_forces(data, each)
+    if not data.main:
+        return None
+    found = estimated_forces(data)
     figure, axes = panels(2, rows=2, height=7.6)
     largest = MILLI * float(np.max(np.abs(found.read)))
     for component in range(2):
@@ -99,7 +103,7 @@ def end_force_picture(data: FigureData, each: Each) -> Picture:
 def draw_way(
     against: Axes,
     error: Axes,
-    found: FoundForces,
+    found: EstimatedForces,
     way: EndForces,
     component: int,
     name: str,
@@ -110,15 +114,14 @@ def draw_way(
     value = way.force[:, component]
     x = MILLI * found.read[:, component], kilopascals(1.0) * found.pressure
     y = MILLI * value, MILLI * (value - found.read[:, component])
-    whole = np.hypot(sigma, found.read_std)
+    error_std = np.hypot(sigma, found.read_std)
     all_targets = color == FIRST
-    for axes, at, what, std in zip((against, error), x, y, (sigma, whole), strict=True):
-        axes.errorbar(
+    for axes, at, what, std in zip((against, error), x, y, (sigma, error_std), strict=True):
+        draw_errors(
+            axes,
             at,
             what,
-            yerr=BAND_SIGMAS * MILLI * std,
-            linestyle='',
-            marker='o',
+            MILLI * std,
             markersize=3.6,
             markerfacecolor=color if all_targets else 'white',
             color=color,
@@ -129,7 +132,7 @@ def draw_way(
         )
 
 
-def limit_of(found: FoundForces, component: int) -> float:
+def limit_of(found: EstimatedForces, component: int) -> float:
     """Return how far the axis of errors goes (mN): most bars of both ways inside."""
     reach = [
         np.abs(way.force[:, component] - found.read[:, component])
@@ -144,22 +147,22 @@ def limit_of(found: FoundForces, component: int) -> float:
     return MILLI * 1.15 * min(float(np.quantile(values, 0.8)), largest)
 
 
-def sentences(found: FoundForces) -> list[str]:
+def sentences(found: EstimatedForces) -> list[str]:
     """Say how well each way finds the force, and how often its interval holds the force read."""
-    said = []
+    lines = []
     for (name, _, _), way in zip(WAYS, found.ways, strict=True):
-        some = np.isfinite(way.force[:, 0])
-        if not some.any():
-            said.append(f'From {name} no force was found in any of {some.size} frames.')
+        known = np.isfinite(way.force[:, 0])
+        if not known.any():
+            lines.append(f'From {name} no force was found in any of {known.size} frames.')
             continue
-        error = way.force[some] - found.read[some]
-        std = np.hypot(way.sigma[some], found.read_std)
+        error = way.force[known] - found.read[known]
+        std = np.hypot(way.sigma[known], found.read_std)
         inside = np.mean(np.abs(error) < 1.96 * std, axis=0)
-        median = MILLI * np.median(way.sigma[some], axis=0)
-        said.append(
-            f'From {name}, found in {np.count_nonzero(some)} of {some.size} frames: median sigma '
-            f'{median[0]:.2g} and {median[1]:.2g} mN of F1 and F2; '
+        median = MILLI * np.median(way.sigma[known], axis=0)
+        lines.append(
+            f'From {name}, found in {np.count_nonzero(known)} of {known.size} frames: '
+            f'median sigma {median[0]:.2g} and {median[1]:.2g} mN of F1 and F2; '
             f'{100 * inside[0]:.0f} % and {100 * inside[1]:.0f} % of the 95 % intervals hold '
             'the force read.'
         )
-    return said
+    return lines

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.moment_curvature import law_view, LawView, Line, MomentView
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.calibration.figure_data import FigureData, nearest_view
 from pneunet_ros.reports.calibration.shape_figures import load_label, run_label
+from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import (
     BAND_SIGMAS,
+    draw_band,
+    draw_errors,
     FIRST,
     legend,
     MEASURED,
     panels,
-    Picture,
-    picture,
     SECOND,
 )
 from pneunet_ros.solver.rod import RIGIDITY
 
 PAPER_PRESSURE = 53_800.0  # Pa, of Figure 8 (a)
 MILLI = 1000.0  # mN m per N m
-WORTH = 0.3  # relative standard error of a rigidity that is still shown
 SECTION_COLORS = (FIRST, SECOND)
 
 
-def moments(data: FigureData) -> Picture:
+def moments(data: FigureData) -> Picture | None:
     """Figure 7: M_est along the arm and against kappa - kappa0, per load."""
+    if not data.main_views:
+        return None
     figure, (along, against) = panels(2)
     for view in data.main_views:
         color = data.colors(view.steady_state.pressure)
@@ -61,8 +67,10 @@ def moments(data: FigureData) -> Picture:
     )
 
 
-def one_moment(data: FigureData) -> Picture:
+def one_moment(data: FigureData) -> Picture | None:
     """Figure 8 (a): the two lines of Eq 10 at one pressure."""
+    if not data.main_views:
+        return None
     arm = data.calibration.arm
     view = nearest_view(data.main_views, PAPER_PRESSURE)
     pressure = float(view.steady_state.inputs.pressure[0])
@@ -109,10 +117,7 @@ def one_moment(data: FigureData) -> Picture:
             )
         along.axvspan(start / arm.length, stop / arm.length, color=color, alpha=0.08, linewidth=0)
     share = view.arclength / arm.length
-    width = BAND_SIGMAS * view.std
-    along.fill_between(
-        share, view.change - width, view.change + width, color=MEASURED, alpha=0.18, linewidth=0
-    )
+    draw_band(along, share, view.change, view.std, MEASURED, alpha=0.18)
     along.plot(share, view.change, color=MEASURED, label='measured')
     along.plot(
         share,
@@ -179,44 +184,45 @@ def section_name(place: int, count: int) -> str:
     return 's < l1' if place == 0 else 's > l1'
 
 
-def law(data: FigureData) -> Picture:
+def law(data: FigureData) -> Picture | None:
     """Figure 8 (b): rigidities and l1 over pressure."""
+    if not data.main:
+        return None
     arm, fit = data.calibration.arm, data.calibration.joint
-    low, high = data.colors.low, data.colors.high
-    pressure = np.linspace(low, high, 101)
-    known = np.clip(pressure, *arm.pressure_range)
-    fitted = law_view(fit, known)
+    pressure = np.linspace(data.colors.low, data.colors.high, 101)
+    fitted = law_view(fit, np.clip(pressure, *arm.pressure_range))
     two = fitted.split is not None
     figure, axes = panels(2 if two else 1)
-    sections = fitted.rigidity.shape[1]
-    for place in range(sections):
+    worst = data.settings.rigidity_error
+    for place in range(fitted.rigidity.shape[1]):
         color = SECTION_COLORS[place]
         name = f'alpha{place + 1}' if two else 'alpha'
-        draw_law(axes[0], fitted, place, color, f'{name}, fitted, 2 sigma')
-        found = [
+        label = f'{name}, fitted, 2 sigma'
+        draw_rigidity(axes[0], fitted.pressure, fitted, place, color=color, label=label)
+        slopes = [
             (view.steady_state.pressure, item)
             for view in data.main_views
             for item in [view.lines[place]]
-            if item is not None and worth(item)
+            if item is not None and item.rigidity_std < worst * abs(item.rigidity)
         ]
-        if found:
-            draw_found(axes[0], found, arm.weight * arm.length**2, color, name)
+        if slopes:
+            draw_slopes(axes[0], slopes, arm.weight * arm.length**2, color, name)
     axes[0].set(
         title='(a) rigidity alpha = B / (mg l^2)', xlabel='pressure (kPa)', ylabel='alpha (-)'
     )
+    add_stiffness_axis(axes[0], arm)
     limits = [fitted.rigidity.min(), fitted.rigidity.max(), 0.0]
     margin = 0.35 * (max(limits) - min(limits))
     axes[0].set_ylim(min(limits) - 0.1 * margin, max(limits) + margin)
     legend(axes[0], loc='lower left', ncols=2)
     if fitted.split is not None and fitted.split_std is not None:
         x = kilopascals(1.0) * pressure
-        width = BAND_SIGMAS * fitted.split_std
-        axes[1].fill_between(
-            x, fitted.split - width, fitted.split + width, color=MEASURED, alpha=0.18, linewidth=0
-        )
+        draw_band(axes[1], x, fitted.split, fitted.split_std, MEASURED, alpha=0.18)
         axes[1].plot(x, fitted.split, color=MEASURED, linewidth=1.8, label='fitted, 2 sigma')
         axes[1].set(
-            title='(b) border of the sections l1 / l', xlabel='pressure (kPa)', ylabel='l1 / l (-)'
+            title='(b) transition point of the stiffness l1 / l',
+            xlabel='pressure (kPa)',
+            ylabel='l1 / l (-)',
         )
         axes[1].set_ylim(bottom=0.0)
         legend(axes[1], loc='lower right')
@@ -229,38 +235,40 @@ def law(data: FigureData) -> Picture:
         'band. alpha1 rests on the few targets of the first section and on curvature that is '
         'rounded off at l1, which its bars do not know of: it scatters, and tends to be too '
         'small. The fit, which needs no curvature, does not. Slopes less certain than '
-        f'{100 * WORTH:.0f} % are left out.',
+        f'{100 * worst:.0f} % are left out.',
         figure,
         number='8 (b)',
     )
 
 
-def worth(item: Line) -> bool:
-    """Whether a line says something of the rigidity."""
-    return item.rigidity_std < WORTH * abs(item.rigidity)
-
-
-def draw_law(axes: Axes, fitted: LawView, place: int, color: str, label: str) -> None:
-    """Draw a fitted rigidity with its band."""
-    x = kilopascals(1.0) * fitted.pressure
-    value, width = fitted.rigidity[:, place], BAND_SIGMAS * fitted.rigidity_std[:, place]
-    axes.fill_between(x, value - width, value + width, color=color, alpha=0.25, linewidth=0)
-    axes.plot(x, value, color=color, linewidth=1.8, label=label)
-
-
-def draw_found(
-    axes: Axes, found: list[tuple[float, Line]], scale: float, color: str, name: str
+def draw_rigidity(
+    axes: Axes, pressure: Array, fitted: LawView, section: int, *, color: str, **style: Any
 ) -> None:
-    """Slopes of lines through measured points, and their regression in pressure."""
-    x = np.array([kilopascals(pressure) for pressure, _ in found])
-    value = np.array([item.rigidity for _, item in found]) / scale
-    std = np.array([item.rigidity_std for _, item in found]) / scale
-    axes.errorbar(
+    """Draw a fitted rigidity over pressure (Pa), with its band."""
+    x, value = kilopascals(1.0) * pressure, fitted.rigidity[:, section]
+    draw_band(axes, x, value, fitted.rigidity_std[:, section], color)
+    axes.plot(x, value, color=color, **({'linewidth': 1.8} | style))
+
+
+def add_stiffness_axis(axes: Axes, arm: Arm) -> None:
+    """Show the bending stiffness EI beside alpha."""
+    unit = arm.weight * arm.length**2
+    functions = (partial(np.multiply, unit), partial(np.multiply, 1.0 / unit))
+    axes.secondary_yaxis('right', functions=functions).set_ylabel('EI (N m^2)')
+
+
+def draw_slopes(
+    axes: Axes, slopes: list[tuple[float, Line]], scale: float, color: str, name: str
+) -> None:
+    """Draw slopes of lines through measured points, and their regression in pressure."""
+    x = np.array([kilopascals(pressure) for pressure, _ in slopes])
+    value = np.array([item.rigidity for _, item in slopes]) / scale
+    std = np.array([item.rigidity_std for _, item in slopes]) / scale
+    draw_errors(
+        axes,
         x,
         value,
-        yerr=BAND_SIGMAS * std,
-        linestyle='',
-        marker='o',
+        std,
         markersize=4.5,
         markerfacecolor='white',
         color=color,

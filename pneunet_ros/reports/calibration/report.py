@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,6 @@ import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.atomic import atomic_output
-from pneunet_ros.reports.calibration.figure_data import Each
 from pneunet_ros.reports.calibration.figures import calibration_figures
 from pneunet_ros.reports.calibration.tables import (
     curvature_table,
@@ -21,8 +21,8 @@ from pneunet_ros.reports.calibration.tables import (
     number_rows,
     Row,
 )
+from pneunet_ros.reports.figure import OnProgress, Pictures
 from pneunet_ros.reports.page import rendered
-from pneunet_ros.reports.style import Picture
 
 PAGE = 'index.html'
 TEMPLATE = 'calibration_report.html.jinja'
@@ -35,7 +35,7 @@ def write_report(
     *,
     provenance: Mapping[str, Any],
     overwrite: bool = False,
-    each: Each = lambda stage, done, total: None,
+    on_progress: OnProgress = lambda stage, done, total: None,
 ) -> Path:
     """Write the report of a calibration into a folder, and return the path of its page.
 
@@ -45,8 +45,8 @@ def write_report(
     """
     with atomic_output(directory, overwrite=overwrite, replaceable=REPLACEABLE) as folder:
         folder.mkdir()
-        pictures = calibration_figures(calibration, each)
-        for item in pictures:
+        pictures = calibration_figures(calibration, on_progress)
+        for item in itertools.chain(*pictures.values()):
             (folder / item.file).write_bytes(item.png)
         page = report_page(calibration, pictures, provenance)
         (folder / PAGE).write_text(page, encoding='utf-8')
@@ -54,7 +54,7 @@ def write_report(
 
 
 def report_page(
-    calibration: Calibration, pictures: Sequence[Picture], provenance: Mapping[str, Any]
+    calibration: Calibration, pictures: Pictures, provenance: Mapping[str, Any]
 ) -> str:
     """Return the page, pictures inside."""
     rows = number_rows(calibration)
@@ -79,10 +79,10 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
     loaded = sum(run.loaded for run in runs)
     frames = sum(len(run.stamp_ns) for run in runs)
     low, high = (kilopascals(value) for value in arm.pressure_range)
-    some = [item.residual[item.solved] for item in fit.runs]
-    squares = np.concatenate([(values[np.isfinite(values)]) ** 2 for values in some])
+    residuals = [item.residual[item.solved] for item in fit.runs]
+    squares = np.concatenate([values[np.isfinite(values)] ** 2 for values in residuals])
     missing = sum(int(np.count_nonzero(~item.solved)) for item in fit.runs)
-    found = [
+    answers = [
         ('Recordings', f'{len(runs) - loaded} unloaded, {loaded} loaded; {frames} frames'),
         ('Pressures', f'{low:.1f} to {high:.1f} kPa'),
         ('Moment law', f'{arm.moment_law.kind}'),
@@ -97,12 +97,12 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
     ]
     if loaded:
         first = f'{free.status}, chi squared per coordinate {free.chi_squared / free.dof:.3f}'
-        found.insert(4, ('Fit of the unloaded recordings alone', first))
+        answers.insert(4, ('Fit of the unloaded recordings alone', first))
     if missing:
-        found.append(('Frames without an equilibrium', f'{missing} of {frames}, not counted'))
+        answers.append(('Frames without an equilibrium', f'{missing} of {frames}, not counted'))
     if calibration.laws:
         best = min(calibration.laws, key=lambda item: item.rms)
-        found.append(
+        answers.append(
             ('Best on recordings left out', f'{best.kind}, {millimeters(best.rms):.3f} mm rms')
         )
-    return found
+    return answers

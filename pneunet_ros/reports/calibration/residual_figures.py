@@ -10,14 +10,14 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.forward_model import THETA
 from pneunet_ros.reports.calibration.figure_data import FigureData
+from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import (
+    draw_bars,
     FIRST,
     GREY,
     legend,
     MEASURED,
     panels,
-    Picture,
-    picture,
     SECOND,
     short,
 )
@@ -69,8 +69,8 @@ def over_frames(data: FigureData) -> Picture:
 
 def whitened_size(item: FittedRun) -> Array:
     """Root mean square whitened residual of every frame that has one; 1 is expected."""
-    some = item.solved & (item.dof > 0)
-    return np.asarray(np.sqrt(item.whitened[some] / item.dof[some]))
+    solved = item.solved & (item.dof > 0)
+    return np.asarray(np.sqrt(item.whitened[solved] / item.dof[solved]))
 
 
 def running_mean(values: Array) -> Array:
@@ -86,10 +86,10 @@ def over_targets(data: FigureData) -> Picture:
     share = data.calibration.arm.target_arclength / data.calibration.arm.length
     left = mean_residuals(fit)
     figure, axes = panels(2, height=3.8)
-    for one, name, placed, mean in zip(
+    for panel, name, placed, mean in zip(
         axes, ('along the arm', 'across the arm'), fit.placement, left, strict=True
     ):
-        one.axhspan(
+        panel.axhspan(
             -2.0 * MICRO * noise.placement_std,
             2.0 * MICRO * noise.placement_std,
             color=GREY,
@@ -97,11 +97,11 @@ def over_targets(data: FigureData) -> Picture:
             linewidth=0,
             label='2 sigma of placement',
         )
-        one.axhline(0.0, color='0.5', linewidth=0.8)
-        one.plot(
+        panel.axhline(0.0, color='0.5', linewidth=0.8)
+        panel.plot(
             share, MICRO * placed, color=FIRST, marker='o', markersize=4, label='placement found'
         )
-        one.plot(
+        panel.plot(
             share,
             MICRO * mean,
             color=SECOND,
@@ -109,7 +109,7 @@ def over_targets(data: FigureData) -> Picture:
             markersize=3.5,
             label='mean residual left',
         )
-        one.set(title=name, xlabel='target, arclength s / l', ylabel='um', xlim=(-0.02, 1.02))
+        panel.set(title=name, xlabel='target, arclength s / l', ylabel='um', xlim=(-0.02, 1.02))
     legend(axes[0], loc='best')
     return picture(
         '13_residuals_over_targets',
@@ -130,9 +130,9 @@ def mean_residuals(fit: Fit) -> Array:
         along = np.cos(theta) * residual[:, 0] + np.sin(theta) * residual[:, 1]
         across = -np.sin(theta) * residual[:, 0] + np.cos(theta) * residual[:, 1]
         parts.append(np.stack([along, across], axis=1)[item.solved])
-    whole = np.concatenate(parts)
-    count = np.isfinite(whole).sum(axis=0)
-    total = np.where(np.isfinite(whole), whole, 0.0).sum(axis=0)
+    errors = np.concatenate(parts)
+    count = np.isfinite(errors).sum(axis=0)
+    total = np.where(np.isfinite(errors), errors, 0.0).sum(axis=0)
     return np.asarray(total / np.where(count > 0, count, np.nan))
 
 
@@ -142,7 +142,7 @@ def over_runs(data: FigureData) -> Picture:
     figure, (sizes, whitened) = panels(2, height=3.8)
     names = [short(item.run.name) for item in runs]
     rms = [MICRO * root_mean_square(item.residual[item.solved]) for item in runs]
-    white = [
+    whitened_rms = [
         float(np.sqrt(item.whitened[item.solved].sum() / max(item.dof[item.solved].sum(), 1)))
         for item in runs
     ]
@@ -153,7 +153,7 @@ def over_runs(data: FigureData) -> Picture:
     sizes.set(
         title=f'(a) rms per coordinate; dashed: noise of targets, {target:.0f} um', ylabel='um'
     )
-    labeled_bars(whitened, names, white, colors, '{:.2f}')
+    labeled_bars(whitened, names, whitened_rms, colors, '{:.2f}')
     whitened.axhline(1.0, color=MEASURED, linestyle='--', linewidth=1.0)
     whitened.set(title='(b) beside what is expected of it', ylabel='residual / expected')
     return picture(
@@ -168,31 +168,31 @@ def over_runs(data: FigureData) -> Picture:
 
 def root_mean_square(values: Array) -> float:
     """Return the root mean square of what is not NaN."""
-    some = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(some**2))) if some.size else float('nan')
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float('nan')
 
 
-def law_comparison(data: FigureData) -> Picture:
+def law_comparison(data: FigureData) -> Picture | None:
     """Moment laws on recordings left out of their fit."""
+    if not data.calibration.laws:
+        return None
     laws = data.calibration.laws
     figure, (axes,) = panels(1, height=3.8)
     names = [short(score.name) for score in laws[0].scores]
     width = 0.8 / len(laws)
     for place, item in enumerate(laws):
-        x = np.arange(len(names)) + (place - 0.5 * (len(laws) - 1)) * width
-        values = [millimeters(score.rms) for score in item.scores]
-        bars = axes.bar(
-            x,
-            values,
+        draw_bars(
+            axes,
+            [millimeters(score.rms) for score in item.scores],
+            '{:.3f}',
+            place=np.arange(len(names)) + (place - 0.5 * (len(laws) - 1)) * width,
             width=0.94 * width,
             color=LAW_COLORS[place % len(LAW_COLORS)],
             label=f'{item.kind}, all: {millimeters(item.rms):.3f} mm',
         )
-        axes.bar_label(bars, labels=[f'{value:.3f}' for value in values], fontsize=9, padding=2)
     axes.set_xticks(np.arange(len(names)), [f'without {name}' for name in names])
     axes.set(ylabel='rms on the recording left out (mm)')
     axes.margins(y=0.35)
-    axes.grid(visible=False, axis='x')
     legend(axes, loc='upper center', ncols=len(laws))
     return picture(
         '15_laws',
@@ -216,9 +216,7 @@ def best_sentence(laws: tuple[LawScore, ...]) -> str:
 def labeled_bars(
     axes: Axes, names: list[str], values: list[float], colors: list[str], form: str
 ) -> None:
-    """Bars with their values on top."""
-    bars = axes.bar(np.arange(len(names)), values, color=colors, width=0.6)
-    axes.bar_label(bars, labels=[form.format(value) for value in values], fontsize=9, padding=2)
+    """Draw a bar per name, with its value on top."""
+    draw_bars(axes, values, form, color=colors)
     axes.set_xticks(np.arange(len(names)), names, rotation=20, ha='right')
-    axes.grid(visible=False, axis='x')
     axes.margins(y=0.15)

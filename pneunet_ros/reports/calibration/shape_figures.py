@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 import numpy as np
@@ -13,14 +11,14 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.forward_model import CURVATURE, X, Y
 from pneunet_ros.reports.calibration.figure_data import FigureData, stations_of
+from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import (
     as_shapes,
-    BAND_SIGMAS,
     Color,
+    draw_band,
+    draw_dots,
     legend,
     panels,
-    Picture,
-    picture,
 )
 
 FORCE_SCALE = 100.0  # mm of arrow per newton
@@ -39,17 +37,13 @@ def free_shapes(data: FigureData) -> Picture:
     fields = predicted(arm, data.free, stations)
     for steady_state, field in zip(data.free, fields, strict=True):
         draw_shape(shapes, steady_state, field, data.colors(steady_state.pressure))
-    pressures = [
-        steady_state.pressure for steady_state in data.free
-    ] or fit.parameters.pressure.tolist()
+    pressures = [state.pressure for state in data.free] or fit.parameters.pressure.tolist()
     share = stations / arm.length
     for pressure in pressures:
         color = data.colors(pressure)
         value = arm.intrinsic_curvature.at(pressure, share)
-        std = BAND_SIGMAS * curvature_std(fit, np.array([pressure]), share)[0]
-        curvatures.fill_between(
-            share, value - std, value + std, color=color, alpha=0.25, linewidth=0.0
-        )
+        std = curvature_std(fit, np.array([pressure]), share)[0]
+        draw_band(curvatures, share, value, std, color)
         curvatures.plot(share, value, color=color, linewidth=1.6)
     for view in data.free_views:
         draw_measured(curvatures, view, arm.length, data.colors(view.steady_state.pressure))
@@ -70,8 +64,10 @@ def free_shapes(data: FigureData) -> Picture:
     )
 
 
-def loaded_shapes(data: FigureData) -> Picture:
+def loaded_shapes(data: FigureData) -> Picture | None:
     """Figure 6: shapes and curvature under load."""
+    if not data.main:
+        return None
     arm = data.calibration.arm
     figure, (shapes, curvatures) = panels(2)
     fields = predicted(arm, data.main, stations_of(arm.length))
@@ -98,28 +94,23 @@ def loaded_shapes(data: FigureData) -> Picture:
     )
 
 
-def predicted_shapes(data: FigureData) -> Picture:
+def predicted_shapes(data: FigureData) -> Picture | None:
     """Figure 9 (a), (b): shape and curvature from pressure and load."""
+    if not data.main_views:
+        return None
     arm = data.calibration.arm
     figure, (shapes, curvatures) = panels(2)
-    some = chosen(data.main_views)
+    places = np.unique(np.linspace(0, len(data.main_views) - 1, COMPARED).round().astype(int))
+    views = [data.main_views[place] for place in places.tolist()]
     stations = stations_of(arm.length)
     share = stations / arm.length
-    fields = predicted(arm, [view.steady_state for view in some], stations)
-    for view, field in zip(some, fields, strict=True):
+    fields = predicted(arm, [view.steady_state for view in views], stations)
+    for view, field in zip(views, fields, strict=True):
         steady_state, color = view.steady_state, data.colors(view.steady_state.pressure)
         draw_shape(shapes, steady_state, field, color)
         curvatures.plot(share, field[CURVATURE], color=color, linewidth=1.6)
-        width = BAND_SIGMAS * view.std
         measured = view.arclength / arm.length
-        curvatures.fill_between(
-            measured,
-            view.curvature - width,
-            view.curvature + width,
-            color=color,
-            alpha=0.2,
-            linewidth=0.0,
-        )
+        draw_band(curvatures, measured, view.curvature, view.std, color, alpha=0.2)
         draw_measured(curvatures, view, arm.length, color)
     as_shapes(shapes, '(a) shapes, load known')
     labels = [
@@ -129,7 +120,7 @@ def predicted_shapes(data: FigureData) -> Picture:
             color=data.colors(view.steady_state.pressure),
             label=load_label(view.steady_state),
         )
-        for view in some
+        for view in views
     ]
     legend(shapes, handles=[*STYLES, *labels], loc='best')
     as_curvatures(curvatures, '(b) curvature; band: 2 sigma of the measured one')
@@ -144,12 +135,6 @@ def predicted_shapes(data: FigureData) -> Picture:
     )
 
 
-def chosen(views: Sequence[MomentView]) -> list[MomentView]:
-    """Return a few of the views, evenly over their order."""
-    places = np.unique(np.linspace(0, len(views) - 1, COMPARED).round().astype(int))
-    return [views[place] for place in places.tolist()]
-
-
 def load_label(steady_state: SteadyState) -> str:
     """Name a load: kPa, and F1, F2 in mN."""
     f1, f2 = (round(1000.0 * value) for value in steady_state.force.tolist())
@@ -158,22 +143,14 @@ def load_label(steady_state: SteadyState) -> str:
 
 def run_label(data: FigureData) -> str:
     """Name the recording of Figures 6, 7 and 11."""
-    names = {steady_state.run for steady_state in data.main}
-    return f'Recording {", ".join(sorted(names))}'
+    return f'Recording {", ".join(sorted({state.run for state in data.main}))}'
 
 
 def draw_shape(axes: Axes, steady_state: SteadyState, field: Array, color: Color) -> None:
     """Model as a line, mean targets as dots, mm."""
     axes.plot(millimeters(1.0) * field[X], millimeters(1.0) * field[Y], color=color, linewidth=1.4)
-    axes.plot(
-        millimeters(1.0) * steady_state.x,
-        millimeters(1.0) * steady_state.y,
-        linestyle='',
-        marker='o',
-        markersize=3.2,
-        color=color,
-        markeredgewidth=0.0,
-    )
+    x, y = millimeters(1.0) * steady_state.x, millimeters(1.0) * steady_state.y
+    draw_dots(axes, x, y, 3.2, color=color)
 
 
 def draw_force(axes: Axes, steady_state: SteadyState, field: Array, color: Color) -> None:
@@ -193,15 +170,7 @@ def draw_force(axes: Axes, steady_state: SteadyState, field: Array, color: Color
 
 def draw_measured(axes: Axes, view: MomentView, length: float, color: Color) -> None:
     """Measured curvature as dots, at every other station."""
-    axes.plot(
-        view.arclength[::2] / length,
-        view.curvature[::2],
-        linestyle='',
-        marker='o',
-        markersize=2.6,
-        color=color,
-        markeredgewidth=0.0,
-    )
+    draw_dots(axes, view.arclength[::2] / length, view.curvature[::2], 2.6, color=color)
 
 
 def as_curvatures(axes: Axes, title: str) -> None:

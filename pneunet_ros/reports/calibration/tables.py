@@ -13,7 +13,7 @@ from pneunet_ros.calibration.linearity import intrinsic_linearity
 from pneunet_ros.core.units import kilopascals, quantities
 from pneunet_ros.model.arm import Arm
 
-CURVATURE = 'intrinsic_curvature.curvature'
+CURVATURE, RIGIDITY = 'intrinsic_curvature.curvature', 'moment_law.rigidity'
 # What the noise is shown in: SI unit -> unit for people, how many of it.
 SHOWN_UNITS = {'Pa': ('Pa', 1.0), 'N': ('mN', 1e3), 'N m': ('mN m', 1e3), 'm': ('um', 1e6)}
 DIGITS = 4
@@ -21,13 +21,23 @@ DIGITS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A number of the model: what it is, its dotted name, value, errors before and after."""
+    """A number of the model: what it is, its dotted name, value, errors before and after.
+
+    unit_stiffness: EI (N m^2) of a value of 1, where the number is an alpha; else 0.
+    """
 
     meaning: str
     name: str
     value: float
     std: float
     prior_std: float
+    unit_stiffness: float = 0.0
+
+    @property
+    def bending_stiffness(self) -> str:
+        """EI with its standard error, as text; '' where the number is no stiffness."""
+        unit = self.unit_stiffness
+        return f'{unit * self.value:.4g} ± {unit * self.std:.2g}' if unit else ''
 
     @property
     def determined(self) -> bool:
@@ -44,12 +54,15 @@ class CurvatureTable:
 
 
 def number_rows(calibration: Calibration) -> tuple[Row, ...]:
-    """Return all fitted numbers of the model, in the order of `Unknowns.quantities`."""
+    """Return all fitted numbers of the model, in the order of `Parameters.quantities`."""
     fit = calibration.joint
     names, change = fit.parameters.quantities()
     values = change @ fit.values
-    stds = np.sqrt(np.diag(change @ fit.covariance @ change.T))
-    priors = np.sqrt(np.diag(change @ fit.parameters.prior @ change.T))
+    stds, priors = (
+        np.sqrt(np.einsum('ij,jk,ik->i', change, covariance, change))
+        for covariance in (fit.covariance, fit.parameters.prior)
+    )
+    scale = calibration.arm.weight * calibration.arm.length**2
     return tuple(
         Row(
             meaning=meaning_of(name, calibration.arm),
@@ -57,6 +70,7 @@ def number_rows(calibration: Calibration) -> tuple[Row, ...]:
             value=value,
             std=std,
             prior_std=prior,
+            unit_stiffness=scale if name.startswith(RIGIDITY) else 0.0,
         )
         for name, value, std, prior in zip(
             names, values.tolist(), stds.tolist(), priors.tolist(), strict=True

@@ -13,41 +13,36 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.reports.calibration.figure_data import FigureData, nearest_view
 from pneunet_ros.reports.calibration.shape_figures import load_label, run_label
+from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.settings import ReportSettings
 from pneunet_ros.reports.style import (
     as_shapes,
-    BAND_SIGMAS,
+    draw_dots,
+    draw_errors,
     legend,
     MEASURED,
     panels,
-    Picture,
-    picture,
+    same_height,
 )
 
 PAPER_PRESSURE = 24_200.0  # Pa, of Figure 10
 MARKERS = ('v', 's', '^', 'o')  # of the four places, as in the paper
 PLACE_COLORS = ('#1f5a96', '#d1603d', '#4c9a6a', '#8a5aa8')
-CLEAR = 3.0  # standard errors: a departure that is more than chance
 
 
-def sensitivity(data: FigureData) -> Picture:
+def sensitivity(data: FigureData) -> Picture | None:
     """Figure 10: one quantity at a time."""
+    if not data.main_views:
+        return None
     steady_state = nearest_view(data.main_views, PAPER_PRESSURE).steady_state
-    found = variations(data.calibration.arm, steady_state)
-    nominal = found[0].shapes[FACTORS.index(1.0)]
-    figure, axes = panels(len(found), rows=2, height=6.4)
-    shapes, moved = axes[: len(found)], axes[len(found) :]
-    for place, variation in enumerate(found):
+    varied = variations(data.calibration.arm, steady_state)
+    nominal = varied[0].shapes[FACTORS.index(1.0)]
+    figure, axes = panels(len(varied), rows=2, height=6.4)
+    shapes, moved = axes[: len(varied)], axes[len(varied) :]
+    x, y = millimeters(1.0) * steady_state.x, millimeters(1.0) * steady_state.y
+    for place, variation in enumerate(varied):
         draw_variation(shapes[place], moved[place], variation, nominal)
-        shapes[place].plot(
-            millimeters(1.0) * steady_state.x,
-            millimeters(1.0) * steady_state.y,
-            linestyle='',
-            marker='o',
-            markersize=2.6,
-            color=MEASURED,
-            zorder=4,
-            label='measured',
-        )
+        draw_dots(shapes[place], x, y, 2.6, color=MEASURED, zorder=4, label='measured')
         as_shapes(shapes[place], f'({"abc"[place]}) {variation.name}')
         legend(shapes[place], loc='best')
         moved[place].set(
@@ -56,16 +51,14 @@ def sensitivity(data: FigureData) -> Picture:
             ylabel='distance from the fitted (mm)',
             xlim=(0.0, 1.0),
         )
-    highest = max(one.get_ylim()[1] for one in moved)
-    for one in moved:
-        one.set_ylim(0.0, highest)
+    same_height(moved, low=0.0)
     return picture(
         '10_sensitivity',
         'Sensitivity of the shape',
         f'Predicted shapes at {load_label(steady_state)}, with one quantity changed at a time; '
         'dots are measured. Below, how far each point of the arm moves from where the fitted '
-        'model has it, to one scale. The larger, the better recordings like this one determine that quantity, '
-        'and the more an error of it costs.',
+        'model has it, to one scale. The larger, the better recordings like this one determine '
+        'that quantity, and the more an error of it costs.',
         figure,
         number='10',
     )
@@ -112,30 +105,30 @@ def linearity(data: FigureData) -> Picture:
             xlabel='pressure (kPa)',
             ylabel='kappa - kappa0 (1/m)',
         )
-    for one in axes:
-        legend(one, loc='best')
+    for panel in axes:
+        legend(panel, loc='best')
     caption = (
         'Points with 2 sigma at four places of the arm, and straight lines through them. '
-        f'kappa0: {verdict(free)}'
+        f'kappa0: {verdict(free, data.settings)}'
     )
     if loaded:
         caption += (
-            f' kappa - kappa0 ({run_label(data)}): {verdict(loaded)} The load changes with '
-            'pressure as it did in the recording, so this need not be straight.'
+            f' kappa - kappa0 ({run_label(data)}): {verdict(loaded, data.settings)} The load '
+            'changes with pressure as it did in the recording, so this need not be straight.'
         )
     return picture('11_linearity', 'Linear in pressure?', caption, figure, number='11')
 
 
-def draw_lines(axes: Axes, found: Sequence[Linearity]) -> None:
-    """Values with bars and straight lines."""
-    for place, item in enumerate(found):
+def draw_lines(axes: Axes, lines: Sequence[Linearity]) -> None:
+    """Draw values with bars, and straight lines through them."""
+    for place, item in enumerate(lines):
         color = PLACE_COLORS[place]
         x = kilopascals(1.0) * item.pressure
-        axes.errorbar(
+        draw_errors(
+            axes,
             x,
             item.value,
-            yerr=BAND_SIGMAS * item.std,
-            linestyle='',
+            item.std,
             marker=MARKERS[place],
             markersize=5.0,
             markerfacecolor='white',
@@ -153,18 +146,18 @@ def draw_lines(axes: Axes, found: Sequence[Linearity]) -> None:
         )
 
 
-def verdict(found: Sequence[Linearity]) -> str:
+def verdict(lines: Sequence[Linearity], settings: ReportSettings) -> str:
     """Say how far from a straight line the values are."""
-    if not found:
+    if not lines:
         return 'too few pressures for a straight line.'
-    worst = max(found, key=lambda item: item.sigmas)
+    worst = max(lines, key=lambda item: item.sigmas)
     departure = abs(float(worst.departure[worst.largest]))
-    share = 100.0 * departure / max(float(np.max(np.abs(item.value))) for item in found)
-    said = (
+    share = 100.0 * departure / max(float(np.max(np.abs(item.value))) for item in lines)
+    departed = (
         f'the clearest departure is {departure:.2g} 1/m ({share:.1f} % of the largest value) at '
         f's / l = {worst.place:g}, {kilopascals(float(worst.pressure[worst.largest])):.0f} kPa: '
         f'{worst.sigmas:.1f} standard errors'
     )
-    if worst.sigmas > CLEAR:
-        return f'{said}; it is not exactly linear, and these recordings show it.'
-    return f'{said}; nothing speaks against a straight line.'
+    if worst.sigmas > settings.linearity_sigmas:
+        return f'{departed}; it is not exactly linear, and these recordings show it.'
+    return f'{departed}; the values are consistent with a straight line.'

@@ -1,4 +1,4 @@
-"""What speaks for which effect, and what calibration without it had been hiding."""
+"""The evidence for each effect, and which parameters were biased by the missing effect."""
 
 from __future__ import annotations
 
@@ -8,39 +8,32 @@ from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.moment_curvature import law_view
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.diagnosis.result import Diagnosis, Evaluation, Evidence
-from pneunet_ros.reports.diagnosis.error_figures import AFTER, BEFORE
-from pneunet_ros.reports.diagnosis.tables import ranked
+from pneunet_ros.diagnosis.result import Evaluation, Evidence
+from pneunet_ros.reports.calibration.moment_figures import add_stiffness_axis, draw_rigidity
+from pneunet_ros.reports.diagnosis.figure_data import AFTER, BEFORE, FigureData
+from pneunet_ros.reports.diagnosis.tables import added_effects, ranked
 from pneunet_ros.reports.diagnosis.words import rounded
-from pneunet_ros.reports.style import (
-    BAND_SIGMAS,
-    legend,
-    panels,
-    Picture,
-    picture,
-    PressureColors,
-    THIRD,
-)
+from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.style import legend, panels, PressureColors, THIRD
 
 MOST_HYPOTHESES = 12
 CURVES = 3  # pressures at which kappa_p0 is drawn
 
 
-def evidence(diagnosis: Diagnosis) -> Picture | None:
+def evidence(data: FigureData) -> Picture | None:
     """How much better the recordings are explained by every effect that was fitted."""
-    fitted = [item for item in ranked(diagnosis) if not math.isnan(item.evidence)]
-    some = fitted[:MOST_HYPOTHESES][::-1]
-    if not some:
+    fitted = [item for item in ranked(data.diagnosis) if not math.isnan(item.evidence)]
+    shown = fitted[:MOST_HYPOTHESES][::-1]
+    if not shown:
         return None
-    figure, axes = panels(2, height=1.6 + 0.36 * max(len(some), 3))
-    names = [' + '.join(item.effects) for item in some]
-    for one, values, title in (
-        (axes[0], [item.chi_squared for item in some], '(a) chi squared gets less by'),
-        (axes[1], [item.evidence for item in some], '(b) gain in recordings left out'),
+    figure, axes = panels(2, height=1.6 + 0.36 * max(len(shown), 3))
+    for panel, values, title in (
+        (axes[0], [item.chi_squared for item in shown], '(a) chi squared gets less by'),
+        (axes[1], [item.evidence for item in shown], '(b) gain in recordings left out'),
     ):
-        draw_evidence(one, some, names, values)
-        one.set(title=title)
-    axes[1].set_yticks(axes[1].get_yticks(), [''] * len(some))
+        draw_evidence(panel, shown, values)
+        panel.set(title=title)
+    axes[1].set_yticks(axes[1].get_yticks(), [''] * len(shown))
     axes[1].set_xlabel('log probability, recording left out after recording')
     axes[0].set_xlabel('delta chi squared, training recordings')
     return picture(
@@ -49,30 +42,32 @@ def evidence(diagnosis: Diagnosis) -> Picture | None:
         'Promising effects were put into the model and everything refitted. (a) says how much '
         'better the training recordings fit, (b) how much better each of them is predicted from '
         'the others; below zero an effect does harm. Scales are linear near zero, then '
-        'logarithmic. Green: beside it nothing is left to explain; grey: something is left, so '
-        'that it is not the answer, however much it improves the fit.',
+        'logarithmic. Green: with it the residuals are consistent with noise; grey: they are '
+        'not, so that it is not the answer, however much it improves the fit.',
         figure,
     )
 
 
-def draw_evidence(axes: Axes, some: list[Evidence], names: list[str], values: list[float]) -> None:
+def draw_evidence(axes: Axes, shown: list[Evidence], values: list[float]) -> None:
     """Draw one quantity of all hypotheses, adequate ones in green."""
-    places = np.arange(len(some))
-    colors = [THIRD if item.adequate else '#b5b5b5' for item in some]
+    places = np.arange(len(shown))
+    colors = [THIRD if item.adequate else '#b5b5b5' for item in shown]
     bars = axes.barh(places, values, 0.65, color=colors)
     axes.bar_label(bars, labels=[rounded(value) for value in values], fontsize=8, padding=3)
     # Sizes differ by orders of magnitude, and may be negative.
     axes.set_xscale('symlog', linthresh=10.0)
     axes.axvline(0.0, color='0.4', linewidth=0.9)
-    axes.set_yticks(places, names)
+    axes.set_yticks(places, [' + '.join(item.effects) for item in shown])
     axes.grid(visible=False, axis='y')
     axes.margins(x=0.22)
-    axes.set_ylim(-0.6, max(len(some), 3) - 0.4)
+    axes.set_ylim(-0.6, max(len(shown), 3) - 0.4)
 
 
-def hidden(diagnosis: Diagnosis) -> Picture:
+def biased_parameters(data: FigureData) -> Picture | None:
     """Intrinsic curvature and moment law, before and after."""
-    before, after = diagnosis.before, diagnosis.after
+    if not added_effects(data.diagnosis):
+        return None
+    before, after = data.diagnosis.before, data.diagnosis.after
     low, high = after.arm.pressure_range
     figure, (curvatures, rigidities) = panels(2, height=4.2)
     share = np.linspace(0.0, 1.0, 101)
@@ -95,14 +90,15 @@ def hidden(diagnosis: Diagnosis) -> Picture:
     rigidities.set(
         title='(b) rigidity alpha = B / (mg l^2), 2 sigma', xlabel='pressure (kPa)', ylabel='alpha'
     )
+    add_stiffness_axis(rigidities, after.arm)
     legend(curvatures, loc='best')
     legend(rigidities, loc='best')
     return picture(
-        '07_hidden',
+        '07_biased_parameters',
         'Intrinsic curvature and rigidity, before and after',
-        'Numbers of the model fitted without what was missing, and with it. Calibration bends '
-        'what it has until the model fits: curves that lie apart by more than their bands had '
-        'been wrong to make up for the missing effect. Curves that agree were not touched by it.',
+        'Parameters of the model fitted without the missing effect, and with it. Calibration '
+        'changes the parameters that it has until the model fits: curves that differ by more '
+        'than their bands were biased by the missing effect. Curves that agree were not.',
         figure,
     )
 
@@ -110,13 +106,9 @@ def hidden(diagnosis: Diagnosis) -> Picture:
 def draw_rigidities(axes: Axes, side: Evaluation, color: str, name: str) -> None:
     """Draw the rigidities of a side over pressure, with bands where they were fitted."""
     pressure = np.linspace(*side.arm.pressure_range, 61)
-    known = np.clip(pressure, *side.arm.moment_law.pressure_range)
-    found = law_view(side.fit, known)
-    x = kilopascals(1.0) * pressure
-    for section in range(found.rigidity.shape[1]):
-        value, std = found.rigidity[:, section], BAND_SIGMAS * found.rigidity_std[:, section]
-        axes.fill_between(x, value - std, value + std, color=color, alpha=0.25, linewidth=0)
-        label = f'alpha{section + 1}, {name}' if found.rigidity.shape[1] > 1 else name
-        axes.plot(
-            x, value, color=color, linewidth=1.5, linestyle=('-', '--')[section % 2], label=label
-        )
+    fitted = law_view(side.fit, np.clip(pressure, *side.arm.moment_law.pressure_range))
+    sections = fitted.rigidity.shape[1]
+    for section in range(sections):
+        label = f'alpha{section + 1}, {name}' if sections > 1 else name
+        style = {'linestyle': ('-', '--')[section % 2], 'linewidth': 1.5, 'label': label}
+        draw_rigidity(axes, pressure, fitted, section, color=color, **style)

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+import itertools
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Misfit
 from pneunet_ros.files.json_text import json_text, plain
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.reports.calibration.figure_data import Each
-from pneunet_ros.reports.diagnosis.report import diagnosis_figures, report_page
+from pneunet_ros.reports.diagnosis.figure_data import FigureData
+from pneunet_ros.reports.diagnosis.figures import FIGURES
+from pneunet_ros.reports.diagnosis.report import report_page
 from pneunet_ros.reports.diagnosis.tables import added_effects
+from pneunet_ros.reports.figure import draw_figures, OnProgress
 
 NUMBERS, MODEL, PAGE = 'diagnosis.json', 'model.yaml', 'report.html'
 REPLACEABLE = (NUMBERS, MODEL, PAGE, 'figure_*.png')  # all that a folder of an earlier one holds
@@ -30,21 +34,22 @@ def write_diagnosis(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     provenance: Mapping[str, Any],
-    each: Each = lambda stage, done, total: None,
+    on_progress: OnProgress = lambda stage, done, total: None,
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
     frame: the model that was given; training, held_out: the runs as given to the diagnosis;
     provenance: `inputs` (file, sha256 and role of each) and `versions`. The folder must not
-    exist; `output.atomic_output` makes it appear as a whole.
+    exist; `files.atomic.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
-    pictures = diagnosis_figures(diagnosis, training, held_out, each)
-    for item in pictures.all:
+    data = FigureData(diagnosis=diagnosis, training=training, held_out=held_out)
+    pictures = draw_figures(FIGURES, data, on_progress)
+    for item in itertools.chain(*pictures.values()):
         (folder / item.file).write_bytes(item.png)
-    whole = {**provenance, 'seed': diagnosis.seed}
-    (folder / PAGE).write_text(report_page(diagnosis, pictures, whole), encoding='utf-8')
-    save_model(diagnosed_arm(diagnosis, frame, whole), folder / MODEL)
+    origin = {**provenance, 'seed': diagnosis.seed}
+    (folder / PAGE).write_text(report_page(diagnosis, pictures, origin), encoding='utf-8')
+    save_model(diagnosed_arm(diagnosis, frame, origin), folder / MODEL)
     content = diagnosis_content(diagnosis, provenance)
     (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')
     return content
@@ -52,7 +57,7 @@ def write_diagnosis(
 
 def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
-    before, after = diagnosis.before, diagnosis.after
+    before, after, settings = diagnosis.before, diagnosis.after, diagnosis.settings.parts
     content = {
         'answer': diagnosis.answer,
         'sentence': diagnosis.sentence,
@@ -71,16 +76,8 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
         ],
         'where_sentence': diagnosis.where_sentence,
         'gap': {
-            'training': {
-                'before': misfit_content(before.training),
-                'after': misfit_content(after.training),
-            },
-            'heldout': None
-            if before.held_out is None or after.held_out is None
-            else {
-                'before': misfit_content(before.held_out),
-                'after': misfit_content(after.held_out),
-            },
+            'training': misfits_content(before.training, after.training),
+            'heldout': misfits_content(before.held_out, after.held_out),
             'noise_floor_m': diagnosis.noise_floor,
             'closed': diagnosis.closed,
         },
@@ -98,14 +95,20 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
         'notes': diagnosis.notes,
         **provenance,
         'seed': diagnosis.seed,
+        'settings': {'used': settings_used(*settings), 'not_default': settings_changed(*settings)},
     }
-    found: dict[str, Any] = plain(content)
-    return found
+    plain_content: dict[str, Any] = plain(content)
+    return plain_content
 
 
-def misfit_content(misfit: Misfit) -> dict[str, float]:
-    """Return how far a model is from recordings, by the names of the contract."""
-    return {'rms_m': misfit.rms, 'p95_m': misfit.p95, 'chi2_per_dof': misfit.chi_squared}
+def misfits_content(before: Misfit | None, after: Misfit | None) -> dict[str, Any] | None:
+    """Return the model errors before and after, by the names of the contract."""
+    if before is None or after is None:
+        return None
+    return {
+        when: {'rms_m': item.rms, 'p95_m': item.p95, 'chi2_per_dof': item.chi_squared}
+        for when, item in (('before', before), ('after', after))
+    }
 
 
 def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any]) -> Arm:
@@ -141,4 +144,4 @@ def valid_range(runs: Sequence[RecordingData]) -> dict[str, list[float]]:
         'force_y': np.concatenate([run.force[:, 1] for run in runs]),
         'moment': np.concatenate([run.moment for run in runs]),
     }
-    return {name: [float(one.min()), float(one.max())] for name, one in spans.items()}
+    return {name: [float(values.min()), float(values.max())] for name, values in spans.items()}

@@ -9,10 +9,11 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, TwoSlopeNorm
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.diagnosis.result import AXES, Axis, Diagnosis, HeatMap, Share
-from pneunet_ros.reports.style import FIRST, panels, Picture, picture
+from pneunet_ros.diagnosis.result import AXES, Axis, HeatMap, Share
+from pneunet_ros.reports.diagnosis.figure_data import FigureData
+from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.style import FIRST, panels, same_height
 
-CLEAR = 0.01  # how often noise alone may do as much, for a share to stand out
 ALONE = 0.1  # s / l, width of the cell of a single target
 HIGHEST = 8.0  # times the noise: more is drawn alike
 WORDS: dict[Axis, tuple[str, float]] = {  # label and units shown per SI unit
@@ -28,14 +29,19 @@ HEAT: Colormap = LinearSegmentedColormap.from_list(  # white in its middle, wher
 )
 
 
-def maps(diagnosis: Diagnosis) -> Picture:
+def maps(data: FigureData) -> Picture | None:
     """Heat maps of the whitened residual, before and after."""
-    some = diagnosis.heat_maps
-    figure, axes = panels(2, rows=len(some), height=0.8 + 2.3 * len(some))
-    seen = [one[np.isfinite(one)] for item in some for one in (item.before, item.after)]
-    largest = max((float(one.max()) for one in seen if one.size), default=2.0)
+    heat_maps = data.diagnosis.heat_maps
+    if not heat_maps:
+        return None
+    figure, axes = panels(2, rows=len(heat_maps), height=0.8 + 2.3 * len(heat_maps))
+    cells = np.concatenate(
+        [cell.ravel() for item in heat_maps for cell in (item.before, item.after)]
+    )
+    cells = cells[np.isfinite(cells)]
+    largest = float(cells.max()) if cells.size else 2.0
     norm = TwoSlopeNorm(1.0, vmin=0.0, vmax=min(max(largest, 2.0), HIGHEST))
-    for row, item in enumerate(some):
+    for row, item in enumerate(heat_maps):
         for column, (values, when) in enumerate(((item.before, 'before'), (item.after, 'after'))):
             draw_map(axes[2 * row + column], item, values, norm)
             if row == 0:
@@ -83,43 +89,43 @@ def borders(places: Array) -> Array:
     return np.concatenate([[first], middle, [last]])
 
 
-def shares(diagnosis: Diagnosis) -> Picture:
+def shares(data: FigureData) -> Picture | None:
     """Shares of the misfit over every axis."""
-    some = [axis for axis in AXES if any(item.axis == axis for item in diagnosis.where)]
-    figure, axes = panels(len(some), height=3.2)
-    for one, axis in zip(axes, some, strict=True):
-        draw_shares(one, axis, [item for item in diagnosis.where if item.axis == axis])
+    where, p_value = data.diagnosis.where, data.settings.share_p_value
+    shown = [axis for axis in AXES if any(item.axis == axis for item in where)]
+    if not shown:
+        return None
+    figure, axes = panels(len(shown), height=3.2)
+    for panel, axis in zip(axes, shown, strict=True):
+        draw_shares(panel, axis, [item for item in where if item.axis == axis], p_value)
     axes[0].set_ylabel('share of the misfit (%)')
-    highest = max(one.get_ylim()[1] for one in axes)
-    for one in axes:
-        one.set_ylim(0.0, highest)
+    same_height(axes, low=0.0)
     return picture(
         '04_shares',
         'Which share of the misfit lies where',
         'What the model before leaves over, split along each axis. Blue bars hold more than '
-        f'noise alone puts there in {100 * (1.0 - CLEAR):.0f} of 100 cases, grey ones do not '
+        f'noise alone puts there in {100 * (1.0 - p_value):.0f} of 100 cases, grey ones do not '
         'stand out. A cause shows itself by the axis on which the bars are uneven: along force '
-        'what carries the load, along direction or time what remembers, along pressure alone '
-        'the inflation.',
+        'what carries the load, along direction or time an effect with memory, along pressure '
+        'alone the inflation.',
         figure,
     )
 
 
-def draw_shares(axes: Axes, axis: Axis, some: Sequence[Share]) -> None:
-    """Draw the shares of one axis as bars."""
+def draw_shares(axes: Axes, axis: Axis, shares: Sequence[Share], p_value: float) -> None:
+    """Draw the shares of one axis as bars, in blue those less probable than p_value by noise."""
     label, scale = WORDS[axis]
-    heights = [100.0 * item.share for item in some]
-    colors = [FIRST if item.p_value < CLEAR else '#b5b5b5' for item in some]
+    heights = [100.0 * item.share for item in shares]
+    colors = [FIRST if item.p_value < p_value else '#b5b5b5' for item in shares]
     if axis == 'direction':
-        places = np.arange(len(some))
-        names = [
-            {-1: 'falling', 0: 'held', 1: 'rising'}[int(np.sign(item.start))] for item in some
-        ]
+        places = np.arange(len(shares))
+        signs = {-1: 'falling', 0: 'held', 1: 'rising'}
+        names = [signs[int(np.sign(item.start))] for item in shares]
         axes.bar(places, heights, 0.6, color=colors)
         axes.set_xticks(places, names)
     else:
-        left = scale * np.array([item.start for item in some])
-        width = scale * np.array([item.stop for item in some]) - left
+        left = scale * np.array([item.start for item in shares])
+        width = scale * np.array([item.stop for item in shares]) - left
         axes.bar(left, heights, width, align='edge', color=colors, edgecolor='white')
     axes.grid(visible=False, axis='x')
     axes.set(xlabel=label)

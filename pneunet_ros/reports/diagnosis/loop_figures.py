@@ -1,8 +1,8 @@
-"""Moment against curvature while pressure rises and falls: loops tell what remembers."""
+"""Moment against curvature while pressure rises and falls: loops show memory."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 import numpy as np
@@ -10,15 +10,24 @@ from pneunet_ros.calibration.moment_curvature import moment_view
 from pneunet_ros.calibration.steady_states import arm_points, averaged
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
-from pneunet_ros.diagnosis.result import Diagnosis, Evaluation
+from pneunet_ros.diagnosis.result import Evaluation
 from pneunet_ros.measurement.forward_model import CURVATURE, INTRINSIC_CURVATURE
-from pneunet_ros.reports.style import FIRST, GREY, legend, panels, Picture, picture, SECOND
-from pneunet_ros.vision.smoother import FEWEST_TARGETS, smoother_for
+from pneunet_ros.reports.calibration.figure_data import smoother_of
+from pneunet_ros.reports.diagnosis.figure_data import FigureData
+from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.settings import ReportSettings
+from pneunet_ros.reports.style import (
+    draw_dots,
+    FIRST,
+    GREY,
+    legend,
+    panels,
+    same_height,
+    SECOND,
+)
+from pneunet_ros.vision.smoother import FEWEST_TARGETS
 
 FRAMES = 40  # of every recording, at most
-MIDDLE = (0.3, 0.8)  # s / l, over which curvature and moment are averaged
-TURN = 0.02  # of the largest pressure: so far back it has turned
-TURN_SIGMAS = 6.0  # of a pressure reading, at least
 DIRECTIONS = ((1.0, 'pressure rising', SECOND), (-1.0, 'pressure falling', FIRST))
 HELD = (0.0, 'pressure not moved', GREY)
 MILLI = 1000.0  # mN m per N m
@@ -39,18 +48,19 @@ class Loop:
     expected: Array
 
 
-def loops(diagnosis: Diagnosis) -> Picture | None:
-    """Moment and curvature in the middle of the arm, by direction of pressure; None without."""
+def loops(data: FigureData) -> Picture | None:
+    """Moment and curvature in the middle of the arm, by direction of pressure."""
+    diagnosis, settings = data.diagnosis, data.settings
     if diagnosis.before.arm.target_arclength.size < FEWEST_TARGETS:
         return None
     figure, axes = panels(2, rows=2, height=7.4)
     for column, (side, when) in enumerate(
         ((diagnosis.before, 'before'), (diagnosis.after, 'after'))
     ):
-        found = loop_of(side)
-        if not found.pressure.size:
+        loop = loop_of(side, settings)
+        if not loop.pressure.size:
             return None
-        draw(axes[column], found.change, MILLI * found.moment, found.direction)
+        draw(axes[column], loop.change, MILLI * loop.moment, loop.direction)
         axes[column].set(
             title=f'({"ab"[column]}) {when}',
             xlabel='measured kappa - kappa0 (1/m)',
@@ -58,9 +68,9 @@ def loops(diagnosis: Diagnosis) -> Picture | None:
         )
         draw(
             axes[2 + column],
-            kilopascals(1.0) * found.pressure,
-            found.change - found.expected,
-            found.direction,
+            kilopascals(1.0) * loop.pressure,
+            loop.change - loop.expected,
+            loop.direction,
         )
         axes[2 + column].axhline(0.0, color='0.4', linewidth=0.9, zorder=1)
         axes[2 + column].set(
@@ -69,31 +79,29 @@ def loops(diagnosis: Diagnosis) -> Picture | None:
             ylabel='measured - predicted curvature (1/m)',
         )
     for pair in (axes[:2], axes[2:]):
-        limits = [one.get_ylim() for one in pair]
-        for one in pair:
-            one.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+        same_height(pair)
     legend(axes[0], loc='best')
     return picture(
         '05_loops',
         'Moment and curvature, by direction of pressure',
-        f'Means over the middle of the arm (s / l from {MIDDLE[0]:g} to {MIDDLE[1]:g}) in frames '
-        'of all training recordings. (a), (b): moment from measured shape and end force, against '
-        'measured curvature less that of the unloaded arm; rising and falling pressure should '
-        'lie on one band. (c), (d): curvature that the model does not predict. Red and blue '
-        'apart, as a loop, mean that the past matters (play, lag, creep); a common trend means '
-        'another cause; after, all should scatter about zero.',
+        f'Means over the middle of the arm (s / l from {settings.loop_start:g} to '
+        f'{settings.loop_stop:g}) in frames of all training recordings. (a), (b): moment from '
+        'measured shape and end force, against measured curvature less that of the unloaded arm; '
+        'rising and falling pressure should lie on one band. (c), (d): curvature that the model '
+        'does not predict. Red and blue that separate into a loop mean that the past matters '
+        '(hysteresis, lag, creep); a common trend means another cause; after, all should scatter '
+        'about zero.',
         figure,
     )
 
 
-def loop_of(side: Evaluation) -> Loop:
+def loop_of(side: Evaluation, settings: ReportSettings) -> Loop:
     """Return what the middle of the arm did in some frames of every training recording."""
     fit = side.fit
     arm = fit.arm
-    # The placement that was found is taken off the targets, so no more of it is expected.
-    smoother = smoother_for(replace(arm, sensors=replace(arm.sensors, placement_std=0.0)))
+    smoother = smoother_of(fit)
     largest = max(float(np.abs(item.run.frame_pressure).max()) for item in fit.runs)
-    band = max(TURN * largest, TURN_SIGMAS * arm.sensors.pressure_std)
+    band = max(settings.turn_share * largest, settings.turn_sigmas * arm.sensors.pressure_std)
     rows = []
     for item in fit.runs:
         points, pressure = arm_points(item, arm), item.run.frame_pressure
@@ -104,7 +112,7 @@ def loop_of(side: Evaluation) -> Loop:
             if view is None:
                 continue
             share = view.arclength / arm.length
-            middle = (share >= MIDDLE[0]) & (share <= MIDDLE[1])
+            middle = (share >= settings.loop_start) & (share <= settings.loop_stop)
             if not middle.any() or not item.solved[frame]:
                 continue
             expected = np.interp(
@@ -146,16 +154,6 @@ def directions_of(pressure: Array, band: float) -> Array:
 def draw(axes: Axes, x: Array, y: Array, direction: Array) -> None:
     """Draw points in the color of their direction."""
     for sign, label, color in (*DIRECTIONS, HELD):
-        some = direction == sign
-        if some.any():
-            axes.plot(
-                x[some],
-                y[some],
-                linestyle='',
-                marker='o',
-                markersize=3.4,
-                markeredgewidth=0.0,
-                alpha=0.75,
-                color=color,
-                label=label,
-            )
+        moving = direction == sign
+        if moving.any():
+            draw_dots(axes, x[moving], y[moving], 3.4, alpha=0.75, color=color, label=label)

@@ -1,7 +1,4 @@
-"""The tables of a diagnosis, as texts: gap, evidence, effects, what was hidden and what could be.
-
-They stand alike in the report and in the terminal.
-"""
+"""The tables of a diagnosis, as texts, the same in the report and in the terminal."""
 
 from __future__ import annotations
 
@@ -14,16 +11,15 @@ from pneunet_ros.core.units import millimeters, quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Evidence, Misfit, Shift
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.reports.calibration.tables import meaning_of
-from pneunet_ros.reports.diagnosis.words import chance, rounded, unit_text, with_error
+from pneunet_ros.reports.diagnosis.words import p_value_text, rounded, unit_text, with_error
 
 ANSWERS = {
-    'none': 'nothing is missing that these recordings could have shown',
-    'named': 'named: with it nothing is left to explain',
-    'inseparable': 'inseparable: these recordings cannot tell which of several',
+    'none': 'none: the residuals are consistent with noise',
+    'named': 'named: with it the residuals are consistent with noise',
+    'inseparable': 'inseparable: several effects cannot be distinguished with these data',
     'unknown': 'unknown: something is missing, and it is no effect of the library',
     'unobservable': 'unobservable: these recordings could not have shown any effect',
 }
-ALIKE = 0.5  # cosine from which two effects are worth mentioning
 MOST_SHIFTS = 25  # quantities in the table of the report
 
 
@@ -42,8 +38,8 @@ def added_effects(diagnosis: Diagnosis) -> list[str]:
     return [effect.name for effect in diagnosis.effects if effect.name in there]
 
 
-def gap_table(diagnosis: Diagnosis) -> Table:
-    """Return the gap before and after, on training and held-out recordings."""
+def error_table(diagnosis: Diagnosis) -> Table:
+    """Return the model error before and after, on training and held-out recordings."""
     groups = [('training', diagnosis.before.training, diagnosis.after.training)]
     if diagnosis.before.held_out is not None and diagnosis.after.held_out is not None:
         groups.append(('held out', diagnosis.before.held_out, diagnosis.after.held_out))
@@ -97,14 +93,14 @@ def ranked(diagnosis: Diagnosis) -> list[Evidence]:
 
 
 def evidence_table(diagnosis: Diagnosis) -> Table:
-    """Return what speaks for each effect that was tried, strongest first."""
+    """Return the evidence for each effect that was tried, strongest first."""
     return Table(
         columns=(
             'effects',
             'delta chi2',
             'gain on recordings left out',
-            'nothing left beside it',
-            'acts like',
+            'residuals consistent with noise',
+            'similar to',
         ),
         rows=tuple(
             (
@@ -121,16 +117,22 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
 
 
 def adequacy_table(diagnosis: Diagnosis) -> Table:
-    """Return whether anything is left to explain, before and after."""
+    """Return whether the residuals are consistent with noise, before and after."""
     return Table(
-        columns=('model', 'statistic', 'clean data stay below', 'chance', 'anything left'),
+        columns=(
+            'model',
+            'statistic',
+            'clean data stay below',
+            'p-value',
+            'consistent with noise',
+        ),
         rows=tuple(
             (
                 when,
                 f'{item.statistic:.4g}',
                 f'{item.threshold:.4g}',
-                chance(item.p_value),
-                'yes' if item.statistic > item.threshold else 'no',
+                p_value_text(item.p_value),
+                'no' if item.statistic > item.threshold else 'yes',
             )
             for when, item in (
                 ('before', diagnosis.adequacy_before),
@@ -144,9 +146,9 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
 def where_table(diagnosis: Diagnosis) -> Table:
     """Return what can be said of the places of the misfit."""
     return Table(
-        columns=('axis', 'what is seen', 'share', 'chance'),
+        columns=('axis', 'what is seen', 'share', 'p-value'),
         rows=tuple(
-            (item.axis, item.sentence, f'{100.0 * item.share:.0f} %', chance(item.p_value))
+            (item.axis, item.sentence, f'{100.0 * item.share:.0f} %', p_value_text(item.p_value))
             for item in diagnosis.where
             if item.sentence
         ),
@@ -195,7 +197,7 @@ def sigmas(item: Shift) -> float:
 
 
 def detectable_table(diagnosis: Diagnosis) -> Table:
-    """Return from which size on each effect would have been seen, and what is usual."""
+    """Return the detection limit of each effect, and its usual sizes."""
     rows = []
     for name, item in diagnosis.detectable.items():
         parameter = declared(name, item.parameter)
@@ -211,7 +213,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
                 name,
                 EFFECTS[name].meaning,
                 item.parameter,
-                f'{within} {item.smallest:.3g}{unit}' if item.observable else 'not seen',
+                f'{within} {item.smallest:.3g}{unit}' if item.observable else 'none',
                 f'{low:g} to {high:g}{unit}',
                 'yes' if item.observable else 'no',
             )
@@ -221,7 +223,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
             'effect',
             'meaning',
             'parameter',
-            'would have been seen',
+            'detection limit',
             'expected',
             'observable',
         ),
@@ -231,23 +233,22 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 
 def declared(effect: str, parameter: str) -> dataclasses.Field[Any]:
     """Return the declaration of a parameter of an effect."""
-    (item,) = (one for one in quantities(EFFECTS[effect]) if one.name == parameter)
-    return item
+    return next(item for item in quantities(EFFECTS[effect]) if item.name == parameter)
 
 
-def alike_table(diagnosis: Diagnosis) -> Table:
-    """Return the pairs of effects that act alike on these recordings, most alike first."""
+def similarity_table(diagnosis: Diagnosis, least: float) -> Table:
+    """Return the pairs of effects that are hard to distinguish with these data, by cosine."""
     ranked = sorted(diagnosis.cosines.items(), key=lambda item: -abs(item[1]))
     return Table(
-        columns=('one', 'other', 'cosine'),
-        rows=tuple((*pair, f'{value:.2f}') for pair, value in ranked if abs(value) >= ALIKE),
+        columns=('effect', 'other effect', 'cosine'),
+        rows=tuple((*pair, f'{value:.2f}') for pair, value in ranked if abs(value) >= least),
         numbers=(2,),
     )
 
 
-def unseen_sentence(diagnosis: Diagnosis) -> str:
-    """Say which effects could not have been seen."""
-    hidden = [name for name, item in diagnosis.detectable.items() if not item.observable]
-    if not hidden:
-        return 'Every effect of the library would have been seen if it were of a usual size.'
-    return f'Could not have been seen at any usual size: {", ".join(hidden)}.'
+def undetectable_sentence(diagnosis: Diagnosis) -> str:
+    """Say which effects these recordings could not have shown at any usual size."""
+    unseen = [name for name, item in diagnosis.detectable.items() if not item.observable]
+    if not unseen:
+        return 'Every effect of the library would have been detected at a usual size.'
+    return f'Not detectable at any usual size: {", ".join(unseen)}.'

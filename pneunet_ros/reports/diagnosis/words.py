@@ -6,7 +6,7 @@ import math
 
 from pneunet_ros.diagnosis.result import Estimated
 
-LEAST_CHANCE = 1e-6  # less is only said to be less
+LEAST_P_VALUE = 1e-6  # a smaller one is only called smaller
 
 
 def with_error(found: Estimated) -> str:
@@ -25,9 +25,9 @@ def with_error(found: Estimated) -> str:
     return f'({value:.{places}f} ± {std:.{places}f})e{scale}{unit}'
 
 
-def chance(p_value: float) -> str:
-    """Write a probability; what no simulation and no tail could tell from zero is not counted."""
-    return f'{p_value:.2g}' if p_value >= LEAST_CHANCE else f'< {LEAST_CHANCE:g}'
+def p_value_text(p_value: float) -> str:
+    """Write a p-value; below what simulation and tails resolve it is only called smaller."""
+    return f'{p_value:.2g}' if p_value >= LEAST_P_VALUE else f'< {LEAST_P_VALUE:g}'
 
 
 def unit_text(unit: str) -> str:

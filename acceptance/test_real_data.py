@@ -11,12 +11,8 @@ from matplotlib.image import imread
 import numpy as np
 from pneunet_ros.core.errors import RecordingError
 import pytest
-
-BENCH = Path(__file__).resolve().parent.parent / 'acceptance'
-sys.path.insert(0, str(BENCH))
-
-import real_data  # noqa: E402
-import real_data_fit as bench  # noqa: E402
+import real_data
+import real_data_fit as bench
 
 MEASURED = pytest.mark.skipif(
     not bench.DATA.is_file(), reason=f'no real measurements here: {bench.DATA} is absent'

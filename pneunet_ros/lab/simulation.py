@@ -11,12 +11,18 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.lab.chain import Chain, Lying, middle_joints
-from pneunet_ros.lab.contact import leaning
+from pneunet_ros.lab.chain import Chain, ChainShape, equilibrium_shape, middle_joints
 from pneunet_ros.lab.lab_effect import Course, Past
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording, LabTruth, Stamps
 from pneunet_ros.lab.scenario import Scenario
-from pneunet_ros.lab.sensors import drifted, hidden, placed, regular, stamps, stream
+from pneunet_ros.lab.sensors import (
+    draw_drift,
+    draw_hidden,
+    draw_placement,
+    draw_stamps,
+    random_stream,
+    regular_times,
+)
 from pneunet_ros.lab.timeline import Timeline
 
 STEP = 0.002  # s, in which the past is followed
@@ -24,30 +30,32 @@ MOST_STEPS_BETWEEN = 5000  # from one recording to the next
 FRAME_OFFSET = 0.25  # of a frame, by which the camera begins after the other sensors
 
 
-def simulated(scenario: Scenario, memory: LabMemory | None = None) -> LabRecording:
+def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecording:
     """Return the recording that a scenario makes, deterministic to the last bit.
 
     memory: what the arm remembers of an earlier recording (`LabRecording.memory`); without one it
-    is virgin and has rested. Raises RequestError where protocol and arm do not fit together, and
-    where the arm finds no equilibrium.
+    is unconditioned (no prior loading) and has rested. Raises RequestError where protocol and arm
+    do not fit together, and where the arm finds no equilibrium.
     """
     events = scenario.protocol.timeline()
     check_pressures(scenario, events)
-    course, memory = unfolded(scenario, events, memory)
-    times = regular(scenario.rates.frames, events.duration, FRAME_OFFSET)
+    course, memory = follow_arm(scenario, events, memory)
+    times = regular_times(scenario.rates.frames, events.duration, FRAME_OFFSET)
     if times.size < 2:
         raise RequestError('protocol.duration must hold two frames or more')
-    arm, weights = scenario.arm, sampled(course, course.weights, times)
-    chamber = sampled(course, course.chamber[:, None], times)[:, 0]
-    shape = leaning(chain_of(scenario, course, times, events.force_at(times)))
+    arm, weights = scenario.arm, sample(course, course.weights, times)
+    chamber = sample(course, course.chamber[:, None], times)[:, 0]
+    shape = equilibrium_shape(chain_of(scenario, course, times, events.force_at(times)))
     arclength = np.linspace(0.0, arm.length, int(scenario.detail.stations))
     x, y, theta = shape.points(arclength)
-    placement = placed(stream('placement', arm.seed), arm.targets.size, scenario.noise)
-    target_x, target_y = painted(shape, arm.targets, placement)
+    placement = draw_placement(
+        random_stream('placement', arm.seed), arm.targets.size, scenario.noise
+    )
+    target_x, target_y = painted_targets(shape, arm.targets, placement)
     registration = scenario.noise.registration_std * random_of(
         scenario, 'registration'
     ).standard_normal(2)
-    drift = drifted(random_of(scenario, 'drift'), times, events.duration, scenario.noise)
+    drift = draw_drift(random_of(scenario, 'drift'), times, events.duration, scenario.noise)
     truth = LabTruth(
         time=times,
         pressure=events.pressure_at(times),
@@ -66,7 +74,7 @@ def simulated(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordi
         placement=placement,
         drift=drift,
     )
-    return measured(scenario, events, truth, memory)
+    return measure(scenario, events, truth, memory)
 
 
 def check_pressures(scenario: Scenario, events: Timeline) -> None:
@@ -82,10 +90,10 @@ def check_pressures(scenario: Scenario, events: Timeline) -> None:
 
 def random_of(scenario: Scenario, name: str) -> np.random.Generator:
     """Return the random numbers of this name in this recording."""
-    return stream(f'{scenario.name}/{name}', scenario.seed)
+    return random_stream(f'{scenario.name}/{name}', scenario.seed)
 
 
-def unfolded(
+def follow_arm(
     scenario: Scenario, events: Timeline, memory: LabMemory | None
 ) -> tuple[Course, LabMemory]:
     """Return what happens in the chamber, and what the arm remembers at the end."""
@@ -100,14 +108,14 @@ def unfolded(
         past = dict(memory.past)
         count = min(math.ceil(gap / STEP), MOST_STEPS_BETWEEN) + 1
         between = np.linspace(memory.pressure, float(events.pressure[0]), count)
-        _, past = followed(scenario, np.linspace(0.0, gap, count), between, past)
+        _, past = apply_effects(scenario, np.linspace(0.0, gap, count), between, past)
     time = np.linspace(0.0, events.duration, math.ceil(events.duration / STEP) + 1)
-    course, past = followed(scenario, time, events.pressure_at(time), past)
+    course, past = apply_effects(scenario, time, events.pressure_at(time), past)
     end = scenario.start + events.duration
     return course, LabMemory(time=end, pressure=float(events.pressure[-1]), past=past)
 
 
-def followed(
+def apply_effects(
     scenario: Scenario, time: Array, pressure: Array, past: dict[str, Past]
 ) -> tuple[Course, dict[str, Past]]:
     """Let all effects act, one after the other, from what each remembers."""
@@ -126,7 +134,7 @@ def followed(
     return course, later
 
 
-def sampled(course: Course, columns: Array, times: Array) -> Array:
+def sample(course: Course, columns: Array, times: Array) -> Array:
     """Return columns (n, k) of a course at other times (s), (times, k)."""
     values = [np.interp(times, course.time, column) for column in columns.T]
     return freeze(np.column_stack(values))
@@ -139,7 +147,7 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
     factor = np.interp(times, course.time, course.rigidity_factor)
     rigidity, split = arm.stiffness(chamber)
     borders = middle_joints(arm.length, int(scenario.detail.elements))
-    turned = sampled(course, course.weights, times) @ arm.turned(borders)
+    turned = sample(course, course.weights, times) @ arm.turning_angle(borders)
     chain = Chain(
         length=arm.length,
         clamp_angle=arm.clamp_angle,
@@ -154,7 +162,7 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
     return chain
 
 
-def painted(shape: Lying, places: Array, placement: Array) -> tuple[Array, Array]:
+def painted_targets(shape: ChainShape, places: Array, placement: Array) -> tuple[Array, Array]:
     """Return x, y (m) of targets painted beside their places, each (frames, targets)."""
     x, y, theta = shape.points(places)
     cosine, sine = np.cos(theta), np.sin(theta)
@@ -162,26 +170,30 @@ def painted(shape: Lying, places: Array, placement: Array) -> tuple[Array, Array
     return freeze(x + along * cosine - across * sine), freeze(y + along * sine + across * cosine)
 
 
-def measured(
+def measure(
     scenario: Scenario, events: Timeline, truth: LabTruth, memory: LabMemory
 ) -> LabRecording:
     """Return what the sensors make of the truth."""
     arm, noise, rates = scenario.arm, scenario.noise, scenario.rates
     start, duration = scenario.start, events.duration
-    times = regular(rates.pressure, duration), regular(rates.wrench, duration), truth.time
+    times = (
+        regular_times(rates.pressure, duration),
+        regular_times(rates.wrench, duration),
+        truth.time,
+    )
     stamp = [
-        stamps(random_of(scenario, f'stamps of {name}'), time, start, noise)
+        draw_stamps(random_of(scenario, f'stamps of {name}'), time, start, noise)
         for name, time in zip(('pressure', 'wrench', 'frames'), times, strict=True)
     ]
-    pressure, _ = read(scenario, events.pressure_at(times[0]), events.force_at(times[0]))
+    pressure, _ = read_sensors(scenario, events.pressure_at(times[0]), events.force_at(times[0]))
     white = random_of(scenario, 'pressure').standard_normal(pressure.size)
-    _, force = read(scenario, events.pressure_at(times[1]), events.force_at(times[1]))
+    _, force = read_sensors(scenario, events.pressure_at(times[1]), events.force_at(times[1]))
     random = random_of(scenario, 'wrench')
     hanging = np.abs(events.force_at(times[1])).max(axis=1) > 0.0
     force = force + noise.force_std * random.standard_normal(force.shape)
     moment = noise.moment_std * random.standard_normal(len(force))
     force, moment = force * hanging[:, None], moment * hanging
-    nearest_wrench = nearest(stamp[1], stamp[2])
+    nearest_wrench = nearest_stamps(stamp[1], stamp[2])
     points = np.stack([truth.target_x, truth.target_y], axis=-1)
     share = freeze(truth.time / duration)
     for effect in scenario.effects:
@@ -189,7 +201,9 @@ def measured(
     points = points + truth.registration + truth.drift[:, None]
     points += noise.target_std * random_of(scenario, 'targets').standard_normal(points.shape)
     targets = arm.targets.size
-    points[hidden(random_of(scenario, 'hidden'), truth.time, duration, targets, noise)] = np.nan
+    points[draw_hidden(random_of(scenario, 'hidden'), truth.time, duration, targets, noise)] = (
+        np.nan
+    )
     kept = slice(None if events.loaded else 0)
     return LabRecording(
         scenario=scenario,
@@ -200,7 +214,7 @@ def measured(
         wrench_force=freeze(force[kept]),
         wrench_moment=freeze(moment[kept]),
         stamp_ns=stamp[2],
-        reading=nearest(stamp[0], stamp[2]),
+        reading=nearest_stamps(stamp[0], stamp[2]),
         force=freeze(force[nearest_wrench]),
         moment=freeze(moment[nearest_wrench]),
         x=freeze(np.ascontiguousarray(points[..., 0])),
@@ -210,14 +224,14 @@ def measured(
     )
 
 
-def read(scenario: Scenario, pressure: Array, force: Array) -> tuple[Array, Array]:
+def read_sensors(scenario: Scenario, pressure: Array, force: Array) -> tuple[Array, Array]:
     """Return what noiseless sensors say of true pressures (n,) Pa and forces (n, 2) N."""
     for effect in scenario.effects:
         pressure, force = effect.read(scenario.arm, pressure, force)
     return pressure, force
 
 
-def nearest(stamp_ns: Stamps, wanted_ns: Stamps) -> Stamps:
+def nearest_stamps(stamp_ns: Stamps, wanted_ns: Stamps) -> Stamps:
     """Return which of increasing stamps is nearest to each of those wanted."""
     after = np.clip(np.searchsorted(stamp_ns, wanted_ns), 1, stamp_ns.size - 1)
     earlier = wanted_ns - stamp_ns[after - 1] <= stamp_ns[after] - wanted_ns

@@ -7,17 +7,8 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 import dataclasses
 import json
-from pathlib import Path
 import pickle
-import sys
 from types import SimpleNamespace
-
-import numpy as np
-from pneunet_ros.core.errors import RecordingError, RequestError
-from pneunet_ros.effects import EFFECTS
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / 'acceptance'))
 
 from blind.baselines import pysindy, staged, stepwise
 from blind.designs import DESIGNS
@@ -36,6 +27,10 @@ from blind.trials import (
     SCORING,
 )
 import blind_trials
+import numpy as np
+from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.effects import EFFECTS
+import pytest
 
 
 def truth(block, effects=None, outside=None, seed=1, rms=1e-4):
@@ -324,7 +319,7 @@ def test_only_what_is_not_done_is_done(tmp_path, monkeypatch):
         yield SimpleNamespace(submit=submit)
 
     monkeypatch.setattr(blind_trials, 'one_trial', one_trial)
-    monkeypatch.setattr(blind_trials, 'executor_of', here)
+    monkeypatch.setattr(blind_trials, 'open_executor', here)
     blind_trials.run(asked(trials=1), Record(tmp_path / 'a.jsonl'))
     broken = blind_trials.run(asked(), Record(tmp_path / 'a.jsonl'))
     assert done == [('nothing', 1), ('pairs', 1), ('nothing', 2), ('pairs', 2)]

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 import json
-from pathlib import Path
 import sys
 
 import numpy as np
 from pneunet_ros.core.errors import RecordingError
 import pytest
-
-BENCH = Path(__file__).resolve().parent.parent / 'acceptance'
-sys.path.insert(0, str(BENCH))
-
-import real_data_diagnosis as bench  # noqa: E402
-import real_data_fit as table  # noqa: E402
+import real_data_diagnosis as bench
+import real_data_fit as table
 
 MEASURED = pytest.mark.skipif(
     not table.DATA.is_file(), reason=f'no real measurements here: {table.DATA} is absent'

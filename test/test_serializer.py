@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.messages.cdr_template import ClaimSerializer
-from pneunet_ros.messages.topics import OUTPUTS
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYPES, serialize
 import pytest
 from support.random_estimates import plain, random_estimate, RclpyTypes
@@ -19,7 +19,7 @@ BY_NAME = {output.name: output for output in OUTPUTS}
 
 
 def serializer(frame_id='pneunet_base'):
-    return ClaimSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
+    return MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
 
 
 @pytest.mark.parametrize('output', OUTPUTS, ids=lambda output: output.name)
@@ -61,13 +61,19 @@ def test_earlier_bytes_stay_as_they_were():
 
 
 def test_an_output_without_numbers_is_serialized_plainly():
-    tip, estimate = replace(BY_NAME['tip'], numbers=None), random_estimate()
+    filled, estimate = BY_NAME['tip'], random_estimate()
+
+    def build(result, heading, types):
+        return filled.build(filled.numbers(result), heading, types)
+
+    tip = replace(filled, numbers=None, build=build)
     message = tip.encode(estimate, 'pneunet_base', ROSBAGS_TYPES)
     assert serializer().bytes_of(tip, estimate) == serialize(message, tip.type)
 
 
 def test_numbers_that_do_not_stand_in_the_message_are_refused():
-    wrong = replace(BY_NAME['tip'], numbers=lambda estimate: estimate.shape.curvature[None])
+    tip = BY_NAME['tip']
+    wrong = replace(tip, build=lambda rows, *others: tip.build(rows + 1.0, *others))
     with pytest.raises(MessageError, match=r'tip .*leave out `numbers`'):
         serializer().bytes_of(wrong, random_estimate())
 
@@ -78,7 +84,7 @@ def test_what_ros_serializes_can_be_filled_too(output):
     from rclpy.serialization import deserialize_message, serialize_message
 
     types = RclpyTypes()
-    filled = ClaimSerializer(
+    filled = MessageSerializer(
         types=types,
         serialize=lambda message, _: bytes(serialize_message(message)),
         frame_id='pneunet_base',

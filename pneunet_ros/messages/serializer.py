@@ -1,14 +1,14 @@
 """Serialized messages filled in place: the same bytes as plain serialization, many times faster.
 
-From claim to claim only stamps and numbers of a message change. So it is serialized once,
-the places of stamps and numbers are found in the bytes by known values, and from then on only
-these are filled in.
+From result to result only stamps and numbers of a message change. So a message of known stamps and
+numbers is serialized once, their places are found in its bytes, and from then on only these are
+filled in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field
 import struct
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.messages.builders import Claim, MessageTypes, Output
+from pneunet_ros.messages.builders import header, MessageTypes, Output, Result
 
 Serialize = Callable[[Any, str], bytes]
 
@@ -51,7 +51,7 @@ class CdrTemplate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ClaimSerializer:
+class MessageSerializer:
     """Serializes outputs whose frame and binding remain, and whose numbers change.
 
     serialize: plain serialization of a message of a named type into little-endian CDR.
@@ -62,32 +62,31 @@ class ClaimSerializer:
     frame_id: str
     _templates: dict[tuple[Any, ...], CdrTemplate] = field(default_factory=dict)
 
-    def bytes_of(self, output: Output[Claim], claim: Claim) -> bytes:
-        """Return the serialized message of an output for a claim, which is a dataclass."""
+    def bytes_of(self, output: Output[Result], result: Result) -> bytes:
+        """Return the serialized message of an output for a result."""
         if output.numbers is None:
-            return self._plainly(output, claim)
-        numbers = output.numbers(claim)
+            message = output.encode(result, self.frame_id, self.types)
+            return bytes(self.serialize(message, output.type))
+        numbers = output.numbers(result)
         key = (output.name, output.type, numbers.shape)
         template = self._templates.get(key)
         if template is None:
-            template = self._templates[key] = self._template(output, claim)
-        return template.fill(claim.stamp_ns, numbers)
+            template = self._templates[key] = self._template(output, numbers)
+        return template.fill(result.stamp_ns, numbers)
 
-    def _plainly(self, output: Output[Any], claim: Any) -> bytes:
-        return bytes(self.serialize(output.encode(claim, self.frame_id, self.types), output.type))
-
-    def _template(self, output: Output[Any], claim: Any) -> CdrTemplate:
-        assert output.numbers is not None
-        probe = _probe(claim)
-        raw = self._plainly(output, probe)
-        rows = [row.tobytes() for row in output.numbers(probe)]
+    def _template(self, output: Output[Any], numbers: npt.NDArray[Any]) -> CdrTemplate:
+        """Serialize a message with numbers of this shape, and find their places in it."""
+        probe = _distinct_like(numbers)
+        message = output.build(probe, header(_PROBE_STAMP, self.frame_id, self.types), self.types)
+        raw = bytes(self.serialize(message, output.type))
+        rows = [row.tobytes() for row in probe]
         offsets = [raw.find(row) for row in rows]
         stride = offsets[1] - offsets[0] if len(offsets) > 1 else len(rows[0])
         regular = [offsets[0] + stride * place for place in range(len(rows))]
         if offsets[0] < 0 or offsets != regular:
             raise MessageError(
                 f'{output.name} ({output.type}) cannot be filled in place, as its numbers do not '
-                'stand in it as rows: leave out `numbers` in its line of TOPICS'
+                'stand in it as rows: leave out `numbers` in its entry'
             )
         return CdrTemplate(
             raw=raw,
@@ -107,18 +106,10 @@ def _stamps(raw: bytes) -> Iterator[int]:
         place = raw.find(pattern, place + len(pattern))
 
 
-def _probe(claim: Any) -> Any:
-    """Make a claim of the same size in which every number is another one."""
+def _distinct_like(numbers: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return numbers of the same shape and type, every one another."""
     random = np.random.default_rng(0)
-
-    def distinct(owner: Any) -> Any:
-        changes: dict[str, Any] = {}
-        for item in fields(owner):
-            value = getattr(owner, item.name)
-            if isinstance(value, np.ndarray):
-                changes[item.name] = random.uniform(1.0, 2.0, value.shape)
-            elif is_dataclass(value):
-                changes[item.name] = distinct(value)
-        return replace(owner, **changes)
-
-    return replace(distinct(claim), stamp_ns=_PROBE_STAMP)
+    probe = np.zeros_like(numbers)
+    for part in [probe] if probe.dtype.names is None else [probe[n] for n in probe.dtype.names]:
+        part[...] = random.uniform(1.0, 2.0, part.shape)
+    return probe

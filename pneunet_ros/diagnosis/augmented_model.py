@@ -1,0 +1,130 @@
+"""The model with what was missing: base refitted with the effects, its covariance with theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.calibration.low_rank import low_rank
+from pneunet_ros.calibration.map_estimation import fit
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.diagnosis.hypothesis import Coordinate
+from pneunet_ros.diagnosis.refit import Refit, split_numbers
+from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
+from pneunet_ros.diagnosis.settings import AugmentedModelSettings, DEFAULTS
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
+
+STATIONS = (0.2, 0.5, 0.8)  # s / l, where shifts of kappa_p0 are shown
+
+
+def fit_with_effects(
+    refit: Refit, settings: AugmentedModelSettings = DEFAULTS.augmented_model
+) -> Fit:
+    """Fit the base to the training runs, with the effects held as they were refitted."""
+    linearization, point = refit.linearization, refit.point
+    return fit(
+        point.with_effects(),
+        linearization.runs[: linearization.training],
+        linearization.noise,
+        point.arm.target_arclength,
+        point.values,
+        small=settings.settled,
+    )
+
+
+def augment_model(refit: Refit, base: Fit) -> Arm:
+    """Return the arm, with a covariance of base and effects together."""
+    arm, count = base.arm, len(refit.numbers)
+    covariance, _ = low_rank(base, MOST_COLUMNS - count)
+    if not count:
+        return replace(arm, covariance=covariance)
+    names, change = base.parameters.quantities()
+    size = refit.linearization.size
+    scale = refit.linearization.scale[:size, :size]
+    joint = refit.gaussian.covariance
+    own = joint[-count:, -count:]
+    root = np.linalg.cholesky(own + 1e-12 * np.diag(np.diag(own)))
+    numbers = free_numbers(refit)
+    stds = np.sqrt(np.diag(refit.covariance))
+    slopes = np.array([item.slope(number) for _, item, number in numbers])
+    factor = np.zeros((len(names) + count, covariance.factor.shape[1] + count))
+    factor[: len(names), :-count] = covariance.factor
+    factor[: len(names), -count:] = (
+        change @ scale @ joint[:size, -count:] @ np.linalg.inv(own) @ root
+    )
+    factor[len(names) :, -count:] = (slopes * stds / np.sqrt(np.diag(own)))[:, None] * root
+    quantities = (*names, *(f'effects.{name}.{item.parameter}' for name, item, _ in numbers))
+    rounded = np.array([[float(f'{value:.6g}') for value in row] for row in factor])
+    finite = np.flatnonzero(np.isfinite(rounded).all(axis=1))
+    return replace(
+        arm,
+        covariance=ModelCovariance(
+            quantities=tuple(quantities[place] for place in finite), factor=rounded[finite]
+        ),
+    )
+
+
+def free_numbers(refit: Refit) -> list[tuple[str, Coordinate, float]]:
+    """Return the name of the effect, the coordinate and the value of all fitted numbers."""
+    parts = split_numbers(refit.hypotheses, refit.numbers)
+    return [
+        (item.name, coordinate, float(number))
+        for item, numbers in zip(refit.hypotheses, parts, strict=True)
+        for coordinate, number in zip(item.coordinates, numbers, strict=True)
+    ]
+
+
+def describe_effects(
+    refit: Refit,
+    probability: Mapping[str, float],
+    settings: AugmentedModelSettings = DEFAULTS.augmented_model,
+) -> tuple[NamedEffect, ...]:
+    """Return the effects with their parameters and errors, the most probable first."""
+    parameters: dict[str, dict[str, Estimated]] = {}
+    stds = np.sqrt(np.diag(refit.covariance))
+    for (name, item, number), std in zip(free_numbers(refit), stds, strict=True):
+        value = item.value(number)
+        size = value - (0.0 if item.reciprocal else item.neutral)
+        error = np.hypot(std * abs(item.slope(number)), settings.law_worth * size)
+        estimated = Estimated(value=value, std=float(error), unit=item.unit)
+        parameters.setdefault(name, {})[item.parameter] = estimated
+    effects = [
+        NamedEffect(name=name, parameters=values, probability=probability.get(name, 0.0))
+        for name, values in parameters.items()
+    ]
+    return tuple(sorted(effects, key=lambda effect: -effect.probability))
+
+
+def parameter_shifts(before: Fit, after: Fit) -> dict[str, Shift]:
+    """Return how the base has moved: rigidities, split and kappa_p0 at some stations."""
+    names, change = after.parameters.quantities()
+    errors = np.sqrt(np.einsum('ij,jk,ik->i', change, after.covariance, change))
+    _, change_before = before.parameters.quantities()
+    old = np.full(len(names), np.nan)
+    if change_before.shape == change.shape:
+        old = change_before @ before.values
+    new = change @ after.values
+    shown = shown_quantities(after, names)
+    return {
+        name: Shift(
+            before=float(old[place]),
+            after=float(new[place]),
+            std=float(errors[place]),
+            unit='1/m' if name.startswith('intrinsic') else '-',
+        )
+        for name, place in sorted(zip(names, range(len(names)), strict=True))
+        if name in shown
+    }
+
+
+def shown_quantities(fit: Fit, names: tuple[str, ...]) -> set[str]:
+    """Return names: moment law at the first, middle and last row, kappa_p0 of the last row."""
+    law = [name.split('.') for name in names if name.startswith('moment_law.')]
+    rows = sorted({int(parts[2]) for parts in law if len(parts) > 2})
+    chosen = {str(row) for row in (rows[0], rows[len(rows) // 2], rows[-1])} if rows else set()
+    shown = {'.'.join(parts) for parts in law if len(parts) == 2 or parts[2] in chosen}
+    last, arclength = fit.parameters.pressure.size - 1, fit.parameters.arclength
+    knots = [int(np.argmin(np.abs(arclength - station))) for station in STATIONS]
+    return shown | {f'intrinsic_curvature.curvature.{last}.{knot}' for knot in knots}

@@ -1,0 +1,218 @@
+"""How the record of a rod changes with pressure and along the columns of a model's covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import reduce
+from itertools import groupby
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.effects.effect import History, Terms
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.intrinsic_curvature import over_meters
+from pneunet_ros.model.neighbors import DEFAULTS, DifferenceSettings, neighbors
+from pneunet_ros.solver.rod import CLAMP_ANGLE, CLAMP_WIDTH, Rods, RodTable
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Perturbation:
+    """Small changes of the record of a rod, one per cause: the records on both sides of it.
+
+    The first axes are side (before, after) and cause, the others those of `Rods`: length (2,
+    causes), sections (2, causes, sections, 8), clamp (2, causes, 3), knots (2, causes, pieces +
+    1), turning (2, causes, pieces, 5). distance (causes,): how far the sides are apart.
+    """
+
+    length: Array
+    sections: Array
+    clamp: Array
+    knots: Array
+    turning: Array
+    distance: Array
+
+    @classmethod
+    def between(cls, before: Rods, after: Rods, distance: float) -> Perturbation:
+        """Return the change from one record to another."""
+        sides = (before, after)
+        return cls(
+            length=np.array([[side.length] for side in sides]),
+            sections=np.array([side.sections[:1] for side in sides]),
+            clamp=np.array([side.clamp[:1] for side in sides]),
+            knots=np.array([[side.knots] for side in sides]),
+            turning=np.array([side.turning[:1] for side in sides]),
+            distance=np.array([distance]),
+        )
+
+    def joined(self, other: Perturbation) -> Perturbation:
+        """Return the causes of both."""
+        arrays = {
+            item.name: np.concatenate(
+                [getattr(self, item.name), getattr(other, item.name)],
+                axis=0 if item.name == 'distance' else 1,
+            )
+            for item in fields(self)
+        }
+        return Perturbation(**arrays)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PerturbationTable:
+    """An arm and its neighbors along the columns of its covariance, as one table over pressure.
+
+    Curvature and moment law are linear in pressure between rows, so the records of all neighbors
+    are one linear table on the rows of them all. It holds what effects add at every pressure
+    alike; what they add by pressure or history is added at each call.
+
+    neighbors: the arm before each column, then the arm after each; distance (1 + columns,): how
+    far the sides are apart, of the pressure in Pa, then of the columns in sigma.
+    """
+
+    arm: Arm
+    settings: DifferenceSettings = DEFAULTS
+    neighbors: tuple[Arm, ...] = field(init=False, repr=False)
+    distance: Array = field(init=False, repr=False)
+    length: Array = field(init=False, repr=False)
+    knots: Array = field(init=False, repr=False)
+    clamp: Array = field(init=False, repr=False)
+    table: RodTable = field(init=False, repr=False)
+    row_turning: Array = field(init=False, repr=False)
+    changing: tuple[int, ...] = field(init=False, repr=False)
+    alike: tuple[tuple[slice, Arm], ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Stack the neighbors."""
+        arm = self.arm
+        columns = () if arm.covariance is None else arm.covariance.columns()
+        pairs = [neighbors(arm, column, self.settings) for column in columns]
+        befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+        sides = tuple(befores + afters)
+        by_cause = [[arm, *befores], [arm, *afters]]
+        distance = [2.0 * pressure_step(arm, self.settings), *(pair[2] for pair in pairs)]
+        rows = reduce(np.union1d, (side.table.pressure for side in sides), arm.table.pressure)
+        clamp = np.zeros((len(sides), CLAMP_WIDTH))
+        terms = [effect.terms(rows) for effect in arm.effects]
+        changing = tuple(place for place, item in enumerate(terms) if by_pressure(item))
+        sections, turning = [], []
+        for place, side in enumerate(sides):
+            records = side.table.at(rows)
+            clamp[place, CLAMP_ANGLE] = side.clamp_angle
+            for number, effect in enumerate(side.effects):
+                if number not in changing:
+                    effect.terms(rows).add_to(records[0], clamp[place : place + 1])
+            sections.append(records[0])
+            turning.append(records[1])
+        stacked = RodTable(
+            pressure=rows,
+            sections=np.concatenate(sections or [arm.table.sections[:, :0]], axis=1),
+            turning=np.concatenate(turning or [arm.table.turning[:, :0]], axis=1),
+        )
+        values = {
+            'neighbors': sides,
+            'distance': np.array(distance),
+            'length': np.array([[item.length for item in side] for side in by_cause]),
+            'knots': np.array([[item.knots for item in side] for side in by_cause]),
+            'clamp': clamp,
+            'table': stacked,
+            'row_turning': np.array(
+                [over_meters(side.intrinsic_curvature.turning, side.length) for side in sides]
+            ),
+            'changing': changing,
+            'alike': runs_alike(sides, changing),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def at(
+        self, pressure: float, history: tuple[History, ...] | None = None
+    ) -> tuple[Rods, Perturbation]:
+        """Return the record of the rod at a chamber pressure (Pa), and its changes.
+
+        The causes are a sudden change of the pressure, per Pa, then each column of the covariance,
+        per sigma. The neighbors have the arm's own history: what other parameters would have made
+        of it is left out.
+        """
+        step = 0.5 * float(self.distance[0])
+        rods = self.arm.rods(np.array([pressure, pressure - step, pressure + step]), history)
+        count, kinds = self.distance.size, rods.sections.shape[1]
+        sections = np.empty((2, count, *rods.sections.shape[1:]))
+        clamp = np.empty((2, count, CLAMP_WIDTH))
+        turning = np.empty((2, count, *rods.turning.shape[1:]))
+        sections[:, 0], clamp[:, 0], turning[:, 0] = (
+            rods.sections[1:],
+            rods.clamp[1:],
+            rods.turning[1:],
+        )
+        if count > 1:
+            records = self.neighbor_records(pressure, history, kinds)
+            for out, record in zip((sections, clamp, turning), records, strict=True):
+                out[:, 1:] = record.reshape(2, count - 1, *out.shape[2:])
+        change = Perturbation(
+            length=self.length,
+            sections=sections,
+            clamp=clamp,
+            knots=self.knots,
+            turning=turning,
+            distance=self.distance,
+        )
+        return rods.one(0), change
+
+    def neighbor_records(
+        self, pressure: float, history: tuple[History, ...] | None, kinds: int
+    ) -> tuple[Array, Array, Array]:
+        """Return sections, clamp and turning of all neighbors at one pressure (Pa)."""
+        at = np.array([pressure])
+        sections, turning = self.table.at(at)
+        sections = sections.reshape(len(self.neighbors), kinds, -1)
+        turning = turning.reshape(len(self.neighbors), *self.arm.table.turning.shape[1:])
+        clamp = self.clamp.copy()
+        for which, arm in self.alike:
+            terms = [arm.effects[place].terms(at) for place in self.changing]
+            for item in (*terms, *arm.history_terms(history)):
+                item.add_to(sections[which], clamp[which])
+                if item.row_weights is not None:
+                    mixture = np.tensordot(item.row_weights, self.row_turning[which], axes=(0, 1))
+                    turning[which] = item.mix_rows(turning[which], mixture)
+        return sections, clamp, turning
+
+
+def by_pressure(terms: Terms) -> bool:
+    """Whether what an effect adds depends on the pressure."""
+    return any(isinstance(getattr(terms, item.name), np.ndarray) for item in fields(terms))
+
+
+def runs_alike(arms: tuple[Arm, ...], changing: tuple[int, ...]) -> tuple[tuple[slice, Arm], ...]:
+    """Return runs of arms in which effects by pressure or history are the same."""
+    runs: list[tuple[slice, Arm]] = []
+    if not (arms and (changing or arms[0].history_dependent)):
+        return ()
+
+    def key(arm: Arm) -> object:
+        by_history = [arm.acting[place] for place in arm.history_dependent]
+        return [arm.effects[place] for place in changing], by_history, arm.scale
+
+    first = 0
+    for _, group in groupby(arms, key):
+        size = len(list(group))
+        runs.append((slice(first, first + size), arms[first]))
+        first += size
+    return tuple(runs)
+
+
+def pressure_step(arm: Arm, settings: DifferenceSettings) -> float:
+    """Return the step of the chamber pressure, Pa."""
+    low, high = arm.pressure_range
+    return settings.pressure_step * (high - low)
+
+
+def with_pressure_change(
+    arm: Arm,
+    chamber_pressure: float,
+    history: tuple[History, ...] | None = None,
+    settings: DifferenceSettings = DEFAULTS,
+) -> tuple[Rods, Perturbation]:
+    """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal."""
+    step = pressure_step(arm, settings)
+    pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
+    rods = arm.rods(np.array(pressures), history)
+    return rods.one(0), Perturbation.between(rods.one(1), rods.one(2), 2.0 * step)

@@ -1,0 +1,197 @@
+"""The search over sets of effects: scripted fits in, the set that is chosen out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from pneunet_ros.diagnosis import selection
+from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
+from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.selection import (
+    choose_best,
+    evidence_margin,
+    is_adequate,
+    is_worth_adding,
+    Record,
+    Selection,
+    Trial,
+)
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
+import pytest
+from support.lab_designs import asked
+
+LEVEL = DEFAULTS.lack_of_fit.level
+BASE = 1000.0  # excess that the base model leaves
+
+
+def lack(excess: float) -> LackOfFit:
+    """Return a test of ten fields that leave so much."""
+    return LackOfFit(name='any', statistic=10.0 + excess, dof=10, mean=10.0, std=20**0.5)
+
+
+def trial(
+    names: str, evidence: float, excess: float = 0.0, *, dof: int = 0, plausible: bool = True
+) -> Trial:
+    """Return a set of effects after its fit; its gain in chi squared is what it takes away."""
+    tests = (lack(excess),)
+    record = Record(
+        names=tuple(names.split()),
+        dof=dof or len(names.split()),
+        evidence=evidence,
+        gain=BASE - excess,
+        tests=tests,
+        adequate=is_adequate(tests, LEVEL),
+        plausible=plausible,
+    )
+    nothing: Any = SimpleNamespace(gaussian=None)
+    return Trial(record=record, refit=nothing)
+
+
+class Scripted(Selection):
+    """The search where the fit of every set is known; candidates score what their fit gains."""
+
+    def __init__(self, *trials: Trial, settings: DiagnosisSettings = DEFAULTS) -> None:
+        nothing: Any = None
+        super().__init__(
+            linearization=nothing, hypotheses=(), seed=0, on_progress=nothing, settings=settings
+        )
+        self.sets: Mapping[frozenset[str], Trial] = {
+            frozenset(item.names): item for item in trials
+        }
+        self.fitted: list[str] = []
+
+    def score_candidates(self, trial: Trial) -> list[Candidate]:
+        known = frozenset(trial.names)
+        names = [name for item in self.sets if item > known for name in item - known
+                 if item == known | {name}]  # fmt: skip
+        gains = [self.sets[known | {name}].record.gain - trial.record.gain for name in names]
+        order = np.argsort([-gain for gain in gains])
+        return [candidate(names[place], gains[place]) for place in order]
+
+    def fit_finalists(
+        self, base: Trial, trial: Trial, candidates: Sequence[Candidate]
+    ) -> list[Trial]:
+        self.fitted += [item.name for item in candidates]
+        return [self.sets[frozenset((*trial.names, item.name))] for item in candidates]
+
+    def leave_out(self, base: Trial, trial: Trial, name: str, least: float) -> Trial | None:
+        smaller = self.sets.get(frozenset(trial.names) - {name})
+        return smaller if smaller and smaller.record.evidence >= least else None
+
+    def chosen(self) -> tuple[str, ...]:
+        """Return the names that the search ends with, from the empty set on."""
+        return self.select_forward(self.sets[frozenset()]).names
+
+
+def candidate(name: str, gain: float) -> Candidate:
+    """Return an effect of this score."""
+    return Candidate(
+        hypothesis=asked(name), which=0, tried=np.ones(1), gain=gain, start=np.ones(1),
+        information=1.0, direction=(),
+    )  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def no_chance(monkeypatch):
+    """Let clean data have no score, so that the least gain decides."""
+    monkeypatch.setattr(selection, 'largest_clean_score', lambda *rest: 0.0)
+
+
+def test_where_nothing_is_left_and_nothing_scores_nothing_is_fitted():
+    search = Scripted(trial('', 0.0, 0.0))
+    assert search.chosen() == ()
+    assert search.fitted == []
+
+
+def test_one_effect_that_explains_all_is_enough():
+    search = Scripted(trial('', 0.0, BASE), trial('gravity', 400.0), trial('creep', 100.0, 700.0))
+    assert search.chosen() == ('gravity',)
+
+
+def test_where_no_effect_explains_much_the_best_is_still_returned_for_the_notes():
+    search = Scripted(trial('', 0.0, BASE), trial('creep', 100.0, 700.0))
+    assert search.chosen() == ('creep',)
+    assert Scripted(trial('', 0.0, BASE), trial('creep', 2.0, 700.0)).chosen() == ()
+
+
+def test_two_effects_are_added_one_by_one():
+    search = Scripted(
+        trial('', 0.0, BASE),
+        trial('gravity', 300.0, 400.0),
+        trial('creep', 200.0, 600.0),
+        trial('gravity creep', 480.0),
+    )
+    assert search.chosen() == ('gravity', 'creep')
+    only_one = DiagnosisSettings(selection=SelectionSettings(most_effects=1))
+    assert Scripted(*search.sets.values(), settings=only_one).chosen() == ('gravity',)
+
+
+def test_the_first_effect_is_left_out_where_the_second_makes_it_needless():
+    search = Scripted(
+        trial('', 0.0, BASE),
+        trial('gravity', 300.0, 300.0),
+        trial('creep', 299.0, 310.0),
+        trial('gravity creep', 301.0, 100.0),
+    )
+    # gravity and creep add little evidence to gravity: not better by what counts.
+    assert search.chosen() == ('gravity',)
+    stronger = Scripted(
+        trial('', 0.0, BASE),
+        trial('gravity', 300.0, 300.0),
+        trial('creep', 399.0, 310.0),
+        trial('gravity creep', 401.0, 100.0),
+    )
+    stronger.candidates.clear()
+    assert stronger.eliminate_backward(
+        stronger.sets[frozenset()], stronger.sets[frozenset({'gravity', 'creep'})]
+    ).names == ('creep',)
+
+
+def test_a_second_effect_that_only_mends_the_law_of_the_first_is_not_added():
+    first, second = trial('gravity', 400.0, 100.0), trial('gravity creep', 420.0, 80.0)
+    assert not is_worth_adding(first, second)
+    assert is_worth_adding(first, trial('gravity creep', 420.0, 40.0))
+    assert is_worth_adding(first, trial('gravity creep', 420.0, 0.0))
+    assert Scripted(trial('', 0.0, BASE), first, second).chosen() == ('gravity',)
+
+
+def test_two_effects_that_leave_much_are_not_hidden_by_a_third():
+    sets = (
+        trial('', 0.0, BASE),
+        trial('gravity', 100.0, 800.0),
+        trial('gravity creep', 250.0, 390.0),
+        trial('gravity creep hysteresis', 480.0),
+    )
+    assert Scripted(*sets).chosen() == ('gravity', 'creep')
+    brave = DiagnosisSettings(selection=SelectionSettings(hopeless=0.5))
+    assert Scripted(*sets, settings=brave).chosen() == ('gravity', 'creep', 'hysteresis')
+
+
+def test_adequate_and_plausible_sets_come_first_and_small_ones_of_like_evidence():
+    base = trial('', 0.0, BASE)
+    wild = trial('gravity', 500.0, plausible=False)
+    left = trial('creep', 450.0, 300.0)
+    good = trial('hysteresis', 400.0)
+    assert choose_best(base, [wild, left, good]) is good
+    assert choose_best(base, [wild, left]) is wild
+    assert choose_best(base, [left]) is left
+    assert choose_best(base, [trial('creep', 2.0, 300.0)]) is None
+    small = trial('load_offset', 395.0)
+    large = trial('softening', 400.0, dof=2)
+    assert choose_best(base, [large, small]) is small
+    assert choose_best(base, [large, trial('load_offset', 380.0)]) is large
+
+
+def test_what_evidence_counts():
+    assert evidence_margin(10.0) == 3.0
+    assert evidence_margin(5000.0) == pytest.approx(100.0)
+
+
+def test_adequate_is_every_test_at_a_share_of_the_level_or_within_what_a_law_may_miss():
+    assert not is_adequate((), LEVEL)
+    assert is_adequate((lack(0.0), lack(5.0)), LEVEL)
+    assert not is_adequate((lack(0.0), lack(100.0)), LEVEL)
+    assert is_adequate((lack(0.0), lack(100.0)), LEVEL, allowed=101.0)
