@@ -290,5 +290,5 @@ def test_a_blurred_frame_gives_dim_dots_or_none():
     assert len(find_blobs(image_of(strong), BAND, LIMITS)) == 1
     for u in np.linspace(34.5, 35.5, 11):
         shifted = draw_dot((70, 70), (u, 34.6), 5.0, blur=4.0)
-        assert measured(shifted, [(35, 35)]).u[0] == pytest.approx(u, abs=0.055)
+        assert measured(shifted, [(35, 35)]).u[0] == pytest.approx(u, abs=0.06)
     assert len(find_blobs(image_of(0.1 * picture), BAND, LIMITS)) == 0

@@ -102,7 +102,7 @@ def test_what_is_covered_or_has_a_glint_on_it_does_not_look_alike(area, elongati
     elongations[4] = elongation
     expected_mask = np.arange(9) != 4
     expected_mask[4] = alike
-    assert consistent_size(areas, usual, elongations, GATING).tolist() == expected_mask.tolist()
+    assert consistent_size(areas, usual, elongations).tolist() == expected_mask.tolist()
 
 
 @pytest.mark.parametrize(('area', 'alike'), [(0.9, True), (1.2, True), (1.38, False)])
@@ -111,28 +111,28 @@ def test_a_glint_that_hangs_on_to_a_target_shows_when_a_row_is_found(area, alike
     areas[4] *= area
     elongation = np.full(9, 1.02)
     elongation[4] = 1.34  # hardly allowed: the area must tell
-    assert consistent_size(areas, initial_area(areas), elongation, GATING).tolist() == [
+    assert consistent_size(areas, initial_area(areas), elongation).tolist() == [
         place != 4 or alike for place in range(9)
     ]
 
 
 def test_motion_makes_all_longer_and_larger_alike():
     usual = np.full(9, 80.0)
-    assert consistent_size(1.3 * usual, usual, np.full(9, 1.9), GATING).all()
-    assert not consistent_size(0.5 * usual, usual, np.full(9, 1.0), GATING).any()
-    assert not consistent_size(np.full(9, np.nan), usual, np.full(9, np.nan), GATING).any()
+    assert consistent_size(1.3 * usual, usual, np.full(9, 1.9)).all()
+    assert not consistent_size(0.5 * usual, usual, np.full(9, 1.0)).any()
+    assert not consistent_size(np.full(9, np.nan), usual, np.full(9, np.nan)).any()
 
 
 def test_a_target_that_moves_alone_is_told_from_those_that_move_together():
     off_x = np.linspace(0.0, 6.0, 23)  # the further out the faster
     off_y = 0.3 * off_x
-    assert consistent_motion(off_x, off_y, 20.0, GATING).all()
+    assert consistent_motion(np.column_stack([off_x, off_y]), 20.0)[0].all()
     off_x[20] += 2.0  # a glint touches it
-    together = consistent_motion(off_x, off_y, 20.0, GATING)
+    together = consistent_motion(np.column_stack([off_x, off_y]), 20.0)[0]
     assert np.flatnonzero(~together).tolist() == [20]
     off_x[14:18] = np.nan  # a hand; what is beyond it moves otherwise than what is before it
     off_x[18:] += 5.0
-    together = consistent_motion(off_x, off_y, 20.0, GATING)
+    together = consistent_motion(np.column_stack([off_x, off_y]), 20.0)[0]
     assert together[:14].all()
     assert together[[18, 19, 21, 22]].all()
     assert not together[14:18].any()

@@ -12,7 +12,7 @@ from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.offline.track import track_steps
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.reports.tracking.heat_map import heat
-from pneunet_ros.reports.tracking.preview import CURVES, PICTURES, Preview, spread, write_preview
+from pneunet_ros.reports.tracking.preview import CURVES, PICTURES, Preview, thin, write_preview
 import pneunet_ros.reports.tracking.preview_video
 from pneunet_ros.reports.tracking.preview_video import overlay_of, write_text, write_video
 from pneunet_ros.tables.length_unit import length_unit
@@ -130,10 +130,10 @@ def test_frames_share_a_column_where_there_are_many():
 
 
 def test_things_are_spread_from_first_to_last():
-    assert spread(0, 8) == []
-    assert spread(1, 8) == [0]
-    assert spread(3, 8) == [0, 1, 2]
-    assert spread(100, 3) == [0, 50, 99]
+    assert thin(0, 8) == []
+    assert thin(1, 8) == [0]
+    assert thin(3, 8) == [0, 1, 2]
+    assert thin(100, 3) == [0, 50, 99]
 
 
 # The video

@@ -1,12 +1,15 @@
 """Blobs: bright areas of a camera image that can be targets, before they have an identity.
 
-OpenCV's connected components of what is brighter than its surroundings; `centroid` measures each.
+OpenCV outlines what is brighter than its surroundings; `centroid` measures each of them. The
+center is our own: that of OpenCV's connected components, at half height, is off by 0.081 to
+0.048 px (dots of 3 to 8 px radius, noise 4) where ours is by 0.018 to 0.010 px.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -49,67 +52,32 @@ class BlobSettings:
 BLOBS = BlobSettings()
 
 
+def _row(column: int, meaning: str) -> Any:
+    return property(lambda blobs: blobs.table[column], doc=meaning)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Blobs:
-    """Bright areas of an image, an entry per area; NaN in all where there is none.
+    """Bright areas of an image that can be targets; NaN in all quantities where there is none.
 
-    `table` (COLUMNS, n) has the quantities as rows, in px, px^2, rad and grey levels. `crowded`:
-    there were so many areas that none is given.
+    `table` (COLUMNS, n) has the quantities below as rows. `crowded`: there were so many bright
+    areas that none is given.
     """
 
     table: Array
     crowded: bool = False
 
+    u = _row(U, 'Centers in the image, from left to right, px.')
+    v = _row(V, 'Centers in the image, from top to bottom, px.')
+    area = _row(AREA, 'How large they are, px^2.')
+    major = _row(MAJOR, 'Largest axis of the ellipse with the same moments, px.')
+    minor = _row(MINOR, 'Smallest axis of that ellipse, px.')
+    angle = _row(ANGLE, 'Where the largest axis points, rad from +u towards +v.')
+    std = _row(STD, 'Standard error of the center per axis, the larger of both, px.')
+    contrast = _row(CONTRAST, 'How much brighter they are than the background, grey levels.')
+
     def __len__(self) -> int:
-        return len(self.u)
-
-    @property
-    def u(self) -> Array:
-        """Centers in the image, from left to right, px."""
-        row: Array = self.table[U]
-        return row
-
-    @property
-    def v(self) -> Array:
-        """Centers in the image, from top to bottom, px."""
-        row: Array = self.table[V]
-        return row
-
-    @property
-    def area(self) -> Array:
-        """How large the areas are, px^2."""
-        row: Array = self.table[AREA]
-        return row
-
-    @property
-    def major(self) -> Array:
-        """Largest axis of the ellipse with the same moments, px."""
-        row: Array = self.table[MAJOR]
-        return row
-
-    @property
-    def minor(self) -> Array:
-        """Smallest axis of that ellipse, px."""
-        row: Array = self.table[MINOR]
-        return row
-
-    @property
-    def angle(self) -> Array:
-        """Where the largest axis points, rad from +u towards +v."""
-        row: Array = self.table[ANGLE]
-        return row
-
-    @property
-    def std(self) -> Array:
-        """Standard error of the center per axis, the larger of both, px."""
-        row: Array = self.table[STD]
-        return row
-
-    @property
-    def contrast(self) -> Array:
-        """How much brighter the areas are than their background, grey levels."""
-        row: Array = self.table[CONTRAST]
-        return row
+        return int(self.table.shape[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,9 +93,8 @@ class Components:
     seeds: Integers
     level: Integers
     look: Look
-    settings: CentroidSettings
 
-    def measure(self, chosen: Integers) -> Blobs:
+    def measure(self, chosen: Integers, settings: CentroidSettings = CENTROID) -> Blobs:
         """Measure the areas with these indices; those that cannot be targets are left out."""
         rows = [np.empty((0, COLUMNS))]
         boxes, seeds, level = self.boxes[chosen], self.seeds[chosen], self.level[chosen]
@@ -135,9 +102,9 @@ class Components:
         sizes = np.ceil(np.log2(np.maximum(boxes[:, 2:].max(1), 16)))
         for size in np.unique(sizes):
             alike = sizes == size
-            crops = cut_crops(self.grey, boxes[alike], seeds[alike], level[alike], self.settings)
+            crops = cut_crops(self.grey, boxes[alike], seeds[alike], level[alike], settings)
             with np.errstate(invalid='ignore', divide='ignore'):
-                rows.append(measure_crops(crops, level[alike], self.look, self.settings))
+                rows.append(measure_crops(crops, level[alike], self.look, settings))
         table = np.concatenate(rows)
         return Blobs(freeze(table[np.isfinite(table[:, U])].T.copy()))
 
@@ -146,24 +113,18 @@ class Components:
 
         NaN where no blob that can be a target has its center within `reach` px.
         """
-        left, top, width, height = self.boxes.T[:, :, None]
+        nearest = np.full((len(places), COLUMNS), np.nan)
         u, v = places.T
+        left, top, width, height = self.boxes.T[:, :, None]
         off_u = np.maximum(left - u, u - (left + width - 1))
         off_v = np.maximum(top - v, v - (top + height - 1))
-        near = (off_u <= reach) & (off_v <= reach)  # where NaN, it is not
-        rows = self.measure(np.flatnonzero(near.any(1))).table.T
-        return nearest_rows(rows, places, reach)
-
-
-def nearest_rows(rows: Array, places: Array, reach: float) -> Array:
-    """Return for each place (n, 2) px the row whose center is nearest, NaN beyond `reach` px."""
-    nearest = np.full((len(places), COLUMNS), np.nan)
-    if len(rows):
-        distance = np.hypot(*(places[:, None] - rows[None, :, :2]).transpose(2, 0, 1))
-        index = distance.argmin(1)
-        near = distance[np.arange(len(places)), index] <= reach
-        nearest[near] = rows[index[near]]
-    return nearest
+        near = (off_u <= reach) & (off_v <= reach)  # never where a place is NaN
+        blobs = self.measure(np.flatnonzero(near.any(1)))
+        if len(blobs):
+            distance = np.hypot(u[:, None] - blobs.u, v[:, None] - blobs.v)
+            within = distance.min(1) <= reach
+            nearest[within] = blobs.table.T[distance.argmin(1)[within]]
+        return nearest
 
 
 def find_components(
@@ -180,11 +141,7 @@ def find_components(
     white = cv2.compare(grey, level, cv2.CMP_GE)
     # Much faster than the statistics of connected components: only edges are looked at.
     contours, links = cv2.findContours(white, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-    outer = (
-        [contour for contour, link in zip(contours, links[0], strict=True) if link[3] < 0]
-        if contours
-        else []
-    )
+    outer = [contour for at, contour in enumerate(contours) if links[0, at, 3] < 0]
     boxes = np.array([cv2.boundingRect(contour) for contour in outer], np.int64).reshape(-1, 4)
     seeds = np.array([contour[0, 0] for contour in outer], np.int64).reshape(-1, 2)
     longest = math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation)) + 8
@@ -195,15 +152,7 @@ def find_components(
         boxes=boxes,
         seeds=seeds,
         level=level[seeds[:, 1], seeds[:, 0]].astype(np.int64),
-        look=Look(
-            smallest=limits.smallest,
-            largest=limits.largest,
-            elongation=limits.elongation,
-            hole=limits.hole,
-            brightest=brightest,
-            contrast=contrast,
-        ),
-        settings=CENTROID,
+        look=Look(limits=limits, brightest=brightest, contrast=contrast),
     )
 
 
@@ -225,10 +174,7 @@ def level_of_white(
 def find_blobs(
     image: Image, band: GreyBand, limits: AreaLimits, settings: BlobSettings = BLOBS
 ) -> Blobs:
-    """Return all blobs of an image that are within the limits, from top to bottom.
-
-    Blobs that the image cuts off are left out.
-    """
+    """Return all blobs of an image that are within the limits, but for those it cuts off."""
     components = find_components(image, band, limits, settings)
     count = len(components.boxes)
     if count > settings.most:

@@ -155,10 +155,12 @@ class AreaLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraSettings:
-    """Everything in `config/camera.yaml`.
+    """Everything in `config/camera.yaml`: the working plane, and how targets look.
 
-    clamp_pixel: where the target next to the clamp is in the image, roughly (u, v); None: the
-    left-most end of the row of targets is the clamp.
+    plane: how pixels become points of the base frame; grey_band, area: which pixels are white, and
+    which white areas can be targets; clamp_pixel: where the target next to the clamp is in the
+    image, roughly (u, v) px; None: the left-most end of the row of targets is the clamp. Raises
+    CameraError for values outside their bounds.
     """
 
     plane: PlaneMethod = field(default_factory=RestPlane)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.settings import tuned
+from pneunet_ros.vision.camera_settings import AreaLimits
 
 Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -35,7 +36,7 @@ class CentroidSettings:
     """How a blob is measured."""
 
     gap: int = tuned(3, 'between a blob and the ring of its background', unit='px')
-    ring: int = tuned(6, 'thickness of that ring', unit='px')
+    ring: int = tuned(3, 'thickness of that ring', unit='px', source='measured')
     fewest: int = tuned(16, 'pixels of the ring that tell anything', unit='px')
     growth: int = tuned(3, 'of a blob from the level of white to half height', unit='px')
     clip: float = tuned(4.0, 'off the background: a bright neighbor', unit='grey level')
@@ -52,12 +53,9 @@ CENTROID = CentroidSettings()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """How a target looks: area and hole in px^2, elongation, plateau and height in grey levels."""
+    """How a target looks: size and shape, and grey levels of its plateau and its height."""
 
-    smallest: float
-    largest: float
-    elongation: float
-    hole: float
+    limits: AreaLimits
     brightest: int
     contrast: float
 
@@ -110,7 +108,7 @@ def measure_crops(crops: Crops, level: Integers, look: Look, settings: CentroidS
     plateau, edge = _plateau_and_edge(_histograms(crops.grey, crops.own), background, level)
     bright, counts = _areas_at_half_height(crops, (background + plateau + 1) // 2)
     pixels, box = bright.sum((1, 2)), _box_of(bright)
-    _close_holes(bright, counts, look.hole)
+    _close_holes(bright, counts, look.limits.hole)
     rows = _weigh(
         crops, bright, counts, plateau, edge,
         _background_plane(crops, box, background, scatter, settings), settings,
@@ -119,11 +117,11 @@ def measure_crops(crops: Crops, level: Integers, look: Look, settings: CentroidS
         (around.sum(1) >= settings.fewest)
         & (plateau - background >= look.contrast)
         & (plateau <= look.brightest)
-        & (pixels >= 0.5 * look.smallest)
+        & (pixels >= 0.5 * look.limits.smallest)
         & ~_cut_off(crops, box)
-        & (rows[:, AREA] >= look.smallest)
-        & (rows[:, AREA] <= look.largest)
-        & (rows[:, MAJOR] <= look.elongation * rows[:, MINOR])
+        & (rows[:, AREA] >= look.limits.smallest)
+        & (rows[:, AREA] <= look.limits.largest)
+        & (rows[:, MAJOR] <= look.limits.elongation * rows[:, MINOR])
         & (rows[:, CONTRAST] >= look.contrast)
     )
     rows[~possible] = np.nan

@@ -44,7 +44,6 @@ class GatingSettings:
 
 GatingNumbers = numbers_type(GatingSettings, 'GatingNumbers')
 GATING: GatingSettings = GatingNumbers(*astuple(GatingSettings()))
-NOBODY = 1 << 30
 
 
 @kernel
@@ -216,86 +215,64 @@ def _along_arc(
     return at_x, at_y
 
 
-@inlined
-def _median(values: Array, count: int) -> float:
-    """Return the median of the first few values, which it puts in order."""
-    for place in range(1, count):
-        value = values[place]
-        while place > 0 and values[place - 1] > value:
-            values[place] = values[place - 1]
-            place -= 1
-        values[place] = value
-    return float(0.5 * (values[(count - 1) // 2] + values[count // 2]))
+def consistent_motion(
+    off: Array, spacing: float, gating: GatingSettings = GATING
+) -> tuple[Mask, Mask]:
+    """Return which targets are off their prediction as their neighbors are, and which not.
 
-
-@kernel
-def consistent_motion(off_x: Array, off_y: Array, spacing: float, gating: GatingSettings) -> Mask:
-    """Return which targets are off their prediction as their neighbors are (targets,).
-
-    off_x, off_y: from where each was predicted, in the unit of `spacing`; NaN for those without a
-    prediction of their own or not seen. A glint beside a target, or something that covers part of
-    it, moves its center alone.
+    off (targets, 2): from where each was predicted, in the unit of `spacing`; NaN for those
+    without a prediction of their own or not seen, of which nothing is said. A glint beside a
+    target, or something that covers part of it, moves its center alone.
     """
-    together = np.isfinite(off_x) & np.isfinite(off_y)
-    places = np.flatnonzero(together)
-    near_x, near_y = np.empty(4), np.empty(4)
-    for place in range(places.size):
-        target = places[place]
-        # The four nearest along the arm, on either side or on both.
-        first, last = place, place + 1
-        while last - first < min(5, places.size):
-            left = target - places[first - 1] if first > 0 else NOBODY
-            right = places[last] - target if last < places.size else NOBODY
-            first, last = (first - 1, last) if left <= right else (first, last + 1)
-        near = 0
-        for other in range(first, last):
-            if other != place:
-                near_x[near], near_y[near] = off_x[places[other]], off_y[places[other]]
-                near += 1
-        if near < 2:
-            continue
-        alone_x = off_x[target] - _median(near_x, near)
-        alone_y = off_y[target] - _median(near_y, near)
-        inside = first < place - 1 and place + 2 < last
-        allowed = gating.alone_between * spacing
-        if not inside:
-            # Where all moved otherwise than expected, they did so more and more along the arm.
-            upper, lower = near // 2, (near - 1) // 2
-            step_x, step_y = near_x[upper] - near_x[lower], near_y[upper] - near_y[lower]
-            allowed = gating.alone_beyond * spacing + gating.steps * math.hypot(step_x, step_y)
-        together[target] = math.hypot(alone_x, alone_y) <= allowed
-    return together
+    known = np.isfinite(off[:, 0]) & np.isfinite(off[:, 1])
+    places = np.flatnonzero(known)
+    near = min(4, places.size - 1)
+    if near < 2:
+        return known, np.zeros_like(known)
+    # The nearest along the arm, on either side or on both.
+    away = places - places[:, None]
+    nearest = np.argsort(2 * np.abs(away) + (away > 0), axis=1)[:, 1 : near + 1]
+    of_near = np.sort(off[places[nearest]], axis=1)
+    lower, upper = of_near[:, (near - 1) // 2], of_near[:, near // 2]
+    alone = np.hypot(*(off[places] - 0.5 * (lower + upper)).T)
+    # At an end, where all moved otherwise than expected, they did so more and more along the arm.
+    at_end = gating.alone_beyond * spacing + gating.steps * np.hypot(*(upper - lower).T)
+    before = np.count_nonzero(nearest < np.arange(places.size)[:, None], axis=1)
+    between = (before == 2) & (near == 4)
+    fits = alone <= np.where(between, gating.alone_between * spacing, at_end)
+    together = np.zeros_like(known)
+    together[places] = fits
+    return together, known & ~together
 
 
-@kernel
-def consistent_size(area: Array, usual: Array, elongation: Array, gating: GatingSettings) -> Mask:
-    """Return which areas look as usual, also compared with their neighbors (targets,).
+def consistent_size(
+    area: Array, usual: Array, elongation: Array, gating: GatingSettings = GATING
+) -> Mask:
+    """Return which blobs look as usual, also compared with their neighbors (targets,).
 
     usual: area of each so far; elongation: largest axis over smallest. What is partly covered is
     smaller, what hangs together with a glint is larger or longer, and their centers are not those
     of the target. Light and motion change neighbors alike.
     """
-    fits = np.zeros(area.size, np.bool_)
-    sizes, lengths = np.empty(7), np.empty(7)
-    for target in range(area.size):
-        size, length = area[target] / usual[target], elongation[target]
-        if math.isnan(size):
-            continue
-        usual_enough = gating.smallest <= size <= gating.largest
-        near = 0
-        for other in range(max(target - 3, 0), min(target + 4, area.size)):
-            if not math.isnan(area[other]):
-                sizes[near], lengths[near] = area[other] / usual[other], elongation[other]
-                near += 1
-        if near > 2:
-            size /= _median(sizes, near)
-            length /= _median(lengths, near)
-        fits[target] = (
-            usual_enough
-            and gating.largest_loss <= size <= gating.largest_growth
-            and length <= gating.longer
-        )
-    return fits
+    size = area / usual
+    alike, longer = size / _local_median(size), elongation / _local_median(elongation)
+    return np.asarray(
+        (size >= gating.smallest)
+        & (size <= gating.largest)
+        & (alike >= gating.largest_loss)
+        & (alike <= gating.largest_growth)
+        & (longer <= gating.longer)
+    )
+
+
+def _local_median(values: Array) -> Array:
+    """Return the median of a value and its three neighbors on either side; 1 of fewer than 3."""
+    padded = np.pad(values, 3, constant_values=np.nan)
+    near = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 7), axis=1)
+    count = np.count_nonzero(np.isfinite(near), axis=1)
+    row = np.arange(len(values))
+    median = 0.5 * (near[row, np.maximum(count - 1, 0) // 2] + near[row, count // 2])
+    return np.where(count > 2, median, 1.0)
 
 
 def initial_area(area: Array, gating: GatingSettings = GATING) -> Array:

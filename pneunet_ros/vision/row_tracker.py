@@ -1,9 +1,6 @@
 """The row of targets in one frame: followed from the last one, or found among all blobs.
 
-Which blobs are believed, where they are and what comes next is compiled, as it is done for every
-frame. Tables of blobs have one line per target with the columns of `centroid`. `optics` are the
-lens and the working plane: coefficients and limit of the lens, homography into the base frame and
-back.
+Tables of blobs have one line per target with the columns of `centroid`.
 """
 
 from __future__ import annotations
@@ -14,7 +11,6 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.image import Image
-from pneunet_ros.core.jit import kernel
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import tuned
 from pneunet_ros.core.units import seconds_between
@@ -25,12 +21,7 @@ from pneunet_ros.vision.association import (
     row_from_clamp,
 )
 from pneunet_ros.vision.blobs import Blobs, find_blobs, find_components
-from pneunet_ros.vision.camera_model import (
-    distort_points,
-    Lens,
-    magnify_points,
-    undistort_points,
-)
+from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import CameraSettings
 from pneunet_ros.vision.centroid import ANGLE, AREA, COLUMNS, MAJOR, MINOR, STD, U, V
 from pneunet_ros.vision.gating import (
@@ -44,9 +35,7 @@ from pneunet_ros.vision.gating import (
     Mask,
 )
 from pneunet_ros.vision.rest_plane import Failure, row_at_rest, row_points
-from pneunet_ros.vision.working_plane import magnification, Plane, project
-
-Optics = tuple[Array, float, Array, Array]
+from pneunet_ros.vision.working_plane import Plane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,51 +103,26 @@ class View:
     clamp_angle: float
     settings: CameraSettings
 
-    @property
-    def optics(self) -> Optics:
-        """Lens and working plane, as kernels take them."""
-        plane, lens = self.plane, self.lens
-        return (
-            lens.coefficients,
-            lens.limit,
-            plane.base_from_normalized,
-            plane.normalized_from_base,
-        )
-
 
 def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] | None:
     """Find the row near where it must be by now, and what comes next; None where it is lost."""
-    settings, arclength, optics = view.settings, view.arclength, view.optics
-    predicted, count = last.predict(view.image.stamp_ns), view.arclength.size
+    settings, count = view.settings, view.arclength.size
     components = find_components(view.image, settings.grey_band, settings.area)
-
-    def gated(table: Array) -> ObservedRow:
-        seen, points, std = gate_row(
-            table,
-            predicted,
-            last.seen,
-            last.area,
-            last.spacing,
-            arclength,
-            math.inf,
-            optics,
-            GATING,
-        )
-        return ObservedRow(table=table, points=points, std=std, seen=seen)
-
-    row = gated(components.nearest(predicted, settings.gate * last.spacing))
+    predicted = last.predict(view.image.stamp_ns)
+    nearest = components.nearest(predicted, settings.gate * last.spacing)
+    row = gate_row(view, nearest, last.area, last)
     for _ in range(ROW_TRACKER.most_passes):
         if row.seen == count or row.seen < 2:
             break
         lost = np.flatnonzero(np.isnan(row.std))
-        places = expected_pixels(row.points, arclength, optics, GATING)[lost]
+        places = expected_pixels(view, row.points)[lost]
         table = row.table.copy()
         table[lost] = components.nearest(places, ROW_TRACKER.reach_again * last.spacing)
-        more = gated(table)
+        more = gate_row(view, table, last.area, last)
         if more.seen <= row.seen:
             break
         row = more
-    if row.seen < LEAST_TARGETS or not is_at_clamp(row.points, arclength, view.clamp_angle):
+    if row.seen < LEAST_TARGETS or not is_at_clamp(row.points, view.arclength, view.clamp_angle):
         return None
     return row, next_row(view, row, last)
 
@@ -171,23 +135,18 @@ def search_row(view: View) -> ObservedRow | Failure:
     points = view.plane.points(view.lens.undistorted(np.column_stack([blobs.u, blobs.v])))
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
     row = row_from_clamp(points[usable], blobs.area[usable], view.arclength, view.clamp_angle)
-    table = blobs.table.T[usable[row.chosen]] if usable.size else np.zeros((0, 0))
-    table[row.chosen < 0] = np.nan
-    # Nothing was predicted.
-    nowhere, nobody = np.zeros((len(table), 2)), np.zeros(len(table), np.bool_)
-    seen, points, std = gate_row(
-        table, nowhere, nobody, initial_area(table[:, AREA]), 1.0, view.arclength, GATING.farthest,
-        view.optics, GATING,
-    )  # fmt: skip
     targets, least = view.arclength.size, least_seen(view.arclength.size)
-    if seen < least or not is_at_clamp(points, view.arclength, view.clamp_angle):
+    table, chosen = np.full((targets, COLUMNS), np.nan), row.chosen >= 0
+    table[chosen] = blobs.table.T[usable[row.chosen[chosen]]]
+    found = gate_row(view, table, initial_area(table[:, AREA]))
+    if found.seen < least or not is_at_clamp(found.points, view.arclength, view.clamp_angle):
         return Failure(
             reason='no_row',
-            sentence=f'only {seen} of {targets} targets stand in a row from the clamp, among '
-            f'{len(blobs)} bright areas; {least} are needed: is the arm covered, or has the '
-            'camera moved?',
+            sentence=f'only {found.seen} of {targets} targets stand in a row from the clamp, '
+            f'among {len(blobs)} bright areas; {least} are needed: is the arm covered, or has '
+            'the camera moved?',
         )
-    return ObservedRow(table=table, points=points, std=std, seen=seen)
+    return found
 
 
 def search_at_rest(
@@ -253,7 +212,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     pixels, area = row.table[:, :2].copy(), last.area.copy()
     area[seen] += ROW_TRACKER.area_gain * (row.table[seen, AREA] - area[seen])
     if not seen.all():
-        pixels[~seen] = expected_pixels(row.points, arclength, view.optics, GATING)[~seen]
+        pixels[~seen] = expected_pixels(view, row.points)[~seen]
     velocity = np.zeros_like(pixels)
     both = seen & last.seen
     if both.any():
@@ -273,78 +232,45 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     )
 
 
-@kernel
 def gate_row(
+    view: View,
     table: Array,
-    predicted: Array,
-    known: Mask,
     usual: Array,
-    spacing: float,
-    arclength: Array,
-    farthest: float,
-    optics: Optics,
-    gating: GatingSettings,
-) -> tuple[int, Array, Array]:
-    """Put NaN into the table for all targets that are not believed.
+    last: TrackedRow | None = None,
+    gating: GatingSettings = GATING,
+) -> ObservedRow:
+    """Return the blobs of a table that are believed to be targets.
 
-    predicted (targets, 2) px: where those that are `known` from the last frame were expected; they
-    must have moved as their neighbors. usual (targets,) px^2: how large they are compared with
-    each other; spacing: px; farthest: see `consistent_spacing`. Return how many are seen, their
-    points (targets, 2) m in base, and the standard error of these (targets,) m.
+    usual (targets,) px^2: how large they are compared with each other. Those that were seen in the
+    last row must have moved as their neighbors; without one the ends of the row must be near the
+    other targets.
     """
-    coefficients, limit, into_base, _ = optics
-    count = len(table)
-    off = np.full((2, count), np.nan)
-    for target in range(count):
-        if known[target]:
-            off[0, target] = table[target, U] - predicted[target, 0]
-            off[1, target] = table[target, V] - predicted[target, 1]
-    together = consistent_motion(off[0], off[1], spacing, gating)
-    for target in range(count):
-        if known[target] and not together[target]:
-            table[target] = np.nan
-    alike = consistent_size(
-        table[:, AREA].copy(), usual, table[:, MAJOR] / table[:, MINOR], gating
+    table, farthest = table.copy(), gating.farthest
+    if last is not None:
+        off = table[:, :2] - last.predict(view.image.stamp_ns)
+        off[~last.seen] = np.nan
+        table[consistent_motion(off, last.spacing, gating)[1]] = np.nan
+        farthest = math.inf
+    normalized = view.lens.undistorted(table[:, :2])
+    points = view.plane.points(normalized)
+    points[~consistent_size(table[:, AREA], usual, table[:, MAJOR] / table[:, MINOR], gating)] = (
+        np.nan
     )
-    normalized = table[:, :2].copy()
-    undistort_points(normalized, coefficients, limit)
-    points = normalized.copy()
-    project(points, into_base)
-    for target in range(count):
-        if not alike[target]:
-            points[target] = np.nan
-    seen = consistent_spacing(
-        points[:, 0].copy(), points[:, 1].copy(), arclength, farthest, gating
-    )
-    per_pixel, per_normalized = np.empty(count), np.empty(count)
-    magnify_points(normalized, coefficients, limit, per_pixel)
-    magnification(normalized, into_base, per_normalized)
-    std = table[:, STD] * per_pixel * per_normalized
-    total = 0
-    for target in range(count):
-        if seen[target]:
-            total += 1
-        else:
-            table[target] = np.nan
-            points[target] = np.nan
-            std[target] = np.nan
-    return total, points, std
+    x, y = np.ascontiguousarray(points.T)
+    seen = consistent_spacing(x, y, view.arclength, farthest, gating)
+    std = table[:, STD] * view.lens.scale(normalized) * view.plane.scale(normalized)
+    table[~seen] = points[~seen] = std[~seen] = np.nan
+    return ObservedRow(table=table, points=points, std=std, seen=int(np.count_nonzero(seen)))
 
 
-@kernel
-def expected_pixels(
-    points: Array, arclength: Array, optics: Optics, gating: GatingSettings
-) -> Array:
+def expected_pixels(view: View, points: Array, gating: GatingSettings = GATING) -> Array:
     """Return where all targets are expected by those that are seen, (targets, 2) px.
 
     points (targets, 2) m in base, NaN where a target is not seen.
     """
-    coefficients, limit, _, from_base = optics
-    x, y = expected_points(points[:, 0].copy(), points[:, 1].copy(), arclength, gating)
-    pixels = np.column_stack((x, y))
-    project(pixels, from_base)
-    distort_points(pixels, coefficients, limit)
-    return pixels
+    x, y = np.ascontiguousarray(points.T)
+    expected = np.column_stack(expected_points(x, y, view.arclength, gating))
+    return view.lens.distorted(view.plane.normalized(expected))
 
 
 def is_at_clamp(points: Array, arclength: Array, clamp_angle: float) -> bool:

@@ -35,7 +35,8 @@ from pneunet_ros.vision.working_plane import Plane, plane_from_homography, plane
 class Tracking:
     """What a tracker makes of a frame: where targets were seen, and the smooth curve through them.
 
-    Where the frame could not be explained `reason` is a key for counting, `sentence` says it to a
+    sightings: an entry per target; curve: None where fewer than four targets were seen. Where the
+    frame could not be explained `reason` is a key for counting, `sentence` says it to a
     person, nothing is seen and there is no curve; both are empty otherwise.
     """
 
@@ -77,19 +78,13 @@ class TrackerState:
         )
 
     def seeing(self, row: TrackedRow) -> TrackerState:
-        """Count one more frame that shows the arm; without `replace`, which takes longer."""
-        return TrackerState(
-            lens=self.lens,
-            plane=self.plane,
-            trouble=self.trouble,
-            rest=self.rest,
+        """Count one more frame that shows the arm."""
+        return replace(
+            self,
             row=row,
             stamp_ns=row.stamp_ns,
             frames=self.frames + 1,
             explained=self.explained + 1,
-            resets=self.resets,
-            unexplained=self.unexplained,
-            rejected=self.rejected,
         )
 
     def counting(self, reason: str) -> TrackerState:
@@ -98,9 +93,15 @@ class TrackerState:
 
 
 class Tracker:
-    """Finds the targets of an arm in the images of a camera, and follows them.
+    """Finds the targets of an arm in the images of a camera, and measures its centerline.
 
-    All state goes in and comes out of `step`. Raises ModelError for an arm without targets.
+    arm: its `target_arclength` (targets,) m says how many targets there are and how they are
+    spaced; settings: the content of camera.yaml. Results are in `pneunet_base`: origin at the
+    clamp, x along the straight arm, y in the bending plane; m, rad. Where each white dot is in
+    the image is measured by `centroid`, who is who by `association`, the curve (Eq 1) by
+    `smoother`.
+
+    Raises ModelError for an arm with fewer than four targets.
     """
 
     def __init__(self, arm: Arm, settings: CameraSettings) -> None:
@@ -118,9 +119,12 @@ class Tracker:
     def step(
         self, state: TrackerState, reading: Image | Lens
     ) -> tuple[TrackerState, Tracking | Refusal | None]:
-        """Take an image or a camera_info; see `Tracking` and, of images not looked at, `Refusal`.
+        """Take an image, or a lens from a camera_info; the given state is not changed.
 
-        A lens gives no outcome. A stamp that jumps back by more than a second starts anew.
+        Returns the state for the next reading, and what came of this one: a `Tracking` of an
+        image that was looked at, a `Refusal` of one that was not (no lens yet, wrong size, stamp
+        not after the last), None of a lens. A stamp that jumps back by more than a second starts
+        anew, with the arm at rest.
         """
         if isinstance(reading, Lens):
             return self._with_lens(state, reading), None

@@ -150,7 +150,7 @@ class Preview:
         times = [self._seconds(time_ns) for time_ns, _ in self._curves]
         last = self._seconds(self._times_ns[-1]) if self._times_ns else 1.0
         scale = Normalize(0.0, last or 1.0)
-        shown, banded = unit.shown_per_meter, set(spread(len(times), BANDS))
+        shown, banded = unit.shown_per_meter, set(thin(len(times), BANDS))
         for index, (time, (_, curve)) in enumerate(zip(times, self._curves, strict=True)):
             color = COLORS(scale(time))
             centerlines.plot(shown * curve.x, shown * curve.y, color=color, linewidth=1.2)
@@ -238,6 +238,6 @@ def _plain(axes: Axes) -> None:
     axes.spines[['top', 'right']].set_visible(False)
 
 
-def spread(count: int, wanted: int) -> list[int]:
+def thin(count: int, wanted: int) -> list[int]:
     """Return indices of at most `wanted` of `count` things, from the first to the last."""
     return sorted(set(np.linspace(0, count - 1, min(count, wanted)).round().astype(int).tolist()))
