@@ -172,7 +172,7 @@ def placed(fit: Fit, recordings: Recorded) -> Recorded:
     series = ForwardModel(arm.target_arclength)
     series.solve(arm, inputs_of(arm, [run])[0])
     unknown = Disturbances(targets=arm.target_arclength.size, runs=1, noise=arm.sensors)
-    answer = unknown.answer(run, series.fields[:, THETA])[..., : fit.placement.size]
+    answer = unknown.jacobian(run, series.fields[:, THETA])[..., : fit.placement.size]
     moved = answer @ fit.placement.ravel()
     run = replace(run, x=run.x - moved[:, 0], y=run.y - moved[:, 1])
     return replace(recordings, held_out=run)

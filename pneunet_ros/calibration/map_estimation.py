@@ -16,11 +16,11 @@ from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.calibration.result import Fit, FittedRun
 from pneunet_ros.core.arrays import Array, frozen_array, pressure_rows
 from pneunet_ros.core.errors import ModelError
+from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import Disturbances, PATH_NODES
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
-from pneunet_ros.measurement.whitening import Whitening
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 from scipy.linalg import block_diag, cho_factor, cho_solve
@@ -107,7 +107,7 @@ class Posterior:
         solved = series.solve(arm, inputs).copy()
         fields = series.fields.copy()
         own = self.disturbances.of_run(which)
-        beside = self.disturbances.answer(run, fields[:, THETA])
+        beside = self.disturbances.jacobian(run, fields[:, THETA])
         moved = beside @ disturbance[own]
         seen = run.seen & solved[:, None]
         whitening, whitened = self.whitenings[which], np.zeros(len(seen))

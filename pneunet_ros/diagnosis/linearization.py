@@ -17,11 +17,11 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Regressors
 from pneunet_ros.effects.effect import Effect
+from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.measurement.pressure_filter import smooth_pressure
-from pneunet_ros.measurement.whitening import Whitening
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -236,7 +236,7 @@ class Linearization:
             inputs = all_inputs[place]
             block = self.blocks[place]
             solved = block.series.solve(arm, inputs)
-            lost = block.whitening.mask.any(axis=1) & ~solved
+            lost = block.whitening.seen.any(axis=(1, 2)) & ~solved
             if lost.mean() > MOST_LOST:
                 return None
             # A frame without equilibrium says nothing: as if the model were right there.

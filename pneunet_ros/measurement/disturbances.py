@@ -54,8 +54,8 @@ class Disturbances:
         own = np.arange(start, start + 2 * PATH_NODES)
         return np.concatenate([np.arange(2 * self.targets), own])
 
-    def answer(self, run: RecordingData, theta: Array) -> Array:
-        """How measured targets (frames, 2, targets) answer to the unknowns of `of_run` (.., n).
+    def jacobian(self, run: RecordingData, theta: Array) -> Array:
+        """Return how measured targets (frames, 2, targets) move per unknown of `of_run`, (.., n).
 
         theta (frames, targets) rad at the targets.
         """
