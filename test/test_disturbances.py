@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.measurement.disturbances import Disturbances, PATH_NODES
+from pneunet_ros.measurement.disturbances import (
+    disturbance_jacobian,
+    Disturbances,
+    PATH_NODES,
+)
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made, USUAL
@@ -41,7 +45,7 @@ def test_targets_answer_to_disturbances():
     theta = RANDOM.standard_normal((17, targets))
     parameters = RANDOM.standard_normal(disturbances.prior.shape[0])
     own = disturbances.of_run(1)
-    found = disturbances.jacobian(run, theta) @ parameters[own]
+    found = disturbance_jacobian(run, theta) @ parameters[own]
     along, across = parameters[:targets], parameters[targets : 2 * targets]
     nodes = parameters[2 * targets :].reshape(2, 2, PATH_NODES)[1]  # of the second run: x, y
     time = np.linspace(0.0, 1.0, 17)
@@ -56,6 +60,5 @@ def test_targets_answer_to_disturbances():
 def test_a_run_of_one_frame_has_a_place():
     arm = paper_arm()
     run = made(arm, np.array([2e4]))
-    disturbances = Disturbances(targets=arm.target_arclength.size, runs=1, noise=USUAL)
-    answer = disturbances.jacobian(run, np.zeros((1, arm.target_arclength.size)))
+    answer = disturbance_jacobian(run, np.zeros((1, arm.target_arclength.size)))
     assert answer[0, 0, 0, -2 * PATH_NODES :].sum() == 1.0

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import filter_of, Linearization, TOLERANCE
+from pneunet_ros.diagnosis.linearization import Linearization, TOLERANCE
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
+from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.forward_model import THETA
 import pytest
 from scipy.linalg import sqrtm
@@ -26,8 +27,7 @@ def residual(values: Array, around: Linearization) -> list[Array]:
 def test_integrating_out_is_the_inverse_root_of_a_covariance():
     columns = np.random.default_rng(1).standard_normal((8, 3)) * [1.0, 10.0, 0.1]
     columns = np.column_stack([columns, columns[:, 0] - columns[:, 1]])  # one says nothing new
-    directions, shrink = filter_of(columns)
-    filtered = np.eye(8) - directions @ np.diag(shrink) @ directions.T
+    filtered = Whitening(1.0, columns)(np.eye(8))
     root = np.real(sqrtm(np.eye(8) + columns @ columns.T))
     assert filtered == pytest.approx(np.linalg.inv(root), abs=1e-8)
 
@@ -37,9 +37,9 @@ def test_blocks_are_white_of_all_that_a_run_has_of_its_own():
     flat = np.random.default_rng(2).standard_normal((block.base.shape[0], 2))
     covariance = np.eye(flat.shape[0]) + block.path @ block.path.T
     # It is symmetric: twice the inverse root is the inverse.
-    found = block.filtered(block.filtered(flat))
+    found = block.path_filter(block.path_filter(flat))
     assert np.allclose(found, np.linalg.solve(covariance, flat), atol=1e-8)
-    assert not np.allclose(block.filtered(flat), flat, atol=1e-3)
+    assert not np.allclose(block.path_filter(flat), flat, atol=1e-3)
 
 
 def test_columns_of_the_base_are_what_a_changed_model_moves():
@@ -59,8 +59,8 @@ def test_columns_of_placement_move_targets_in_their_own_frame():
     place, targets = 7, found.blocks[0].run.x.shape[1]
     for which, block in enumerate(found.blocks):
         moved = np.zeros((FRAMES, 2 * targets, 1))
-        block.series.solve(found.point.arm, block.inputs)
-        theta = block.series.fields[:, THETA, place]
+        block.model.solve(found.point.arm, block.inputs)
+        theta = block.model.fields[:, THETA, place]
         moved[:, place, 0], moved[:, targets + place, 0] = np.cos(theta), np.sin(theta)
         wanted = block.white(moved * noise().placement_std)[:, 0]
         column = found.blocks[which].base[:, found.size + place]
@@ -92,7 +92,7 @@ def test_what_was_not_seen_counts_nothing():
     assert hidden.any()
     run = found.blocks[0]
     rows = ~np.repeat(run.run.seen[:, None], 2, axis=1).ravel()
-    field = run.whitening(run.fields.generic).reshape(rows.size, -1)
+    field = run.linear.whitening(run.fields.generic).reshape(rows.size, -1)
     assert not field[rows].any()
 
 

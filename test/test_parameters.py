@@ -75,8 +75,8 @@ def test_points_answer_to_unknowns_as_finite_differences(kind, effects):
         return series, arm, inputs
 
     series, arm, inputs = points(values)
-    answer = series.answer(arm, inputs, some.columns)[:, :, :2]
-    found = np.einsum('fcks,fcu->fksu', answer, some.causes(values, inputs))
+    answer = series.jacobian(arm, inputs, some.columns)[:, :, :2]
+    found = np.einsum('fcks,fcu->fksu', answer, some.input_jacobian(values, inputs))
     for unknown in range(values.size):
         step = 1e-3 * np.sqrt(some.prior[unknown, unknown]) * np.eye(values.size)[unknown]
         sides = [points(values + sign * step)[0].points for sign in (-1, 1)]

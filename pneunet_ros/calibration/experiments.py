@@ -107,7 +107,7 @@ class Stages:
             self.noise.noise,
             self.frame.target_arclength,
             start,
-            each=lambda step, cost: self.each(stage, step, 0),
+            on_progress=lambda step, cost: self.each(stage, step, 0),
         )
 
     def first_experiment(self, unloaded: Sequence[RecordingData]) -> tuple[Fit, Hyperparameters]:

@@ -6,6 +6,7 @@ import numpy as np
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.linearization import parameter_jacobian
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 
 FRAMES = 24  # of every run, spread over it
@@ -19,7 +20,7 @@ def low_rank(fit: Fit, most: int = MOST_COLUMNS) -> tuple[ModelCovariance, float
     fitted frames move most, `most` of them, enlarged so that the variance in total is that of all.
     """
     factor = np.linalg.cholesky(fit.covariance + 1e-12 * np.diag(np.diag(fit.covariance)))
-    moved = np.concatenate([answers(fit, which) for which in range(len(fit.runs))]) @ factor
+    moved = np.concatenate([run_jacobian(fit, which) for which in range(len(fit.runs))]) @ factor
     _, sizes, turned = np.linalg.svd(moved, full_matrices=False)
     share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))
     columns = factor @ turned[:most].T / np.sqrt(share)
@@ -30,16 +31,13 @@ def low_rank(fit: Fit, most: int = MOST_COLUMNS) -> tuple[ModelCovariance, float
     return ModelCovariance(quantities=names, factor=rounded), share
 
 
-def answers(fit: Fit, which: int) -> Array:
-    """How the targets of some frames of a run answer to the unknowns, (points, unknowns)."""
-    fitted = fit.runs[which]
-    some = np.unique(np.linspace(0, len(fitted.solved) - 1, FRAMES).astype(int))
-    some = some[fitted.solved[some]]
-    inputs, arm = fitted.inputs.at(some), fit.arm
-    series = ForwardModel(arm.target_arclength)
-    series.solve(arm, inputs)
-    answer = series.answer(arm, inputs, fit.parameters.columns)
-    points = answer[:, :, :2].reshape(*answer.shape[:2], -1).transpose(0, 2, 1)
-    moved = np.matmul(points, fit.parameters.causes(fit.values, inputs))
-    flat: Array = moved.reshape(-1, fit.values.size)
-    return flat
+def run_jacobian(fit: Fit, which: int) -> Array:
+    """Return how targets in FRAMES of a run move per parameter, (points, parameters)."""
+    fitted, arm = fit.runs[which], fit.arm
+    frames = np.unique(np.linspace(0, len(fitted.solved) - 1, FRAMES).astype(int))
+    inputs = fitted.inputs.subset(frames[fitted.solved[frames]])
+    model = ForwardModel(arm.target_arclength)
+    model.solve(arm, inputs)
+    by_input = model.point_jacobian(arm, inputs, fit.parameters.columns)
+    jacobian = parameter_jacobian(fit.parameters, fit.values, by_input, inputs)
+    return jacobian.reshape(-1, fit.values.size)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.steady_states import SteadyState
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.forward_model import LOADS
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.rod import RIGIDITY, START
@@ -201,8 +202,9 @@ def law_view(fit: Fit, pressure: Array) -> LawView:
     arm, parameters = fit.arm, fit.parameters
     sections = arm.moment_law.sections(pressure, arm.length, arm.weight)
     std = np.zeros(sections.shape)
-    causes = parameters.causes(fit.values, idle(pressure))[:, 3 + parameters.arclength.size :]
-    variance = np.einsum('pcu,uv,pcv->pc', causes, fit.covariance, causes)
+    jacobian = parameters.input_jacobian(fit.values, idle(pressure))
+    by_column = jacobian[:, LOADS + parameters.arclength.size :]
+    variance = np.einsum('pcu,uv,pcv->pc', by_column, fit.covariance, by_column)
     for place, (section, column) in enumerate(parameters.columns.tolist()):
         std[:, section, column] = np.sqrt(np.maximum(variance[:, place], 0.0))
     scale = arm.weight * arm.length**2

@@ -105,10 +105,10 @@ class Parameters:
         columns = () if self.law is None else self.law.columns
         return np.array(columns, dtype=np.int64).reshape(-1, 2)
 
-    def causes(self, values: Array, inputs: Inputs) -> Array:
-        """How much each cause of a response moves per unknown, (frames, causes, unknowns).
+    def input_jacobian(self, values: Array, inputs: Inputs) -> Array:
+        """Return how inputs of the rod move per parameter, (frames, inputs, parameters).
 
-        Causes: F1, F2, M, knots, then the columns of the law; see `response.Series.answer`.
+        Inputs: F1, F2, M, knots, then the columns of the law; see `ForwardModel.jacobian`.
         """
         frames, knots = inputs.pressure.size, self.arclength.size
         columns = self.columns.tolist()

@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import MapEstimationSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.refit import Refit, split
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
@@ -25,9 +26,9 @@ def fitted(refit: Refit) -> Fit:
     design, point = refit.design, refit.point
     training = design.runs[: design.training]
     arclength = point.arm.target_arclength
-    return fit(
-        point.with_effects(), training, design.noise, arclength, point.values, small=SETTLED
-    )
+    settings = MapEstimationSettings(small_step=SETTLED)
+    parameters = point.with_effects()
+    return fit(parameters, training, design.noise, arclength, point.values, settings=settings)
 
 
 def augmented(refit: Refit, found: Fit) -> Arm:

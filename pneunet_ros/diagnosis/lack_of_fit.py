@@ -141,7 +141,7 @@ def test_of(
     disturbed = [(PLACEMENT_FREEDOM, basis.T @ placed)]
     for which, item in zip(runs, white, strict=True):
         block = design.blocks[which]
-        path = block.filtered(block.path)
+        path = block.path_filter(block.path)
         path = item.T @ path - solved.T @ (linear.columns[which].T @ path)
         disturbed.append((CAMERA_FREEDOM, basis.T @ path))
     return Tested(

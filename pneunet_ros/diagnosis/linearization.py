@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.map_estimation import Posterior
+from pneunet_ros.calibration.map_estimation import ScaledPrior
 from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
@@ -21,6 +21,7 @@ from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
+from pneunet_ros.measurement.linearization import linearize, RunLinearization
 from pneunet_ros.measurement.pressure_filter import smooth_pressure
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -33,31 +34,31 @@ MOST_LOST = 0.02  # of the frames
 class LinearizedRun:
     """One run: whitened columns, and what whitens more of them.
 
-    base (rows, n): model and placement, scaled; path (rows, k): what was integrated out; fields:
-    generic ones, not whitened; measured (frames, 2, targets) m.
+    base (rows, n): model and placement, scaled; path (rows, k): the camera's, which `path_filter`
+    integrates out of whitened columns (rows, n); fields: generic ones, not whitened. model: where
+    searches for equilibria start.
     """
 
-    run: RecordingData
-    inputs: Inputs
-    series: ForwardModel
-    whitening: Whitening
-    directions: Array
-    shrink: Array
+    linear: RunLinearization
+    model: ForwardModel
+    path_filter: Whitening
     base: Array
     path: Array
     fields: Fields
 
+    @property
+    def run(self) -> RecordingData:
+        """The recording."""
+        return self.linear.fitted.run
+
+    @property
+    def inputs(self) -> Inputs:
+        """What acted on the arm."""
+        return self.linear.fitted.inputs
+
     def white(self, columns: Array) -> Array:
         """Whiten columns (frames, 2 targets, n) m, (rows, n)."""
-        flat = self.whitening(columns).reshape(-1, columns.shape[2])
-        return self.filtered(flat)
-
-    def filtered(self, flat: Array) -> Array:
-        """Integrate out the path in whitened columns (rows, n)."""
-        along = self.directions.T @ flat
-        along *= self.shrink[:, None]
-        filtered: Array = flat - self.directions @ along
-        return filtered
+        return self.path_filter(self.linear.whitening(columns).reshape(-1, columns.shape[2]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,18 +106,16 @@ class Linearization:
         parameters = point.with_effects()
         arm = parameters.arm(point.values)
         self.length = arm.length
-        posterior = Posterior(parameters, self.runs, noise, arm.target_arclength)
-        self.size, targets = posterior.size, arm.target_arclength.size
-        shared = self.size + 2 * targets
-        values = posterior.mean.copy()
-        values[:shared] = np.concatenate([point.values, point.placement.ravel()])
-        self.scale = posterior.scale[:shared, :shared]
-        self.mean = posterior.mean[:shared]
-        self.position = np.linalg.solve(self.scale, values[:shared] - self.mean)
+        targets = arm.target_arclength.size
+        prior = ScaledPrior(parameters, len(self.runs), noise, targets)
+        self.size, shared = prior.size, prior.shared
+        values = np.concatenate([point.values, point.placement.ravel()])
+        self.scale, self.mean = prior.scale[:shared, :shared], prior.mean[:shared]
+        self.position = np.linalg.solve(self.scale, values - self.mean)
         all_inputs = self.all_inputs(arm)
         around = Regressors.of(arm, self.runs, all_inputs)
         self.blocks = [
-            self.block(posterior, which, arm, inputs, values, around)
+            self.block(prior, which, arm, inputs, around)
             for which, inputs in enumerate(all_inputs)
         ]
         self.tolerance = self.tolerances()
@@ -141,47 +140,37 @@ class Linearization:
 
     def block(
         self,
-        posterior: Posterior,
+        prior: ScaledPrior,
         which: int,
         arm: Arm,
         inputs: Inputs,
-        values: Array,
         around: Regressors,
     ) -> LinearizedRun:
-        """Linearize one run."""
-        size = self.size
-        fitted, beside = posterior.one(which, arm, inputs, values[size:])
-        jacobian = posterior.jacobian(which, fitted, arm, values[:size], beside)
-        whitening = posterior.whitenings[which]
-        assert whitening is not None
-        targets = arm.target_arclength.size
-        own = size + posterior.disturbances.of_run(which)
-        scale = posterior.scale
-        white = whitening(jacobian).reshape(-1, jacobian.shape[2])
-        first = white[:, :size] @ scale[:size, :size]
-        placed = (
-            white[:, size : size + 2 * targets]
-            @ scale[np.ix_(own, own)][: 2 * targets, : 2 * targets]
+        """Linearize one run, its camera at rest."""
+        point, run, size, shared = self.point, self.runs[which], prior.size, prior.shared
+        own = size + prior.disturbances.of_run(which)
+        disturbance = np.zeros(own.size)
+        disturbance[: shared - size] = point.placement.ravel()
+        model = ForwardModel(arm.target_arclength)
+        linear = linearize(
+            model, point.with_effects(), point.values, disturbance, run, inputs, self.noise
         )
-        path = (
-            white[:, size + 2 * targets :] @ scale[np.ix_(own, own)][2 * targets :, 2 * targets :]
-        )
-        directions, shrink = filter_of(path)
-        parameters = self.point.parameters
-        knots = jacobian[:, :, : parameters.cells]
+        white = linear.whitening(linear.jacobian).reshape(-1, linear.jacobian.shape[2])
+        base = white[:, :shared] @ self.scale
+        camera = own[shared - size :]
+        path = white[:, shared:] @ prior.scale[np.ix_(camera, camera)]
+        path_filter = Whitening(1.0, path)
+        parameters = point.parameters
+        knots = linear.jacobian[:, :, : parameters.cells]
         knots = knots.reshape(*knots.shape[:2], parameters.pressure.size, -1).sum(axis=2)
-        block = LinearizedRun(
-            run=self.runs[which],
-            inputs=inputs,
-            series=posterior.series[which],
-            whitening=whitening,
-            directions=directions,
-            shrink=shrink,
-            base=np.zeros((0, 0)),
+        return LinearizedRun(
+            linear=linear,
+            model=model,
+            path_filter=path_filter,
+            base=path_filter(base),
             path=path,
-            fields=fields_of(around, which, knots, fitted.fields[:, THETA]),
+            fields=fields_of(around, which, knots, linear.fitted.fields[:, THETA]),
         )
-        return replace(block, base=block.filtered(np.concatenate([first, placed], axis=1)))
 
     def tolerances(self) -> Array:
         """Return the size of every generic field that is harmless, (fields,).
@@ -235,20 +224,11 @@ class Linearization:
         for place in which:
             inputs = all_inputs[place]
             block = self.blocks[place]
-            solved = block.series.solve(arm, inputs)
-            lost = block.whitening.seen.any(axis=(1, 2)) & ~solved
+            solved = block.model.solve(arm, inputs)
+            lost = block.linear.fitted.counted.any(axis=1) & ~solved
             if lost.mean() > MOST_LOST:
                 return None
             # A frame without equilibrium says nothing: as if the model were right there.
             here = np.stack([block.run.x, block.run.y], axis=1)
-            out.append(np.where(lost[:, None, None], here, block.series.points))
+            out.append(np.where(lost[:, None, None], here, block.model.points))
         return out
-
-
-def filter_of(columns: Array) -> tuple[Array, Array]:
-    """Return directions (rows, k) and shares (k,) that integrate columns of unit prior out."""
-    gram = columns.T @ columns
-    sizes, turned = np.linalg.eigh(gram)
-    kept = sizes > 1e-9 * max(float(sizes[-1]), 1e-300)
-    directions = columns @ (turned[:, kept] / np.sqrt(sizes[kept]))
-    return directions, 1.0 - 1.0 / np.sqrt(1.0 + sizes[kept])

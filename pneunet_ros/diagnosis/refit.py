@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
@@ -15,6 +16,7 @@ from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.effects.effect import Effect
+from pneunet_ros.measurement.gauss_newton import End, gauss_newton
 
 MOST_STEPS, MOST_HALVINGS = 5, 5
 SMALL = 0.1  # of the cost, that a step can gain at most
@@ -79,6 +81,15 @@ def effects_of(hypotheses: Sequence[Hypothesis], numbers: Array) -> tuple[Effect
     """Return the effects with these numbers."""
     parts = split(hypotheses, numbers)
     return tuple(item.effect(part) for item, part in zip(hypotheses, parts, strict=True))
+
+
+class Trial(NamedTuple):
+    """Where a search stands: scaled base, numbers, residuals of the runs, and the cost."""
+
+    scaled: Array
+    numbers: Array
+    residuals: list[Array]
+    cost: float
 
 
 class Refitting:
@@ -171,18 +182,18 @@ class Refitting:
         problem = None if at is None else self.linear(scaled, numbers, at)
         if at is None or problem is None:
             return None
-        cost, converged = self.cost(scaled, numbers, at), False
-        for _ in range(MOST_STEPS):
-            step, gain = problem.step_without(self.blocked(numbers, problem.step))
-            if gain < SMALL:
-                converged = True
-                break
-            found = self.shorter(scaled, numbers, step, cost)
-            following = None if found is None else self.linear(*found[:3])
-            if found is None or following is None:
-                break
-            scaled, numbers, at, cost = found
-            problem = following
+        here = Trial(scaled, numbers, at, self.cost(scaled, numbers, at))
+        search = gauss_newton(
+            (here, problem),
+            self.newton_step,
+            self.lower,
+            self.relinearize,
+            small=SMALL,
+            most_steps=MOST_STEPS,
+            most_halvings=MOST_HALVINGS,
+        )
+        (scaled, numbers, at, cost), problem = search.last
+        converged = search.end is End.CONVERGED
         count = numbers.size
         covariance = problem.covariance[-count:, -count:] if count else np.zeros((0, 0))
         return Refit(
@@ -204,22 +215,26 @@ class Refitting:
         high = (numbers >= np.asarray(self.high)) & (change > 0.0)
         return [first + int(place) for place in np.flatnonzero(low | high)]
 
-    def shorter(
-        self, scaled: Array, numbers: Array, step: Array, cost: float
-    ) -> tuple[Array, Array, list[Array], float] | None:
-        """Return the first of ever shorter steps that is better."""
-        size = scaled.size
-        for halvings in range(MOST_HALVINGS):
-            share = 0.5**halvings
-            there = scaled + share * step[:size]
-            moved = np.clip(numbers + share * step[size:] * self.width, self.low, self.high)
-            at = self.residuals(there, moved)
-            if at is None:
-                continue
-            better = self.cost(there, moved, at)
-            if better < cost:
-                return there, moved, at, better
-        return None
+    def newton_step(self, last: tuple[Trial, GaussianModel]) -> tuple[Array, float]:
+        """Return the full step within the bounds, and by how much it lowers the cost."""
+        here, problem = last
+        return problem.step_without(self.blocked(here.numbers, problem.step))
+
+    def lower(self, last: tuple[Trial, GaussianModel], step: Array) -> Trial | None:
+        """Return where a step leads; None where that is no better, or has no shapes."""
+        here, size = last[0], last[0].scaled.size
+        scaled = here.scaled + step[:size]
+        numbers = np.clip(here.numbers + step[size:] * self.width, self.low, self.high)
+        at = self.residuals(scaled, numbers)
+        if at is None:
+            return None
+        cost = self.cost(scaled, numbers, at)
+        return Trial(scaled, numbers, at, cost) if cost < here.cost else None
+
+    def relinearize(self, trial: Trial) -> tuple[Trial, GaussianModel] | None:
+        """Return the linear problem there; None where a neighbor has no shapes."""
+        problem = self.linear(trial.scaled, trial.numbers, trial.residuals)
+        return None if problem is None else (trial, problem)
 
 
 def refit(

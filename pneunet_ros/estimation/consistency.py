@@ -8,7 +8,6 @@ the pressure reading that is nearest by the stamps, within half a period of the 
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -20,7 +19,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, TargetSightings
-from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import count_reason, match_stamps, stamp_fault, STARTS_ANEW
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
@@ -182,8 +181,9 @@ def compared(state: ConsistencyState, estimator: Estimator) -> ConsistencyState:
     reach = 0.5 * median(periods) if periods else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     for sightings in waiting:
-        moment = nearest(state.moments, sightings.stamp_ns)
-        if abs(moment.reading.stamp_ns - sightings.stamp_ns) <= reach:
+        nearest, near = match_stamps(np.array([sightings.stamp_ns]), np.array(stamps), reach)
+        if near[0]:
+            moment = state.moments[nearest[0]]
             found = innovation(
                 predict_targets(estimator, moment), sightings, estimator.arm.sensors
             )
@@ -195,13 +195,6 @@ def compared(state: ConsistencyState, estimator: Estimator) -> ConsistencyState:
         else:
             state = state.missing('no_estimate')
     return state
-
-
-def nearest(moments: tuple[Snapshot, ...], stamp_ns: int) -> Snapshot:
-    """Return the one whose reading is nearest; of two as near the earlier one."""
-    after = bisect_left(moments, stamp_ns, key=lambda moment: moment.reading.stamp_ns)
-    beside = moments[max(after - 1, 0) : after + 1]
-    return min(beside, key=lambda moment: abs(moment.reading.stamp_ns - stamp_ns))
 
 
 def followed(

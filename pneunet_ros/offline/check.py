@@ -15,11 +15,12 @@ from pneunet_ros.calibration.preconditions import (
 )
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import kilopascals, seconds_between
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.estimation.steady_estimates import held_spans
-from pneunet_ros.measurement.dataset import RecordingData, Stamps
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.steady_states import held_spans
 from pneunet_ros.messages.readings import TARGETS_NAME
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.replay import input_topics

@@ -13,10 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import MessageError, RecordingError
-from pneunet_ros.core.stamps import stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import match_stamps, stamp_fault, Stamps, STARTS_ANEW
 from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.dataset import Stamps
 from pneunet_ros.messages.builders import POINTS_TYPE, UNREADABLE
 from pneunet_ros.messages.readings import decode_targets, TARGETS_NAME
 from pneunet_ros.messages.topics import decode_pressure, decode_wrench, PRESSURE_TYPE, WRENCH_TYPE
@@ -175,10 +174,5 @@ def nearest(stamp_ns: Stamps, series: Series) -> tuple[Stamps, npt.NDArray[np.bo
     It does within half the median period of the readings (one reading alone: with the very stamp).
     The series must not be empty.
     """
-    stamps = series.stamp_ns
-    after = np.clip(np.searchsorted(stamps, stamp_ns), 1, max(len(stamps) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(stamps) - 1)
-    found = np.where(stamp_ns - stamps[before] <= stamps[after] - stamp_ns, before, after)
-    reach = 0.5e9 * (series.period if len(stamps) > 1 else 0.0)
-    return found, np.abs(stamps[found] - stamp_ns) <= reach
+    reach = 0.5e9 * (series.period if len(series.stamp_ns) > 1 else 0.0)
+    return match_stamps(stamp_ns, series.stamp_ns, reach)

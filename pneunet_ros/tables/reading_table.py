@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.measurement.dataset import Stamps
 from pneunet_ros.messages.readings import (
     TARGETS_NAME,
 )
