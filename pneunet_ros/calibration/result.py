@@ -17,7 +17,7 @@ class Fit:
     placement (2, targets) m, along tangent and normal, and shared_covariance that of unknowns and
     placement together. information (n, n) is that of the data alone on the unknowns of the model
     (disturbances integrated out), information_vector (n,) the same data's linear term.
-    disturbance: all unknowns of `Disturbances`, m. `converged` and `status` say how the search ended.
+    disturbance: all unknowns of `Disturbances`, m. `converged` and `status`: how the search ended.
     """
 
     parameters: Parameters

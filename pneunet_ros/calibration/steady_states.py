@@ -29,8 +29,8 @@ NOISE_SPAN = 8.0  # standard deviations that readings of one value may span
 class SteadyState:
     """Some successive frames of a run under about the same load, as one.
 
-    pressure (Pa), force (2,) N and moment (N m) are means of the readings; inputs, of one frame, what
-    really acted. x, y (targets,) m are means over the frames in which a target was seen, less
+    pressure (Pa), force (2,) N and moment (N m) are means of the readings; inputs: of one frame,
+    what really acted. x, y (targets,) m are means over the frames in which a target was seen, less
     the disturbances that the fit has found, `count` (targets,) how many frames those are; NaN for
     a target never seen.
     """
