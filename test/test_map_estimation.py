@@ -14,7 +14,7 @@ from support.example_arms import paper_arm
 from support.made_datasets import exact, experiments, HARDLY_ANY, noisy, USUAL
 
 PAPER = paper_arm()
-SMOOTHNESS = Hyperparameters(amplitude=40.0, deviation=4.0, reach=0.3)
+SMOOTHNESS = Hyperparameters(amplitude=40.0, std=4.0, length_scale=0.3)
 ROWS = np.linspace(0.0, 60e3, 4)
 KNOTS = np.linspace(0.0, 1.0, 7)
 

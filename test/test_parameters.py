@@ -19,7 +19,7 @@ from support.example_arms import ALL_MECHANICS, paper_arm
 from support.made_datasets import made
 
 LOW, HIGH = 0.0, 60e3
-SMOOTHNESS = Hyperparameters(amplitude=40.0, deviation=4.0, reach=0.3)
+SMOOTHNESS = Hyperparameters(amplitude=40.0, std=4.0, length_scale=0.3)
 PASTS = (Hysteresis(width=3e3), Creep(amplitude=0.2, time_constant=1.5), Softening(loss=0.2))
 KINDS = tuple(MOMENT_LAW_PARAMETERS)
 

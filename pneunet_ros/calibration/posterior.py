@@ -37,8 +37,8 @@ class PosteriorState:
         size = self.values.size + self.placement.size
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
 
-    def known(self) -> PriorState:
-        """Return it as the beginning of a fit."""
+    def as_prior(self) -> PriorState:
+        """Return what a fit may begin with."""
         return PriorState(values=self.values, placement=self.placement, covariance=self.covariance)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pneunet_ros.calibration.settings import STEADY_STATES, SteadyStateSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -18,11 +19,6 @@ from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.measurement.steady_states import steady_segments
 from pneunet_ros.model.arm import Arm
-
-SHARE_OF_SPAN = 0.01  # of the run's largest pressure or force, that a stance may span
-HOLD_SHARE = 0.3  # of the longest stance of a run, at least, for a hold
-FEWEST_HOLDS = 4
-NOISE_SPAN = 8.0  # standard deviations that readings of one value may span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,7 +51,9 @@ class SteadyState:
         )
 
 
-def find_steady_states(fitted: FittedRun, arm: Arm) -> tuple[SteadyState, ...]:
+def find_steady_states(
+    fitted: FittedRun, arm: Arm, settings: SteadyStateSettings = STEADY_STATES
+) -> tuple[SteadyState, ...]:
     """Return all steady states of a run of a fit, in order of time; arm: the fitted one."""
     noise, points = arm.sensors, arm_points(fitted, arm)
     run = fitted.run
@@ -63,7 +61,7 @@ def find_steady_states(fitted: FittedRun, arm: Arm) -> tuple[SteadyState, ...]:
     stds = np.array([noise.pressure_std, noise.force_std, noise.force_std])
     largest = np.max(np.abs(readings), axis=0)
     largest[1:] = largest[1:].max()
-    allowed = np.maximum(NOISE_SPAN * stds, SHARE_OF_SPAN * largest)
+    allowed = np.maximum(settings.noise_span * stds, settings.share_of_span * largest)
     return tuple(
         average(fitted, points, start, stop) for start, stop in steady_segments(readings, allowed)
     )
@@ -103,30 +101,33 @@ def average(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadySt
     )
 
 
-def longest_states(found: Sequence[SteadyState]) -> list[SteadyState]:
+def longest_states(
+    states: Sequence[SteadyState], settings: SteadyStateSettings = STEADY_STATES
+) -> list[SteadyState]:
     """Leave out the short states on the way between holds, where the holds span the pressures."""
-    longest = max((steady_state.frames for steady_state in found), default=0)
-    holds = [steady_state for steady_state in found if steady_state.frames >= HOLD_SHARE * longest]
-    span = np.ptp([steady_state.pressure for steady_state in found]) if found else 0.0
-    if len(holds) >= FEWEST_HOLDS and np.ptp([one.pressure for one in holds]) >= 0.8 * span:
-        return holds
-    return list(found)
+    least = settings.hold_share * max((state.frames for state in states), default=0)
+    holds = [state for state in states if state.frames >= least]
+    if len(holds) >= settings.fewest_holds:
+        spans = [np.ptp([state.pressure for state in group]) for group in (holds, states)]
+        if spans[0] >= settings.covered * spans[1]:
+            return holds
+    return list(states)
 
 
-def thin(found: Sequence[SteadyState], count: int) -> list[SteadyState]:
+def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
     """Choose at most so many states, evenly over pressure; of neighbors the longest."""
-    if not found:
+    if not states:
         return []
-    places = np.array([steady_state.pressure for steady_state in found])
+    places = np.array([state.pressure for state in states])
     half = 0.5 * float(np.ptp(places)) / max(count - 1, 1)
     chosen: list[int] = []
     for wanted in np.linspace(places.min(), places.max(), count).tolist():
         near = np.flatnonzero(np.abs(places - wanted) <= half).tolist()
         free = [place for place in near if place not in chosen]
         if free:
-            apart = np.abs(places - wanted)
-            chosen.append(max(free, key=lambda at: (found[at].frames, -apart[at])))
-    return sorted((found[at] for at in chosen), key=lambda steady_state: steady_state.pressure)
+            distance = np.abs(places - wanted)
+            chosen.append(max(free, key=lambda at: (states[at].frames, -distance[at])))
+    return sorted((states[at] for at in chosen), key=lambda steady_state: steady_state.pressure)
 
 
 def predict_states(arm: Arm, states: Sequence[SteadyState], arclength: Array) -> Array:

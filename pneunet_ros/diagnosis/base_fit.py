@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.experiments import pressure_span, Stages
+from pneunet_ros.calibration.experiments import FitSequence
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
-from pneunet_ros.calibration.preconditions import check_runs, FEWEST_FRAMES
+from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import CALIBRATION, PRECONDITIONS
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -44,19 +44,19 @@ def refitted(frame: Arm, training: Sequence[RecordingData], each: Each) -> Base:
             'by pressure alone'
         )
     plain = uniform(frame)
-    fewest = FEWEST_UNIFORM if plain else FEWEST_FRAMES
-    check_runs(unloaded, loaded, frame, first=True, fewest=fewest)
+    known = replace(PRECONDITIONS, fewest_frames=FEWEST_UNIFORM) if plain else PRECONDITIONS
+    settings = replace(CALIBRATION, preconditions=known)
+    check_runs(unloaded, loaded, frame, settings=settings)
     noise = estimate_noise(training, frame.target_arclength, frame.sensors)
     noise = replace(noise, noise=with_harmless_camera(noise.noise, frame.length))
     frame = replace(frame, sensors=noise.noise, covariance=None)
-    low, high = pressure_span(inputs_of(frame, training))
     unloaded, loaded = ([run.thinned(FIRST_FRAMES) for run in runs] for runs in (unloaded, loaded))
-    stage = Stages(frame, noise, low, high, each, uniform=plain)
-    fit, hyperparameters = stage.first_experiment(unloaded)
+    fits = FitSequence(frame, noise, training, each, uniform=plain, settings=settings)
+    fit = fits.first_experiment(unloaded)
     if loaded and frame.moment_law.kind in MOMENT_LAW_PARAMETERS:
-        stiffness = stage.stiffness(unloaded, loaded, fit, hyperparameters)
-        law = stage.law(frame.moment_law.kind, stiffness)
-        fit = stage.joint(unloaded, loaded, fit, hyperparameters, law, FIRST_FRAMES)
+        runs = [*unloaded, *loaded]
+        law = fits.law(frame.moment_law.kind, fits.stiffness(runs, fit))
+        fit = fits.joint(runs, fit, law, FIRST_FRAMES)
     return Base(frame=frame, noise=noise, fit=fit)
 
 

@@ -11,8 +11,8 @@ from pneunet_ros.calibration.preconditions import (
     check_runs,
     check_targets,
     check_units,
-    SMALLEST_FORCE,
 )
+from pneunet_ros.calibration.settings import PRECONDITIONS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError, RecordingError
 from pneunet_ros.core.stamps import Stamps
@@ -171,7 +171,7 @@ def holds(series: Mapping[str, Series], arm: Arm) -> list[dict[str, float]]:
     if 'end_wrench' in series:
         found, _ = nearest(pressure.stamp_ns, series['end_wrench'])
         values = np.column_stack([values, series['end_wrench'].values[found, :2]])
-        still += [max(STILL * arm.sensors.force_std, SMALLEST_FORCE)] * 2
+        still += [max(STILL * arm.sensors.force_std, PRECONDITIONS.smallest_force)] * 2
     start = int(pressure.stamp_ns[0])
     return [
         {
@@ -249,9 +249,9 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         check_targets(one, request.arm)
         check_units(one, request.arm)
         largest = float(np.max(np.hypot(*one.force.T)))
-        if largest < SMALLEST_FORCE:
+        if largest < (least := PRECONDITIONS.smallest_force):
             raise RecordingError(
-                f'{one.name} has no end force above {SMALLEST_FORCE} N: it is an unloaded one'
+                f'{one.name} has no end force above {least} N: it is an unloaded one'
             )
         return ''
 
