@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import Linearization, TOLERANCE
+from pneunet_ros.diagnosis.linearization import LINEARIZATION, Linearization
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
@@ -80,7 +80,9 @@ def test_harmless_departures_move_points_by_their_tolerance_together():
     for block in found.blocks:
         squares += float(np.sum((block.fields.generic * found.tolerance) ** 2))
         rows += block.fields.generic.shape[0] * block.fields.generic.shape[1]
-    assert np.sqrt(squares / rows) == pytest.approx(TOLERANCE * found.length, rel=1e-6)
+    assert np.sqrt(squares / rows) == pytest.approx(
+        LINEARIZATION.tolerance * found.length, rel=1e-6
+    )
     felt = [np.any(block.fields.generic, axis=(0, 1)) for block in found.blocks]
     assert np.array_equal(found.tolerance > 0.0, np.any(felt, axis=0))
 
@@ -136,8 +138,8 @@ def test_noise_of_a_reading_has_no_past():
     ):
         followed = inputs.pressure - quick
         assert np.abs(followed - run.frame_pressure).max() > 100.0 or not run.loaded
-    assert late.acted is found.acted  # one table for all points
-    assert len(found.acted) >= 3
+    assert late.known_inputs is found.known_inputs  # one table for all points
+    assert len(found.known_inputs) >= 3
 
 
 def test_training_runs_alone_are_the_same_runs():
@@ -146,4 +148,4 @@ def test_training_runs_alone_are_the_same_runs():
     assert len(part.blocks) == part.training == found.training
     for mine, whole in zip(part.blocks, found.blocks, strict=False):
         assert np.allclose(mine.base, whole.base, atol=1e-6 * np.abs(whole.base).max())
-    assert part.acted is not found.acted
+    assert part.known_inputs is not found.known_inputs

@@ -118,7 +118,7 @@ class FitSequence:
             arclength=self.knots if earlier is None else earlier.arclength,
             hyperparameters=hyperparameters,
             law=law,
-            known=None if earlier is None else earlier.as_prior(),
+            known=earlier,
         )
         return fit(
             parameters,

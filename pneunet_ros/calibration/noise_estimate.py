@@ -83,11 +83,11 @@ def second_differences(
     None for too few values, and where most lie on straight lines to the last digit: a set point,
     or a sensor coarser than its noise.
     """
-    apart = [np.abs(np.diff(values, 2)) for values in series]
-    all_apart = np.concatenate([values[np.isfinite(values)] for values in apart] or [np.zeros(0)])
-    if all_apart.size < known.fewest:
+    differences = np.concatenate([np.zeros(0), *(np.diff(values, 2) for values in series)])
+    sizes = np.abs(differences[np.isfinite(differences)])
+    if sizes.size < known.fewest:
         return None
-    return SIGMA_OF_MEDIAN * float(np.median(all_apart)) / math.sqrt(6.0) or None
+    return SIGMA_OF_MEDIAN * float(np.median(sizes)) / math.sqrt(6.0) or None
 
 
 def white_of_targets(runs: Sequence[RecordingData], known: NoiseEstimateSettings) -> float | None:
@@ -102,16 +102,16 @@ def white_of_targets(runs: Sequence[RecordingData], known: NoiseEstimateSettings
         return None
     even = []
     for values in series:
-        apart = np.diff(values, 2, axis=0)
-        count = np.maximum(np.isfinite(apart).sum(axis=1), 1)
-        common = np.nansum(apart, axis=1) / count
+        differences = np.diff(values, 2, axis=0)
+        count = np.maximum(np.isfinite(differences).sum(axis=1), 1)
+        common = np.nansum(differences, axis=1) / count
         steady = (np.abs(common) < known.even * first * np.sqrt(6.0 / count)) & (count > 1)
-        residual = (apart - common[:, None]) * np.sqrt(count / np.maximum(count - 1, 1))[:, None]
-        even.append(residual[steady])
-    apart = np.concatenate([values[np.isfinite(values)] for values in even])
-    if apart.size < known.fewest:
+        enlarged = np.sqrt(count / np.maximum(count - 1, 1))
+        even.append(((differences - common[:, None]) * enlarged[:, None])[steady])
+    residuals = np.concatenate([values[np.isfinite(values)] for values in even])
+    if residuals.size < known.fewest:
         return first
-    return SIGMA_OF_MEDIAN * float(np.median(np.abs(apart))) / math.sqrt(6.0)
+    return SIGMA_OF_MEDIAN * float(np.median(np.abs(residuals))) / math.sqrt(6.0)
 
 
 def placement(
@@ -123,7 +123,7 @@ def placement(
     free = [run for run in runs if not run.loaded]
     if not free:
         return None
-    frames = np.concatenate([np.stack([run.x, run.y], axis=1) for run in free])
+    frames = np.concatenate([run.points for run in free])
     complete = frames[np.all(np.isfinite(frames), axis=(1, 2))]
     if len(complete) < known.fewest:
         return None

@@ -65,7 +65,7 @@ def end_forces(
     (inputs,) = inputs_of(arm, [run])
     loads, frames = inputs.loads.copy(), len(inputs.pressure)
     model = ForwardModel(targets)
-    measured = np.stack([run.x, run.y], axis=1)
+    measured = run.points
     seen = (np.isfinite(measured) & used).reshape(frames, -1)
     camera = camera_errors(float(np.hypot(noise.registration_std, noise.drift_std)), targets.size)
     found, covariance = np.zeros(frames, dtype=bool), np.full((frames, 2, 2), np.nan)

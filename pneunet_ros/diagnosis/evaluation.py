@@ -33,21 +33,21 @@ def misfit(
     Whitened residuals at the fit to the training runs: nothing is fitted to held-out ones.
     """
     squares = np.concatenate([item.error[np.isfinite(item.error)] ** 2 for item in found])
-    apart = np.concatenate([distances(item.error) for item in found])
+    lengths = np.concatenate([distances(item.error) for item in found])
     residual = linear.residuals
     chi = sum(float(residual[place] @ residual[place]) for place in which)
     count = sum(2 * int(design.blocks[place].run.seen.sum()) for place in which)
     return Misfit(
         rms=float(np.sqrt(squares.mean())) if squares.size else float('nan'),
-        p95=float(np.percentile(apart, 95.0)) if apart.size else float('nan'),
+        p95=float(np.percentile(lengths, 95.0)) if lengths.size else float('nan'),
         chi_squared=chi / max(count, 1),
     )
 
 
 def distances(error: Array) -> Array:
     """Return the length of errors (frames, 2, targets) where they are known."""
-    apart = np.hypot(error[:, 0], error[:, 1]).ravel()
-    return apart[np.isfinite(apart)]
+    lengths = np.hypot(error[:, 0], error[:, 1]).ravel()
+    return lengths[np.isfinite(lengths)]
 
 
 def noise_floor(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> float:

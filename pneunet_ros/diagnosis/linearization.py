@@ -15,6 +15,7 @@ from pneunet_ros.calibration.map_estimation import ScaledPrior
 from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.settings import tuned
 from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Regressors
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.covariance import Whitening
@@ -26,8 +27,16 @@ from pneunet_ros.measurement.pressure_filter import smooth_pressure
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
-TOLERANCE = 0.001  # of the length: rms of departures that matter to nobody; invented
-MOST_LOST = 0.02  # of the frames
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinearizationSettings:
+    """What is harmless in a model, and how many frames may be without an equilibrium."""
+
+    tolerance: float = tuned(0.001, 'rms of departures that matter to nobody', unit='length')
+    most_lost: float = tuned(0.02, 'frames without an equilibrium', unit='frames')
+
+
+LINEARIZATION = LinearizationSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,14 +104,18 @@ class Linearization:
         runs: Sequence[RecordingData],
         training: int,
         noise: SensorNoise,
-        acted: dict[tuple[Effect, ...], list[Inputs]] | None = None,
+        known_inputs: dict[tuple[Effect, ...], list[Inputs]] | None = None,
+        settings: LinearizationSettings = LINEARIZATION,
     ) -> None:
+        self.settings = settings
         self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
         # What acted does not depend on the base model: one table for all points.
-        self.acted = {} if acted is None else acted
-        self.calm = [smooth_pressure(run) for run in self.runs]
-        pairs = zip(self.runs, self.calm, strict=True)
-        self.pressure_noise = [run.frame_pressure - quiet.frame_pressure for run, quiet in pairs]
+        self.known_inputs = {} if known_inputs is None else known_inputs
+        self.smoothed = [smooth_pressure(run) for run in self.runs]
+        self.pressure_noise = [
+            run.frame_pressure - smooth.frame_pressure
+            for run, smooth in zip(self.runs, self.smoothed, strict=True)
+        ]
         parameters = point.with_effects()
         arm = parameters.arm(point.values)
         self.length = arm.length
@@ -131,8 +144,9 @@ class Linearization:
         self, point: LinearizationPoint, runs: Sequence[RecordingData] | None = None
     ) -> Linearization:
         """Return the same runs, or these, around another point."""
-        acted = self.acted if runs is None else None
-        return Linearization(point, runs or self.runs, self.training, self.noise, acted)
+        known = self.known_inputs if runs is None else None
+        runs = runs or self.runs
+        return Linearization(point, runs, self.training, self.noise, known, self.settings)
 
     def of_training(self) -> Linearization:
         """Return the training runs alone, around the same point."""
@@ -175,15 +189,14 @@ class Linearization:
     def tolerances(self) -> Array:
         """Return the size of every generic field that is harmless, (fields,).
 
-        Together they move the points by TOLERANCE of the length, root mean square.
+        Together they move the points by `tolerance` of the length, root mean square.
         """
-        squares = sum(np.sum(block.fields.generic**2, axis=(0, 1)) for block in self.blocks)
-        rows = sum(
-            block.fields.generic.shape[0] * block.fields.generic.shape[1] for block in self.blocks
-        )
+        fields = [block.fields.generic for block in self.blocks]
+        squares = sum(np.sum(field**2, axis=(0, 1)) for field in fields)
+        rows = sum(field.shape[0] * field.shape[1] for field in fields)
         rms = np.sqrt(np.asarray(squares) / rows)
-        each = TOLERANCE * self.length / np.sqrt(rms.size)
-        return np.where(rms > 0.0, each / np.maximum(rms, 1e-300), 0.0)
+        size = self.settings.tolerance * self.length / np.sqrt(rms.size)
+        return np.where(rms > 0.0, size / np.maximum(rms, 1e-300), 0.0)
 
     def residual(
         self, values: Array, effects: Sequence[Effect], which: range
@@ -202,20 +215,20 @@ class Linearization:
         out = []
         for place, predicted in zip(which, points, strict=True):
             block = self.blocks[place]
-            apart = np.stack([block.run.x, block.run.y], axis=1) - predicted
-            out.append(block.white(apart.reshape(len(apart), -1, 1))[:, 0])
+            residual = block.run.points - predicted
+            out.append(block.white(residual.reshape(len(residual), -1, 1))[:, 0])
         return out
 
     def all_inputs(self, arm: Arm) -> list[Inputs]:
         """Return what acted on an arm in all runs; the noise of a reading has no past."""
         key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting))
-        if key not in self.acted:
-            all_inputs = inputs_of(arm, self.calm)
-            self.acted[key] = [
+        if key not in self.known_inputs:
+            all_inputs = inputs_of(arm, self.smoothed)
+            self.known_inputs[key] = [
                 replace(inputs, pressure=inputs.pressure + more)
                 for inputs, more in zip(all_inputs, self.pressure_noise, strict=True)
             ]
-        return self.acted[key]
+        return self.known_inputs[key]
 
     def points(self, arm: Arm, which: range) -> list[Array] | None:
         """Return the measured points (frames, 2, targets) m of an arm; None where it has none."""
@@ -226,9 +239,8 @@ class Linearization:
             block = self.blocks[place]
             solved = block.model.solve(arm, inputs)
             lost = block.linear.fitted.counted.any(axis=1) & ~solved
-            if lost.mean() > MOST_LOST:
+            if lost.mean() > self.settings.most_lost:
                 return None
             # A frame without equilibrium says nothing: as if the model were right there.
-            here = np.stack([block.run.x, block.run.y], axis=1)
-            out.append(np.where(lost[:, None, None], here, block.model.points))
+            out.append(np.where(lost[:, None, None], block.run.points, block.model.points))
         return out

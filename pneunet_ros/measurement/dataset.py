@@ -79,6 +79,11 @@ class RecordingData:
         return replace(self, **cut)
 
     @property
+    def points(self) -> Array:
+        """Measured targets (frames, 2, targets) m, NaN where one was not seen."""
+        return np.stack([self.x, self.y], axis=1)
+
+    @property
     def frame_pressure(self) -> Array:
         """Pressure (Pa) as read at every frame, (frames,)."""
         return freeze(self.pressure[self.reading])

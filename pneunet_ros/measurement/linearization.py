@@ -55,7 +55,7 @@ class FittedRun:
     @property
     def residual(self) -> Array:
         """Measured minus predicted with the disturbances found, (frames, 2, targets) m."""
-        return np.stack([self.run.x, self.run.y], axis=1) - self.points - self.disturbance
+        return self.run.points - self.points - self.disturbance
 
     @property
     def counted(self) -> npt.NDArray[np.bool_]:
