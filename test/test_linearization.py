@@ -94,7 +94,7 @@ def test_what_was_not_seen_counts_nothing():
     assert hidden.any()
     run = found.blocks[0]
     rows = ~np.repeat(run.run.seen[:, None], 2, axis=1).ravel()
-    field = run.linear.whitening(run.fields.generic).reshape(rows.size, -1)
+    field = run.whitening(run.fields.generic).reshape(rows.size, -1)
     assert not field[rows].any()
 
 

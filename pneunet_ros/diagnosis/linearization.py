@@ -22,7 +22,7 @@ from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
-from pneunet_ros.measurement.linearization import linearize, RunLinearization
+from pneunet_ros.measurement.linearization import FittedRun, linearize
 from pneunet_ros.measurement.pressure_filter import smooth_pressure
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -48,7 +48,8 @@ class LinearizedRun:
     searches for equilibria start.
     """
 
-    linear: RunLinearization
+    fitted: FittedRun
+    whitening: Whitening
     model: ForwardModel
     path_filter: Whitening
     base: Array
@@ -58,16 +59,16 @@ class LinearizedRun:
     @property
     def run(self) -> RecordingData:
         """The recording."""
-        return self.linear.fitted.run
+        return self.fitted.run
 
     @property
     def inputs(self) -> Inputs:
         """What acted on the arm."""
-        return self.linear.fitted.inputs
+        return self.fitted.inputs
 
     def white(self, columns: Array) -> Array:
         """Whiten columns (frames, 2 targets, n) m, (rows, n)."""
-        return self.path_filter(self.linear.whitening(columns).reshape(-1, columns.shape[2]))
+        return self.path_filter(self.whitening(columns).reshape(-1, columns.shape[2]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -178,7 +179,8 @@ class Linearization:
         knots = linear.jacobian[:, :, : parameters.cells]
         knots = knots.reshape(*knots.shape[:2], parameters.pressure.size, -1).sum(axis=2)
         return LinearizedRun(
-            linear=linear,
+            fitted=linear.fitted,
+            whitening=linear.whitening,
             model=model,
             path_filter=path_filter,
             base=path_filter(base),
@@ -238,7 +240,7 @@ class Linearization:
             inputs = all_inputs[place]
             block = self.blocks[place]
             solved = block.model.solve(arm, inputs)
-            lost = block.linear.fitted.counted.any(axis=1) & ~solved
+            lost = block.fitted.counted.any(axis=1) & ~solved
             if lost.mean() > self.settings.most_lost:
                 return None
             # A frame without equilibrium says nothing: as if the model were right there.
