@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.held_out import score
-from pneunet_ros.calibration.low_rank import answers
+from pneunet_ros.calibration.low_rank import run_jacobian
 from pneunet_ros.calibration.moment_curvature import curvature_std, law_view
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.errors import RequestError
@@ -100,7 +100,7 @@ def test_progress_says_what_is_done():
     free, _ = noisy()
     said = []
     found = calibrate(
-        [run.thinned(20) for run in free], [], PAPER, each=lambda *stage: said.append(stage)
+        [run.thinned(20) for run in free], [], PAPER, on_progress=lambda *stage: said.append(stage)
     )
     assert {stage for stage, _, _ in said} == {'kappa_p0, search', 'kappa_p0'}
     assert found.joint is found.free
@@ -169,8 +169,8 @@ def test_few_columns_have_the_variance_of_the_shape():
     found = calibrated()
     fit, covariance = found.joint, found.arm.covariance
     assert covariance.factor.shape[1] <= MOST_COLUMNS
-    assert 0.8 < found.captured <= 1.0
-    moved = np.concatenate([answers(fit, which) for which in range(len(fit.runs))])
+    assert 0.8 < found.explained_variance <= 1.0
+    moved = np.concatenate([run_jacobian(fit, run, 24) for run in fit.runs])
     whole = np.einsum('pi,ij,pj->', moved, fit.covariance, moved)
     names, change = fit.parameters.quantities()
     assert covariance.quantities == names

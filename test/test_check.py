@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros.cli.main import main
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.estimation.steady_estimates import held_spans
+from pneunet_ros.measurement.steady_states import held_spans
 from pneunet_ros.offline.check import check_recording, CheckRequest
 import pytest
 from support.example_arms import paper_arm

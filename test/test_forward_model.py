@@ -57,7 +57,7 @@ def test_shapes_are_those_of_single_solves(effects):
 def test_points_answer_to_loads_as_a_single_solve_does():
     arm, inputs = paper_arm(ALL_MECHANICS), table_1()
     series = solved(arm, inputs)
-    answer = series.answer(arm, inputs, NONE)
+    answer = series.jacobian(arm, inputs, NONE)
     for frame in (2, 9):
         rods = arm.rods(inputs.pressure[[frame]])
         f1, f2, moment = inputs.loads[frame].tolist()
@@ -69,7 +69,7 @@ def test_points_answer_to_loads_as_a_single_solve_does():
 
 def test_points_answer_to_every_cause_as_finite_differences():
     arm, inputs = paper_arm(ALL_MECHANICS), table_1()
-    answer = solved(arm, inputs).answer(arm, inputs, LAW_COLUMNS)[:, :, :CURVATURE]
+    answer = solved(arm, inputs).jacobian(arm, inputs, LAW_COLUMNS)[:, :, :CURVATURE]
     knots = arm.intrinsic_curvature.arclength.size
     assert answer.shape[1] == 3 + knots + len(LAW_COLUMNS)
 
@@ -121,7 +121,7 @@ def test_answers_with_a_past_are_finite_differences():
     run = made(arm, np.concatenate([np.linspace(0, 6e4, 8), np.linspace(55e3, 5e3, 6)]))
     (inputs,) = inputs_of(arm, [run])
     series = solved(arm, inputs)
-    answer = series.load_answer(arm, inputs)
+    answer = series.load_jacobian(arm, inputs)
     step = np.array([0.0, 1e-4, 0.0])
     sides = [
         solved(arm, inputs.with_loads(inputs.loads + sign * step)).points.reshape(14, -1)
@@ -139,7 +139,7 @@ def test_a_camera_sees_points_and_their_answers_alike():
     turn = np.array([[cosine, -sine], [sine, cosine]])
     assert second.points == pytest.approx(np.matmul(turn, first.points), abs=1e-15)
     one, other = (
-        item.answer(arm, inputs, LAW_COLUMNS)[:, :, :2]
+        item.jacobian(arm, inputs, LAW_COLUMNS)[:, :, :2]
         for item, arm in ((first, plain), (second, turned))
     )
     assert other == pytest.approx(np.matmul(turn, one), rel=1e-12, abs=1e-12)
@@ -154,8 +154,8 @@ def test_starting_from_a_neighbor_changes_nothing():
     assert series.solve(arm, inputs).all()
     assert series.points == pytest.approx(solved(arm, inputs).points, abs=1e-9)
     some = np.array([3, 8])
-    part = series.some(some)
-    assert part.solve(arm, inputs.at(some)).all()
+    part = series.subset(some)
+    assert part.solve(arm, inputs.subset(some)).all()
     assert part.points == pytest.approx(series.points[some], abs=1e-12)
 
 

@@ -41,7 +41,7 @@ def loaded() -> tuple[Arm, RecordingData, Inputs, Fields, Regressors, ForwardMod
     (inputs,) = inputs_of(arm, [run])
     series = ForwardModel(arm.target_arclength)
     assert series.solve(arm, inputs).all()
-    knots = series.answer(arm, inputs, np.zeros((0, 2), dtype=np.int64))[:, 3:, :2]
+    knots = series.jacobian(arm, inputs, np.zeros((0, 2), dtype=np.int64))[:, 3:, :2]
     knots = knots.reshape(FRAMES, knots.shape[1], -1).transpose(0, 2, 1)
     regressors = Regressors.of(arm, [run], [inputs])
     fields = fields_of(regressors, 0, knots, series.fields[:, THETA])

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.linearization import filter_of, Linearization
+from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.settings import LinearizationSettings
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
+from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.forward_model import THETA
 import pytest
 from scipy.linalg import sqrtm
@@ -27,8 +28,7 @@ def residual(values: Array, around: Linearization) -> list[Array]:
 def test_integrating_out_is_the_inverse_root_of_a_covariance():
     columns = np.random.default_rng(1).standard_normal((8, 3)) * [1.0, 10.0, 0.1]
     columns = np.column_stack([columns, columns[:, 0] - columns[:, 1]])  # one says nothing new
-    directions, shrink = filter_of(columns)
-    filtered = np.eye(8) - directions @ np.diag(shrink) @ directions.T
+    filtered = Whitening(1.0, columns)(np.eye(8))
     root = np.real(sqrtm(np.eye(8) + columns @ columns.T))
     assert filtered == pytest.approx(np.linalg.inv(root), abs=1e-8)
 
@@ -38,9 +38,9 @@ def test_blocks_are_white_of_all_that_a_run_has_of_its_own():
     flat = np.random.default_rng(2).standard_normal((block.base.shape[0], 2))
     covariance = np.eye(flat.shape[0]) + block.path @ block.path.T
     # It is symmetric: twice the inverse root is the inverse.
-    found = block.filtered(block.filtered(flat))
+    found = block.path_filter(block.path_filter(flat))
     assert np.allclose(found, np.linalg.solve(covariance, flat), atol=1e-8)
-    assert not np.allclose(block.filtered(flat), flat, atol=1e-3)
+    assert not np.allclose(block.path_filter(flat), flat, atol=1e-3)
 
 
 def test_columns_of_the_base_are_what_a_changed_model_moves():
@@ -60,8 +60,8 @@ def test_columns_of_placement_move_targets_in_their_own_frame():
     place, targets = 7, found.blocks[0].run.x.shape[1]
     for which, block in enumerate(found.blocks):
         moved = np.zeros((FRAMES, 2 * targets, 1))
-        block.series.solve(found.point.arm, block.inputs)
-        theta = block.series.fields[:, THETA, place]
+        block.model.solve(found.point.arm, block.inputs)
+        theta = block.model.fields[:, THETA, place]
         moved[:, place, 0], moved[:, targets + place, 0] = np.cos(theta), np.sin(theta)
         wanted = block.white(moved * noise().placement_std)[:, 0]
         column = found.blocks[which].base[:, found.size + place]
@@ -139,8 +139,8 @@ def test_noise_of_a_reading_has_no_past():
     ):
         followed = inputs.pressure - quick
         assert np.abs(followed - run.frame_pressure).max() > 100.0 or not run.loaded
-    assert late.acted is found.acted  # one table for all points
-    assert len(found.acted) >= 3
+    assert late.known_inputs is found.known_inputs  # one table for all points
+    assert len(found.known_inputs) >= 3
 
 
 def test_training_runs_alone_are_the_same_runs():
@@ -149,4 +149,4 @@ def test_training_runs_alone_are_the_same_runs():
     assert len(part.blocks) == part.training == found.training
     for mine, whole in zip(part.blocks, found.blocks, strict=False):
         assert np.allclose(mine.base, whole.base, atol=1e-6 * np.abs(whole.base).max())
-    assert part.acted is not found.acted
+    assert part.known_inputs is not found.known_inputs

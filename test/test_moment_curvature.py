@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.moment_curvature import curvature_std, law_view, line, moment_view
-from pneunet_ros.calibration.steady_states import find_steady_states, predicted, thin
+from pneunet_ros.calibration.steady_states import find_steady_states, predict_states, thin
 from pneunet_ros.measurement.forward_model import MOMENT, X, Y
 from pneunet_ros.vision.smoother import smoother_for
 import pytest
@@ -27,10 +27,10 @@ def test_on_a_shape_of_the_model_the_moment_is_the_model_s():
     some = thin(find_steady_states(fit.runs[2], fit.arm), 4)[1:]
     smoother = smoother_for(replace(fit.arm, sensors=replace(fit.arm.sensors, placement_std=0.0)))
     targets = fit.arm.target_arclength
-    for steady_state, field in zip(some, predicted(fit.arm, some, targets), strict=True):
+    for steady_state, field in zip(some, predict_states(fit.arm, some, targets), strict=True):
         exact = replace(steady_state, x=field[X], y=field[Y], count=np.full(targets.size, 1e4))
         view = moment_view(fit, smoother, exact)
-        moment = predicted(fit.arm, [steady_state], view.arclength)[0, MOMENT]
+        moment = predict_states(fit.arm, [steady_state], view.arclength)[0, MOMENT]
         assert np.max(np.abs(view.moment - moment)) < 0.01 * np.max(np.abs(moment))
 
 

@@ -19,7 +19,7 @@ from support.example_arms import ALL_MECHANICS, paper_arm
 from support.made_datasets import made
 
 LOW, HIGH = 0.0, 60e3
-SMOOTHNESS = Hyperparameters(amplitude=40.0, deviation=4.0, reach=0.3)
+SMOOTHNESS = Hyperparameters(amplitude=40.0, std=4.0, length_scale=0.3)
 PASTS = (Hysteresis(width=3e3), Creep(amplitude=0.2, time_constant=1.5), Softening(loss=0.2))
 KINDS = tuple(MOMENT_LAW_PARAMETERS)
 
@@ -75,8 +75,8 @@ def test_points_answer_to_unknowns_as_finite_differences(kind, effects):
         return series, arm, inputs
 
     series, arm, inputs = points(values)
-    answer = series.answer(arm, inputs, some.columns)[:, :, :2]
-    found = np.einsum('fcks,fcu->fksu', answer, some.causes(values, inputs))
+    answer = series.jacobian(arm, inputs, some.columns)[:, :, :2]
+    found = np.einsum('fcks,fcu->fksu', answer, some.input_jacobian(values, inputs))
     for unknown in range(values.size):
         step = 1e-3 * np.sqrt(some.prior[unknown, unknown]) * np.eye(values.size)[unknown]
         sides = [points(values + sign * step)[0].points for sign in (-1, 1)]

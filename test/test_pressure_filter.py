@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.pressure_filter import CALM, READINGS, smooth_pressure
+from pneunet_ros.measurement.pressure_filter import PRESSURE_FILTER, smooth_pressure
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made
@@ -33,9 +33,9 @@ def test_most_noise_goes_and_the_pressure_stays():
     run = with_readings(ramp + noise, 30)
     quiet = smooth_pressure(run)
     truth = np.interp(quiet.reading_stamp_ns, run.reading_stamp_ns, ramp)
-    inner = slice(CALM, -CALM)
+    inner = slice(PRESSURE_FILTER.width, -PRESSURE_FILTER.width)
     left = (quiet.pressure - truth)[inner]
-    assert left.std() == pytest.approx(60.0 / np.sqrt(CALM), rel=0.12)
+    assert left.std() == pytest.approx(60.0 / np.sqrt(PRESSURE_FILTER.width), rel=0.12)
     assert abs(left.mean()) < 5.0
 
 
@@ -43,14 +43,16 @@ def test_a_straight_ramp_is_not_changed():
     run = with_readings(np.linspace(0.0, 60e3, 900), 12)
     quiet = smooth_pressure(run)
     before = np.interp(quiet.reading_stamp_ns, run.reading_stamp_ns, run.pressure)
-    inner = slice(CALM // 2, -(CALM // 2))
+    inner = slice(PRESSURE_FILTER.width // 2, -(PRESSURE_FILTER.width // 2))
     assert quiet.pressure[inner] == pytest.approx(before[inner], abs=1e-6)
 
 
 def test_there_are_fewer_readings_and_frames_keep_theirs():
     run = with_readings(np.linspace(0.0, 60e3, 3000), 50)
     quiet = smooth_pressure(run)
-    assert READINGS <= quiet.pressure.size <= READINGS + 50
+    assert (
+        PRESSURE_FILTER.most_readings <= quiet.pressure.size <= PRESSURE_FILTER.most_readings + 50
+    )
     own = quiet.reading_stamp_ns[quiet.reading]
     assert np.array_equal(own, run.reading_stamp_ns[run.reading])
     assert np.array_equal(quiet.stamp_ns, run.stamp_ns)
@@ -68,6 +70,11 @@ def test_there_are_fewer_readings_and_frames_keep_theirs():
 
 
 def test_a_run_of_few_readings_is_left_alone():
-    run = made(paper_arm(), np.linspace(0.0, 1e4, CALM - 1))
+    run = made(paper_arm(), np.linspace(0.0, 1e4, PRESSURE_FILTER.width - 1))
     assert smooth_pressure(run) is run
-    assert smooth_pressure(made(paper_arm(), np.linspace(0.0, 1e4, CALM))).pressure.size == CALM
+    assert (
+        smooth_pressure(
+            made(paper_arm(), np.linspace(0.0, 1e4, PRESSURE_FILTER.width))
+        ).pressure.size
+        == PRESSURE_FILTER.width
+    )

@@ -8,7 +8,7 @@ import numpy as np
 from pneunet_ros.calibration.steady_states import (
     find_steady_states,
     longest_states,
-    predicted,
+    predict_states,
     thin,
 )
 from pneunet_ros.measurement.forward_model import X, Y
@@ -45,7 +45,7 @@ def test_a_change_of_force_ends_a_stance():
 
 def test_mean_targets_are_where_the_model_has_them(stairs):
     fit = calibration(with_load=False).joint
-    fields = predicted(fit.arm, stairs, ARM.target_arclength)
+    fields = predict_states(fit.arm, stairs, ARM.target_arclength)
     for steady_state, field in zip(stairs, fields, strict=True):
         away = np.hypot(steady_state.x - field[X], steady_state.y - field[Y])
         # without the place of camera and targets taken off it would be 0.1 mm everywhere
@@ -97,5 +97,5 @@ def test_the_way_between_holds_is_left_out(stairs):
 
 
 def test_no_stance_is_predicted_to_nothing():
-    assert predicted(ARM, [], np.zeros(3)).shape == (0, 6, 3)
+    assert predict_states(ARM, [], np.zeros(3)).shape == (0, 6, 3)
     assert thin([], 4) == []

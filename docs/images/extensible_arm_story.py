@@ -29,7 +29,7 @@ from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.disturbances import Disturbances
+from pneunet_ros.measurement.disturbances import disturbance_jacobian
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
@@ -171,9 +171,8 @@ def placed(fit: Fit, recordings: Recorded) -> Recorded:
     run, arm = recordings.held_out, fit.arm
     series = ForwardModel(arm.target_arclength)
     series.solve(arm, inputs_of(arm, [run])[0])
-    unknown = Disturbances(targets=arm.target_arclength.size, runs=1, noise=arm.sensors)
-    answer = unknown.answer(run, series.fields[:, THETA])[..., : fit.placement.size]
-    moved = answer @ fit.placement.ravel()
+    jacobian = disturbance_jacobian(run, series.fields[:, THETA])[..., : fit.placement.size]
+    moved = jacobian @ fit.placement.ravel()
     run = replace(run, x=run.x - moved[:, 0], y=run.y - moved[:, 1])
     return replace(recordings, held_out=run)
 

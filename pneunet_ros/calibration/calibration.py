@@ -10,24 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from pneunet_ros.calibration.consistency import outlier_recordings
-from pneunet_ros.calibration.experiments import (
-    continued,
-    LawScore,
-    pressure_span,
-    Progress,
-    Stages,
-)
+from pneunet_ros.calibration.experiments import FitSequence, LawScore, Progress
 from pneunet_ros.calibration.identifiability import undetermined_quantities
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
-from pneunet_ros.calibration.parameters import Hyperparameters
 from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
 from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 
@@ -36,21 +29,22 @@ from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 class Calibration:
     """What came out: the arm, the fits behind it, the noise, and how the moment laws compare.
 
-    knowledge is what another calibration may go on from. free is the fit of experiment 1; joint
-    that of all recordings (the same where there is no loaded one). captured is the share of the
-    shape's variance that the few columns of the model file's covariance have. notes are sentences
-    on what the data could not determine, and on recordings that do not fit the others.
+    posterior is what another calibration may go on from. free is the fit of experiment 1; joint
+    that of all recordings (the same where there is no loaded one). explained_variance is the share
+    of the shape's variance that the few columns of the model file's covariance have. notes are
+    sentences on what the data could not determine, and on recordings that do not fit the others.
+    settings: the numbers by which it was decided.
     """
 
     arm: Arm
     noise: NoiseEstimate
-    hyperparameters: Hyperparameters
     posterior: PosteriorState
     free: Fit
     joint: Fit
     laws: tuple[LawScore, ...]
-    captured: float
+    explained_variance: float
     notes: tuple[str, ...]
+    settings: CalibrationSettings = CALIBRATION
 
 
 def calibrate(
@@ -61,47 +55,61 @@ def calibrate(
     kind: str = PiecewiseLinearLaw.kind,
     compare: bool = True,
     earlier: PosteriorState | None = None,
-    each: Progress = lambda stage, done, total: None,
+    on_progress: Progress = lambda stage, done, total: None,
+    settings: CalibrationSettings = CALIBRATION,
 ) -> Calibration:
-    """Calibrate; `frame` gives length, weight, clamp, targets, effects and what cannot be found.
+    """Calibrate an arm: its kappa_p0(p, s), its moment law, and how sure both are.
 
-    kind: the moment law to fit. earlier: go on from what another calibration knew, and its tables;
-    the unloaded recordings may then be missing. compare: fit the other laws too, each time without
-    one of the loaded recordings. Raises RequestError and RecordingError where the recordings do
-    not fit the experiments.
+    Args:
+        unloaded: recordings with nothing attached: pressure in Pa gauge, targets in m in the base
+            frame. May be missing where `earlier` is given.
+        loaded: recordings under end load, N and N m in the base frame; may be none.
+        frame: an arm that gives length, weight, clamp, targets, effects, and what the recordings
+            cannot tell; of a Majidi law also the section.
+        kind: the moment law to fit.
+        compare: fit the other laws too, each time without one of the loaded recordings.
+        earlier: go on from what another calibration knew, on its tables.
+        on_progress: is told the stage, how far it is, and of how much (0: unknown).
+        settings: the numbers by which is decided.
+
+    Returns:
+        The arm with error bars, and the fits behind it; `joint.converged` says whether to use it.
+
+    Raises:
+        RequestError: no such law, no unloaded recording, or `earlier` does not fit.
+        RecordingError: the recordings do not fit the experiments.
+
     """
     if kind not in MOMENT_LAW_PARAMETERS:
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
         raise RequestError(f'the moment law must be one of {allowed}, not {kind}')
-    check_runs(unloaded, loaded, frame, first=earlier is None)
+    check_runs(unloaded, loaded, frame, first=earlier is None, settings=settings)
     unloaded = [run.unloaded() for run in unloaded]
     runs = [*unloaded, *loaded]
-    noise = estimate_noise(runs, frame.target_arclength, frame.sensors)
+    noise = estimate_noise(runs, frame.target_arclength, frame.sensors, settings.noise_estimate)
     frame = replace(frame, sensors=noise.noise, covariance=None)
-    low, high = pressure_span(inputs_of(frame, runs))
-    stage = Stages(frame, noise, low, high, each)
+    fits = FitSequence(frame, noise, runs, on_progress, settings=settings)
     laws: tuple[LawScore, ...] = ()
     if earlier is not None:
-        free = joint = continued(stage, runs, kind, earlier, bool(loaded))
-        low, high, hyperparameters = earlier.low, earlier.high, joint.parameters.hyperparameters
+        free = joint = fits.continue_from(earlier, runs, kind, bool(loaded))
     else:
-        free, hyperparameters = stage.first_experiment(unloaded)
-        joint = free
+        free = joint = fits.first_experiment(unloaded)
     if loaded and earlier is None:
-        law = stage.law(kind, stage.stiffness(unloaded, loaded, free, hyperparameters))
-        joint = stage.joint(unloaded, loaded, free, hyperparameters, law)
+        law = fits.law(kind, fits.stiffness(runs, free))
+        joint = fits.joint(runs, free, law)
         if compare and len(loaded) > 1:
-            laws = stage.compared(unloaded, loaded, free, hyperparameters, law)
-    covariance, captured = low_rank(joint)
-    arm = replace(joint.arm, covariance=covariance)
+            laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
+    covariance, explained_variance = low_rank(joint, settings=settings.experiments)
+    span = earlier or fits
+    outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(
-        arm=arm,
+        arm=replace(joint.arm, covariance=covariance),
         noise=noise,
-        hyperparameters=hyperparameters,
-        posterior=posterior_of(joint, low, high),
+        posterior=posterior_of(joint, span.low, span.high),
         free=free,
         joint=joint,
         laws=laws,
-        captured=captured,
-        notes=(*undetermined_quantities(joint), *outlier_recordings(joint)),
+        explained_variance=explained_variance,
+        notes=(*undetermined_quantities(joint, settings.identifiability), *outliers),
+        settings=settings,
     )

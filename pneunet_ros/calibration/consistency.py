@@ -8,32 +8,31 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import CONSISTENCY, ConsistencySettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.dataset import RecordingData
 
-SAME_PRESSURE = 0.01  # of the largest pressure
-ANOTHER_TIME = 0.2  # of a recording: frames as far apart show what the past does
-FEWEST_PAIRS = 5
-APART = 0.03  # of the length: what two arms differ by at least
-APART_UNKNOWN = 0.06  # where no recording shows what the past does
-TIMES_PAST = 3.0  # as much as the past does
-ODD, TIMES_OTHERS = 5.0, 5.0  # chi squared per coordinate, and that over the others'
 
-
-def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
+def check_same_arm(
+    unloaded: Sequence[RecordingData],
+    length: float,
+    known: ConsistencySettings = CONSISTENCY,
+) -> None:
     """Raise RecordingError, naming the two, where unloaded recordings are of different arms.
 
     length (m) of the arm. Hysteresis and creep make one arm differ, too: how much is seen where a
     recording comes back to a pressure.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
-    past = [apart(run, run, SAME_PRESSURE * top) for run in unloaded]
-    known = [item for item in past if item is not None]
-    limit = max(APART * length, TIMES_PAST * max(known)) if known else APART_UNKNOWN * length
+    past = [tip_distance(run, run, top, known) for run in unloaded]
+    seen = [item for item in past if item is not None]
+    limit = known.two_arms_unknown * length
+    if seen:
+        limit = max(known.two_arms * length, known.times_past * max(seen))
     for one, other in itertools.combinations(unloaded, 2):
-        distance = apart(one, other, SAME_PRESSURE * top)
+        distance = tip_distance(one, other, top, known)
         if distance is not None and distance > limit:
             raise RecordingError(
                 f'{one.name} and {other.name} contradict each other: at the same pressure and '
@@ -43,19 +42,22 @@ def check_same_arm(unloaded: Sequence[RecordingData], length: float) -> None:
             )
 
 
-def apart(one: RecordingData, other: RecordingData, tolerance: float) -> float | None:
+def tip_distance(
+    one: RecordingData, other: RecordingData, top: float, known: ConsistencySettings
+) -> float | None:
     """Return how far apart (m) the last target is at the same pressure; None: never the same.
 
     Relative to the first target, so that the camera's place does not matter. Of a run with itself
-    only frames at different times count. tolerance in Pa.
+    only frames at different times count. top: the largest pressure (Pa).
     """
     first, second = chord(one), chord(other)
-    same = np.abs(np.subtract.outer(one.frame_pressure, other.frame_pressure)) < tolerance
+    pressures = np.subtract.outer(one.frame_pressure, other.frame_pressure)
+    same = np.abs(pressures) < known.same_pressure * top
     if one is other:
-        same &= np.abs(np.subtract.outer(times(one), times(other))) > ANOTHER_TIME
+        same &= np.abs(np.subtract.outer(times(one), times(other))) > known.another_time
     distance = np.hypot(*(first[:, :, None] - second[:, None, :]))[same]
     distance = distance[np.isfinite(distance)]
-    return float(np.percentile(distance, 90.0)) if distance.size >= FEWEST_PAIRS else None
+    return float(np.percentile(distance, 90.0)) if distance.size >= known.fewest_pairs else None
 
 
 def chord(run: RecordingData) -> Array:
@@ -71,13 +73,15 @@ def times(run: RecordingData) -> npt.NDArray[np.float64]:
     return np.asarray((run.stamp_ns - run.stamp_ns[0]) / span, np.float64)
 
 
-def outlier_recordings(fit: Fit) -> list[str]:
+def outlier_recordings(fit: Fit, known: ConsistencySettings = CONSISTENCY) -> list[str]:
     """Return a sentence on each recording that the model says far worse than the others."""
     chi = np.array([float(item.whitened.sum()) / max(int(item.dof.sum()), 1) for item in fit.runs])
     notes = []
     for which, item in enumerate(fit.runs):
         others = np.delete(chi, which)
-        if others.size and chi[which] > max(ODD, TIMES_OTHERS * float(np.median(others))):
+        if others.size and chi[which] > max(
+            known.outlier, known.times_others * float(np.median(others))
+        ):
             notes.append(
                 f'{item.run.name} does not fit the others: chi squared per coordinate is '
                 f'{chi[which]:.3g}, theirs {np.median(others):.3g}; is it of the same arm, with '

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.calibration.held_out import Score, score
-from pneunet_ros.calibration.hyperparameters import most_likely_hyperparameters, REACHES
+from pneunet_ros.calibration.hyperparameters import most_likely_hyperparameters
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.moment_law_parameters import (
     MOMENT_LAW_PARAMETERS,
@@ -17,20 +17,13 @@ from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
-
-KNOTS = 11  # of kappa_p0 along the arm
-CONSTANT = 1e3  # of the length: what is as smooth as this is the same all along
-ROW_DISTANCE = 8000.0  # Pa between rows of kappa_p0, about
-MOST_ROWS, FEWEST_ROWS = 10, 2
-FIRST_FRAMES = 40  # of every run, for the search before the fit to all frames
-COMPARED_FRAMES = 60  # of every run, where moment laws are compared
-FIRST_STIFFNESS_SHARE = 0.05  # alpha, where the search for the stiffness begins
 
 Progress = Callable[[str, int, int], None]  # stage, how far, of how much
 
@@ -48,178 +41,170 @@ class LawScore:
         return float(np.sqrt(np.mean([item.rms**2 for item in self.scores])))
 
 
-class Stages:
+class FitSequence:
     """The fits one after the other, each starting where the one before has ended.
 
-    uniform: kappa_p0 is the same all along the arm; that is part of the model.
+    low, high (Pa): what the recordings span. uniform: kappa_p0 is the same all along the arm; that
+    is part of the model.
     """
 
     def __init__(
         self,
         frame: Arm,
         noise: NoiseEstimate,
-        low: float,
-        high: float,
-        each: Progress,
+        runs: Sequence[RecordingData],
+        on_progress: Progress,
         *,
         uniform: bool = False,
+        settings: CalibrationSettings = CALIBRATION,
     ) -> None:
-        self.frame, self.noise, self.low, self.high, self.each = frame, noise, low, high, each
-        self.uniform, self.knots = uniform, np.linspace(0.0, 1.0, 2 if uniform else KNOTS)
-        count = round((high - low) / ROW_DISTANCE) + 1
-        self.rows = np.linspace(low, high, min(max(count, FEWEST_ROWS), MOST_ROWS))
+        """Take an arm that has all that is not fitted, and all recordings."""
+        self.frame, self.noise, self.on_progress, self.uniform = frame, noise, on_progress, uniform
+        self.settings, known = settings, settings.experiments
+        # rounded to what a sensor tells
+        pressures = np.concatenate([inputs.pressure for inputs in inputs_of(frame, runs)])
+        low, high = np.quantile(pressures, [known.outliers, 1.0 - known.outliers])
+        self.low = float(np.floor(low / 100.0) * 100.0)
+        self.high = float(np.ceil(high / 100.0) * 100.0)
+        self.knots = np.linspace(0.0, 1.0, 2 if uniform else known.knots)
+        count = round((self.high - self.low) / known.row_distance) + 1
+        count = min(max(count, known.fewest_rows), known.most_rows)
+        self.rows = np.linspace(self.low, self.high, count)
 
-    def parameters(
-        self, hyperparameters: Hyperparameters, law: MomentLawParameters | None
-    ) -> Parameters:
-        """Return the unknowns of a fit."""
-        return Parameters(
-            frame=self.frame,
-            pressure=self.rows,
-            arclength=self.knots,
-            hyperparameters=hyperparameters,
-            law=law,
+    @property
+    def wide(self) -> Hyperparameters:
+        """What may be believed of kappa_p0 of any arm of this length."""
+        known, length = self.settings.experiments, self.frame.length
+        return Hyperparameters(
+            amplitude=known.amplitude / length,
+            std=known.std / length,
+            length_scale=known.uniform if self.uniform else known.length_scale,
         )
 
-    def law(self, kind: str, stiffness: float) -> MomentLawParameters:
-        """Return the unknowns of a moment law around a stiffness (N m^2)."""
+    @property
+    def first_stiffness(self) -> float:
+        """EI (N m^2) where the search for it begins."""
+        return self.settings.experiments.first_stiffness * self.frame.weight * self.frame.length**2
+
+    def law(
+        self, kind: str, stiffness: float, span: tuple[float, float] | None = None
+    ) -> MomentLawParameters:
+        """Return the parameters of a moment law around a stiffness (N m^2); span: over Pa."""
+        low, high = span or (self.low, self.high)
         return MOMENT_LAW_PARAMETERS[kind](
             stiffness=stiffness,
-            low=self.low,
-            high=self.high,
+            low=low,
+            high=high,
             length=self.frame.length,
             weight=self.frame.weight,
+            given=self.frame.moment_law,
+            settings=self.settings.moment_law,
         )
 
-    def fitted(
+    def fit(
         self,
         stage: str,
-        parameters: Parameters,
         runs: Sequence[RecordingData],
-        start: Array | None,
+        hyperparameters: Hyperparameters,
+        law: MomentLawParameters | None = None,
+        start: Array | None = None,
         most: int | None = None,
+        earlier: PosteriorState | None = None,
     ) -> Fit:
         """Fit, and say how far it is; most: so many frames of every run."""
-        chosen = [run if most is None else run.thinned(most) for run in runs]
+        parameters = Parameters(
+            frame=self.frame,
+            pressure=self.rows if earlier is None else earlier.pressure,
+            arclength=self.knots if earlier is None else earlier.arclength,
+            hyperparameters=hyperparameters,
+            law=law,
+            known=earlier,
+        )
         return fit(
             parameters,
-            chosen,
+            [run if most is None else run.thinned(most) for run in runs],
             self.noise.noise,
             self.frame.target_arclength,
             start,
-            each=lambda step, cost: self.each(stage, step, 0),
+            on_progress=lambda step, cost: self.on_progress(stage, step, 0),
+            settings=self.settings.map_estimation,
         )
 
-    def first_experiment(self, unloaded: Sequence[RecordingData]) -> tuple[Fit, Hyperparameters]:
+    def first_experiment(self, unloaded: Sequence[RecordingData]) -> Fit:
         """Fit kappa_p0 to the unloaded recordings, as smooth as the data say."""
-        wide, reaches = wide_smoothness(self.frame.length), REACHES
+        choices, frames = self.settings.hyperparameters, self.settings.experiments.first_frames
         if self.uniform:
-            wide, reaches = replace(wide, reach=CONSTANT), (CONSTANT,)
-        first = self.fitted(
-            'kappa_p0, search', self.parameters(wide, None), unloaded, None, FIRST_FRAMES
-        )
-        hyperparameters, _ = most_likely_hyperparameters(first, reaches)
-        parameters = self.parameters(hyperparameters, None)
-        return self.fitted('kappa_p0', parameters, unloaded, first.values), hyperparameters
+            choices = replace(choices, length_scales=(self.settings.experiments.uniform,))
+        first = self.fit('kappa_p0, search', unloaded, self.wide, most=frames)
+        best, _ = most_likely_hyperparameters(first, choices)
+        return self.fit('kappa_p0', unloaded, best, start=first.values)
 
-    def stiffness(
-        self,
-        unloaded: Sequence[RecordingData],
-        loaded: Sequence[RecordingData],
-        free: Fit,
-        hyperparameters: Hyperparameters,
-    ) -> float:
+    def stiffness(self, runs: Sequence[RecordingData], free: Fit) -> float:
         """Return the one stiffness EI (N m^2) that explains the loads best, to begin with."""
-        guess = FIRST_STIFFNESS_SHARE * self.frame.weight * self.frame.length**2
-        law = self.law('linear', guess)
-        start = np.concatenate([free.values, law.mean])
-        runs = [*unloaded, *loaded]
-        parameters = self.parameters(hyperparameters, law)
-        return float(self.fitted('stiffness', parameters, runs, start, FIRST_FRAMES).values[-1])
+        law, frames = self.law('linear', self.first_stiffness), self.settings.experiments
+        return float(self._add_law('stiffness', runs, free, law, frames.first_frames).values[-1])
 
     def joint(
         self,
-        unloaded: Sequence[RecordingData],
-        loaded: Sequence[RecordingData],
+        runs: Sequence[RecordingData],
         free: Fit,
-        hyperparameters: Hyperparameters,
         law: MomentLawParameters,
         most: int | None = None,
     ) -> Fit:
-        """Fit kappa_p0 and the moment law to all recordings."""
-        runs, parameters = [*unloaded, *loaded], self.parameters(hyperparameters, law)
-        start = np.concatenate([free.values, law.mean])
-        if most is None:
-            first = self.fitted('moment law, search', parameters, runs, start, FIRST_FRAMES)
-            start = first.values
-        return self.fitted('moment law', parameters, runs, start, most)
+        """Fit kappa_p0 and the moment law to all recordings; free: the fit to unloaded ones."""
+        frames = self.settings.experiments.first_frames
+        if most is not None:
+            return self._add_law('moment law', runs, free, law, most)
+        first = self._add_law('moment law, search', runs, free, law, frames)
+        return self.fit('moment law', runs, free.parameters.hyperparameters, law, first.values)
 
-    def compared(
+    def _add_law(
+        self,
+        stage: str,
+        runs: Sequence[RecordingData],
+        free: Fit,
+        law: MomentLawParameters,
+        most: int,
+    ) -> Fit:
+        start = np.concatenate([free.values, law.mean])
+        return self.fit(stage, runs, free.parameters.hyperparameters, law, start, most)
+
+    def compare_laws(
         self,
         unloaded: Sequence[RecordingData],
         loaded: Sequence[RecordingData],
         free: Fit,
-        hyperparameters: Hyperparameters,
-        law: MomentLawParameters,
+        stiffness: float,
     ) -> tuple[LawScore, ...]:
-        """Fit every moment law without each loaded recording in turn, and score it on that one."""
-        stiffness = law.stiffness
+        """Fit each law without each loaded recording in turn, and score it on that one."""
         results = []
         for kind in MOMENT_LAW_PARAMETERS:
-            scores = []
+            law, scores = self.law(kind, stiffness), []
             for which, left_out in enumerate(loaded):
-                others = [*loaded[:which], *loaded[which + 1 :]]
-                trial = self.law(kind, stiffness)
-                fitted = self.joint(
-                    unloaded, others, free, hyperparameters, trial, COMPARED_FRAMES
-                )
+                runs = [*unloaded, *loaded[:which], *loaded[which + 1 :]]
+                fitted = self.joint(runs, free, law, self.settings.experiments.compared_frames)
                 scores.append(score(fitted.arm, left_out))
             results.append(LawScore(kind=kind, scores=tuple(scores)))
         return tuple(results)
 
-
-def continued(
-    stage: Stages, runs: Sequence[RecordingData], kind: str, earlier: PosteriorState, loaded: bool
-) -> Fit:
-    """Fit new recordings with what was known as the prior, on the tables there were."""
-    beyond = EXTRAPOLATION * (earlier.high - earlier.low)
-    if stage.low < earlier.low - beyond or stage.high > earlier.high + beyond:
-        raise RequestError(
-            f'the new recordings reach from {kilopascals(stage.low):.4g} to '
-            f'{kilopascals(stage.high):.4g} kPa, and the calibration to be continued knows '
-            f'{kilopascals(earlier.low):.4g} to {kilopascals(earlier.high):.4g} kPa; calibrate '
-            'anew with all recordings'
-        )
-    if earlier.kind and earlier.kind != kind:
-        raise RequestError(f'the calibration to be continued has the moment law {earlier.kind}')
-    law = None
-    if earlier.kind or loaded:
-        guess = FIRST_STIFFNESS_SHARE * stage.frame.weight * stage.frame.length**2
-        law = MOMENT_LAW_PARAMETERS[kind](
-            stiffness=earlier.stiffness or guess,
-            low=earlier.low,
-            high=earlier.high,
-            length=stage.frame.length,
-            weight=stage.frame.weight,
-        )
-    parameters = Parameters(
-        frame=stage.frame,
-        pressure=earlier.pressure,
-        arclength=earlier.arclength,
-        hyperparameters=wide_smoothness(stage.frame.length),
-        law=law,
-        known=earlier.known(),
-    )
-    return stage.fitted('all that is new', parameters, runs, parameters.mean)
-
-
-def wide_smoothness(length: float) -> Hyperparameters:
-    """Return what may be believed of kappa_p0 of any arm of this length (m)."""
-    return Hyperparameters(amplitude=5.0 / length, deviation=0.5 / length, reach=0.18)
-
-
-def pressure_span(all_inputs: Sequence[Inputs]) -> tuple[float, float]:
-    """Return the lowest and highest chamber pressure (Pa), rounded to what a sensor tells."""
-    pressures = np.concatenate([inputs.pressure for inputs in all_inputs])
-    low, high = np.quantile(pressures, [0.002, 0.998])
-    return float(np.floor(low / 100.0) * 100.0), float(np.ceil(high / 100.0) * 100.0)
+    def continue_from(
+        self, earlier: PosteriorState, runs: Sequence[RecordingData], kind: str, loaded: bool
+    ) -> Fit:
+        """Fit new recordings with what was known as the prior, on the tables there were."""
+        beyond = EXTRAPOLATION * (earlier.high - earlier.low)
+        if self.low < earlier.low - beyond or self.high > earlier.high + beyond:
+            raise RequestError(
+                f'the new recordings reach from {kilopascals(self.low):.4g} to '
+                f'{kilopascals(self.high):.4g} kPa, and the calibration to be continued knows '
+                f'{kilopascals(earlier.low):.4g} to {kilopascals(earlier.high):.4g} kPa; '
+                'calibrate anew with all recordings'
+            )
+        if earlier.kind and earlier.kind != kind:
+            raise RequestError(
+                f'the calibration to be continued has the moment law {earlier.kind}'
+            )
+        law = None
+        if earlier.kind or loaded:
+            stiffness = earlier.stiffness or self.first_stiffness
+            law = self.law(kind, stiffness, (earlier.low, earlier.high))
+        return self.fit('all that is new', runs, self.wide, law, earlier=earlier)

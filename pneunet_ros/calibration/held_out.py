@@ -28,20 +28,20 @@ class Score:
 
 
 def score(arm: Arm, run: RecordingData, inputs: Inputs | None = None) -> Score:
-    """Predict a run from its readings and compare; drive: what acted, where it has a past."""
-    series = ForwardModel(arm.target_arclength)
+    """Predict a run from its readings and compare; inputs: what acted, where it has a past."""
+    model = ForwardModel(arm.target_arclength)
     inputs = inputs_of(arm, [run])[0] if inputs is None else inputs
-    solved = series.solve(arm, inputs)
-    error = np.stack([run.x, run.y], axis=1) - series.points
+    solved = model.solve(arm, inputs)
+    error = run.points - model.points
     error = np.where(solved[:, None, None], error, np.nan)
     if not solved.any():
         return Score(name=run.name, rms=np.nan, p95=np.nan, missing=1.0, error=error)
     error = error - np.nanmean(error, axis=(0, 2), keepdims=True)
-    apart = np.hypot(error[:, 0], error[:, 1])
+    distance = np.hypot(error[:, 0], error[:, 1])
     return Score(
         name=run.name,
         rms=float(np.sqrt(np.nanmean(error**2))),
-        p95=float(np.nanpercentile(apart, 95.0)),
+        p95=float(np.nanpercentile(distance, 95.0)),
         missing=float(1.0 - solved.mean()),
         error=error,
     )

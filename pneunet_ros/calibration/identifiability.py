@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.calibration.result import Fit
-
-WELL_KNOWN = 0.5  # of the standard deviation before the recordings: more was not determined
-CONFOUNDED = 0.95  # correlation
+from pneunet_ros.calibration.settings import IDENTIFIABILITY, IdentifiabilitySettings
 
 
-def undetermined_quantities(fit: Fit) -> list[str]:
+def undetermined_quantities(
+    fit: Fit, settings: IdentifiabilitySettings = IDENTIFIABILITY
+) -> list[str]:
     """Return sentences on quantities that stayed at their prior and on pairs that go together."""
     notes = []
     names, change = fit.parameters.quantities()
@@ -19,7 +19,7 @@ def undetermined_quantities(fit: Fit) -> list[str]:
     kept = [
         name
         for name, now, then in zip(names, std, np.sqrt(np.diag(before)), strict=True)
-        if now > WELL_KNOWN * then
+        if now > settings.well_known * then
     ]
     if kept:
         notes.append(
@@ -32,7 +32,9 @@ def undetermined_quantities(fit: Fit) -> list[str]:
         (names[i], names[j], correlation[i, j])
         for i in laws
         for j in laws
-        if i < j and abs(correlation[i, j]) > CONFOUNDED and not same_quantity(names[i], names[j])
+        if i < j
+        and abs(correlation[i, j]) > settings.confounded
+        and not same_quantity(names[i], names[j])
     ]
     for one, other, value in pairs:
         notes.append(f'{one} and {other} cannot be told apart here (correlation {value:.3f})')

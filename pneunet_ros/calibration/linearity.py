@@ -48,15 +48,15 @@ def straight(place: float, pressure: Array, value: Array, covariance: Array) -> 
     """Fit a straight line to values with a covariance; None for too few or one pressure only."""
     if pressure.size < FEWEST or np.ptp(pressure) == 0.0:
         return None
-    whole = covariance + NUGGET * np.max(np.diag(covariance)) * np.eye(pressure.size)
+    regular = covariance + NUGGET * np.max(np.diag(covariance)) * np.eye(pressure.size)
     middle, half = pressure.mean(), 0.5 * np.ptp(pressure)
     design = np.column_stack([np.ones(pressure.size), (pressure - middle) / half])
-    weighted = np.linalg.solve(whole, design)
-    spread = np.linalg.inv(design.T @ weighted)
-    onto = spread @ weighted.T
-    level, trend = (onto @ value).tolist()
-    aside = np.eye(pressure.size) - design @ onto
-    variance = np.diag(aside @ whole @ aside.T)
+    weighted = np.linalg.solve(regular, design)
+    covariance_of_line = np.linalg.inv(design.T @ weighted)
+    fitter = covariance_of_line @ weighted.T
+    level, trend = (fitter @ value).tolist()
+    residual_maker = np.eye(pressure.size) - design @ fitter
+    variance = np.diag(residual_maker @ regular @ residual_maker.T)
     return Linearity(
         place=place,
         pressure=pressure,
@@ -64,9 +64,9 @@ def straight(place: float, pressure: Array, value: Array, covariance: Array) -> 
         std=np.sqrt(np.diag(covariance)),
         intercept=level - trend * middle / half,
         slope=trend / half,
-        slope_std=float(np.sqrt(spread[1, 1])) / half,
-        departure=aside @ value,
-        departure_std=np.sqrt(np.maximum(variance, NUGGET * np.max(np.diag(whole)))),
+        slope_std=float(np.sqrt(covariance_of_line[1, 1])) / half,
+        departure=residual_maker @ value,
+        departure_std=np.sqrt(np.maximum(variance, NUGGET * np.max(np.diag(regular)))),
     )
 
 

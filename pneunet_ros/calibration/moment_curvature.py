@@ -9,7 +9,7 @@ kappa0 (METHODS). What the model file holds is fitted to the targets themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import itertools
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.steady_states import SteadyState
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.forward_model import LOADS
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.rod import RIGIDITY, START
@@ -43,7 +44,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MomentView:
-    """Eq 9 for one stance, along stations (m) between its first and last seen target.
+    """Eq 9 for one steady state, along stations (m) between its first and last seen target.
 
     moment: M_est (N m); curvature, intrinsic: kappa, measured, and kappa0 of the model (1/m, per
     unstretched length); std: that of their difference. lines: Eq 10 through it, a line a section
@@ -65,7 +66,7 @@ class MomentView:
 
 
 def moment_view(fit: Fit, smoother: Smoother, steady_state: SteadyState) -> MomentView | None:
-    """Return the view of one stance; None where too few targets were seen for a curve."""
+    """Return the view of one steady state; None where too few targets were seen for a curve."""
     arm = fit.arm
     curve = smoother.smooth(steady_state.sightings(arm.sensors.target_std))
     if curve is None or curve.arclength.size < 2:
@@ -81,14 +82,14 @@ def moment_view(fit: Fit, smoother: Smoother, steady_state: SteadyState) -> Mome
     chamber = float(steady_state.inputs.pressure[0])
     stretch = np.hypot(np.gradient(curve.x, s), np.gradient(curve.y, s))
     intrinsic = arm.intrinsic_curvature.at(chamber, s / arm.length)
-    spread = curvature_std(fit, np.array([chamber]), s / arm.length)[0]
+    model_std = curvature_std(fit, np.array([chamber]), s / arm.length)[0]
     view = MomentView(
         steady_state=steady_state,
         arclength=s,
         moment=(tip[0] - curve.x) * f2 - (tip[1] - curve.y) * f1 + moment,
         curvature=curve.curvature * stretch,
         intrinsic=intrinsic,
-        std=np.hypot(curve.std_curvature, spread),
+        std=np.hypot(curve.std_curvature, model_std),
         lines=(),
     )
     places = arm.target_arclength[np.isfinite(steady_state.x)]
@@ -109,15 +110,7 @@ def with_lines(view: MomentView, starts: Sequence[float], targets: Array) -> Mom
         inside = (view.arclength >= start) & (view.arclength < stop)
         count = np.count_nonzero((targets >= start) & (targets < stop))
         lines.append(line(view, inside, int(count), start, stop))
-    return MomentView(
-        steady_state=view.steady_state,
-        arclength=view.arclength,
-        moment=view.moment,
-        curvature=view.curvature,
-        intrinsic=view.intrinsic,
-        std=view.std,
-        lines=tuple(lines),
-    )
+    return replace(view, lines=tuple(lines))
 
 
 def line(
@@ -162,7 +155,7 @@ def curvature_std(fit: Fit, pressure: Array, share: Array) -> Array:
 
 
 def curvature_weights(fit: Fit, pressure: Array, share: Array) -> Array:
-    """How kappa_p0 answers to the unknowns, (n, m, unknowns): pressures (n,) Pa, s / l (m,)."""
+    """Return how kappa_p0 at pressures (n,) Pa x s / l (m,) moves, (n, m, parameters)."""
     knots, cells = fit.parameters.arclength, fit.parameters.cells
     rows = idle(pressure).row_weights(fit.arm)
     basis = CubicSpline(knots, np.eye(knots.size))(share)
@@ -178,7 +171,7 @@ def curvature_covariance(fit: Fit, pressure: Array, share: Array) -> Array:
 
 
 def idle(pressure: Array) -> Inputs:
-    """Return a drive without load."""
+    """Return inputs without load."""
     return Inputs(pressure=pressure, loads=np.zeros((pressure.size, 3)))
 
 
@@ -201,8 +194,9 @@ def law_view(fit: Fit, pressure: Array) -> LawView:
     arm, parameters = fit.arm, fit.parameters
     sections = arm.moment_law.sections(pressure, arm.length, arm.weight)
     std = np.zeros(sections.shape)
-    causes = parameters.causes(fit.values, idle(pressure))[:, 3 + parameters.arclength.size :]
-    variance = np.einsum('pcu,uv,pcv->pc', causes, fit.covariance, causes)
+    jacobian = parameters.input_jacobian(fit.values, idle(pressure))
+    by_column = jacobian[:, LOADS + parameters.arclength.size :]
+    variance = np.einsum('pcu,uv,pcv->pc', by_column, fit.covariance, by_column)
     for place, (section, column) in enumerate(parameters.columns.tolist()):
         std[:, section, column] = np.sqrt(np.maximum(variance[:, place], 0.0))
     scale = arm.weight * arm.length**2

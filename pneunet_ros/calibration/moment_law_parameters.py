@@ -1,4 +1,4 @@
-"""The unknown constants of the moment laws, one class per law, as numbers in a vector."""
+"""The parameters of the moment laws, one class per law, as numbers in a vector."""
 
 from __future__ import annotations
 
@@ -8,27 +8,23 @@ import functools
 from typing import ClassVar
 
 import numpy as np
+from pneunet_ros.calibration.settings import MOMENT_LAW, MomentLawSettings
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
 from pneunet_ros.solver.rod import RIGIDITY, START
 from scipy.linalg import block_diag
 
-SPLIT_MEAN, SPLIT_STD = 0.12, 0.05  # l1 / l; the paper knows 0.10 to 0.15
-SPLIT_TREND_STD = 0.05  # over the whole range of pressure
-SPLIT_WAVE_STD = 0.012  # of a row beside the straight line
-SPLIT_LIMITS = (0.02, 0.9)
-BOW_STD = 0.03  # of alpha, in the middle of the range
-SPLIT_REACH = 0.5  # of the range: how far rows are alike; it may have kinks
 SPLIT_ROWS = 14
-KEPT = 64  # answers of laws to their unknowns
-ALPHAS = 6  # unknowns of both rigidities
+KEPT = 64  # Jacobians of laws
+ALPHAS = 6  # parameters of both rigidities
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MomentLawParameters(abc.ABC):
-    """Unknowns of one kind of moment law, with a prior that the data easily outweigh.
+    """Parameters of one kind of moment law, with a prior that the data easily outweigh.
 
-    mean (n,) and prior (n, n) covariance; stiffness is a first guess of EI (N m^2).
+    mean (n,) and prior (n, n) covariance; stiffness is a first guess of EI (N m^2). given: the law
+    of the arm that is calibrated, from which comes what is not fitted.
     """
 
     kind: ClassVar[str]
@@ -38,6 +34,8 @@ class MomentLawParameters(abc.ABC):
     high: float
     length: float
     weight: float
+    given: MomentLaw | None = None
+    settings: MomentLawSettings = MOMENT_LAW
     mean: Array = field(init=False)
     prior: Array = field(init=False)
 
@@ -74,20 +72,22 @@ class PiecewiseParameters(MomentLawParameters):
 
     def __post_init__(self) -> None:
         """Set up rows and prior."""
-        rows = np.linspace(self.low, self.high, SPLIT_ROWS)
+        known, rows = self.settings, np.linspace(self.low, self.high, SPLIT_ROWS)
         alpha = self.stiffness / (self.weight * self.length**2)
         trend = (rows - rows.mean()) / (self.high - self.low)
-        wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / SPLIT_REACH)
+        wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / known.split_scale)
         split = (
-            SPLIT_STD**2 + SPLIT_TREND_STD**2 * np.outer(trend, trend) + SPLIT_WAVE_STD**2 * wave
+            known.split_std**2
+            + known.split_trend_std**2 * np.outer(trend, trend)
+            + known.split_wave_std**2 * wave
         )
         prior = np.zeros((ALPHAS + SPLIT_ROWS,) * 2)
         # alpha at either end: one of unknown size, and a change over the range
         ends = 1.0 + 0.25 * np.array([[1, -1], [-1, 1]])
-        section = alpha**2 * block_diag(ends, BOW_STD**2)
+        section = alpha**2 * block_diag(ends, known.bow_std**2)
         prior[:ALPHAS, :ALPHAS] = np.kron(np.eye(2), section)
         prior[ALPHAS:, ALPHAS:] = split
-        mean = np.array([alpha, alpha, 0.0] * 2 + [SPLIT_MEAN] * SPLIT_ROWS)
+        mean = np.array([alpha, alpha, 0.0] * 2 + [known.split] * SPLIT_ROWS)
         object.__setattr__(self, 'rows', frozen_array(rows))
         object.__setattr__(self, 'mean', frozen_array(mean))
         object.__setattr__(self, 'prior', frozen_array(prior))
@@ -100,9 +100,10 @@ class PiecewiseParameters(MomentLawParameters):
 
     def law(self, values: Array) -> PiecewiseLinearLaw:
         """Eq 10 with these constants."""
+        known = self.settings
         return PiecewiseLinearLaw(
             pressure=self.rows,
-            split=np.clip(values[ALPHAS:], *SPLIT_LIMITS),
+            split=np.clip(values[ALPHAS:], known.split_least, known.split_most),
             rigidity=self.weights @ values[:ALPHAS].reshape(2, 3).T,
             moment_offset=np.zeros((SPLIT_ROWS, 2)),
         )
@@ -139,27 +140,42 @@ class LinearParameters(MomentLawParameters):
         return ('moment_law.bending_stiffness',), np.eye(1)
 
 
-# Figure 1 of the paper, m
+# Of an arm whose file has none, m
 PAPER_SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.002, 't2': 0.008}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MajidiParameters(MomentLawParameters):
-    """Eq 11 with the paper's section: one elastic modulus; kappa0 is fitted as for other laws."""
+    """Eq 11: one elastic modulus; kappa0 is fitted as for other laws.
+
+    The section is that of the given arm where its law has one, else that of Figure 1 of the paper.
+    """
 
     kind: ClassVar[str] = MajidiLaw.kind
     columns: ClassVar[tuple[tuple[int, int], ...]] = ((0, RIGIDITY),)
 
     def __post_init__(self) -> None:
         """Set up the prior: the modulus that gives the guessed stiffness at no pressure."""
-        section = PAPER_SECTION
+        section = self.section
         modulus = 12.0 * self.stiffness / (section['thickness'] ** 3 * section['width'])
         object.__setattr__(self, 'mean', frozen_array([modulus]))
         object.__setattr__(self, 'prior', frozen_array([[modulus**2]]))
 
+    @property
+    def assumed(self) -> bool:
+        """Whether the section is the paper's, for want of the arm's own."""
+        return not isinstance(self.given, MajidiLaw)
+
+    @property
+    def section(self) -> dict[str, float]:
+        """Sizes of the cross-section (m) by name."""
+        if self.assumed:
+            return PAPER_SECTION
+        return {name: float(getattr(self.given, name)) for name in PAPER_SECTION}
+
     def law(self, values: Array) -> MajidiLaw:
         """Return the law with this modulus."""
-        return MajidiLaw(modulus=float(values[0]), **PAPER_SECTION)
+        return MajidiLaw(modulus=float(values[0]), **self.section)
 
     def quantities(self) -> tuple[tuple[str, ...], Array]:
         """Return the modulus."""

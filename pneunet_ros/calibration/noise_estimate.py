@@ -12,18 +12,12 @@ from dataclasses import dataclass, fields, replace
 import math
 
 import numpy as np
+from pneunet_ros.calibration.settings import NOISE_ESTIMATE, NoiseEstimateSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.uncertainty import SensorNoise
 
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
-FEWEST = 20  # values for an estimate, and frames of a run to take them from
-EVEN = 1.5  # standard deviations of the mean over targets: the arm's motion has not changed
-AT_CLAMP = 0.01  # of the length: a target as close as this does not move with the arm
-BLOCKS = 8  # of a run, whose means show the drift of the camera
-SMOOTH_DEGREE = 6  # polynomial in arclength that a straight arm follows
-FEWEST_TARGETS = 12  # for a placement
-STRAIGHTEST = 0.1  # share of the unloaded frames
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
 SMALLEST = 1e-9  # of a standard deviation that was found
 
@@ -37,132 +31,138 @@ class NoiseEstimate:
 
 
 def estimate_noise(
-    runs: Sequence[RecordingData], arclength: Array, assumed: SensorNoise
+    runs: Sequence[RecordingData],
+    arclength: Array,
+    assumed: SensorNoise,
+    known: NoiseEstimateSettings = NOISE_ESTIMATE,
 ) -> NoiseEstimate:
     """Estimate all standard deviations; what the runs cannot tell is kept as `assumed`.
 
     arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion.
     """
-    runs = [run for run in runs if len(run.stamp_ns) >= FEWEST]
-    white = white_of_targets(runs)
-    found: dict[str, tuple[float | None, str]] = {
-        'target_std': (white, 'second differences of target positions in time'),
-        'pressure_std': (
-            second_differences([run.pressure for run in runs]),
-            'second differences of pressure readings in time',
-        ),
-    }
+    runs = [run for run in runs if len(run.stamp_ns) >= known.fewest]
     loaded = [run for run in runs if run.loaded]
-    force = [values for run in loaded for values in run.force.T]
-    found['force_std'] = second_differences(force), 'second differences of force readings in time'
-    moment = [run.moment for run in loaded if np.any(run.moment != 0.0)]
-    found['moment_std'] = (
-        second_differences(moment),
-        'second differences of moment readings in time',
-    )
-    known = white if white is not None else assumed.target_std
+    readings = {
+        'pressure': [run.pressure for run in runs],
+        'force': [values for run in loaded for values in run.force.T],
+        'moment': [run.moment for run in loaded if np.any(run.moment != 0.0)],
+    }
+    found: dict[str, tuple[float | None, str]] = {
+        f'{name}_std': (
+            second_differences(series, known),
+            f'second differences of {name} readings in time',
+        )
+        for name, series in readings.items()
+    }
+    white = white_of_targets(runs, known)
+    found['target_std'] = white, 'second differences of target positions in time'
+    white = white if white is not None else assumed.target_std
     found['placement_std'] = (
-        placement(runs, arclength, known),
+        placement(runs, arclength, white, known),
         'targets beside a smooth curve while the arm is straightest',
     )
-    place, drift = camera(runs, arclength, known)
+    place, drift = camera(runs, arclength, white, known)
     found['registration_std'] = place, 'the target at the clamp, between recordings'
     found['drift_std'] = drift, 'the target at the clamp, within recordings'
     noise, sources = assumed, {}
     for item in fields(SensorNoise):
         std, sentence = found[item.name]
-        sources[item.name] = sentence
         if std is None:
             sources[item.name] = 'assumed; these recordings cannot tell'
             continue
+        sources[item.name] = sentence
         noise = replace(noise, **{item.name: float(f'{max(std, SMALLEST):.3g}')})
     return NoiseEstimate(noise=noise, sources=sources)
 
 
-def second_differences(series: Sequence[Array]) -> float | None:
+def second_differences(
+    series: Sequence[Array], known: NoiseEstimateSettings = NOISE_ESTIMATE
+) -> float | None:
     """Return the standard deviation of white noise on smooth series, each (values,) in time.
 
     None for too few values, and where most lie on straight lines to the last digit: a set point,
     or a sensor coarser than its noise.
     """
-    apart = [np.abs(np.diff(values, 2)) for values in series]
-    all_apart = np.concatenate([values[np.isfinite(values)] for values in apart] or [np.zeros(0)])
-    if all_apart.size < FEWEST:
+    differences = np.concatenate([np.zeros(0), *(np.diff(values, 2) for values in series)])
+    sizes = np.abs(differences[np.isfinite(differences)])
+    if sizes.size < known.fewest:
         return None
-    return SIGMA_OF_MEDIAN * float(np.median(all_apart)) / math.sqrt(6.0) or None
+    return SIGMA_OF_MEDIAN * float(np.median(sizes)) / math.sqrt(6.0) or None
 
 
-def white_of_targets(runs: Sequence[RecordingData]) -> float | None:
+def white_of_targets(runs: Sequence[RecordingData], known: NoiseEstimateSettings) -> float | None:
     """Return the standard deviation of white noise of targets while the arm moves evenly.
 
     White noise averages out over the targets of a frame; a change of motion does not. Frames are
     compared less their mean, so that choosing among them does not make the noise smaller.
     """
     series = [values for run in runs for values in (run.x, run.y)]
-    first = second_differences([column for values in series for column in values.T])
+    first = second_differences([column for values in series for column in values.T], known)
     if first is None:
         return None
     even = []
     for values in series:
-        apart = np.diff(values, 2, axis=0)
-        count = np.maximum(np.isfinite(apart).sum(axis=1), 1)
-        common = np.nansum(apart, axis=1) / count
-        steady = (np.abs(common) < EVEN * first * np.sqrt(6.0 / count)) & (count > 1)
-        beside = (apart - common[:, None]) * np.sqrt(count / np.maximum(count - 1, 1))[:, None]
-        even.append(beside[steady])
-    apart = np.concatenate([values[np.isfinite(values)] for values in even])
-    if apart.size < FEWEST:
+        differences = np.diff(values, 2, axis=0)
+        count = np.maximum(np.isfinite(differences).sum(axis=1), 1)
+        common = np.nansum(differences, axis=1) / count
+        steady = (np.abs(common) < known.even * first * np.sqrt(6.0 / count)) & (count > 1)
+        enlarged = np.sqrt(count / np.maximum(count - 1, 1))
+        even.append(((differences - common[:, None]) * enlarged[:, None])[steady])
+    residuals = np.concatenate([values[np.isfinite(values)] for values in even])
+    if residuals.size < known.fewest:
         return first
-    return SIGMA_OF_MEDIAN * float(np.median(np.abs(apart))) / math.sqrt(6.0)
+    return SIGMA_OF_MEDIAN * float(np.median(np.abs(residuals))) / math.sqrt(6.0)
 
 
-def placement(runs: Sequence[RecordingData], arclength: Array, white: float) -> float | None:
+def placement(
+    runs: Sequence[RecordingData], arclength: Array, white: float, known: NoiseEstimateSettings
+) -> float | None:
     """Return the standard deviation of the painted places, per coordinate (m)."""
-    if arclength.size < FEWEST_TARGETS:
+    if arclength.size < known.fewest_targets:
         return None
     free = [run for run in runs if not run.loaded]
     if not free:
         return None
-    frames = np.concatenate([np.stack([run.x, run.y], axis=1) for run in free])
-    whole = frames[np.all(np.isfinite(frames), axis=(1, 2))]
-    if len(whole) < FEWEST:
+    frames = np.concatenate([run.points for run in free])
+    complete = frames[np.all(np.isfinite(frames), axis=(1, 2))]
+    if len(complete) < known.fewest:
         return None
-    chord = np.hypot(*(whole[:, :, -1] - whole[:, :, 0]).T)
-    count = max(FEWEST, round(STRAIGHTEST * len(whole)))
-    mean = whole[np.argsort(-chord)[:count]].mean(axis=0)
+    chord = np.hypot(*(complete[:, :, -1] - complete[:, :, 0]).T)
+    count = max(known.fewest, round(known.straightest * len(complete)))
+    mean = complete[np.argsort(-chord)[:count]].mean(axis=0)
     smooth = np.polynomial.chebyshev.chebvander(
-        2.0 * arclength / arclength[-1] - 1.0, SMOOTH_DEGREE
+        2.0 * arclength / arclength[-1] - 1.0, known.smooth_degree
     )
     coefficients, *_ = np.linalg.lstsq(smooth, mean.T, rcond=None)
-    beside = mean.T - smooth @ coefficients
-    variance = np.sum(beside**2) / (2 * (arclength.size - SMOOTH_DEGREE - 1))
+    residual = mean.T - smooth @ coefficients
+    variance = np.sum(residual**2) / (2 * (arclength.size - known.smooth_degree - 1))
     return float(np.sqrt(max(variance - white**2 / count, 0.0)))
 
 
 def camera(
-    runs: Sequence[RecordingData], arclength: Array, white: float
+    runs: Sequence[RecordingData], arclength: Array, white: float, known: NoiseEstimateSettings
 ) -> tuple[float | None, float | None]:
     """Return the spread of the camera's place between runs and its drift within a run (m)."""
-    if arclength.size == 0 or arclength[0] > AT_CLAMP * arclength[-1]:
+    if arclength.size == 0 or arclength[0] > known.at_clamp * arclength[-1]:
         return None, None
     places, walked, own = [], [], []
     for run in runs:
         here = np.column_stack([run.x[:, 0], run.y[:, 0]])
         here = here[np.isfinite(here[:, 0])]
-        if len(here) < FEWEST:
+        if len(here) < known.fewest:
             continue
         places.append(here.mean(axis=0))
-        blocks = np.array_split(here, BLOCKS)
+        blocks = np.array_split(here, known.blocks)
         means = np.array([block.mean(axis=0) for block in blocks])
         walked.append(np.diff(means, axis=0) ** 2)
-        own.append(2.0 * white**2 * BLOCKS / len(here))
+        own.append(2.0 * white**2 * known.blocks / len(here))
     if not walked:
         return None, None
     # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block.
     # The median of both coordinates' squares, so that a base that slips once is no drift.
     steps = np.concatenate([item.sum(axis=1) for item in walked])
     excess = 0.5 * float(np.median(steps)) / MEDIAN_OF_TWO - float(np.mean(own))
-    drift = float(np.sqrt(max(excess, 0.0) * 1.5 * BLOCKS))
+    drift = float(np.sqrt(max(excess, 0.0) * 1.5 * known.blocks))
     if len(places) < 3:
         return None, drift
     # The mean over a run of a walk that starts at zero has a third of the variance of its end.

@@ -12,6 +12,7 @@ from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.solver.rod import RIGIDITY
+from scipy.linalg import block_diag
 
 NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
 
@@ -20,13 +21,13 @@ NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
 class Hyperparameters:
     """What is believed of kappa_p0 before any recording, a Gaussian process over p and s.
 
-    amplitude (1/m) at the highest pressure of a part that is proportional to pressure, deviation
-    (1/m) of a part that is not; both smooth in s over `reach` (of the length).
+    amplitude (1/m) at the highest pressure of a part that is proportional to pressure, std (1/m)
+    of a part that is not; both smooth in s over `length_scale` (of the length).
     """
 
     amplitude: float
-    deviation: float
-    reach: float
+    std: float
+    length_scale: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,20 +64,18 @@ class Parameters:
     def __post_init__(self) -> None:
         """Put the prior together."""
         rows, knots = self.pressure, self.arclength
-        apart = np.subtract.outer(knots, knots) / self.hyperparameters.reach
-        along = np.exp(-0.5 * apart**2)
+        distance = np.subtract.outer(knots, knots) / self.hyperparameters.length_scale
+        along = np.exp(-0.5 * distance**2)
         top = np.max(np.abs(rows))
-        apart = np.subtract.outer(rows, rows) / (0.5 * np.ptp(rows))
+        distance = np.subtract.outer(rows, rows) / (0.5 * np.ptp(rows))
         over = self.hyperparameters.amplitude**2 * np.outer(rows, rows) / top**2
-        over = over + self.hyperparameters.deviation**2 * np.exp(-0.5 * apart**2)
+        over = over + self.hyperparameters.std**2 * np.exp(-0.5 * distance**2)
         field_prior = np.kron(over, along)
         field_prior += NUGGET * self.hyperparameters.amplitude**2 * np.eye(field_prior.shape[0])
         mean, prior = np.zeros(field_prior.shape[0]), field_prior
         if self.law is not None:
             mean = np.concatenate([mean, self.law.mean])
-            size = prior.shape[0]
-            prior = np.zeros((mean.size, mean.size))
-            prior[:size, :size], prior[size:, size:] = field_prior, self.law.prior
+            prior = block_diag(prior, self.law.prior)
         if self.known is not None:
             size = self.known.values.size
             mean[:size] = self.known.values
@@ -105,10 +104,10 @@ class Parameters:
         columns = () if self.law is None else self.law.columns
         return np.array(columns, dtype=np.int64).reshape(-1, 2)
 
-    def causes(self, values: Array, inputs: Inputs) -> Array:
-        """How much each cause of a response moves per unknown, (frames, causes, unknowns).
+    def input_jacobian(self, values: Array, inputs: Inputs) -> Array:
+        """Return how inputs of the rod move per parameter, (frames, inputs, parameters).
 
-        Causes: F1, F2, M, knots, then the columns of the law; see `response.Series.answer`.
+        Inputs: F1, F2, M, knots, then the columns of the law; see `ForwardModel.jacobian`.
         """
         frames, knots = inputs.pressure.size, self.arclength.size
         columns = self.columns.tolist()
@@ -140,7 +139,4 @@ class Parameters:
         if self.law is None:
             return tuple(names), np.eye(self.cells)
         more, change = self.law.quantities()
-        whole = np.zeros((self.cells + change.shape[0], self.mean.size))
-        whole[: self.cells, : self.cells] = np.eye(self.cells)
-        whole[self.cells :, self.cells :] = change
-        return (*names, *more), whole
+        return (*names, *more), block_diag(np.eye(self.cells), change)

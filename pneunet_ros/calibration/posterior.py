@@ -11,12 +11,11 @@ from pneunet_ros.core.arrays import Array, frozen_array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PosteriorState:
-    """Mean and covariance of all unknowns of a fit: the prior of the next one.
+class PosteriorState(PriorState):
+    """Mean and covariance of all parameters of a fit: the prior of the next one.
 
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
-    (N m^2) of the moment law's unknowns over low to high (Pa), kind '' where none was fitted.
-    values, placement and covariance are those of `PriorState`.
+    (N m^2) of the moment law's parameters over low to high (Pa), kind '' where none was fitted.
     """
 
     pressure: Array
@@ -25,9 +24,6 @@ class PosteriorState:
     stiffness: float
     low: float
     high: float
-    values: Array
-    placement: Array
-    covariance: Array
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together."""
@@ -36,10 +32,6 @@ class PosteriorState:
             object.__setattr__(self, name, frozen_array(values, (np.size(values),)))
         size = self.values.size + self.placement.size
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
-
-    def known(self) -> PriorState:
-        """Return it as the beginning of a fit."""
-        return PriorState(values=self.values, placement=self.placement, covariance=self.covariance)
 
 
 def posterior_of(fit: Fit, low: float, high: float) -> PosteriorState:

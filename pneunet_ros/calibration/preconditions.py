@@ -6,21 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 from pneunet_ros.calibration.consistency import check_same_arm
+from pneunet_ros.calibration.settings import (
+    CALIBRATION,
+    CalibrationSettings,
+    PRECONDITIONS,
+    PreconditionSettings,
+)
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
-
-FEWEST_FRAMES = 20  # of a recording
-FEWEST_TARGETS = 4  # seen somewhere in a recording
-SMALLEST_SPAN = 1000.0  # Pa of pressure, over all unloaded recordings
-SMALLEST_MOTION = 5e-4  # m of the tip
-SMALLEST_FORCE = 0.005  # N, for a load
-UNLOADED_FORCE = 0.02  # N: more than the offset of a force sensor
-LARGEST_PRESSURE = 1e6  # Pa
-BENDING_MOTION = 0.05  # of the length: pressures that bend an arm so much are no few Pa
-LARGEST_FORCE = 100.0  # times the weight of the arm
-LONGER_THAN_ARM = 1.3  # of the length, from the clamp to a target
 
 
 def check_runs(
@@ -29,98 +24,101 @@ def check_runs(
     arm: Arm,
     *,
     first: bool = True,
-    fewest: int = FEWEST_FRAMES,
+    settings: CalibrationSettings = CALIBRATION,
 ) -> None:
     """Raise RequestError or RecordingError where the recordings cannot give a calibration.
 
-    first: nothing is known of the arm yet; fewest: frames that a recording must have.
+    first: nothing is known of the arm yet.
     """
+    known = settings.preconditions
     if not unloaded and (first or not loaded):
         raise RequestError(
             'no unloaded recording: the curvature kappa_p0 comes from an arm without end load; '
             'name such recordings after --unloaded'
         )
     for run in (*unloaded, *loaded):
-        check_targets(run, arm, fewest)
-        check_units(run, arm)
+        check_targets(run, arm, known)
+        check_units(run, arm, known)
     for run in unloaded:
-        if run.loaded and float(np.max(np.hypot(*run.force.T))) > UNLOADED_FORCE:
+        if run.loaded and float(np.max(np.hypot(*run.force.T))) > known.unloaded_force:
             raise RecordingError(
                 f'{run.name} was given as unloaded, but its end force reaches '
                 f'{np.max(np.hypot(*run.force.T)):.3g} N; name it after --loaded'
             )
     for run in loaded:
-        if not run.loaded or float(np.max(np.hypot(*run.force.T))) < SMALLEST_FORCE:
+        if not run.loaded or float(np.max(np.hypot(*run.force.T))) < known.smallest_force:
             raise RecordingError(
                 f'{run.name} was given as loaded, but it has no end force above '
-                f'{SMALLEST_FORCE} N; name it after --unloaded'
+                f'{known.smallest_force} N; name it after --unloaded'
             )
-        if float(np.max(np.abs(run.force))) > LARGEST_FORCE * arm.weight:
+        if float(np.max(np.abs(run.force))) > known.largest_force * arm.weight:
             raise RecordingError(
                 f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
                 f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)'
             )
-        if motion(run) < SMALLEST_MOTION:
+        if motion(run) < known.smallest_motion:
             raise RecordingError(
                 f'{run.name}: the targets hardly move, so it says nothing of the moment law; '
                 'change the pressure or the load within a recording'
             )
-    check_same_arm(unloaded, arm.length)
+    check_same_arm(unloaded, arm.length, settings.consistency)
     if not first:
         return
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
     names = ', '.join(run.name for run in unloaded)
     moved = max(motion(run) for run in unloaded)
-    if np.max(np.abs(pressures)) < SMALLEST_SPAN and moved > BENDING_MOTION * arm.length:
+    highest = float(np.max(np.abs(pressures)))
+    if highest < known.smallest_span and moved > known.bending_motion * arm.length:
         raise RecordingError(
-            f'{names}: the pressure never exceeds '
-            f'{np.max(np.abs(pressures)):.3g} Pa, and yet the arm moves by '
+            f'{names}: the pressure never exceeds {highest:.3g} Pa, and yet the arm moves by '
             f'{millimeters(moved):.3g} mm; pressure must be gauge, in Pa, not in kPa, mbar or psi'
         )
-    if np.ptp(pressures) < SMALLEST_SPAN:
+    if np.ptp(pressures) < known.smallest_span:
         raise RecordingError(
             f'{names} span {kilopascals(float(np.ptp(pressures))):.2g} kPa of pressure: kappa_p0 '
             'needs at least two pressures; record a ramp or a staircase'
         )
-    if moved < SMALLEST_MOTION:
+    if moved < known.smallest_motion:
         raise RecordingError(
             f'{names}: the targets hardly move although the '
             'pressure changes; do the target topic and the pressure belong together?'
         )
 
 
-def check_targets(run: RecordingData, arm: Arm, fewest: int = FEWEST_FRAMES) -> None:
+def check_targets(
+    run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS
+) -> None:
     """Raise RecordingError where a recording has too few targets or too few frames."""
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
             'recordings of different arms cannot be calibrated together (see --arm)'
         )
-    if len(run.stamp_ns) < fewest:
+    if len(run.stamp_ns) < known.fewest_frames:
         raise RecordingError(
             f'{run.name} has {len(run.stamp_ns)} frames with targets and a pressure; '
-            f'at least {fewest} are needed'
+            f'at least {known.fewest_frames} are needed'
         )
-    if np.count_nonzero(run.seen.any(axis=0)) < min(FEWEST_TARGETS, run.x.shape[1]):
-        raise RecordingError(f'{run.name} shows fewer than {FEWEST_TARGETS} targets')
+    if np.count_nonzero(run.seen.any(axis=0)) < min(known.fewest_targets, run.x.shape[1]):
+        raise RecordingError(f'{run.name} shows fewer than {known.fewest_targets} targets')
 
 
-def check_units(run: RecordingData, arm: Arm) -> None:
+def check_units(run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS) -> None:
     """Raise RecordingError where numbers are of a size that no arm has: another unit."""
     highest = float(np.max(np.abs(run.frame_pressure)))
-    if highest > LARGEST_PRESSURE:
+    if highest > known.largest_pressure:
         raise RecordingError(
             f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa'
         )
     reach = float(np.nanmax(np.hypot(run.x, run.y)))
-    if reach > LONGER_THAN_ARM * arm.length:
+    if reach > known.longest * arm.length:
         raise RecordingError(
             f'{run.name}: a target {reach:.3g} m from the clamp, and the arm is '
             f'{arm.length:.3g} m long; targets must be in m, in the base frame at the clamp, and '
             'of this arm (see --arm)'
         )
     middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach
-    if middle < 0.02 * arm.length:
+    if middle < known.nearest * arm.length:
         raise RecordingError(
             f'{run.name}: the last target lies {middle:.3g} m from the clamp, and the arm is '
             f'{arm.length:.3g} m long; is the unit right, and the first target that at the clamp?'

@@ -39,46 +39,31 @@ class Variation:
 
 
 def variations(arm: Arm, steady_state: SteadyState) -> tuple[Variation, ...]:
-    """Return the variations of Figure 10 around the load of a stance.
+    """Return the variations of Figure 10 around the load of a steady state.
 
     F1 +- 20 %, l1 from 0.05 to 0.15 of the length (for a law that has it), rigidity +- 20 %.
     """
     f1, f2 = steady_state.force.tolist()
 
-    def shape(arm: Arm, along: float = f1) -> Shape:
-        return solve(arm, steady_state.pressure, (along, f2), steady_state.moment)
+    def vary(name: str, labels: tuple[str, ...], cases: list[tuple[Arm, float]]) -> Variation:
+        pressure, moment = steady_state.pressure, steady_state.moment
+        shapes = tuple(solve(case, pressure, (along, f2), moment) for case, along in cases)
+        return Variation(name=name, labels=labels, shapes=shapes)
 
+    def with_law(changed: MomentLaw) -> tuple[Arm, float]:
+        return replace(arm, moment_law=changed, covariance=None), f1
+
+    law = arm.moment_law
     percent = tuple(
         f'{100.0 * (factor - 1.0):+.0f} %' if factor != 1.0 else 'as fitted' for factor in FACTORS
     )
-    found = [
-        Variation(
-            name='F1', labels=percent, shapes=tuple(shape(arm, factor * f1) for factor in FACTORS)
-        )
-    ]
-    law = arm.moment_law
+    found = [vary('F1', percent, [(arm, factor * f1) for factor in FACTORS])]
     if isinstance(law, PiecewiseLinearLaw):
-        moved = [replace(law, split=np.full(law.split.size, split)) for split in SPLITS]
-        found.append(
-            Variation(
-                name='l1 / l',
-                labels=tuple(f'{split:g}' for split in SPLITS),
-                shapes=tuple(
-                    shape(replace(arm, moment_law=item, covariance=None)) for item in moved
-                ),
-            )
-        )
-    found.append(
-        Variation(
-            name=RIGIDITY_NAMES[law.kind],
-            labels=percent,
-            shapes=tuple(
-                shape(replace(arm, moment_law=stiffer(law, factor), covariance=None))
-                for factor in FACTORS
-            ),
-        )
-    )
-    return tuple(found)
+        splits = [replace(law, split=np.full(law.split.size, split)) for split in SPLITS]
+        labels = tuple(f'{split:g}' for split in SPLITS)
+        found.append(vary('l1 / l', labels, [with_law(item) for item in splits]))
+    stiffened = [with_law(stiffer(law, factor)) for factor in FACTORS]
+    return (*found, vary(RIGIDITY_NAMES[law.kind], percent, stiffened))
 
 
 def stiffer(law: MomentLaw, factor: float) -> MomentLaw:

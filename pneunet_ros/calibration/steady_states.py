@@ -1,6 +1,6 @@
-"""Stances of a run: stretches in which pressure and load hardly change, averaged.
+"""Steady states of a run: stretches in which pressure and load hardly change, averaged.
 
-A hold of a staircase is one long stance, a slow ramp many short ones. Mean targets belong to the
+A hold of a staircase is one long state, a slow ramp many short ones. Mean targets belong to the
 mean load: what changes in a straight line meanwhile cancels. What the fit has found of the camera
 and of the painted places of targets is taken off: what is left is where the arm was.
 """
@@ -11,24 +11,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.result import FittedRun
+from pneunet_ros.calibration.settings import STEADY_STATES, SteadyStateSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.measurement.linearization import FittedRun
+from pneunet_ros.measurement.steady_states import steady_segments
 from pneunet_ros.model.arm import Arm
-
-SHARE_OF_SPAN = 0.01  # of the run's largest pressure or force, that a stance may span
-HOLD_SHARE = 0.3  # of the longest stance of a run, at least, for a hold
-FEWEST_HOLDS = 4
-NOISE_SPAN = 8.0  # standard deviations that readings of one value may span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SteadyState:
     """Some successive frames of a run under about the same load, as one.
 
-    pressure (Pa), force (2,) N and moment (N m) are means of the readings; drive, of one frame, is
+    pressure (Pa), force (2,) N and moment (N m) are means of the readings; inputs: of one frame,
     what really acted. x, y (targets,) m are means over the frames in which a target was seen, less
     the disturbances that the fit has found, `count` (targets,) how many frames those are; NaN for
     a target never seen.
@@ -54,55 +51,49 @@ class SteadyState:
         )
 
 
-def find_steady_states(fitted: FittedRun, arm: Arm) -> tuple[SteadyState, ...]:
-    """Return all stances of a run of a fit, in order of time; arm: the fitted one."""
+def find_steady_states(
+    fitted: FittedRun, arm: Arm, settings: SteadyStateSettings = STEADY_STATES
+) -> tuple[SteadyState, ...]:
+    """Return all steady states of a run of a fit, in order of time; arm: the fitted one."""
     noise, points = arm.sensors, arm_points(fitted, arm)
     run = fitted.run
     readings = np.column_stack([run.frame_pressure, run.force])
     stds = np.array([noise.pressure_std, noise.force_std, noise.force_std])
     largest = np.max(np.abs(readings), axis=0)
     largest[1:] = largest[1:].max()
-    allowed = np.maximum(NOISE_SPAN * stds, SHARE_OF_SPAN * largest)
-    found, start = [], 0
-    low = high = readings[0]
-    for frame in range(1, len(readings) + 1):
-        if frame < len(readings):
-            low, high = np.minimum(low, readings[frame]), np.maximum(high, readings[frame])
-            if np.all(high - low <= allowed):
-                continue
-            low = high = readings[frame]
-        found.append(averaged(fitted, points, start, frame))
-        start = frame
-    return tuple(found)
+    allowed = np.maximum(settings.noise_span * stds, settings.share_of_span * largest)
+    return tuple(
+        average(fitted, points, start, stop) for start, stop in steady_segments(readings, allowed)
+    )
 
 
 def arm_points(fitted: FittedRun, arm: Arm) -> Array:
     """Return where the targets really were as far as is known, (frames, 2, targets) m."""
-    measured = np.stack([fitted.run.x, fitted.run.y], axis=1) - fitted.disturbance
+    measured = fitted.run.points - fitted.disturbance
     # What effects of the camera do is linear about the base.
     seen = np.stack(arm.see(np.array([1.0, 0.0]), np.array([0.0, 1.0])))
     return np.asarray(np.matmul(np.linalg.inv(seen), measured))
 
 
-def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadyState:
+def average(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadyState:
     """Return frames start to stop - 1 as one; points (frames, 2, targets) m."""
-    run, some = fitted.run, slice(start, stop)
-    seen = run.seen[some]
+    run, frames = fitted.run, slice(start, stop)
+    seen = run.seen[frames]
     count = seen.sum(axis=0).astype(np.float64)
     means = [
         np.where(seen, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
-        for values in (points[some, 0], points[some, 1])
+        for values in (points[frames, 0], points[frames, 1])
     ]
     return SteadyState(
         run=run.name,
         frames=stop - start,
-        pressure=float(run.frame_pressure[some].mean()),
-        force=run.force[some].mean(axis=0),
-        moment=float(run.moment[some].mean()),
+        pressure=float(run.frame_pressure[frames].mean()),
+        force=run.force[frames].mean(axis=0),
+        moment=float(run.moment[frames].mean()),
         inputs=replace(
-            fitted.inputs.at(np.array([(start + stop) // 2])),
-            pressure=fitted.inputs.pressure[some].mean(keepdims=True),
-            loads=fitted.inputs.loads[some].mean(axis=0, keepdims=True),
+            fitted.inputs.subset(np.array([(start + stop) // 2])),
+            pressure=fitted.inputs.pressure[frames].mean(keepdims=True),
+            loads=fitted.inputs.loads[frames].mean(axis=0, keepdims=True),
         ),
         x=means[0],
         y=means[1],
@@ -110,40 +101,43 @@ def averaged(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadyS
     )
 
 
-def longest_states(found: Sequence[SteadyState]) -> list[SteadyState]:
-    """Leave out the short stances on the way between holds, where the holds span the pressures."""
-    longest = max((steady_state.frames for steady_state in found), default=0)
-    holds = [steady_state for steady_state in found if steady_state.frames >= HOLD_SHARE * longest]
-    span = np.ptp([steady_state.pressure for steady_state in found]) if found else 0.0
-    if len(holds) >= FEWEST_HOLDS and np.ptp([one.pressure for one in holds]) >= 0.8 * span:
-        return holds
-    return list(found)
+def longest_states(
+    states: Sequence[SteadyState], settings: SteadyStateSettings = STEADY_STATES
+) -> list[SteadyState]:
+    """Leave out the short states on the way between holds, where the holds span the pressures."""
+    least = settings.hold_share * max((state.frames for state in states), default=0)
+    holds = [state for state in states if state.frames >= least]
+    if len(holds) >= settings.fewest_holds:
+        spans = [np.ptp([state.pressure for state in group]) for group in (holds, states)]
+        if spans[0] >= settings.covered * spans[1]:
+            return holds
+    return list(states)
 
 
-def thin(found: Sequence[SteadyState], count: int) -> list[SteadyState]:
-    """Choose at most so many stances, evenly over pressure; of neighbors the longest."""
-    if not found:
+def thin(states: Sequence[SteadyState], count: int) -> list[SteadyState]:
+    """Choose at most so many states, evenly over pressure; of neighbors the longest."""
+    if not states:
         return []
-    places = np.array([steady_state.pressure for steady_state in found])
+    places = np.array([state.pressure for state in states])
     half = 0.5 * float(np.ptp(places)) / max(count - 1, 1)
     chosen: list[int] = []
     for wanted in np.linspace(places.min(), places.max(), count).tolist():
         near = np.flatnonzero(np.abs(places - wanted) <= half).tolist()
         free = [place for place in near if place not in chosen]
         if free:
-            apart = np.abs(places - wanted)
-            chosen.append(max(free, key=lambda at: (found[at].frames, -apart[at])))
-    return sorted((found[at] for at in chosen), key=lambda steady_state: steady_state.pressure)
+            distance = np.abs(places - wanted)
+            chosen.append(max(free, key=lambda at: (states[at].frames, -distance[at])))
+    return sorted((states[at] for at in chosen), key=lambda steady_state: steady_state.pressure)
 
 
-def predicted(arm: Arm, some: Sequence[SteadyState], arclength: Array) -> Array:
-    """Return what the arm does under these loads, (stances, 6, arclength); NaN: no equilibrium.
+def predict_states(arm: Arm, states: Sequence[SteadyState], arclength: Array) -> Array:
+    """Return what the arm does under these loads, (states, 6, arclength); NaN: no equilibrium.
 
     Fields as of `solver.stations.at_stations`; arclength in m.
     """
-    if not some:
+    if not states:
         return np.zeros((0, 6, arclength.size))
-    series, all_inputs = ForwardModel(arclength), [steady_state.inputs for steady_state in some]
+    series, all_inputs = ForwardModel(arclength), [steady_state.inputs for steady_state in states]
     past = [inputs.histories for inputs in all_inputs if inputs.histories is not None]
     inputs = Inputs(
         pressure=np.concatenate([inputs.pressure for inputs in all_inputs]),

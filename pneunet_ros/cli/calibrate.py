@@ -110,7 +110,7 @@ def run(arguments: Namespace) -> int:
             kind=arguments.law,
             compare=not arguments.no_compare,
             earlier=earlier,
-            each=lambda stage, step, total: bar.update(
+            on_progress=lambda stage, step, total: bar.update(
                 task, description=f'fitting {stage}, step {step}'
             ),
         )
@@ -176,5 +176,6 @@ def provenance_of(arguments: Namespace, calibration: Calibration) -> dict[str, o
         'continued': None if arguments.earlier is None else arguments.earlier.name,
         'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),
         'coordinates': joint.dof,
-        'covariance_share': round(calibration.captured, 4),
+        'settings': calibration.settings.changed(),
+        'covariance_share': round(calibration.explained_variance, 4),
     }

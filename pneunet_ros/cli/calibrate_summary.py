@@ -49,7 +49,7 @@ def numbers_of(calibration: Calibration) -> dict[str, Any]:
             }
             for law in calibration.laws
         ],
-        'covariance_share': calibration.captured,
+        'covariance_share': calibration.explained_variance,
         'notes': list(calibration.notes),
     }
 

@@ -1,10 +1,15 @@
-"""Which reading may follow which, by the stamps of their headers; and counting of what may not."""
+"""Which reading may follow which, by the stamps of their headers; and counting of what may not.
+
+And which reading belongs to which frame: the nearest by their stamps, within half a period.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
 
+import numpy as np
+import numpy.typing as npt
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 
 BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
@@ -33,3 +38,21 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
 def count_reason(counts: Mapping[str, int], reason: str) -> Mapping[str, int]:
     """Return counts by reason with one more of this reason."""
     return MappingProxyType({**counts, reason: counts.get(reason, 0) + 1})
+
+
+Stamps = npt.NDArray[np.int64]
+
+
+def match_stamps(
+    wanted_ns: Stamps, stamp_ns: Stamps, reach_ns: float
+) -> tuple[Stamps, npt.NDArray[np.bool_]]:
+    """Return which of increasing stamps, at least one, is nearest to each one wanted; and if near.
+
+    Of two as near it is the earlier one; near is what lies within reach_ns, half a period.
+    """
+    after = np.clip(np.searchsorted(stamp_ns, wanted_ns), 1, max(len(stamp_ns) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(stamp_ns) - 1)
+    earlier = wanted_ns - stamp_ns[before] <= stamp_ns[after] - wanted_ns
+    found = np.where(earlier, before, after)
+    return found, np.abs(stamp_ns[found] - wanted_ns) <= reach_ns

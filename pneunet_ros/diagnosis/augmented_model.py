@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import MapEstimationSettings
 from pneunet_ros.diagnosis.hypothesis import Coordinate
 from pneunet_ros.diagnosis.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
@@ -30,7 +31,7 @@ def fit_with_effects(
         linearization.noise,
         point.arm.target_arclength,
         point.values,
-        small=settings.settled,
+        settings=MapEstimationSettings(small_step=settings.settled),
     )
 
 

@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.experiments import pressure_span, Stages
+from pneunet_ros.calibration.experiments import FitSequence
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
-from pneunet_ros.calibration.preconditions import check_runs, FEWEST_FRAMES
+from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import CALIBRATION, PRECONDITIONS
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.diagnosis.settings import BaseFitSettings, DEFAULTS
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -45,21 +45,23 @@ def fit_base(
             'by pressure alone'
         )
     uniform = has_uniform_curvature(frame)
-    fewest = settings.fewest_uniform if uniform else FEWEST_FRAMES
-    check_runs(unloaded, loaded, frame, first=True, fewest=fewest)
+    calibration = CALIBRATION
+    if uniform:
+        fewer = replace(PRECONDITIONS, fewest_frames=settings.fewest_uniform)
+        calibration = replace(CALIBRATION, preconditions=fewer)
+    check_runs(unloaded, loaded, frame, settings=calibration)
     noise = estimate_noise(training, frame.target_arclength, frame.sensors)
     least = settings.harmless_camera * frame.length
     noise = replace(noise, noise=with_camera_motion(noise.noise, least))
     frame = replace(frame, sensors=noise.noise, covariance=None)
-    low, high = pressure_span(inputs_of(frame, training))
     most = settings.first_frames
     unloaded, loaded = ([run.thinned(most) for run in runs] for runs in (unloaded, loaded))
-    stage = Stages(frame, noise, low, high, on_progress, uniform=uniform)
-    fit, hyperparameters = stage.first_experiment(unloaded)
+    fits = FitSequence(frame, noise, training, on_progress, uniform=uniform, settings=calibration)
+    fit = fits.first_experiment(unloaded)
     if loaded and frame.moment_law.kind in MOMENT_LAW_PARAMETERS:
-        stiffness = stage.stiffness(unloaded, loaded, fit, hyperparameters)
-        law = stage.law(frame.moment_law.kind, stiffness)
-        fit = stage.joint(unloaded, loaded, fit, hyperparameters, law, most)
+        runs = [*unloaded, *loaded]
+        law = fits.law(frame.moment_law.kind, fits.stiffness(runs, fit))
+        fit = fits.joint(runs, fit, law, most)
     return BaseFit(frame=frame, noise=noise, fit=fit)
 
 

@@ -12,6 +12,7 @@ from pneunet_ros.diagnosis.result import Misfit
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.measurement.noise_model import attached_std, target_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -48,19 +49,17 @@ def distances(error: Array) -> Array:
 def noise_floor(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> float:
     """Return the rms (m) that a perfect model would have: white noise, placement, readings."""
     squares, count = 0.0, 0
-    stds = np.array([noise.force_std, noise.force_std, noise.moment_std])
     for run, inputs in zip(runs, inputs_of(arm, runs), strict=True):
-        series = ForwardModel(arm.target_arclength)
-        seen = run.seen & series.solve(arm, inputs)[:, None]
-        points = series.points.copy()
-        # A load of exactly zero is none, and has no error.
-        attached = np.any(inputs.loads != 0.0, axis=1)[:, None]
-        moved = np.sum((series.load_answer(arm, inputs) * stds) ** 2, axis=2) * attached
-        series.solve(arm, replace(inputs, pressure=inputs.pressure + noise.pressure_std))
-        moved += (series.points - points).reshape(moved.shape) ** 2
+        model = ForwardModel(arm.target_arclength)
+        seen = run.seen & model.solve(arm, inputs)[:, None]
+        points = model.points.copy()
+        by_load = model.load_jacobian(arm, inputs) * attached_std(noise, run)[:, None]
+        moved = np.sum(by_load**2, axis=2)
+        model.solve(arm, replace(inputs, pressure=inputs.pressure + noise.pressure_std))
+        moved += (model.points - points).reshape(moved.shape) ** 2
         both = np.concatenate([seen, seen], axis=1)
         squares += float(moved[both & np.isfinite(moved)].sum())
-        squares += int(both.sum()) * (noise.target_std**2 + noise.placement_std**2)
+        squares += int(both.sum()) * target_std(noise) ** 2
         count += int(both.sum())
     return float(np.sqrt(squares / max(count, 1)))
 

@@ -37,20 +37,18 @@ class GaussianModel:
         grams: Sequence[Array] = (),
     ) -> GaussianModel:
         """Set the problem up and solve it; grams: column^T column per run, where known."""
+        vectors = tuple(item.T @ rest for item, rest in zip(columns, residuals, strict=True))
         grams = tuple(grams) or tuple(item.T @ item for item in columns)
-        information_vectors = tuple(
-            item.T @ rest for item, rest in zip(columns, residuals, strict=True)
-        )
         factor = cho_factor(sum(grams, np.eye(position.size)))
         return cls(
             columns=tuple(columns),
             residuals=tuple(residuals),
             position=position,
             grams=grams,
-            information_vectors=information_vectors,
+            information_vectors=vectors,
             squares=tuple(float(rest @ rest) for rest in residuals),
             factor=factor,
-            step=cho_solve(factor, sum(information_vectors, np.zeros(position.size)) - position),
+            step=cho_solve(factor, sum(vectors, np.zeros(position.size)) - position),
         )
 
     @property
@@ -61,9 +59,7 @@ class GaussianModel:
 
     def step_without(self, fixed: Sequence[int]) -> tuple[Array, float]:
         """Return the best step with some unknowns kept, and by how much it lowers the cost."""
-        information_vector = (
-            sum(self.information_vectors, np.zeros(self.position.size)) - self.position
-        )
+        information_vector = sum(self.information_vectors, -self.position)
         if not fixed:
             return self.step, 0.5 * float(information_vector @ self.step)
         free = np.setdiff1d(np.arange(information_vector.size), fixed)
@@ -86,11 +82,9 @@ class GaussianModel:
         """Return left^T V^-1 right for columns per run."""
         plain = sum(a.T @ b for a, b in zip(left, right, strict=True))
         over = sum(x.T @ a for x, a in zip(self.columns, left, strict=True))
-        other = (
-            over
-            if right is left
-            else sum(x.T @ b for x, b in zip(self.columns, right, strict=True))
-        )
+        other = over
+        if right is not left:
+            other = sum(x.T @ b for x, b in zip(self.columns, right, strict=True))
         value: Array = plain - np.asarray(over).T @ cho_solve(self.factor, np.asarray(other))
         return value
 
@@ -103,25 +97,15 @@ class GaussianModel:
     def log_probability(self, without: int | None = None) -> float:
         """Log of the probability of the runs, or of all but one, up to a constant of them all."""
         kept = [which for which in range(len(self.grams)) if which != without]
-        size = self.position.size
-        precision = np.eye(size) + sum(
-            (self.grams[which] for which in kept), np.zeros((size,) * 2)
-        )
-        information_vector = (
-            sum((self.information_vectors[which] for which in kept), np.zeros(size))
-            - self.position
-        )
-        lower, _ = factor = cho_factor(precision, lower=True)
-        square = sum(self.squares[which] for which in kept)
-        square += float(self.position @ self.position)
-        determinant = 2.0 * float(np.log(np.diag(lower)).sum())
-        return -0.5 * (
-            square
-            - float(information_vector @ cho_solve(factor, information_vector))
-            + determinant
-        )
+        precision = sum((self.grams[which] for which in kept), np.eye(self.position.size))
+        vectors = (self.information_vectors[which] for which in kept)
+        vector = sum(vectors, -self.position)
+        factor = cho_factor(precision, lower=True)
+        squares = sum(self.squares[which] for which in kept) + float(self.position @ self.position)
+        explained = float(vector @ cho_solve(factor, vector))
+        return -0.5 * (squares - explained) - float(np.log(np.diag(factor[0])).sum())
 
     def evidence(self) -> float:
         """Log probability of every run predicted from the others, summed."""
-        of_all = self.log_probability()
-        return sum(of_all - self.log_probability(which) for which in range(len(self.grams)))
+        everything = self.log_probability()
+        return sum(everything - self.log_probability(which) for which in range(len(self.grams)))

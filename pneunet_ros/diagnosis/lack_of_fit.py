@@ -154,7 +154,7 @@ def score_statistic(
     )
     disturbances = [(settings.placement_dof, basis.T @ placement)]
     for block, x, item in zip(blocks, columns, white, strict=True):
-        path = block.filtered(block.path)
+        path = block.path_filter(block.path)
         camera = item.T @ path - solved.T @ (x.T @ path)
         disturbances.append((settings.camera_dof, basis.T @ camera))
     return ScoreStatistic(

@@ -11,18 +11,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.map_estimation import Posterior
+from pneunet_ros.calibration.map_estimation import ScaledPrior
 from pneunet_ros.calibration.parameters import Parameters
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.generic_field import Fields, fields_of, Regressors
 from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
 from pneunet_ros.effects.effect import Effect
+from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel, THETA
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
+from pneunet_ros.measurement.linearization import FittedRun, linearize
 from pneunet_ros.measurement.pressure_filter import smooth_pressure
-from pneunet_ros.measurement.whitening import Whitening
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -31,31 +32,32 @@ from pneunet_ros.model.uncertainty import SensorNoise
 class LinearizedRun:
     """One run: whitened columns, and what whitens more of them.
 
-    base (rows, n): model and placement, scaled; path (rows, k): what was integrated out; fields:
-    generic ones, not whitened; measured (frames, 2, targets) m.
+    base (rows, n): model and placement, scaled; path (rows, k): the camera's, which `path_filter`
+    integrates out of whitened columns (rows, n); fields: generic ones, not whitened. model: where
+    searches for equilibria start.
     """
 
-    run: RecordingData
-    inputs: Inputs
-    series: ForwardModel
+    fitted: FittedRun
     whitening: Whitening
-    directions: Array
-    shrink: Array
+    model: ForwardModel
+    path_filter: Whitening
     base: Array
     path: Array
     fields: Fields
 
+    @property
+    def run(self) -> RecordingData:
+        """The recording."""
+        return self.fitted.run
+
+    @property
+    def inputs(self) -> Inputs:
+        """What acted on the arm."""
+        return self.fitted.inputs
+
     def white(self, columns: Array) -> Array:
         """Whiten columns (frames, 2 targets, n) m, (rows, n)."""
-        flat = self.whitening(columns).reshape(-1, columns.shape[2])
-        return self.filtered(flat)
-
-    def filtered(self, flat: Array) -> Array:
-        """Integrate out the path in whitened columns (rows, n)."""
-        along = self.directions.T @ flat
-        along *= self.shrink[:, None]
-        filtered: Array = flat - self.directions @ along
-        return filtered
+        return self.path_filter(self.whitening(columns).reshape(-1, columns.shape[2]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,30 +95,30 @@ class Linearization:
         training: int,
         noise: SensorNoise,
         settings: LinearizationSettings = DEFAULTS.linearization,
-        acted: dict[tuple[Effect, ...], list[Inputs]] | None = None,
+        known_inputs: dict[tuple[Effect, ...], list[Inputs]] | None = None,
     ) -> None:
         self.settings = settings
         self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
         # What acted does not depend on the base model: one table for all points.
-        self.acted = {} if acted is None else acted
-        self.calm = [smooth_pressure(run) for run in self.runs]
-        pairs = zip(self.runs, self.calm, strict=True)
-        self.pressure_noise = [run.frame_pressure - quiet.frame_pressure for run, quiet in pairs]
+        self.known_inputs = {} if known_inputs is None else known_inputs
+        self.smoothed = [smooth_pressure(run) for run in self.runs]
+        self.pressure_noise = [
+            run.frame_pressure - smooth.frame_pressure
+            for run, smooth in zip(self.runs, self.smoothed, strict=True)
+        ]
         parameters = point.with_effects()
         arm = parameters.arm(point.values)
         self.length = arm.length
-        posterior = Posterior(parameters, self.runs, noise, arm.target_arclength)
-        self.size, targets = posterior.size, arm.target_arclength.size
-        shared = self.size + 2 * targets
-        values = posterior.mean.copy()
-        values[:shared] = np.concatenate([point.values, point.placement.ravel()])
-        self.scale = posterior.scale[:shared, :shared]
-        self.mean = posterior.mean[:shared]
-        self.position = np.linalg.solve(self.scale, values[:shared] - self.mean)
+        targets = arm.target_arclength.size
+        prior = ScaledPrior(parameters, len(self.runs), noise, targets)
+        self.size, shared = prior.size, prior.shared
+        values = np.concatenate([point.values, point.placement.ravel()])
+        self.scale, self.mean = prior.scale[:shared, :shared], prior.mean[:shared]
+        self.position = np.linalg.solve(self.scale, values - self.mean)
         all_inputs = self.all_inputs(arm)
         regressors = Regressors.of(arm, self.runs, all_inputs, settings)
         self.blocks = [
-            self.block(posterior, which, arm, inputs, values, regressors)
+            self.block(prior, which, arm, inputs, regressors)
             for which, inputs in enumerate(all_inputs)
         ]
         self.tolerance = self.tolerances()
@@ -132,9 +134,9 @@ class Linearization:
         self, point: LinearizationPoint, runs: Sequence[RecordingData] | None = None
     ) -> Linearization:
         """Return the same runs, or these, around another point."""
-        acted = self.acted if runs is None else None
+        known = self.known_inputs if runs is None else None
         runs = runs or self.runs
-        return Linearization(point, runs, self.training, self.noise, self.settings, acted)
+        return Linearization(point, runs, self.training, self.noise, self.settings, known)
 
     def of_training(self) -> Linearization:
         """Return the training runs alone, around the same point."""
@@ -142,57 +144,47 @@ class Linearization:
 
     def block(
         self,
-        posterior: Posterior,
+        prior: ScaledPrior,
         which: int,
         arm: Arm,
         inputs: Inputs,
-        values: Array,
         regressors: Regressors,
     ) -> LinearizedRun:
-        """Linearize one run."""
-        size = self.size
-        fitted, beside = posterior.one(which, arm, inputs, values[size:])
-        jacobian = posterior.jacobian(which, fitted, arm, values[:size], beside)
-        whitening = posterior.whitenings[which]
-        assert whitening is not None
-        targets = arm.target_arclength.size
-        own = size + posterior.disturbances.of_run(which)
-        scale = posterior.scale
-        white = whitening(jacobian).reshape(-1, jacobian.shape[2])
-        first = white[:, :size] @ scale[:size, :size]
-        placed = (
-            white[:, size : size + 2 * targets]
-            @ scale[np.ix_(own, own)][: 2 * targets, : 2 * targets]
+        """Linearize one run, its camera at rest."""
+        point, run, size, shared = self.point, self.runs[which], prior.size, prior.shared
+        own = size + prior.disturbances.of_run(which)
+        disturbance = np.zeros(own.size)
+        disturbance[: shared - size] = point.placement.ravel()
+        model = ForwardModel(arm.target_arclength)
+        linear = linearize(
+            model, point.with_effects(), point.values, disturbance, run, inputs, self.noise
         )
-        path = (
-            white[:, size + 2 * targets :] @ scale[np.ix_(own, own)][2 * targets :, 2 * targets :]
-        )
-        directions, shrink = filter_of(path)
-        parameters = self.point.parameters
-        knots = jacobian[:, :, : parameters.cells]
+        white = linear.whitening(linear.jacobian).reshape(-1, linear.jacobian.shape[2])
+        base = white[:, :shared] @ self.scale
+        camera = own[shared - size :]
+        path = white[:, shared:] @ prior.scale[np.ix_(camera, camera)]
+        path_filter = Whitening(1.0, path)
+        parameters = point.parameters
+        knots = linear.jacobian[:, :, : parameters.cells]
         knots = knots.reshape(*knots.shape[:2], parameters.pressure.size, -1).sum(axis=2)
-        block = LinearizedRun(
-            run=self.runs[which],
-            inputs=inputs,
-            series=posterior.series[which],
-            whitening=whitening,
-            directions=directions,
-            shrink=shrink,
-            base=np.zeros((0, 0)),
+        return LinearizedRun(
+            fitted=linear.fitted,
+            whitening=linear.whitening,
+            model=model,
+            path_filter=path_filter,
+            base=path_filter(base),
             path=path,
-            fields=fields_of(regressors, which, knots, fitted.fields[:, THETA]),
+            fields=fields_of(regressors, which, knots, linear.fitted.fields[:, THETA]),
         )
-        return replace(block, base=block.filtered(np.concatenate([first, placed], axis=1)))
 
     def tolerances(self) -> Array:
         """Return the size of every generic field that is harmless, (fields,).
 
         Together they move the points by `settings.tolerance` of the length, root mean square.
         """
-        squares = sum(np.sum(block.fields.generic**2, axis=(0, 1)) for block in self.blocks)
-        rows = sum(
-            block.fields.generic.shape[0] * block.fields.generic.shape[1] for block in self.blocks
-        )
+        fields = [block.fields.generic for block in self.blocks]
+        squares = sum(np.sum(field**2, axis=(0, 1)) for field in fields)
+        rows = sum(field.shape[0] * field.shape[1] for field in fields)
         rms = np.sqrt(np.asarray(squares) / rows)
         tolerance = self.settings.tolerance * self.length / np.sqrt(rms.size)
         return np.where(rms > 0.0, tolerance / np.maximum(rms, 1e-300), 0.0)
@@ -214,20 +206,20 @@ class Linearization:
         out = []
         for place, predicted in zip(which, points, strict=True):
             block = self.blocks[place]
-            apart = np.stack([block.run.x, block.run.y], axis=1) - predicted
-            out.append(block.white(apart.reshape(len(apart), -1, 1))[:, 0])
+            residual = block.run.points - predicted
+            out.append(block.white(residual.reshape(len(residual), -1, 1))[:, 0])
         return out
 
     def all_inputs(self, arm: Arm) -> list[Inputs]:
         """Return what acted on an arm in all runs; the noise of a reading has no past."""
         key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting))
-        if key not in self.acted:
-            all_inputs = inputs_of(arm, self.calm)
-            self.acted[key] = [
+        if key not in self.known_inputs:
+            all_inputs = inputs_of(arm, self.smoothed)
+            self.known_inputs[key] = [
                 replace(inputs, pressure=inputs.pressure + more)
                 for inputs, more in zip(all_inputs, self.pressure_noise, strict=True)
             ]
-        return self.acted[key]
+        return self.known_inputs[key]
 
     def points(self, arm: Arm, which: range) -> list[Array] | None:
         """Return the measured points (frames, 2, targets) m of an arm; None where it has none."""
@@ -236,20 +228,10 @@ class Linearization:
         for place in which:
             inputs = all_inputs[place]
             block = self.blocks[place]
-            solved = block.series.solve(arm, inputs)
-            lost = block.whitening.mask.any(axis=1) & ~solved
+            solved = block.model.solve(arm, inputs)
+            lost = block.fitted.counted.any(axis=1) & ~solved
             if lost.mean() > self.settings.most_lost:
                 return None
             # A frame without equilibrium says nothing: as if the model were right there.
-            here = np.stack([block.run.x, block.run.y], axis=1)
-            out.append(np.where(lost[:, None, None], here, block.series.points))
+            out.append(np.where(lost[:, None, None], block.run.points, block.model.points))
         return out
-
-
-def filter_of(columns: Array) -> tuple[Array, Array]:
-    """Return directions (rows, k) and shares (k,) that integrate columns of unit prior out."""
-    gram = columns.T @ columns
-    sizes, turned = np.linalg.eigh(gram)
-    kept = sizes > 1e-9 * max(float(sizes[-1]), 1e-300)
-    directions = columns @ (turned[:, kept] / np.sqrt(sizes[kept]))
-    return directions, 1.0 - 1.0 / np.sqrt(1.0 + sizes[kept])

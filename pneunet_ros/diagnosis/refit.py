@@ -16,6 +16,7 @@ from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.settings import DEFAULTS, RefitSettings
 from pneunet_ros.effects.effect import Effect
+from pneunet_ros.measurement.gauss_newton import End, gauss_newton
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -175,17 +176,16 @@ class JointFit:
         gaussian = None if at is None else self.linearize(at)
         if at is None or gaussian is None:
             return None
-        converged = False
-        for _ in range(self.settings.most_steps):
-            step, gain = gaussian.step_without(self.active_bounds(at.numbers, gaussian.step))
-            if gain < self.settings.least_gain:
-                converged = True
-                break
-            following = self.line_search(at, step)
-            relinearized = None if following is None else self.linearize(following)
-            if following is None or relinearized is None:
-                break
-            at, gaussian = following, relinearized
+        search = gauss_newton(
+            (at, gaussian),
+            self.newton_step,
+            self.lower,
+            self.relinearize,
+            small=self.settings.least_gain,
+            most_steps=self.settings.most_steps,
+            most_halvings=self.settings.most_halvings,
+        )
+        at, gaussian = search.last
         count = numbers.size
         covariance = gaussian.covariance[-count:, -count:] if count else np.zeros((0, 0))
         return Refit(
@@ -196,7 +196,7 @@ class JointFit:
             base=at.base,
             gaussian=gaussian,
             cost=at.cost,
-            converged=converged,
+            converged=search.end is End.CONVERGED,
         )
 
     def active_bounds(self, numbers: Array, step: Array) -> list[int]:
@@ -207,16 +207,22 @@ class JointFit:
         high = (numbers >= self.high) & (change > 0.0)
         return [first + int(place) for place in np.flatnonzero(low | high)]
 
-    def line_search(self, at: Iterate, step: Array) -> Iterate | None:
-        """Return where the first of ever shorter steps leads that lowers the cost."""
-        size = at.base.size
-        for halvings in range(self.settings.most_halvings):
-            share = 0.5**halvings
-            numbers = np.clip(at.numbers + share * step[size:] * self.std, self.low, self.high)
-            following = self.iterate(at.base + share * step[:size], numbers)
-            if following is not None and following.cost < at.cost:
-                return following
-        return None
+    def newton_step(self, last: tuple[Iterate, GaussianModel]) -> tuple[Array, float]:
+        """Return the full step within the bounds, and by how much it lowers the cost."""
+        at, gaussian = last
+        return gaussian.step_without(self.active_bounds(at.numbers, gaussian.step))
+
+    def lower(self, last: tuple[Iterate, GaussianModel], step: Array) -> Iterate | None:
+        """Return where a step leads; None where that costs no less, or has no shapes."""
+        at, size = last[0], last[0].base.size
+        numbers = np.clip(at.numbers + step[size:] * self.std, self.low, self.high)
+        following = self.iterate(at.base + step[:size], numbers)
+        return following if following is not None and following.cost < at.cost else None
+
+    def relinearize(self, at: Iterate) -> tuple[Iterate, GaussianModel] | None:
+        """Return the linear problem at a point of the search; None where it has none."""
+        gaussian = self.linearize(at)
+        return None if gaussian is None else (at, gaussian)
 
 
 def complete_gram(known: Array, columns: Array) -> Array:

@@ -8,7 +8,6 @@ the pressure reading that is nearest by the stamps, within half a period of the 
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -21,7 +20,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import tuned
-from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import count_reason, match_stamps, stamp_fault, STARTS_ANEW
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
@@ -188,8 +187,9 @@ def compare_waiting(
     reach = 0.5 * median(periods) if periods else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     for sightings in waiting:
-        estimate = nearest_estimate(state.estimates, sightings.stamp_ns)
-        if abs(estimate.stamp_ns - sightings.stamp_ns) <= reach:
+        nearest, near = match_stamps(np.array([sightings.stamp_ns]), np.array(stamps), reach)
+        if near[0]:
+            estimate = state.estimates[nearest[0]]
             running = add_frame(state.running, sightings, estimate, estimator, settings)
             state = replace(state, running=running, matched=state.matched + 1)
         elif sightings.stamp_ns > stamps[-1]:
@@ -197,13 +197,6 @@ def compare_waiting(
         else:
             state = state.count_unmatched('no_estimate')
     return state
-
-
-def nearest_estimate(estimates: tuple[ShapeEstimate, ...], stamp_ns: int) -> ShapeEstimate:
-    """Return the estimate that is nearest by stamp; of two as near the earlier one."""
-    after = bisect_left(estimates, stamp_ns, key=lambda estimate: estimate.stamp_ns)
-    neighbors = estimates[max(after - 1, 0) : after + 1]
-    return min(neighbors, key=lambda estimate: abs(estimate.stamp_ns - stamp_ns))
 
 
 def add_frame(

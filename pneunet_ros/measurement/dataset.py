@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
-
-Stamps = npt.NDArray[np.int64]
+from pneunet_ros.core.stamps import Stamps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,12 +71,17 @@ class RecordingData:
         frames = len(self.stamp_ns)
         if frames <= most:
             return self
-        some = np.unique(np.linspace(0, frames - 1, most).astype(np.int64))
+        kept = np.unique(np.linspace(0, frames - 1, most).astype(np.int64))
         cut = {
-            name: getattr(self, name)[some]
+            name: getattr(self, name)[kept]
             for name in ('stamp_ns', 'reading', 'force', 'moment', 'x', 'y')
         }
         return replace(self, **cut)
+
+    @property
+    def points(self) -> Array:
+        """Measured targets (frames, 2, targets) m, NaN where one was not seen."""
+        return np.stack([self.x, self.y], axis=1)
 
     @property
     def frame_pressure(self) -> Array:

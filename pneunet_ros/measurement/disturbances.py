@@ -16,6 +16,8 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.uncertainty import SensorNoise
 
 PATH_NODES = 9  # of the camera's path in one recording, straight lines between
+# of drift_std: a random walk between its nodes on a straight line, per frame
+BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
 SMALLEST_STD = 1e-7  # m, stands for zero
 
 
@@ -54,22 +56,23 @@ class Disturbances:
         own = np.arange(start, start + 2 * PATH_NODES)
         return np.concatenate([np.arange(2 * self.targets), own])
 
-    def answer(self, run: RecordingData, theta: Array) -> Array:
-        """How measured targets (frames, 2, targets) answer to the unknowns of `of_run` (.., n).
 
-        theta (frames, targets) rad at the targets.
-        """
-        frames, targets = theta.shape
-        out = np.zeros((frames, 2, targets, 2 * targets + 2 * PATH_NODES))
-        cosine, sine = np.cos(theta), np.sin(theta)
-        which = np.arange(targets)
-        out[:, 0, which, which], out[:, 1, which, which] = cosine, sine
-        out[:, 0, which, targets + which], out[:, 1, which, targets + which] = -sine, cosine
-        hats = path_weights(run)
-        start = 2 * targets
-        out[:, 0, :, start : start + PATH_NODES] = hats[:, None]
-        out[:, 1, :, start + PATH_NODES :] = hats[:, None]
-        return out
+def disturbance_jacobian(run: RecordingData, theta: Array) -> Array:
+    """Return how measured targets move per unknown of `of_run`, (frames, 2, targets, n).
+
+    theta (frames, targets) rad at the targets.
+    """
+    frames, targets = theta.shape
+    out = np.zeros((frames, 2, targets, 2 * targets + 2 * PATH_NODES))
+    cosine, sine = np.cos(theta), np.sin(theta)
+    which = np.arange(targets)
+    out[:, 0, which, which], out[:, 1, which, which] = cosine, sine
+    out[:, 0, which, targets + which], out[:, 1, which, targets + which] = -sine, cosine
+    hats = path_weights(run)
+    start = 2 * targets
+    out[:, 0, :, start : start + PATH_NODES] = hats[:, None]
+    out[:, 1, :, start + PATH_NODES :] = hats[:, None]
+    return out
 
 
 def path_weights(run: RecordingData) -> Array:

@@ -1,8 +1,8 @@
-"""What the model says of a recording: where the targets are in every frame, and how that answers.
+"""What the model says of a recording: where the targets are in every frame, and its Jacobian.
 
-The answer is taken for every column of the record of the rod (loads, knots of the curvature's
-table, rigidities, split, ...); the answer to a parameter is the chain rule over them. The solver
-is the same as live; frames start from their own last solution.
+The Jacobian is by every input of the rod (loads, knots of the curvature's table, rigidities,
+split, ...); that by a parameter is the chain rule over them. The solver is the same as live;
+frames start from their own last solution.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from scipy.interpolate import CubicSpline
 
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 
+LOADS = 3  # F1, F2, M
 X, Y, THETA, CURVATURE, INTRINSIC_CURVATURE, MOMENT = range(6)  # fields at stations
 
 
@@ -57,23 +58,23 @@ class ForwardModel:
         rods = arm.rods(inputs.pressure, inputs.histories)
         counts = mesh_counts(rods, inputs.loads)
         if self.counts.size != counts.size or np.any(counts > self.counts):
-            self.start_anew(counts, len(inputs.pressure))
-        self.settle(arm, rods, inputs.loads)
+            self.remesh(counts, len(inputs.pressure))
+        self.solve_on_mesh(arm, rods, inputs.loads)
         self.points = np.stack(arm.see(self.fields[:, X], self.fields[:, Y]), axis=1)
         return self.solved
 
-    def settle(self, arm: Arm, rods: Rods, loads: Array) -> None:
+    def solve_on_mesh(self, arm: Arm, rods: Rods, loads: Array) -> None:
         """Solve on a mesh that carries the solutions; what is too fine for any is not solved."""
         while True:
-            self.sweep(arm, rods, loads)
+            self.solve_frames(arm, rods, loads)
             if not np.any(self.detail[self.solved] > FINEST_DETAIL * arm.length):
                 return
             if 2 * int(self.counts.sum()) > MOST_PANELS:
                 self.solved &= self.detail <= FINEST_DETAIL * arm.length
                 return
-            self.start_anew(2 * self.counts, len(loads))
+            self.remesh(2 * self.counts, len(loads))
 
-    def start_anew(self, counts: npt.NDArray[np.int64], frames: int) -> None:
+    def remesh(self, counts: npt.NDArray[np.int64], frames: int) -> None:
         """Take another mesh."""
         self.counts = counts
         self.nodes = np.zeros((frames, int(counts.sum()) + 1, collocation.NODE_WIDTH))
@@ -82,7 +83,7 @@ class ForwardModel:
         self.detail = np.zeros(frames)
         self.stable = np.zeros(frames, dtype=np.bool_)
 
-    def sweep(self, arm: Arm, rods: Rods, loads: Array) -> None:
+    def solve_frames(self, arm: Arm, rods: Rods, loads: Array) -> None:
         """Solve the frames one after the other; one that Newton's method misses is solved cold."""
         frames = len(loads)
         beyond = np.array([arm.beyond_range(value) for value in rods.pressure.tolist()])
@@ -126,34 +127,37 @@ class ForwardModel:
                 collocation.unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
             first += 1
 
-    def some(self, frames: npt.NDArray[np.int64]) -> ForwardModel:
-        """Return the series of some of the frames, with their solutions."""
-        series = ForwardModel(self.arclength)
-        series.start_anew(self.counts, frames.size)
-        series.nodes[:], series.known[:] = self.nodes[frames], self.known[frames]
-        return series
+    def subset(self, frames: npt.NDArray[np.int64]) -> ForwardModel:
+        """Return the forward model of a subset of the frames, with their solutions."""
+        part = ForwardModel(self.arclength)
+        part.remesh(self.counts, frames.size)
+        part.nodes[:], part.known[:] = self.nodes[frames], self.known[frames]
+        return part
 
-    def load_answer(self, arm: Arm, inputs: Inputs) -> Array:
-        """How points (frames, 2 stations) answer to F1, F2 and M, (frames, 2 stations, 3)."""
+    def load_jacobian(self, arm: Arm, inputs: Inputs) -> Array:
+        """Return how points move per F1, F2 and M, (frames, 2 stations, 3)."""
         none = np.zeros((0, 2), dtype=np.int64)
-        answer = self.answered(arm, inputs, none, knot_turning(arm)[:0])
-        return answer[:, :, :2].reshape(len(answer), answer.shape[1], -1).transpose(0, 2, 1)
+        return as_points(self.rod_jacobian(arm, inputs, none, knot_turning(arm)[:0]))
 
-    def answer(self, arm: Arm, inputs: Inputs, columns: Columns) -> Array:
-        """Return the linear answer of the solved frames, (frames, causes, 6, stations).
+    def point_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns) -> Array:
+        """Return how points move per input of `jacobian`, (frames, 2 stations, inputs)."""
+        return as_points(self.jacobian(arm, inputs, columns))
 
-        x and y as measured; causes: F1, F2, M, the knots of the curvature's table, then these
+    def jacobian(self, arm: Arm, inputs: Inputs, columns: Columns) -> Array:
+        """Return how fields of the solved frames move per input, (frames, inputs, 6, stations).
+
+        x and y as measured; inputs: F1, F2, M, the knots of the curvature's table, then these
         columns of sections.
         """
-        return self.answered(arm, inputs, columns, knot_turning(arm))
+        return self.rod_jacobian(arm, inputs, columns, knot_turning(arm))
 
-    def answered(self, arm: Arm, inputs: Inputs, columns: Columns, unit: Array) -> Array:
-        """Return the answer to loads, knots of this turning and columns, as `answer` does."""
+    def rod_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns, turning: Array) -> Array:
+        """Return `jacobian` with knots of this turning (knots, pieces, 5)."""
         rods, loads = arm.rods(inputs.pressure, inputs.histories), inputs.loads
         size = np.abs(rods.sections[:, columns[:, 0], columns[:, 1]]).mean(axis=0)
         steps = 1e-4 * np.where(size > 0.0, size, 1.0)
-        causes = 3 + unit.shape[0] + len(columns)
-        out = np.empty((len(loads), causes, 6, self.arclength.size))
+        moved_inputs = LOADS + turning.shape[0] + len(columns)
+        out = np.empty((len(loads), moved_inputs, 6, self.arclength.size))
         answers(
             rods.length,
             rods.sections,
@@ -163,7 +167,7 @@ class ForwardModel:
             loads,
             self.counts,
             self.nodes,
-            unit,
+            turning,
             columns,
             steps,
             self.arclength,
@@ -174,6 +178,11 @@ class ForwardModel:
         self.stable |= np.any(rods.sections[:, :, RIGIDITY] < 0.0, axis=1)
         out[:, :, X], out[:, :, Y] = arm.see(out[:, :, X], out[:, :, Y])  # it is linear
         return out
+
+
+def as_points(jacobian: Array) -> Array:
+    """Return the Jacobian of points (frames, 2 stations, inputs) of that of all fields."""
+    return jacobian[:, :, :2].reshape(*jacobian.shape[:2], -1).transpose(0, 2, 1)
 
 
 def mesh_counts(rods: Rods, loads: Array) -> npt.NDArray[np.int64]:

@@ -26,8 +26,8 @@ class Inputs:
     loads: Array
     histories: tuple[Array, ...] | None = None
 
-    def at(self, frames: npt.NDArray[np.int64]) -> Inputs:
-        """Return the same for some of the frames."""
+    def subset(self, frames: npt.NDArray[np.int64]) -> Inputs:
+        """Return the inputs of a subset of the frames."""
         past = self.histories
         return Inputs(
             pressure=self.pressure[frames],

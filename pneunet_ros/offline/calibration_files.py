@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.moment_law_parameters import MajidiParameters, MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError
 from pneunet_ros.files.atomic import atomic_output
@@ -50,7 +50,14 @@ def described_arm(
     sources = {key: text for key, text in frame.sources.items() if key.startswith('arm.')}
     fitted = f'fitted to {len(joint.runs)} recordings'
     sources['intrinsic_curvature'] = fitted
-    if joint.parameters.law is not None:
+    law = joint.parameters.law
+    if isinstance(law, MajidiParameters):
+        sources['moment_law.modulus'] = fitted
+        assumed = 'assumed: the section of the paper (Figure 1); the arm given has none'
+        for key in law.section:
+            source = frame.sources.get(f'moment_law.{key}', f'as in {frame.name}')
+            sources[f'moment_law.{key}'] = assumed if law.assumed else source
+    elif law is not None:
         sources['moment_law'] = fitted
         sources['moment_law.moment_offset'] = (
             'fixed at zero: beside kappa_p0 it cannot be identified'

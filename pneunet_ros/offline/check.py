@@ -11,15 +11,16 @@ from pneunet_ros.calibration.preconditions import (
     check_runs,
     check_targets,
     check_units,
-    SMALLEST_FORCE,
 )
+from pneunet_ros.calibration.settings import PRECONDITIONS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import kilopascals, seconds_between
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.estimation.steady_estimates import held_spans
-from pneunet_ros.measurement.dataset import RecordingData, Stamps
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.steady_states import held_spans
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.replay import input_topics
@@ -165,7 +166,7 @@ def holds(series: Mapping[str, Series], arm: Arm) -> list[dict[str, float]]:
         wrench = series[END_WRENCH.name]
         found, _ = nearest(pressure.stamp_ns, wrench)
         values = np.column_stack([values, wrench.values[found, :2]])
-        still += [max(STILL * arm.sensors.force_std, SMALLEST_FORCE)] * 2
+        still += [max(STILL * arm.sensors.force_std, PRECONDITIONS.smallest_force)] * 2
     start = int(pressure.stamp_ns[0])
     return [
         {
@@ -243,9 +244,9 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         check_targets(data, request.arm)
         check_units(data, request.arm)
         largest = float(np.max(np.hypot(*data.force.T)))
-        if largest < SMALLEST_FORCE:
+        if largest < (least := PRECONDITIONS.smallest_force):
             raise RecordingError(
-                f'{data.name} has no end force above {SMALLEST_FORCE} N: it is an unloaded one'
+                f'{data.name} has no end force above {least} N: it is an unloaded one'
             )
         return ''
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.dataset import RecordingData, Stamps
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, Series
 from pneunet_ros.recordings.recording import open_recording

@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import MessageError, RecordingError
-from pneunet_ros.core.stamps import stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import match_stamps, stamp_fault, Stamps, STARTS_ANEW
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.dataset import Stamps
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.readings import Sensor, SENSORS, UnusableTopic
 from pneunet_ros.recordings.recording import Recording
@@ -164,10 +163,5 @@ def nearest(stamp_ns: Stamps, series: Series) -> tuple[Stamps, npt.NDArray[np.bo
     It does within half the median period of the readings (one reading alone: with the very stamp).
     The series must not be empty.
     """
-    stamps = series.stamp_ns
-    after = np.clip(np.searchsorted(stamps, stamp_ns), 1, max(len(stamps) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(stamps) - 1)
-    found = np.where(stamp_ns - stamps[before] <= stamps[after] - stamp_ns, before, after)
-    reach = 0.5e9 * (series.period if len(stamps) > 1 else 0.0)
-    return found, np.abs(stamps[found] - stamp_ns) <= reach
+    reach = 0.5e9 * (series.period if len(series.stamp_ns) > 1 else 0.0)
+    return match_stamps(stamp_ns, series.stamp_ns, reach)

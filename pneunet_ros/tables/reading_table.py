@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import seconds_between, SI_PER_UNIT
-from pneunet_ros.measurement.dataset import Stamps
 from pneunet_ros.messages.readings import Component, SENSORS, TARGETS
 
 

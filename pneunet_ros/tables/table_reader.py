@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, LARGEST
 from pneunet_ros.core.errors import RecordingError, RequestError
-from pneunet_ros.core.stamps import LATEST_STAMP
+from pneunet_ros.core.stamps import LATEST_STAMP, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, SI_PER_UNIT
-from pneunet_ros.measurement.dataset import Stamps
 from pneunet_ros.messages.readings import Sensor, SENSORS
 from pneunet_ros.tables.columns import (
     Column,

@@ -98,7 +98,7 @@ def calibration(with_load: bool = True) -> Calibration:
     free, loaded = runs_of(ARM)
     frame = replace(ARM, sensors=NOISE)
     rows, knots = np.linspace(-300.0, TOP + 300.0, 4), np.linspace(0.0, 1.0, 7)
-    hyperparameters = Hyperparameters(amplitude=50.0, deviation=5.0, reach=0.3)
+    hyperparameters = Hyperparameters(amplitude=50.0, std=5.0, length_scale=0.3)
     law = MOMENT_LAW_PARAMETERS['piecewise_linear'](
         stiffness=1.3e-4,
         low=float(rows[0]),
@@ -118,17 +118,16 @@ def calibration(with_load: bool = True) -> Calibration:
         joint = fit(parameters, [*free, *loaded], NOISE, ARM.target_arclength, start)
         scores = tuple(score(joint.arm, run) for run in loaded)
         laws = tuple(LawScore(kind=kind, scores=scores) for kind in MOMENT_LAW_PARAMETERS)
-    covariance, captured = low_rank(joint)
+    covariance, explained_variance = low_rank(joint)
     return Calibration(
         arm=replace(joint.arm, covariance=covariance),
         noise=NoiseEstimate(
             noise=NOISE, sources={item.name: f'source of {item.name}' for item in fields(NOISE)}
         ),
-        hyperparameters=hyperparameters,
         posterior=posterior_of(joint, law.low, law.high),
         free=first,
         joint=joint,
         laws=laws,
-        captured=captured,
+        explained_variance=explained_variance,
         notes=('a note that says <what> could not be told',),
     )

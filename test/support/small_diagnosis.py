@@ -83,7 +83,7 @@ def fitted(frame: Arm, runs: Sequence[RecordingData]) -> Fit:
         frame=frame,
         pressure=rows,
         arclength=knots,
-        hyperparameters=Hyperparameters(amplitude=50.0, deviation=5.0, reach=0.3),
+        hyperparameters=Hyperparameters(amplitude=50.0, std=5.0, length_scale=0.3),
         law=law,
     )
     table = np.array([frame.intrinsic_curvature.at(float(row), knots) for row in rows]).ravel()

@@ -92,7 +92,7 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
         ('Numbers determined', f'{sum(row.determined for row in rows)} of {len(rows)}'),
         (
             'Covariance in the model file',
-            f"has {100.0 * calibration.captured:.1f} % of the shape's variance",
+            f"has {100.0 * calibration.explained_variance:.1f} % of the shape's variance",
         ),
     ]
     if loaded:

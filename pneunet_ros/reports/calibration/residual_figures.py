@@ -5,10 +5,11 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.experiments import LawScore
-from pneunet_ros.calibration.result import Fit, FittedRun
+from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.measurement.forward_model import THETA
+from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.reports.calibration.figure_data import FigureData
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import (

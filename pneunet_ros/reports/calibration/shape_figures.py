@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 import numpy as np
 from pneunet_ros.calibration.moment_curvature import curvature_std, MomentView
-from pneunet_ros.calibration.steady_states import predicted, SteadyState
+from pneunet_ros.calibration.steady_states import predict_states, SteadyState
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.forward_model import CURVATURE, X, Y
@@ -34,7 +34,7 @@ def free_shapes(data: FigureData) -> Picture:
     arm, fit = data.calibration.arm, data.calibration.joint
     figure, (shapes, curvatures) = panels(2)
     stations = stations_of(arm.length)
-    fields = predicted(arm, data.free, stations)
+    fields = predict_states(arm, data.free, stations)
     for steady_state, field in zip(data.free, fields, strict=True):
         draw_shape(shapes, steady_state, field, data.colors(steady_state.pressure))
     pressures = [state.pressure for state in data.free] or fit.parameters.pressure.tolist()
@@ -70,7 +70,7 @@ def loaded_shapes(data: FigureData) -> Picture | None:
         return None
     arm = data.calibration.arm
     figure, (shapes, curvatures) = panels(2)
-    fields = predicted(arm, data.main, stations_of(arm.length))
+    fields = predict_states(arm, data.main, stations_of(arm.length))
     for steady_state, field in zip(data.main, fields, strict=True):
         color = data.colors(steady_state.pressure)
         draw_shape(shapes, steady_state, field, color)
@@ -104,7 +104,7 @@ def predicted_shapes(data: FigureData) -> Picture | None:
     views = [data.main_views[place] for place in places.tolist()]
     stations = stations_of(arm.length)
     share = stations / arm.length
-    fields = predicted(arm, [view.steady_state for view in views], stations)
+    fields = predict_states(arm, [view.steady_state for view in views], stations)
     for view, field in zip(views, fields, strict=True):
         steady_state, color = view.steady_state, data.colors(view.steady_state.pressure)
         draw_shape(shapes, steady_state, field, color)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.identifiability import WELL_KNOWN
 from pneunet_ros.calibration.linearity import intrinsic_linearity
+from pneunet_ros.calibration.settings import IDENTIFIABILITY
 from pneunet_ros.core.units import kilopascals, quantities
 from pneunet_ros.model.arm import Arm
 
@@ -42,7 +42,7 @@ class Row:
     @property
     def determined(self) -> bool:
         """Whether the recordings told much more than was believed before."""
-        return self.std <= WELL_KNOWN * self.prior_std
+        return self.std <= IDENTIFIABILITY.well_known * self.prior_std
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

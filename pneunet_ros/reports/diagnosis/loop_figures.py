@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.calibration.moment_curvature import moment_view
-from pneunet_ros.calibration.steady_states import arm_points, averaged
+from pneunet_ros.calibration.steady_states import arm_points, average
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.result import Evaluation
@@ -108,7 +108,7 @@ def loop_of(side: Evaluation, settings: ReportSettings) -> Loop:
         directions = directions_of(pressure, band)
         frames = len(points)
         for frame in np.unique(np.linspace(0, frames - 1, min(FRAMES, frames)).astype(int)):
-            view = moment_view(fit, smoother, averaged(item, points, frame, frame + 1))
+            view = moment_view(fit, smoother, average(item, points, frame, frame + 1))
             if view is None:
                 continue
             share = view.arclength / arm.length

@@ -1,0 +1,65 @@
+"""Covariances C = D + P P^T: white noise D beside errors that move all coordinates together.
+
+The columns of P are what one sigma of each common error (reading, model, camera) moves. Noise that
+puts these on the diagonal has the right size and raises false alarms all the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+
+
+class Whitening:
+    """An inverse root W of covariances: W^T W = C^-1, so that W times a residual is white.
+
+    With D = diag(std^2) and P = diag(std) U S V^T it is W = (1 - U (1 - (1 + S^2)^-1/2) U^T) /
+    std: what the common errors explain is subtracted along U. Leading axes, such as the frames of
+    a recording, are a batch; of coordinates that are not `seen` nothing counts, not even NaN.
+    """
+
+    __slots__ = ('directions', 'seen', 'shrink', 'std')
+
+    def __init__(
+        self,
+        std: float | Array,
+        columns: Array,
+        seen: npt.NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Take std (coordinates,) or one for all, columns P (..., coordinates, errors).
+
+        seen (..., coordinates): None where all were.
+        """
+        self.std = np.broadcast_to(np.asarray(std, np.float64), columns.shape[-2:-1])[:, None]
+        self.seen = None if seen is None else seen[..., None]
+        self.directions, sizes, _ = np.linalg.svd(
+            self._masked(columns) / self.std, full_matrices=False
+        )
+        self.shrink = (1.0 - 1.0 / np.sqrt(1.0 + sizes**2))[..., None]
+
+    def __call__(self, values: Array) -> Array:
+        """Return W values (..., coordinates, n); zero where nothing was seen."""
+        scaled = self._masked(values) / self.std
+        along = self.shrink * np.matmul(np.swapaxes(self.directions, -1, -2), scaled)
+        white: Array = scaled - np.matmul(self.directions, along)
+        return white
+
+    def _masked(self, values: Array) -> Array:
+        return values if self.seen is None else np.where(self.seen, values, 0.0)
+
+
+def chi_squared(residual: Array, std: float | Array, columns: Array) -> Array:
+    """Return r^T C^-1 r of residuals (..., coordinates), (...); leading axes are a batch.
+
+    std (..., coordinates) of the white noise; columns P (..., coordinates, errors). By the small
+    matrix 1 + P^T P (Woodbury). With the two coordinates of each target as a batch, it is that of
+    each target by itself.
+    """
+    residual = residual / std
+    columns = columns / np.broadcast_to(std, residual.shape)[..., None]
+    transposed = np.swapaxes(columns, -1, -2)
+    along = np.matmul(transposed, residual[..., None])
+    small = np.eye(columns.shape[-1]) + np.matmul(transposed, columns)
+    explained = np.sum(along * np.linalg.solve(small, along), axis=(-1, -2))
+    return np.asarray(np.sum(residual**2, axis=-1) - explained)

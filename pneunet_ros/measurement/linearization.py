@@ -1,0 +1,147 @@
+"""One recording beside a model, and linearized around it: residuals, Jacobian, covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.covariance import Whitening
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.disturbances import disturbance_jacobian
+from pneunet_ros.measurement.forward_model import Columns, ForwardModel, THETA
+from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.measurement.noise_model import reading_errors
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import SensorNoise
+
+
+class Parametrization(Protocol):
+    """What of an arm is unknown, as one vector."""
+
+    @property
+    def columns(self) -> Columns:
+        """Columns of the rod's sections that the parameters move, (k, 2)."""
+
+    def arm(self, values: Array) -> Arm:
+        """Return the arm with these values; ModelError where there is none."""
+
+    def input_jacobian(self, values: Array, inputs: Inputs) -> Array:
+        """Return how inputs of `ForwardModel.jacobian` move, (frames, inputs, parameters)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FittedRun:
+    """A run beside what the fitted model says of it.
+
+    points (frames, 2, targets) m: the model alone, as measured; disturbance (frames, 2, targets)
+    m: what placement and camera add; fields (frames, 6, targets) as of
+    `solver.stations.at_stations`; whitened (frames,) the squared whitened residual and dof
+    (frames,) the number of its coordinates.
+    Frames that have no equilibrium (`solved` False) count nothing.
+    """
+
+    run: RecordingData
+    inputs: Inputs
+    fields: Array
+    points: Array
+    disturbance: Array
+    whitened: Array
+    dof: Array
+    solved: npt.NDArray[np.bool_]
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus predicted with the disturbances found, (frames, 2, targets) m."""
+        return self.run.points - self.points - self.disturbance
+
+    @property
+    def counted(self) -> npt.NDArray[np.bool_]:
+        """Which coordinates count, (frames, 2 targets): those seen, where the model is solved."""
+        seen = self.run.seen & self.solved[:, None]
+        return np.concatenate([seen, seen], axis=1)
+
+    def whiten_residual(self, whitening: Whitening) -> Array:
+        """Return the whitened residual (frames, 2 targets)."""
+        return whitening(self.residual.reshape(len(self.solved), -1, 1))[:, :, 0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RunLinearization:
+    """One recording around one point: y = h(x) + e.
+
+    jacobian (frames, 2 targets, parameters + disturbances of the run) of the measured points;
+    white_residual (frames, 2 targets); whitening: of what targets' noise and readings leave.
+    """
+
+    fitted: FittedRun
+    jacobian: Array
+    white_residual: Array
+    whitening: Whitening
+
+    def chi_squared(self, model: ForwardModel, arm: Arm, inputs: Inputs, moved: Array) -> float:
+        """Return that of another arm and disturbance (n,), by the whitening of this point."""
+        other, _ = predict(model, arm, self.fitted.run, inputs, moved)
+        return float(np.sum(other.whiten_residual(self.whitening) ** 2))
+
+
+def predict(
+    model: ForwardModel, arm: Arm, run: RecordingData, inputs: Inputs, disturbance: Array
+) -> tuple[FittedRun, Array]:
+    """Return a run beside an arm, nothing whitened, and the Jacobian of its disturbance (n,).
+
+    model: where the search for the equilibria starts; it keeps what was found.
+    """
+    solved = model.solve(arm, inputs).copy()
+    fields = model.fields.copy()
+    moving = disturbance_jacobian(run, fields[:, THETA])
+    fitted = FittedRun(
+        run=run,
+        inputs=inputs,
+        fields=fields,
+        points=model.points.copy(),
+        disturbance=moving @ disturbance,
+        whitened=np.zeros(len(solved)),
+        dof=2 * np.count_nonzero(run.seen & solved[:, None], axis=1),
+        solved=solved,
+    )
+    return fitted, moving
+
+
+def parameter_jacobian(
+    parameters: Parametrization, values: Array, by_input: Array, inputs: Inputs
+) -> Array:
+    """Return how points (frames, 2 targets) move per parameter; by_input: per input of the rod."""
+    return np.asarray(np.matmul(by_input, parameters.input_jacobian(values, inputs)))
+
+
+def linearize(
+    model: ForwardModel,
+    parameters: Parametrization,
+    values: Array,
+    disturbance: Array,
+    run: RecordingData,
+    inputs: Inputs,
+    noise: SensorNoise,
+) -> RunLinearization:
+    """Return a recording linearized at values (n,) of parameters and its disturbance (m,).
+
+    inputs: what acted on the arm with these values. model: where the search for the equilibria
+    starts. ModelError where there is no such arm.
+    """
+    arm = parameters.arm(values)
+    fitted, moving = predict(model, arm, run, inputs, disturbance)
+    by_input = model.point_jacobian(arm, inputs, parameters.columns)
+    errors = reading_errors(noise, arm, run, inputs, by_input)
+    whitening = Whitening(noise.target_std, errors, fitted.counted)
+    jacobian = parameter_jacobian(parameters, values, by_input, inputs)
+    moving = moving.reshape(*jacobian.shape[:2], -1)
+    white = fitted.whiten_residual(whitening)
+    return RunLinearization(
+        fitted=replace(fitted, whitened=np.sum(white**2, axis=1)),
+        jacobian=np.concatenate([jacobian, moving], axis=2),
+        white_residual=white,
+        whitening=whitening,
+    )

@@ -1,0 +1,83 @@
+"""What one sigma of each reading moves: the common errors of y = h(x) + e, as columns of points.
+
+Points are x, then y of all targets of a frame, as a camera measures them. A load of exactly zero
+is no reading and has no error: nothing is attached in that frame, or no moment is measured in
+that recording. `attached_std` holds this rule for all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, pressure_rows
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
+from pneunet_ros.measurement.forward_model import ForwardModel, LOADS
+from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.neighbors import neighbors
+from pneunet_ros.model.uncertainty import SensorNoise
+
+PRESSURE_STEP = 20.0  # Pa, of a central difference
+
+
+def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
+    """Return one sigma of F1, F2 (N) and M (N m) as read in every frame, (frames, 3)."""
+    attached = np.any(run.force != 0.0, axis=1) | (run.moment != 0.0)
+    moment_std = noise.moment_std if np.any(run.moment != 0.0) else 0.0
+    stds = np.array([noise.force_std, noise.force_std, moment_std])
+    return np.asarray(attached[:, None] * stds)
+
+
+def target_std(noise: SensorNoise) -> float:
+    """Return one sigma (m) of a target by itself: white noise and its painted place."""
+    return max(float(np.hypot(noise.target_std, noise.placement_std)), SMALLEST_STD)
+
+
+def camera_errors(std: float, targets: int) -> Array:
+    """Return what a camera off by std (m) in x, and in y, moves: (2 targets, 2) m."""
+    return np.kron(np.eye(2), np.full((targets, 1), std))
+
+
+def reading_errors(
+    noise: SensorNoise, arm: Arm, run: RecordingData, inputs: Inputs, jacobian: Array
+) -> Array:
+    """Return what one sigma of each reading of a frame moves, (frames, 2 targets, errors) m.
+
+    jacobian (frames, 2 targets, >= 3 + knots) as of `ForwardModel.point_jacobian`. Pressure acts
+    by the table of kappa_p0. The last two are the camera between the nodes of its path.
+    """
+    table = arm.intrinsic_curvature
+    row, _ = pressure_rows(table.pressure, inputs.pressure)
+    slope = (np.diff(table.curvature, axis=0) / np.diff(table.pressure)[:, None])[row]
+    knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
+    pressure = noise.pressure_std * np.matmul(knots, slope[:, :, None])
+    loads = jacobian[:, :, :LOADS] * attached_std(noise, run)[:, None]
+    camera = camera_errors(noise.drift_std * BETWEEN_NODES, run.x.shape[1])
+    camera = np.broadcast_to(camera, (*jacobian.shape[:2], 2))
+    return np.concatenate([pressure, loads, camera] if run.loaded else [pressure, camera], axis=2)
+
+
+def model_errors(arm: Arm, inputs: Inputs) -> Array:
+    """Return what one sigma of pressure and of each column of the arm's covariance moves.
+
+    (frames, 2 targets, 1 + columns) m by central differences of the whole model; NaN-free, zero
+    where a neighbor has no equilibrium.
+    """
+
+    def points(arm: Arm, inputs: Inputs) -> Array:
+        model = ForwardModel(arm.target_arclength)
+        solved = model.solve(arm, inputs)
+        return np.where(solved[:, None, None], model.points, np.nan)
+
+    ends = [
+        points(arm, replace(inputs, pressure=inputs.pressure + sign * PRESSURE_STEP))
+        for sign in (-1.0, 1.0)
+    ]
+    errors = [arm.sensors.pressure_std * (ends[1] - ends[0]) / (2.0 * PRESSURE_STEP)]
+    for column in () if arm.covariance is None else arm.covariance.columns():
+        before, after, distance = neighbors(arm, column)
+        errors.append((points(after, inputs) - points(before, inputs)) / distance)
+    stacked = np.stack([error.reshape(len(inputs.pressure), -1) for error in errors], axis=2)
+    return np.where(np.isfinite(stacked), stacked, 0.0)

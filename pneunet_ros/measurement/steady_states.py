@@ -1,0 +1,42 @@
+"""Steady states: stretches in which readings stand still, as far as noise tells."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.units import seconds_between
+
+SHORTEST_HOLD = 1.5  # s
+
+
+def steady_segments(values: Array, still: Array | float) -> list[tuple[int, int]]:
+    """Return start and stop of all stretches of values (n, quantities), the longest from the left.
+
+    In each, every quantity stays within `still` (quantities,) from its largest to its smallest. A
+    stretch stops where the next starts; all values are in one.
+    """
+    starts = []
+    low = high = np.full(values.shape[1:], np.nan)
+    for index, value in enumerate(values):
+        low, high = np.minimum(low, value), np.maximum(high, value)
+        if not np.all(high - low <= still):
+            starts.append(index)
+            low = high = value
+    return list(itertools.pairwise([*starts, len(values)]))
+
+
+def held_spans(
+    stamp_ns: Stamps,
+    values: Array,
+    still: Array | float,
+    shortest: float = SHORTEST_HOLD,
+) -> list[tuple[int, int]]:
+    """Return first and last index of the `steady_segments` of at least `shortest` s."""
+    return [
+        (start, stop - 1)
+        for start, stop in steady_segments(values, still)
+        if seconds_between(int(stamp_ns[start]), int(stamp_ns[stop - 1])) >= shortest
+    ]

@@ -1,0 +1,20 @@
+"""The numbers of a calibration: which are not the default is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pneunet_ros.calibration.settings import CALIBRATION, EXPERIMENTS, MAP_ESTIMATION
+
+
+def test_what_is_not_the_default_is_said():
+    assert CALIBRATION.changed() == {}
+    changed = replace(
+        CALIBRATION,
+        experiments=replace(EXPERIMENTS, knots=7),
+        map_estimation=replace(MAP_ESTIMATION, small_step=0.1),
+    )
+    assert changed.changed() == {
+        'ExperimentSettings.knots': 7,
+        'MapEstimationSettings.small_step': 0.1,
+    }

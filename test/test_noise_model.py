@@ -1,0 +1,65 @@
+"""What one sigma of each reading moves, against the model at moved readings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.measurement.disturbances import BETWEEN_NODES
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.measurement.noise_model import (
+    attached_std,
+    camera_errors,
+    model_errors,
+    reading_errors,
+    target_std,
+)
+from pneunet_ros.model.uncertainty import SensorNoise
+import pytest
+from support.example_arms import paper_arm
+from support.made_datasets import made, USUAL
+
+NONE = np.zeros((0, 2), dtype=np.int64)
+PRESSURE = np.array([5e3, 21e3, 43e3])
+FORCE = np.array([[0.1, 0.05], [0.0, 0.0], [0.12, 0.0]])
+
+
+def test_a_load_of_exactly_zero_is_no_reading():
+    run = made(paper_arm(), PRESSURE, FORCE)
+    force = USUAL.force_std
+    assert attached_std(USUAL, run).tolist() == [[force, force, 0.0], [0.0] * 3, [force, force, 0]]
+    pushed = replace(run, moment=np.array([0.0, 0.0, 1e-4]))
+    assert attached_std(USUAL, pushed)[0].tolist() == [force, force, USUAL.moment_std]
+    assert not attached_std(USUAL, run.unloaded()).any()
+
+
+def test_columns_are_what_moved_readings_move():
+    arm = paper_arm()
+    run = made(arm, PRESSURE, FORCE)
+    (inputs,) = inputs_of(arm, [run])
+    model = ForwardModel(arm.target_arclength)
+    assert model.solve(arm, inputs).all()
+    points = model.points.reshape(3, -1).copy()
+    found = reading_errors(USUAL, arm, run, inputs, model.point_jacobian(arm, inputs, NONE))
+    assert model.solve(
+        arm, inputs.with_loads(inputs.loads + np.array([0.0, USUAL.force_std, 0.0]))
+    ).all()
+    moved = model.points.reshape(3, -1) - points
+    attached = [0, 2]
+    size = np.abs(moved).max()
+    assert found[attached, :, 2] == pytest.approx(moved[attached], abs=2e-2 * size)
+    assert not found[1, :, 1:4].any()
+    assert found[:, :, 4:] == pytest.approx(
+        np.broadcast_to(camera_errors(USUAL.drift_std * BETWEEN_NODES, 23), (3, 46, 2))
+    )
+    # The moment law moves with pressure, too: that is in the differences of the whole model alone.
+    whole = model_errors(replace(arm, sensors=USUAL, covariance=None), inputs)
+    assert whole.shape == (3, 46, 1)
+    assert found[1, :, 0] == pytest.approx(whole[1, :, 0], rel=1e-4, abs=1e-9)
+
+
+def test_a_target_without_noise_has_a_sigma_all_the_same():
+    noise = SensorNoise(pressure_std=0.0, force_std=0.0, moment_std=0.0, target_std=0.0)
+    assert 0.0 < target_std(noise) < 1e-6
+    assert target_std(replace(noise, target_std=3.0, placement_std=4.0)) == 5.0
