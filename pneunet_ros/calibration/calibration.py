@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from pneunet_ros.calibration.consistency import outlier_recordings
-from pneunet_ros.calibration.experiments import FitSequence, LawScore, Progress
+from pneunet_ros.calibration.experiments import FitSequence, LawScore
 from pneunet_ros.calibration.identifiability import undetermined_quantities
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
@@ -20,6 +20,7 @@ from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
@@ -55,7 +56,7 @@ def calibrate(
     kind: str = PiecewiseLinearLaw.kind,
     compare: bool = True,
     earlier: PosteriorState | None = None,
-    on_progress: Progress = lambda stage, done, total: None,
+    on_progress: OnProgress = say_nothing,
     settings: CalibrationSettings = CALIBRATION,
 ) -> Calibration:
     """Calibrate an arm: its kappa_p0(p, s), its moment law, and how sure both are.

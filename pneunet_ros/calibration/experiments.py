@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,12 +20,11 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
-
-Progress = Callable[[str, int, int], None]  # stage, how far, of how much
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,7 +52,7 @@ class FitSequence:
         frame: Arm,
         noise: NoiseEstimate,
         runs: Sequence[RecordingData],
-        on_progress: Progress,
+        on_progress: OnProgress,
         *,
         uniform: bool = False,
         settings: CalibrationSettings = CALIBRATION,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,12 +13,11 @@ from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, PRECONDITIONS
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.settings import BaseFitSettings, DEFAULTS
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
-
-Progress = Callable[[str, int, int], None]  # what is done, how far, of how much (0 = unknown)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,7 +32,7 @@ class BaseFit:
 def fit_base(
     frame: Arm,
     training: Sequence[RecordingData],
-    on_progress: Progress,
+    on_progress: OnProgress,
     settings: BaseFitSettings = DEFAULTS.base_fit,
 ) -> BaseFit:
     """Fit; RequestError and RecordingError where the recordings are not fit for it."""

@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
+from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.augmented_model import (
     augment_model,
@@ -14,7 +15,7 @@ from pneunet_ros.diagnosis.augmented_model import (
     fit_with_effects,
     parameter_shifts,
 )
-from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base, Progress
+from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base
 from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.hypothesis import hypotheses
@@ -66,7 +67,7 @@ def diagnose(
     *,
     seed: int = 0,
     executor: Executor | None = None,
-    on_progress: Progress = lambda stage, done, total: None,
+    on_progress: OnProgress = say_nothing,
     settings: DiagnosisSettings = DEFAULTS,
 ) -> Diagnosis:
     """Diagnose a model by recordings: what it lacks, or what the recordings could have shown.

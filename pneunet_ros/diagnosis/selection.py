@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.diagnosis.base_fit import Progress
+from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.lack_of_fit import lack_of_fit_tests, LackOfFit, MapFunction
 from pneunet_ros.diagnosis.linearization import Linearization
@@ -60,7 +60,7 @@ class Selection:
     linearization: Linearization
     hypotheses: tuple[Hypothesis, ...]
     seed: int
-    on_progress: Progress
+    on_progress: OnProgress
     map_function: MapFunction = map
     settings: DiagnosisSettings = DEFAULTS
     tried: dict[frozenset[str], Record] = field(default_factory=dict)

@@ -14,9 +14,9 @@ import io
 from typing import TypeVar
 
 from matplotlib.figure import Figure
+from pneunet_ros.core.progress import OnProgress
 
 DOTS_PER_INCH = 120
-OnProgress = Callable[[str, int, int], None]  # stage, how far, of how much
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,8 +16,8 @@ from pneunet_ros.calibration.steady_states import (
     thin,
 )
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.measurement.linearization import FittedRun
-from pneunet_ros.reports.figure import OnProgress
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.reports.style import PressureColors
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, Smoother, smoother_for

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.reports.calibration.figure_data import figure_data, FigureData
 from pneunet_ros.reports.calibration.force_figures import end_forces
 from pneunet_ros.reports.calibration.moment_figures import law, moments, one_moment
@@ -18,7 +19,7 @@ from pneunet_ros.reports.calibration.shape_figures import (
     predicted_shapes,
 )
 from pneunet_ros.reports.calibration.trend_figures import linearity, sensitivity
-from pneunet_ros.reports.figure import draw_figures, Figures, OnProgress, Pictures
+from pneunet_ros.reports.figure import draw_figures, Figures, Pictures
 
 FIGURES: Figures[FigureData] = {
     'paper': (

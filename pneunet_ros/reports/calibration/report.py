@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.calibration.figures import calibration_figures
@@ -21,7 +22,7 @@ from pneunet_ros.reports.calibration.tables import (
     number_rows,
     Row,
 )
-from pneunet_ros.reports.figure import OnProgress, Pictures
+from pneunet_ros.reports.figure import Pictures
 from pneunet_ros.reports.page import rendered
 
 PAGE = 'index.html'
@@ -35,7 +36,7 @@ def write_report(
     *,
     provenance: Mapping[str, Any],
     overwrite: bool = False,
-    on_progress: OnProgress = lambda stage, done, total: None,
+    on_progress: OnProgress = say_nothing,
 ) -> Path:
     """Write the report of a calibration into a folder, and return the path of its page.
 

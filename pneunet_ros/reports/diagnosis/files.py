@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Misfit
@@ -20,7 +21,7 @@ from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.figures import FIGURES
 from pneunet_ros.reports.diagnosis.report import report_page
 from pneunet_ros.reports.diagnosis.tables import added_effects
-from pneunet_ros.reports.figure import draw_figures, OnProgress
+from pneunet_ros.reports.figure import draw_figures
 
 NUMBERS, MODEL, PAGE = 'diagnosis.json', 'model.yaml', 'report.html'
 REPLACEABLE = (NUMBERS, MODEL, PAGE, 'figure_*.png')  # all that a folder of an earlier one holds
@@ -34,7 +35,7 @@ def write_diagnosis(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     provenance: Mapping[str, Any],
-    on_progress: OnProgress = lambda stage, done, total: None,
+    on_progress: OnProgress = say_nothing,
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
