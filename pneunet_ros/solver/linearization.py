@@ -103,13 +103,8 @@ def change_forces(
     h, axial = panel[LENGTH], panel[AXIAL]
     for i in range(count):
         at = first + i
-        sine, cosine, t, u = (
-            fields[SIN, at],
-            fields[COS, at],
-            fields[ALONG, at],
-            fields[ACROSS, at],
-        )
-        strain = fields[STRETCHED, at]
+        sine, cosine, strain = fields[SIN, at], fields[COS, at], fields[STRETCHED, at]
+        t, u = fields[ALONG, at], fields[ACROSS, at]
         f1 = change[N1] - ABSCISSAE[at] * change[LOSS1]
         f2 = change[N2] - ABSCISSAE[at] * change[LOSS2]
         dt = u * turned[i] + f1 * cosine + f2 * sine
@@ -173,13 +168,8 @@ def change_panel(
     angle (INNER,): of the unloaded rod from the start of the panel. missing (4,): what the change
     of the panel as a whole is more than the integral of out.
     """
-    moment, bent, first, second, gauss = (
-        scratch[0],
-        scratch[1],
-        scratch[2],
-        scratch[3],
-        scratch[4:],
-    )
+    moment, bent, gauss = scratch[0], scratch[1], scratch[4:]
+    first, second = scratch[2], scratch[3]
     for i in range(6):
         moment[i] = change[MOMENT_A]
     moment[5] = change[MOMENT_B]
