@@ -71,7 +71,8 @@ def recorded(message, type_name):
 
 def test_pressure_comes_back_as_it_was():
     reading = PressureReading(stamp_ns=STAMP, pressure=31e3, variance=3600.0)
-    message = recorded(pressure_message(reading, 'hose', ROSBAGS_TYPES), PRESSURE_TYPE)
+    message = pressure_message(STAMP, [31e3], 'hose', ROSBAGS_TYPES, variance=3600.0)
+    message = recorded(message, PRESSURE_TYPE)
     assert decode_pressure(message) == reading
     assert message.header.frame_id == 'hose'
 
@@ -80,7 +81,8 @@ def test_wrench_comes_back_as_it_was():
     reading = WrenchReading(
         stamp_ns=STAMP, force_x=0.175, force_y=-0.07, moment=1e-3, frame_id='cell'
     )
-    message = recorded(wrench_message(reading, ROSBAGS_TYPES), WRENCH_TYPE)
+    message = wrench_message(STAMP, [0.175, -0.07, 1e-3], 'cell', ROSBAGS_TYPES)
+    message = recorded(message, WRENCH_TYPE)
     assert decode_wrench(message) == reading
 
 

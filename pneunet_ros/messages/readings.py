@@ -122,23 +122,26 @@ def decode_wrench(message: Any) -> WrenchReading:
         raise MessageError(f'a message is no usable {WRENCH_TYPE}: {error}') from error
 
 
-def pressure_message(reading: PressureReading, frame_id: str, types: MessageTypes) -> Any:
-    """Build a FluidPressure of a reading."""
+def pressure_message(
+    stamp_ns: int, row: Array, frame_id: str, types: MessageTypes, variance: float = 0.0
+) -> Any:
+    """Build a FluidPressure of a pressure (1,) Pa; variance in Pa^2, 0 = unknown."""
     return types(PRESSURE_TYPE)(
-        header=header(reading.stamp_ns, frame_id, types),
-        fluid_pressure=float(reading.pressure),
-        variance=float(reading.variance),
+        header=header(stamp_ns, frame_id, types),
+        fluid_pressure=float(row[0]),
+        variance=variance,
     )
 
 
-def wrench_message(reading: WrenchReading, types: MessageTypes) -> Any:
-    """Build a WrenchStamped of a reading, in the frame that the reading names."""
+def wrench_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
+    """Build a WrenchStamped of F1, F2 (N) and M (N m), (3,)."""
     vector = types('geometry_msgs/msg/Vector3')
+    force_x, force_y, moment = map(float, row)
     return types(WRENCH_TYPE)(
-        header=header(reading.stamp_ns, reading.frame_id, types),
+        header=header(stamp_ns, frame_id, types),
         wrench=types('geometry_msgs/msg/Wrench')(
-            force=vector(x=float(reading.force_x), y=float(reading.force_y), z=0.0),
-            torque=vector(x=0.0, y=0.0, z=float(reading.moment)),
+            force=vector(x=force_x, y=force_y, z=0.0),
+            torque=vector(x=0.0, y=0.0, z=moment),
         ),
     )
 
@@ -238,19 +241,6 @@ def targets_row(
     return sightings.stamp_ns, np.array([sightings.x, sightings.y])
 
 
-def _message_of_pressure(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
-    reading = PressureReading(stamp_ns=stamp_ns, pressure=float(row[0]))
-    return pressure_message(reading, frame_id, types)
-
-
-def _message_of_wrench(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
-    force_x, force_y, moment = row.tolist()
-    reading = WrenchReading(
-        stamp_ns=stamp_ns, force_x=force_x, force_y=force_y, moment=moment, frame_id=frame_id
-    )
-    return wrench_message(reading, types)
-
-
 PRESSURE = Sensor(
     name='pressure',
     type=PRESSURE_TYPE,
@@ -258,7 +248,7 @@ PRESSURE = Sensor(
     components=(Component(name='pressure', kind='pressure', shown_unit='kPa', shown_per_si=1e-3),),
     decode=decode_pressure,
     row=pressure_row,
-    message=_message_of_pressure,
+    message=pressure_message,
     needed=lambda settings: True,
     rank=1,
 )
@@ -273,7 +263,7 @@ END_WRENCH = Sensor(
     ),
     decode=decode_wrench,
     row=wrench_row,
-    message=_message_of_wrench,
+    message=wrench_message,
     needed=lambda settings: settings.wrench_required,
 )
 TARGETS = Sensor(

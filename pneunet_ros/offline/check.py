@@ -25,7 +25,7 @@ from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS,
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.offline.replay import input_topics
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.recordings.image_sources import find_image_topic, find_info_topic, IMAGE_TYPES
+from pneunet_ros.recordings.image_sources import find_info_topic, IMAGE_TYPES
 from pneunet_ros.recordings.recorded_series import (
     find_series,
     nearest,
@@ -231,7 +231,7 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         there = {topic.type for topic in recording.topics}
         if 'image_raw' not in overrides and not there & set(IMAGE_TYPES.values()):
             raise RecordingError('there are no images')
-        topic = find_image_topic(recording, overrides.get('image_raw'))
+        topic = recording.find_any(IMAGE_TYPES, overrides.get('image_raw'))
         find_info_topic(recording, topic, overrides.get('camera_info'))
         return ''
 

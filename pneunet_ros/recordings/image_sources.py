@@ -87,7 +87,7 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
         raise RequestError(
             f'--rate is for videos and folders of images; {path} has its own stamps'
         )
-    image_topic = find_image_topic(recording, request.topics.get('image_raw'))
+    image_topic = recording.find_any(IMAGE_TYPES, request.topics.get('image_raw'))
     info_topic = None
     lens: Lens | None = None
     if request.camera_info is None:
@@ -111,38 +111,6 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
         rate=(frames - 1) / seconds if frames > 1 and seconds > 0.0 else FOLDER_RATE,
         read=read,
         recording=recording,
-    )
-
-
-def find_image_topic(recording: Recording, override: str | None) -> str:
-    """Return the one topic with images, raw or compressed; `override`: its full name, if given.
-
-    Raises RecordingError that lists the candidates when there are several, and what is there when
-    there is none.
-    """
-    types = ' or '.join(IMAGE_TYPES.values())
-    if override is not None:
-        topic = recording.topic(override)
-        if topic.type not in IMAGE_TYPES.values():
-            raise RecordingError(
-                f'{recording.path}: --topic image_raw={override} names a topic of type '
-                f'{topic.type}, but {types} is needed'
-            )
-        return override
-    found = [
-        name for last, kind in IMAGE_TYPES.items() for name in recording.candidates(last, kind)
-    ]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise RecordingError(
-            f'{recording.path} has {len(found)} topics with images: {", ".join(found)}; choose '
-            f'one as in --topic image_raw={found[0]}'
-        )
-    there = ', '.join(f'{topic.name} ({topic.type})' for topic in recording.topics)
-    raise RecordingError(
-        f'{recording.path} has no topic {" or ".join(IMAGE_TYPES)} of type {types}; it holds '
-        f'{there or "no messages"}; name one of that type with --topic image_raw=/its/name'
     )
 
 

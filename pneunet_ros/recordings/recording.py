@@ -82,30 +82,36 @@ class Recording:
         )
 
     def find(self, last_name: str, type_name: str, override: str | None = None) -> str:
-        """Return the one topic of this type and last name; `override`: its full name, if given.
+        """Return the one topic of this type and last name, as `find_any` does."""
+        return self.find_any({last_name: type_name}, override)
 
-        Raises RecordingError that lists the candidates when there are several, and the topics that
-        are there when there is none.
+    def find_any(self, types: Mapping[str, str], override: str | None = None) -> str:
+        """Return the one topic that has one of these last names and its type.
+
+        types: type by last name; `--topic` calls it by the first one. override: its full name, if
+        given, which then may have any of the types. Raises RecordingError that lists the
+        candidates when there are several, and the topics that are there when there is none.
         """
-        option = f'--topic {last_name}='
+        option = f'--topic {next(iter(types))}='
+        names, kinds = ' or '.join(types), ' or '.join(types.values())
         if override is not None:
             chosen = self.topic(override)
-            if chosen.type != type_name:
+            if chosen.type not in types.values():
                 raise RecordingError(
                     f'{self.path}: {option}{override} names a topic of type {chosen.type}, '
-                    f'but {type_name} is needed'
+                    f'but {kinds} is needed'
                 )
             return override
-        found = self.candidates(last_name, type_name)
+        found = [topic for name, kind in types.items() for topic in self.candidates(name, kind)]
         if len(found) == 1:
             return found[0]
         if found:
             raise RecordingError(
-                f'{self.path} has {len(found)} topics {last_name} of type {type_name}: '
+                f'{self.path} has {len(found)} topics {names} of type {kinds}: '
                 f'{", ".join(found)}; choose one as in {option}{found[0]}'
             )
         raise RecordingError(
-            f'{self.path} has no topic {last_name} of type {type_name}; it holds '
+            f'{self.path} has no topic {names} of type {kinds}; it holds '
             f'{self._contents()}; name one of that type with {option}/its/name'
         )
 

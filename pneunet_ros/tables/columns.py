@@ -17,20 +17,20 @@ MOST_TARGETS = 500
 
 IN_BASE = ('force_x', 'force_y')
 OF_STRINGS = ('force_a', 'angle_a', 'force_b', 'angle_b')
-PER_TARGET = {
-    item.name: item.kind for sensor in SENSORS if sensor.per_target for item in sensor.components
+# What a sensor gives for each target, and all of its components, which come together.
+TOGETHER = {
+    item.name: tuple(other.name for other in sensor.components)
+    for sensor in SENSORS
+    if sensor.per_target
+    for item in sensor.components
 }
-# What a table may hold, and the kind of its unit; those of PER_TARGET carry the index of a target.
+_KINDS = {item.name: item.kind for sensor in SENSORS for item in sensor.components}
+# What a table may hold, and the kind of its unit; those of TOGETHER carry the index of a target.
 KINDS = {
     TIME: 'time',
-    **{
-        item.name: item.kind
-        for sensor in SENSORS
-        if not sensor.per_target
-        for item in sensor.components
-    },
+    **{name: kind for name, kind in _KINDS.items() if name not in TOGETHER},
     **{name: name.partition('_')[0] for name in OF_STRINGS},
-    **PER_TARGET,
+    **{name: _KINDS[name] for name in TOGETHER},
 }
 _TARGET = re.compile(r'(.+?)(\d{1,3})')
 
@@ -53,11 +53,11 @@ def column_of(name: str) -> Column | None:
                 continue
             head = name.removesuffix(f'_{unit}')
             match = _TARGET.fullmatch(head)
-            if quantity in PER_TARGET and match and match[1] == quantity:
+            if quantity in TOGETHER and match and match[1] == quantity:
                 return Column(
                     name=name, quantity=quantity, si_per_unit=si_per_unit, target=int(match[2])
                 )
-            if quantity not in PER_TARGET and head == quantity:
+            if quantity not in TOGETHER and head == quantity:
                 return Column(name=name, quantity=quantity, si_per_unit=si_per_unit)
     return None
 
@@ -66,7 +66,7 @@ def known_names() -> str:
     """Return the patterns of all known names, for a person."""
     patterns = [STAMP]
     for quantity, kind in KINDS.items():
-        target = '<target>' if quantity in PER_TARGET else ''
+        target = '<target>' if quantity in TOGETHER else ''
         units = '|'.join(SI_PER_UNIT[kind])
         patterns.append(f'{quantity}{target}_({units})')
     return ', '.join(patterns)
@@ -99,9 +99,9 @@ def columns_of(names: Iterable[str], where: str) -> list[Column]:
 def _check_whole(names: dict[tuple[str, int | None], str], where: str) -> None:
     quantities = {quantity for quantity, _ in names}
     for (quantity, target), name in names.items():
-        other = 'y' if quantity == 'x' else 'x'
-        if target is not None and (other, target) not in names:
-            raise RecordingError(f'{where}: {name} is there without its {other}{target}')
+        for other in TOGETHER.get(quantity, ()):
+            if (other, target) not in names:
+                raise RecordingError(f'{where}: {name} is there without its {other}{target}')
         if target is not None and target >= MOST_TARGETS:
             raise RecordingError(f'{where}: {name}: at most {MOST_TARGETS} targets are read')
         if quantity.startswith('angle') and f'force{quantity[5:]}' not in quantities:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.readings import (
     pressure_message,
@@ -27,16 +26,11 @@ TYPES = {'pressure': PRESSURE_TYPE, 'end_wrench': WRENCH_TYPE, 'targets': POINTS
 
 
 def pressure(stamp_ns: int, value: float) -> Any:
-    return pressure_message(
-        PressureReading(stamp_ns=stamp_ns, pressure=value), BASE, ROSBAGS_TYPES
-    )
+    return pressure_message(stamp_ns, [value], BASE, ROSBAGS_TYPES)
 
 
 def wrench(stamp_ns: int, force: tuple[float, float], frame_id: str = BASE) -> Any:
-    reading = WrenchReading(
-        stamp_ns=stamp_ns, force_x=force[0], force_y=force[1], moment=1e-3, frame_id=frame_id
-    )
-    return wrench_message(reading, ROSBAGS_TYPES)
+    return wrench_message(stamp_ns, [*force, 1e-3], frame_id, ROSBAGS_TYPES)
 
 
 def targets(stamp_ns: int, height: float, count: int = 3, frame_id: str = BASE) -> Any:
