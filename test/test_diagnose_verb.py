@@ -15,7 +15,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.recordings.lab_files import write_lab
-from pneunet_ros.reports import style as report_style
+from pneunet_ros.reports import figure as report_figure
 import pytest
 from support.small_diagnosis import diagnosis
 
@@ -41,7 +41,7 @@ def run(capsys, monkeypatch, lab, tmp_path):
     """Run the verb in a folder of its own; returns its exit code, stdout and stderr."""
     monkeypatch.setenv('COLUMNS', '200')
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(report_style, 'DOTS_PER_INCH', 20)
+    monkeypatch.setattr(report_figure, 'DOTS_PER_INCH', 20)
 
     def run(*arguments):
         try:

@@ -19,11 +19,11 @@ class Hysteresis(Effect):
 
     name: ClassVar[str] = 'hysteresis'
     place: ClassVar[Place] = 'actuation'
-    meaning: ClassVar[str] = 'play of this full width between pressure and chamber'
+    meaning: ClassVar[str] = 'dead band (play) of this full width between pressure and chamber'
     width: float = quantity(
         0.0,
         unit='Pa',
-        meaning='full width of the play',
+        meaning='full width of the dead band',
         bounds=(0.0, 1e5),
         prior=(0.0, 4e3),
         source='prior: a loop as wide as 6 % of the 66 kPa of Table 1',

@@ -5,30 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 import numpy as np
-from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.core.units import millimeters
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.reports.style import as_shapes, draw_force, panels, PressureColors
 from pneunet_ros.solver.rod import START
 
-COLORS = colormaps['viridis']
-FORCE_SCALE = 120.0  # mm of arrow per newton
 ELLIPSE_SIGMAS = 2.0
 
 
 def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str) -> None:
     """Shapes, curvatures and moment law of estimates, colored by pressure, as a picture."""
-    pressures = [kilopascals(hold.shape.pressure) for hold in holds]
-    scale = Normalize(min(pressures, default=0.0), max(pressures, default=0.0) or 1.0)
-    figure = Figure(figsize=(15.0, 5.6), layout='constrained')
-    shapes, curvatures, moments = figure.subplots(1, 3, width_ratios=(1.25, 1.0, 1.0))
+    pressures = [hold.shape.pressure for hold in holds]
+    colors = PressureColors(low=min(pressures, default=0.0), high=max(pressures, default=0.0))
+    figure, (shapes, curvatures, moments) = panels(3, height=5.6, width=15.0)
     for hold, pressure in zip(holds, pressures, strict=True):
-        color = COLORS(scale(pressure))
+        color = colors(pressure)
         draw_shape(shapes, hold, color)
         share = hold.shape.arclength / arm.length
         curvatures.plot(share, hold.shape.curvature, color=color, linewidth=1.8)
@@ -36,13 +30,7 @@ def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str)
             share, hold.shape.intrinsic_curvature, color=color, linewidth=0.9, linestyle=':'
         )
         draw_moment(moments, arm, hold, color)
-    shapes.set(
-        title='Predicted shapes, end forces and 2-sigma tips',
-        xlabel='x (mm)',
-        ylabel='y (mm)',
-    )
-    shapes.set_aspect('equal', adjustable='datalim')
-    shapes.plot(0.0, 0.0, marker='s', color='black', markersize=8)
+    as_shapes(shapes, 'Predicted shapes, end forces and 2-sigma tips')
     curvatures.set(
         title='Curvature; dotted: intrinsic, unloaded',
         xlabel='arclength s / l',
@@ -54,16 +42,7 @@ def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str)
         xlabel='curvature minus intrinsic curvature (1/m)',
         ylabel='moment (mN m)',
     )
-    for axes in (shapes, curvatures, moments):
-        axes.grid(color='0.9', linewidth=0.7)
-        axes.spines[['top', 'right']].set_visible(False)
-    figure.colorbar(
-        ScalarMappable(norm=scale, cmap=COLORS),
-        ax=moments,
-        label='pressure (kPa)',
-        fraction=0.05,
-        pad=0.02,
-    )
+    colors.bar(figure, moments)
     figure.suptitle(title, fontsize=14)
     figure.savefig(path, dpi=130, format=path.suffix.lstrip('.') or 'png')
 
@@ -74,13 +53,7 @@ def draw_shape(axes: Axes, estimate: ShapeEstimate, color: tuple[float, ...]) ->
     x, y = millimeters(1.0) * shape.x, millimeters(1.0) * shape.y
     axes.plot(x, y, color=color, linewidth=2.2, solid_capstyle='round')
     if np.hypot(*shape.force) > 0.0:
-        axes.annotate(
-            '',
-            xy=(x[-1] + FORCE_SCALE * shape.force[0], y[-1] + FORCE_SCALE * shape.force[1]),
-            xytext=(x[-1], y[-1]),
-            arrowprops={'arrowstyle': '->', 'color': color, 'linewidth': 1.0, 'alpha': 0.8},
-        )
-        axes.update_datalim([(x[-1] + FORCE_SCALE * shape.force[0], y[-1])])
+        draw_force(axes, np.array([x[-1], y[-1]]), np.array(shape.force), color)
     values, vectors = np.linalg.eigh(estimate.tip_covariance[:2, :2])
     angle = np.linspace(0.0, 2.0 * np.pi, 60)
     circle = np.array([np.cos(angle), np.sin(angle)])

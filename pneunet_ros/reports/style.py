@@ -20,6 +20,7 @@ HEIGHT = 4.6
 FIRST, SECOND, THIRD, GREY = '#1f5a96', '#d1603d', '#4c9a6a', '#6f6f6f'
 MEASURED = '#222222'
 BAND_SIGMAS = 2.0
+FORCE_SCALE = 100.0  # mm of arrow per newton
 SHORTEST_NAME = 22  # letters of a recording's name under an axis
 Color = tuple[float, float, float, float]
 
@@ -49,9 +50,11 @@ class PressureColors:
         figure.colorbar(self.scale, ax=axes, label='pressure (kPa)', fraction=0.05, pad=0.02)
 
 
-def panels(columns: int, rows: int = 1, height: float = HEIGHT) -> tuple[Figure, list[Axes]]:
-    """Return a figure of page width and its axes, row by row."""
-    figure = Figure(figsize=(WIDTH, height), layout='constrained')
+def panels(
+    columns: int, rows: int = 1, height: float = HEIGHT, width: float = WIDTH
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure, as wide as a page, and its axes, row by row."""
+    figure = Figure(figsize=(width, height), layout='constrained')
     axes = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
     for panel in axes:
         panel.grid(color='0.92', linewidth=0.7)
@@ -78,6 +81,15 @@ def same_height(axes: Sequence[Axes], low: float | None = None) -> None:
     bottom = min(limit[0] for limit in limits) if low is None else low
     for panel in axes:
         panel.set_ylim(bottom, max(limit[1] for limit in limits))
+
+
+def draw_force(axes: Axes, tip: Array, force: Array, color: Any) -> None:
+    """Draw an end force (N) as an arrow at the free end (mm)."""
+    head = tip + FORCE_SCALE * force
+    if np.all(np.isfinite(head)):
+        arrow = {'arrowstyle': '->', 'color': color, 'linewidth': 1.0, 'alpha': 0.7}
+        axes.annotate('', xy=tuple(head.tolist()), xytext=tuple(tip.tolist()), arrowprops=arrow)
+        axes.update_datalim([head])
 
 
 def draw_dots(axes: Axes, x: Array, y: Array, size: float, **style: Any) -> None:

@@ -17,11 +17,12 @@ from pneunet_ros.reports.style import (
     Color,
     draw_band,
     draw_dots,
+    draw_force,
+    FORCE_SCALE,
     legend,
     panels,
 )
 
-FORCE_SCALE = 100.0  # mm of arrow per newton
 COMPARED = 4  # loads whose predicted curvature is drawn beside the measured one
 STYLES = [
     Line2D([], [], color='0.3', marker='o', linestyle='', markersize=4, label='measured'),
@@ -74,7 +75,8 @@ def loaded_shapes(data: FigureData) -> Picture | None:
     for steady_state, field in zip(data.main, fields, strict=True):
         color = data.colors(steady_state.pressure)
         draw_shape(shapes, steady_state, field, color)
-        draw_force(shapes, steady_state, field, color)
+        tip = millimeters(1.0) * field[[X, Y], -1]
+        draw_force(shapes, tip, steady_state.force, color)
     for view in data.main_views:
         color = data.colors(view.steady_state.pressure)
         share = view.arclength / arm.length
@@ -151,21 +153,6 @@ def draw_shape(axes: Axes, steady_state: SteadyState, field: Array, color: Color
     axes.plot(millimeters(1.0) * field[X], millimeters(1.0) * field[Y], color=color, linewidth=1.4)
     x, y = millimeters(1.0) * steady_state.x, millimeters(1.0) * steady_state.y
     draw_dots(axes, x, y, 3.2, color=color)
-
-
-def draw_force(axes: Axes, steady_state: SteadyState, field: Array, color: Color) -> None:
-    """Draw the end force as an arrow at the free end."""
-    tip = millimeters(1.0) * field[[X, Y], -1]
-    head = tip + FORCE_SCALE * steady_state.force
-    if not np.all(np.isfinite(head)):
-        return
-    axes.annotate(
-        '',
-        xy=(float(head[0]), float(head[1])),
-        xytext=(float(tip[0]), float(tip[1])),
-        arrowprops={'arrowstyle': '->', 'color': color, 'linewidth': 1.0, 'alpha': 0.7},
-    )
-    axes.update_datalim([head])
 
 
 def draw_measured(axes: Axes, view: MomentView, length: float, color: Color) -> None:
