@@ -24,7 +24,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-TIMEOUT = 15.0  # s
+TIMEOUT = 180.0  # s
 STRING = 'std_msgs/msg/String'
 BEST_EFFORT = QoSProfile(depth=3, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=3, reliability=ReliabilityPolicy.RELIABLE)

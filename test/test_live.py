@@ -79,7 +79,7 @@ def test_a_signal_ends_all_of_it(tmp_path, number):
     nodes = children(process)
     assert len(nodes) == 3
     process.send_signal(number)
-    assert process.wait(60.0) == 0, output.read_text()
+    assert process.wait(START_TIMEOUT) == 0, output.read_text()
     assert 'Traceback' not in output.read_text()
     for node in nodes:
         with pytest.raises(ProcessLookupError):
