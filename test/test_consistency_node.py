@@ -13,11 +13,7 @@ from pneunet_ros.model.equilibrium import solve
 import pytest
 from support.example_arms import PAPER_ARM
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.nodes.health import Level  # noqa: E402

@@ -9,11 +9,7 @@ import time
 
 import pytest
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.nodes.following import common_offer, DEPTH, FollowingSubscription  # noqa: E402

@@ -12,12 +12,7 @@ import time
 
 import pytest
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.slow,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from support.dds_peer import START_TIMEOUT  # noqa: E402

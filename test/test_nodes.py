@@ -29,11 +29,7 @@ from support import made_recordings as bags
 from support.manuals import same_as_running
 from support.random_estimates import plain
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.nodes.health import Level  # noqa: E402

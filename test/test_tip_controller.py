@@ -19,11 +19,7 @@ from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.topics import PRESSURE_TYPE
 import pytest
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from support.dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402

@@ -17,11 +17,7 @@ from pneunet_ros.messages.point_cloud import cloud_points
 from pneunet_ros.messages.topics import PRESSURE_TYPE, WRENCH_TYPE
 import pytest
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
