@@ -40,6 +40,10 @@ demo: $(VENV)/run ## the first minute: the arm of the paper, replayed
 live: $(VENV)/all ## the whole stack without hardware, until Ctrl-C or for LIVE_SECONDS=20
 	LIVE_SECONDS=$(LIVE_SECONDS) $(VENV)/bin/python examples/live.py $(ARGS)
 
+.PHONY: quick
+quick: $(VENV)/all ## the tests of a minute: no processes, no films, no diagnoses
+	$(VENV)/bin/python -m pytest $(PYTEST_FLAGS) -m 'not slow and not ros and not lengthy' test $(ARGS)
+
 .PHONY: test
 test: $(VENV)/all ## the tests, without the slow ones
 	$(VENV)/bin/python -m pytest $(PYTEST_FLAGS) $(ARGS)

@@ -38,13 +38,25 @@ hypothesis.settings.register_profile('local', deadline=None)
 hypothesis.settings.register_profile('ci', deadline=None, derandomize=True)
 hypothesis.settings.load_profile('ci' if os.environ.get('CI') else 'local')
 
+# Files that `make quick` leaves out: they start processes, film, calibrate or diagnose.
+LENGTHY = """
+    atomic calibrate_verb calibration calibration_report camera_demo cli consistency
+    detectability diagnose_verb diagnosis diagnosis_report effects estimator_topics extending
+    faults fuzz_archives fuzz_files fuzz_messages fuzz_recordings fuzz_tables gaussian_model
+    generic_field golden hypothesis lab_day lab_film lab_live lab_renderer lack_of_fit
+    linearization localization lab_effects map_estimation named_effects noise_estimate
+    outside_effects packaging pages preview published readme recording_writer refit replay
+    simulate_verb simulated smoother solver track tracker walkthrough working_plane_and_lens
+"""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what is marked `ros` where there is no ROS."""
-    if importlib.util.find_spec('rclpy'):
-        return
+    """Mark files that take long, and skip what is marked `ros` where there is no ROS."""
+    lengthy, without_ros = LENGTHY.split(), not importlib.util.find_spec('rclpy')
     for item in items:
-        if item.get_closest_marker('ros'):
+        if item.path.stem.removeprefix('test_') in lengthy:
+            item.add_marker('lengthy')
+        if without_ros and item.get_closest_marker('ros'):
             item.add_marker(pytest.mark.skip(reason="no rclpy here: pip install '.[ros]'"))
 
 

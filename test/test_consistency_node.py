@@ -13,11 +13,7 @@ from pneunet_ros.model.equilibrium import solve
 import pytest
 from support.example_arms import PAPER_ARM
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.nodes.health import Level  # noqa: E402
@@ -26,7 +22,7 @@ from support.dds_peer import EstimatorPeer, running_node  # noqa: E402
 
 DOMAIN = int(os.environ['ROS_DOMAIN_ID'])
 ARGUMENTS = (
-    *('-p', 'input_timeout:=30.0', '-p', 'watch_time:=1.0'),
+    *('-p', 'input_timeout:=600.0', '-p', 'watch_time:=10.0'),
     *(
         word
         for topic in ('pressure', 'end_wrench', TARGETS.name)
@@ -64,6 +60,7 @@ def place():
 
 def shown(peer, x, y, frame_id='pneunet_base', first=100.0):
     """Show targets at every reading; returns the diagnostics that follow."""
+    peer.report()
     for index in range(FRAMES):
         seconds = first + PERIOD * index
         peer.send(seconds)
@@ -89,14 +86,13 @@ def test_targets_elsewhere_are_a_warning_that_ends_with_them(peer):
     y[19:] += 3e-3
     level, message, values = shown(peer, x, y)
     assert level == Level.WARN
-    assert message.startswith('measured targets are ')
+    assert 'measured targets are ' in message
     assert message.endswith('run pneunet diagnose')
     assert float(values['disagreement']) > float(values['disagreement_limit'])
     assert int(values['worst_target']) >= 19
     assert float(values['worst_station_m']) == ARM.target_arclength[int(values['worst_target'])]
-    peer.spin_for(1.0)  # watch_time
-    level, _, values = peer.report()
-    assert level == Level.OK
+    assert peer.spin_until(lambda: peer.report()[0] == Level.OK)  # after watch_time
+    _, _, values = peer.report()
     assert values['disagreement'] == values['worst_target'] == ''
 
 

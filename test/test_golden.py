@@ -55,7 +55,7 @@ def test_making_it_again_gives_the_same_messages(folder, tmp_path, foreign_envir
         [sys.executable, str(folder / 'make_table1.py'), '--output', str(tmp_path)],
         env={**foreign_environment, 'PYTHONPATH': str(folder.parent.parent)},
         check=True,
-        timeout=100,
+        timeout=600,
     )
     shipped, made = open_recording(folder), open_recording(tmp_path)
     assert made.topics == shipped.topics

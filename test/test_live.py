@@ -12,12 +12,7 @@ import time
 
 import pytest
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.slow,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from support.dds_peer import START_TIMEOUT  # noqa: E402
@@ -79,7 +74,7 @@ def test_a_signal_ends_all_of_it(tmp_path, number):
     nodes = children(process)
     assert len(nodes) == 3
     process.send_signal(number)
-    assert process.wait(60.0) == 0, output.read_text()
+    assert process.wait(START_TIMEOUT) == 0, output.read_text()
     assert 'Traceback' not in output.read_text()
     for node in nodes:
         with pytest.raises(ProcessLookupError):

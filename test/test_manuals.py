@@ -21,11 +21,7 @@ from pneunet_ros.vision.tracker import TrackerState
 import pytest
 from support.manuals import page, reasons_in, table, topics, values
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.estimation.state import EstimatorState  # noqa: E402

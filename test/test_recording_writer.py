@@ -291,6 +291,6 @@ def run(code, argument, env):
         env={**env, 'PYTHONPATH': f'{root}:{root / "test"}'},
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=600,
         check=False,
     )

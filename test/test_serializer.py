@@ -12,9 +12,6 @@ from pneunet_ros.recordings.message_store import deserialize, jazzy, ROSBAGS_TYP
 import pytest
 from support.random_estimates import plain, random_estimate, RclpyTypes
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
-
 BY_NAME = {output.name: output for output in OUTPUTS}
 
 

@@ -19,11 +19,7 @@ from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.readings import PRESSURE_TYPE
 import pytest
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from support.dds_peer import Peer, running_node, START_TIMEOUT  # noqa: E402
@@ -200,11 +196,9 @@ def test_it_drives_the_virtual_arm_and_goes_safe_without_an_estimator(tmp_path):
             stderr=stream,
         )
         try:
-            for number, target in enumerate(PATH, start=1):
+            for number in range(1, len(PATH) + 1):
                 wait_for(peer, said, f'target {number} of {len(PATH)} reached', controller)
-                if number == len(PATH):
-                    peer.spin_for(0.5)
-                    assert peer.miss(target) < 3e-3
+            assert peer.spin_until(lambda: peer.miss(PATH[-1]) < 3e-3)
             assert peer.command() == pytest.approx(15e3, abs=1e3)
 
             estimator.process.kill()
@@ -216,7 +210,7 @@ def test_it_drives_the_virtual_arm_and_goes_safe_without_an_estimator(tmp_path):
             assert controller.poll() is None
 
             controller.send_signal(signal.SIGTERM)
-            assert controller.wait(15.0) == 0, said.read_text()
+            assert controller.wait(START_TIMEOUT) == 0, said.read_text()
             assert 'Traceback' not in said.read_text()
         finally:
             if controller.poll() is None:

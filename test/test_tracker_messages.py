@@ -42,9 +42,6 @@ from support.random_frames import (
     TARGETS as COUNT,
 )
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
-
 FRAME = 'pneunet_base'
 PICTURE = soft_picture()
 JPEG, PNG = compressed(PICTURE), compressed(PICTURE, '.png')

@@ -17,11 +17,7 @@ from pneunet_ros.messages.point_cloud import cloud_points
 from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 import pytest
 
-# The wheels of ROS import a parser that is older than Python 3.11.
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning"),
-]
+pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
@@ -61,6 +57,17 @@ class Commander(Peer):
     def tip(self):
         place = self.last('true_tip').pose.position
         return np.array([place.x, place.y])
+
+    def settled_tip(self):
+        """Return the tip as soon as it stands still."""
+        tips = [self.tip()]
+
+        def still():
+            tips.append(self.tip())
+            return np.abs(tips[-1] - tips[-2]).max() < 1e-6
+
+        assert self.spin_until(still)
+        return tips[-1]
 
     def command(self, pressure):
         """Command a pressure, and wait until the sensor says so."""
@@ -113,24 +120,28 @@ def key(message):
 def test_the_arm_follows_its_command(peer):
     assert peer.tip() == pytest.approx([0.112, 0.0], abs=1e-6)
     peer.command(30e3)
-    peer.spin_for(0.5)
-    assert peer.tip() == pytest.approx([0.0803, 0.0658], abs=5e-4)
+    assert peer.settled_tip() == pytest.approx([0.0803, 0.0658], abs=5e-4)
     peer.command(0.0)
-    peer.spin_for(0.5)
-    assert peer.tip() == pytest.approx([0.112, 0.0], abs=1e-3)
+    assert peer.settled_tip() == pytest.approx([0.112, 0.0], abs=1e-3)
 
 
 def test_every_pressure_has_a_wrench_and_a_truth_of_its_stamp(peer):
     for name in ('pressure', 'end_wrench', 'true_tip'):
         peer.received[name].clear()
-    assert peer.spin_until(lambda: len(peer.received['pressure']) > 30)
-    peer.spin_for(0.1)
-    stamps = {name: [key(message) for message in peer.received[name]] for name in HEARD}
-    assert stamps['pressure'] == sorted(set(stamps['pressure']))
-    middle = set(stamps['pressure'][3:-3])
-    assert middle <= set(stamps['end_wrench'])
-    assert middle <= set(stamps['true_tip'])
-    assert abs(stamps['pressure'][-1][0] - time.time()) < 5.0
+
+    def stamps(name):
+        return [key(message) for message in peer.received[name]]
+
+    def complete():
+        """Whether all of 30 pressures are there: a busy machine may lose a message in between."""
+        wanted = set(stamps('pressure')[-33:-3])
+        others = set(stamps('end_wrench')) & set(stamps('true_tip'))
+        return len(wanted) == 30 and wanted <= others
+
+    begin = time.time()
+    assert peer.spin_until(complete)
+    assert stamps('pressure') == sorted(set(stamps('pressure')))
+    assert begin - 1.0 < stamps('pressure')[-1][0] + 1.0 < time.time() + 2.0
 
 
 def test_targets_are_as_a_tracker_publishes_them(peer):
@@ -151,8 +162,7 @@ def test_a_load_moves_the_arm_and_is_felt(peer):
 
 def test_effects_are_hidden_while_it_runs(peer):
     peer.command(30e3)
-    peer.spin_for(0.5)
-    plain = peer.tip()
+    plain = peer.settled_tip()
     assert peer.set(effects='gravity.weight_y=-1.0 pressure_offset.offset=2000').successful
     try:
         assert peer.spin_until(lambda: peer.tip()[1] < plain[1] - 0.005)
@@ -216,7 +226,7 @@ def test_commands_that_cannot_be_used_change_nothing_and_are_counted(peer):
     peer.report()
     level, message, values = peer.report()
     assert level == Level.OK
-    assert re.fullmatch(r'a virtual arm at [\d.]+ Hz', message)
+    assert re.match(r'a virtual arm at [\d.]+ Hz', message)
     assert float(values['command_pa']) == 20e3
     assert float(values['force_x_n']) == 0.0
     assert int(values['rejected/not_finite']) >= 2

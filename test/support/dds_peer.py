@@ -30,7 +30,10 @@ from std_srvs.srv import Trigger
 
 NAMESPACE = '/pneunet'
 START_TIMEOUT = 240.0  # s; the kernels may have to be compiled
-TIMEOUT = 15.0  # s; nothing takes that long, but a machine may be busy
+TIMEOUT = 180.0  # s; nothing takes that long, but a machine may be busy
+IDLE_SPINS = 5  # looks around that find nothing, until all that has come was taken
+MOST_SPINS = 200
+DEPTH = 1000  # of what is heard: nothing is lost while this process waits for its turn
 NANOSECONDS = 1_000_000_000
 
 
@@ -100,12 +103,16 @@ class Peer:
         self.executor.add_node(self.node)
         self.received: dict[str, list[Any]] = {output.name: [] for output in outputs}
         self.statuses: list[DiagnosticStatus] = []
+        self.reported: int | None = None  # statuses told of by `report` since the start anew
         self.clients: dict[str, Any] = {}
         for output in outputs:
             take = self.received[output.name].append
-            self.node.create_subscription(message_class(output.type), output.name, take, 10)
+            self.node.create_subscription(message_class(output.type), output.name, take, DEPTH)
         self.node.create_subscription(
-            DiagnosticArray, '/diagnostics', lambda array: self.statuses.extend(array.status), 10
+            DiagnosticArray,
+            '/diagnostics',
+            lambda array: self.statuses.extend(array.status),
+            DEPTH,
         )
 
     def close(self) -> None:
@@ -167,18 +174,41 @@ class Peer:
 
     def start_anew(self) -> None:
         """Make the node and this peer forget all that came before."""
+        self.barrier()
         assert self.trigger('reset').success
-        self.spin_for(0.05)
+        self.take_all()
+        self.reported = None
         for messages in self.received.values():
             messages.clear()
 
+    def take_all(self) -> None:
+        """Take what the node sent before its last answer: that is here, but one takes one a time.
+
+        However slow the machine is: not time counts, but that there is nothing to take. A node
+        that sends without being asked has always more.
+        """
+        idle = 0
+        for _ in range(MOST_SPINS):
+            if idle == IDLE_SPINS:
+                break
+            before = self.outputs(), len(self.statuses)
+            self.executor.spin_once(timeout_sec=0.01)
+            idle = idle + 1 if (self.outputs(), len(self.statuses)) == before else 0
+
     def report(self) -> tuple[int, str, dict[str, str]]:
-        """Wait for the next diagnostics and return level, message, values."""
-        self.statuses.clear()
-        assert self.spin_until(lambda: self.statuses)
-        status = self.statuses[-1]
-        values = {item.key: item.value for item in status.values}
-        return status.level[0], status.message, values
+        """Wait for the next diagnostics and return the worst level, all messages, last values.
+
+        All are those since the last report of this test: what happened in between may have been
+        told of in two of them. The first report of a test is of the last diagnostics alone.
+        """
+        self.take_all()
+        known = len(self.statuses)
+        assert self.spin_until(lambda: len(self.statuses) > known)
+        new = self.statuses[-1:] if self.reported is None else self.statuses[self.reported :]
+        self.reported = len(self.statuses)
+        values = {item.key: item.value for item in new[-1].values}
+        level = max(status.level[0] for status in new)
+        return level, '; '.join(status.message for status in new), values
 
     def model_info(self) -> str:
         """Subscribe late to model_info and return what comes."""
@@ -229,7 +259,7 @@ class EstimatorPeer(Peer):
         self.barrier()
         begin = time.monotonic()
         while not all(self.outputs().values()):
-            assert time.monotonic() - begin < TIMEOUT, self.outputs()
+            assert time.monotonic() - begin < START_TIMEOUT, self.outputs()
             self.send(10_000.0 + time.monotonic() - begin)
             self.spin_for(0.05)
         self.start_anew()

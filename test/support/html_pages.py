@@ -65,7 +65,7 @@ def opened(page: Path, folder: Path) -> tuple[list[str], list[str]]:
             command, *QUIET, f'--user-data-dir={folder / "profile"}', f'--log-net-log={log}',
             '--window-size=1200,4000', f'--screenshot={picture}', page.resolve().as_uri(),
         ],
-        capture_output=True, text=True, timeout=120, check=True,
+        capture_output=True, text=True, timeout=600, check=True,
     )  # fmt: skip
     assert picture.stat().st_size > 1000
     console = re.findall(r'CONSOLE:\d+\] (.*)', done.stderr)
