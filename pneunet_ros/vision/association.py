@@ -16,6 +16,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuned
 from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
+    BeamSearchSettings,
     continues_beyond,
     grow_row,
     grow_seeded_rows,
@@ -55,31 +56,42 @@ class TargetRow(NamedTuple):
         return int(np.count_nonzero(self.chosen >= 0))
 
 
-def least_seen(targets: int) -> int:
+def least_seen(targets: int, settings: AssociationSettings = ASSOCIATION) -> int:
     """Return how many of so many targets must be seen for a row to be one."""
-    return min(targets, max(LEAST_TARGETS, math.ceil(ASSOCIATION.least_share * targets)))
+    return min(targets, max(LEAST_TARGETS, math.ceil(settings.least_share * targets)))
 
 
-def row_from_clamp(points: Array, areas: Array, arclength: Array, clamp_angle: float) -> TargetRow:
+def row_from_clamp(
+    points: Array,
+    areas: Array,
+    arclength: Array,
+    clamp_angle: float,
+    search: BeamSearchSettings = BEAM_SEARCH,
+) -> TargetRow:
     """Find the row that starts at the clamp; points (blobs, 2) m in the base frame.
 
-    areas (blobs,) px^2; arclength (targets,) m. A row that goes on beyond the last
-    target is none.
+    areas (blobs,) px^2; arclength (targets,) m. A row that goes on beyond the last target is none.
     """
     x, y, sizes = _columns(points, areas)
     start = np.zeros(LAST + 1)
     start[HEADING], start[SCALE], start[SIZE], start[LAST] = clamp_angle, 1.0, math.nan, NOTHING
     chosen = np.full(arclength.size, NOTHING)
     cost = grow_row(
-        x, y, sizes, arclength, start, BEAM_SEARCH.longest_gap, math.inf, chosen, BEAM_SEARCH
+        x, y, sizes, arclength, start, search.longest_gap, math.inf, chosen, search
     )
-    truncate_row(x, y, arclength, clamp_angle, chosen, BEAM_SEARCH)
-    if chosen[-1] >= 0 and continues_beyond(x, y, sizes, arclength, chosen, BEAM_SEARCH):
+    truncate_row(x, y, arclength, clamp_angle, chosen, search)
+    if chosen[-1] >= 0 and continues_beyond(x, y, sizes, arclength, chosen, search):
         chosen[:] = NOTHING  # the camera has moved, or these are other dots
     return TargetRow(chosen, cost)
 
 
-def rows_anywhere(points: Array, areas: Array, arclength: Array) -> list[TargetRow]:
+def rows_anywhere(
+    points: Array,
+    areas: Array,
+    arclength: Array,
+    settings: AssociationSettings = ASSOCIATION,
+    search: BeamSearchSettings = BEAM_SEARCH,
+) -> list[TargetRow]:
     """Find all rows whose place and scale are not known; both ends of a row must be seen.
 
     points (blobs, 2) in any coordinates that are true to shape. A row that goes on beyond its ends
@@ -90,12 +102,12 @@ def rows_anywhere(points: Array, areas: Array, arclength: Array) -> list[TargetR
     targets = arclength.size
     if x.size < targets:
         return []
-    chosen, costs = grow_seeded_rows(x, y, sizes, arclength, BEAM_SEARCH)
+    chosen, costs = grow_seeded_rows(x, y, sizes, arclength, search)
     order = np.argsort(costs, kind='stable')
     rows: list[TargetRow] = []
     for place in order[np.isfinite(costs[order])].tolist():
         row = TargetRow(chosen[place], float(costs[place]))
-        if not any(_same(row, other) for other in rows):
+        if not any(_same(row, other, settings.alike) for other in rows):
             rows.append(row)
     return rows
 
@@ -106,15 +118,15 @@ def share_of_blobs(row: TargetRow, other: TargetRow) -> float:
     return float(np.isin(mine, other.chosen).mean()) if mine.size else 0.0
 
 
-def _same(row: TargetRow, other: TargetRow) -> bool:
+def _same(row: TargetRow, other: TargetRow, alike: float) -> bool:
     """Whether two rows are readings of the same blobs from the same end."""
     same = (row.chosen == other.chosen) & (row.chosen >= 0)
-    if np.count_nonzero(same) >= ASSOCIATION.alike * row.seen:
+    if np.count_nonzero(same) >= alike * row.seen:
         return True
     # Read from the same end, but a target off.
     size = 1 + max(row.chosen.max(), other.chosen.max())
     forward = np.dot(_direction(row, size), _direction(other, size)) > 0.0
-    return bool(forward and share_of_blobs(row, other) >= ASSOCIATION.alike)
+    return bool(forward and share_of_blobs(row, other) >= alike)
 
 
 def _direction(row: TargetRow, size: int) -> Array:

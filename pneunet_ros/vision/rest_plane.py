@@ -38,9 +38,11 @@ class RestAverage:
     frames: int = 0
     ends: Array = field(default_factory=lambda: np.zeros((2, 2)))
 
-    def with_frame(self, ends: Array, spacing: float) -> RestAverage:
+    def with_frame(
+        self, ends: Array, spacing: float, settings: RestPlaneSettings = REST_PLANE
+    ) -> RestAverage:
         """Return the average with one more frame (2, 2); it begins anew where the arm moved."""
-        if self.frames and np.hypot(*(ends - self.ends).T).max() > REST_PLANE.still * spacing:
+        if self.frames and np.hypot(*(ends - self.ends).T).max() > settings.still * spacing:
             return RestAverage(frames=1, ends=ends)
         frames = self.frames + 1
         return RestAverage(frames=frames, ends=self.ends + (ends - self.ends) / frames)
@@ -67,6 +69,7 @@ def row_at_rest(
     arclength: Array,
     clamp_pixel: tuple[float, float] | None,
     straightness: float,
+    settings: RestPlaneSettings = REST_PLANE,
 ) -> TargetRow | Failure:
     """Find the straight row of targets among blobs, first target at the clamp.
 
@@ -76,9 +79,9 @@ def row_at_rest(
     """
     count = arclength.size
     rows = rows_anywhere(points, areas, arclength)
-    rows = [row for row in rows if _is_regular(row_points(row, points), arclength)]
+    rows = [row for row in rows if _is_regular(row_points(row, points), arclength, settings)]
     if clamp_pixel is not None and rows:
-        rows = [row for row in rows if _begins_at(row_points(row, pixels), clamp_pixel)]
+        rows = [row for row in rows if _begins_at(row_points(row, pixels), clamp_pixel, settings)]
         if not rows:
             return Failure(
                 reason='wrong_clamp',
@@ -124,7 +127,7 @@ def row_points(row: TargetRow, points: Array) -> Array:
     return np.asarray(found)
 
 
-def _is_regular(points: Array, arclength: Array) -> bool:
+def _is_regular(points: Array, arclength: Array, settings: RestPlaneSettings) -> bool:
     """Whether enough targets of a row, both ends among them, lie on a smooth line (targets, 2)."""
     length = float(arclength[-1] - arclength[0])
     size = math.hypot(*(points[-1] - points[0]))
@@ -132,13 +135,13 @@ def _is_regular(points: Array, arclength: Array) -> bool:
         return False
     x, y = np.ascontiguousarray(points.T) * (length / size)
     seen = consistent_spacing(x, y, arclength, GATING.farthest, GATING)
-    return bool(
-        seen[0] and seen[-1] and np.count_nonzero(seen) >= REST_PLANE.seen * arclength.size
-    )
+    return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= settings.seen * arclength.size)
 
 
-def _begins_at(pixels: Array, clamp_pixel: tuple[float, float]) -> bool:
+def _begins_at(
+    pixels: Array, clamp_pixel: tuple[float, float], settings: RestPlaneSettings
+) -> bool:
     """Whether the first target of a row (targets, 2) is at the clamp."""
     steps = np.hypot(*np.diff(pixels, axis=0).T)
     away = math.hypot(*(pixels[0] - np.array(clamp_pixel)))
-    return bool(away <= REST_PLANE.near_clamp * np.nanmedian(steps))
+    return bool(away <= settings.near_clamp * np.nanmedian(steps))

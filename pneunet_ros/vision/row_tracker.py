@@ -70,12 +70,10 @@ class TrackedRow:
     seen: Mask
     spacing: float
 
-    def predict(self, stamp_ns: int) -> Array:
+    def predict(self, stamp_ns: int, settings: RowTrackerSettings = ROW_TRACKER) -> Array:
         """Return where the targets are expected at a stamp, (targets, 2) px."""
         seconds = seconds_between(self.stamp_ns, stamp_ns)
-        return np.asarray(
-            self.pixels + min(seconds, ROW_TRACKER.longest_prediction) * self.velocity
-        )
+        return np.asarray(self.pixels + min(seconds, settings.longest_prediction) * self.velocity)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,20 +102,22 @@ class View:
     settings: CameraSettings
 
 
-def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] | None:
+def follow_row(
+    view: View, last: TrackedRow, settings: RowTrackerSettings = ROW_TRACKER
+) -> tuple[ObservedRow, TrackedRow] | None:
     """Find the row near where it must be by now, and what comes next; None where it is lost."""
-    settings, count = view.settings, view.arclength.size
-    components = find_components(view.image, settings.grey_band, settings.area)
+    camera, count = view.settings, view.arclength.size
+    components = find_components(view.image, camera.grey_band, camera.area)
     predicted = last.predict(view.image.stamp_ns)
-    nearest = components.nearest(predicted, settings.gate * last.spacing)
+    nearest = components.nearest(predicted, camera.gate * last.spacing)
     row = gate_row(view, nearest, last.area, last)
-    for _ in range(ROW_TRACKER.most_passes):
+    for _ in range(settings.most_passes):
         if row.seen == count or row.seen < 2:
             break
         lost = np.flatnonzero(np.isnan(row.std))
         places = expected_pixels(view, row.points)[lost]
         table = row.table.copy()
-        table[lost] = components.nearest(places, ROW_TRACKER.reach_again * last.spacing)
+        table[lost] = components.nearest(places, settings.reach_again * last.spacing)
         more = gate_row(view, table, last.area, last)
         if more.seen <= row.seen:
             break
@@ -203,14 +203,16 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
     return next_row(view, row, nowhere)
 
 
-def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
+def next_row(
+    view: View, row: ObservedRow, last: TrackedRow, settings: RowTrackerSettings = ROW_TRACKER
+) -> TrackedRow:
     """Return what the next frame starts from.
 
     Targets that are not seen are where the others say, and move as those next to them.
     """
     arclength, seen = view.arclength, np.isfinite(row.table[:, U])
     pixels, area = row.table[:, :2].copy(), last.area.copy()
-    area[seen] += ROW_TRACKER.area_gain * (row.table[seen, AREA] - area[seen])
+    area[seen] += settings.area_gain * (row.table[seen, AREA] - area[seen])
     if not seen.all():
         pixels[~seen] = expected_pixels(view, row.points)[~seen]
     velocity = np.zeros_like(pixels)
@@ -273,9 +275,14 @@ def expected_pixels(view: View, points: Array, gating: GatingSettings = GATING) 
     return view.lens.distorted(view.plane.normalized(expected))
 
 
-def is_at_clamp(points: Array, arclength: Array, clamp_angle: float) -> bool:
+def is_at_clamp(
+    points: Array,
+    arclength: Array,
+    clamp_angle: float,
+    settings: RowTrackerSettings = ROW_TRACKER,
+) -> bool:
     """Whether the first target that is seen, if it is near the clamp, is where it must be."""
-    seen = np.flatnonzero(np.isfinite(points[: ROW_TRACKER.near_clamp, 0]))
+    seen = np.flatnonzero(np.isfinite(points[: settings.near_clamp, 0]))
     if not seen.size:
         return True
     first = int(seen[0])
@@ -283,10 +290,7 @@ def is_at_clamp(points: Array, arclength: Array, clamp_angle: float) -> bool:
     aside = y * math.cos(clamp_angle) - x * math.sin(clamp_angle)
     allowed = (1.0 + first) * float(arclength[1] - arclength[0])
     off_along = abs(math.hypot(x, y) - float(arclength[first]))
-    return (
-        off_along <= ROW_TRACKER.off_along * allowed
-        and abs(aside) <= ROW_TRACKER.off_aside * allowed
-    )
+    return off_along <= settings.off_along * allowed and abs(aside) <= settings.off_aside * allowed
 
 
 def target_sightings(view: View, row: ObservedRow) -> TargetSightings:
