@@ -122,7 +122,7 @@ def test_every_node_exists_and_has_the_parameters_it_is_given(described, name, c
             assert (package, executable) == ('rviz2', 'rviz2')
             assert kind(node.named['condition']) == 'IfCondition'
             continue
-        assert f"'{executable} = pneunet_ros.nodes.{executable}:main'" in commands
+        assert f"'{executable} = pneunet_ros.nodes.{executable}.node:main'" in commands
         (given,) = node.named['parameters']
         defaults = {field.name: field.default for field in TABLES[executable].fields}
         assert set(given) - OF_ROS <= set(defaults)

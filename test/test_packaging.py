@@ -214,7 +214,7 @@ def test_pip_install_gives_commands_and_files(tmp_path, foreign_environment):
     installed_command(python, *pip, source, **run)
     shutil.rmtree(source)
 
-    where = 'from pneunet_ros.core.share import shipped; print(shipped("config"), shipped("bags"))'
+    where = 'from pneunet_ros.core.share import share_path as s; print(s("config"), s("bags"))'
     found = installed_command(python, '-c', where, **run).split()
     assert found == [str(place / 'share/pneunet_ros' / top) for top in ('config', 'bags')]
     assert 'demo' in installed_command(place / 'bin/pneunet', '--help', **run)
