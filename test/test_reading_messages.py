@@ -7,6 +7,7 @@ import math
 import numpy as np
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.point_cloud import point_type
 from pneunet_ros.messages.readings import (
@@ -15,6 +16,7 @@ from pneunet_ros.messages.readings import (
     decode_wrench,
     pressure_message,
     PRESSURE_TYPE,
+    SENSORS,
     targets_message,
     wrench_message,
     WRENCH_TYPE,
@@ -149,3 +151,14 @@ def test_what_is_no_cloud_is_refused():
 def test_fields_beside_may_be_missing():
     found = decode_targets(cloud(), BASE)
     assert math.isnan(found.std[0])
+
+
+@pytest.mark.parametrize('sensor', SENSORS, ids=lambda sensor: sensor.name)
+def test_a_row_of_every_sensor_comes_back_from_its_message(sensor):
+    row = np.random.default_rng(0).uniform(0.01, 0.1, sensor.row_shape(4)).astype(np.float32)
+    message = recorded(sensor.message(STAMP, row, BASE, ROSBAGS_TYPES), sensor.type)
+    stamp_ns, read = sensor.read(message, EstimatorSettings())
+    assert stamp_ns == STAMP
+    np.testing.assert_array_equal(read, row)
+    assert sensor.present(read[None]).tolist() == [True]
+    assert sensor.present(np.full((1, *row.shape), np.nan)).tolist() == [False]
