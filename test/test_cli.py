@@ -536,8 +536,8 @@ def test_an_interrupted_verb_leaves_nothing(
         time.sleep(0.001)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=300)
-    assert (process.returncode, out) == (130, '')
-    assert err == f'pneunet {verb}: interrupted, nothing written\n'
+    said = f'pneunet {verb}: interrupted, nothing written\n'
+    assert (process.returncode, out, err) == (130, '', said)
     assert names(tmp_path) == []
 
 
