@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 import math
-from statistics import median
 from types import MappingProxyType
 
 import numpy as np
@@ -182,12 +180,12 @@ def compare_waiting(
     """Compare the waiting frames whose nearest estimate is known by now."""
     if not state.estimates:
         return state
-    stamps = [estimate.stamp_ns for estimate in state.estimates[-settings.periods - 1 :]]
-    periods = [after - before for before, after in pairwise(stamps)]
-    reach = 0.5 * median(periods) if periods else 0.0
+    stamps = np.array([estimate.stamp_ns for estimate in state.estimates])
+    periods = np.diff(stamps[-settings.periods - 1 :])
+    reach = 0.5 * float(np.median(periods)) if periods.size else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     for sightings in waiting:
-        nearest, near = match_stamps(np.array([sightings.stamp_ns]), np.array(stamps), reach)
+        nearest, near = match_stamps(np.array([sightings.stamp_ns]), stamps, reach)
         if near[0]:
             estimate = state.estimates[nearest[0]]
             running = add_frame(state.running, sightings, estimate, estimator, settings)

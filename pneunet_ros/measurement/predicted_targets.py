@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.measurement.covariance import chi_squared
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
@@ -85,22 +86,10 @@ def innovation(
     std = np.maximum(np.hypot(white, noise.placement_std), SMALLEST_STD)
     camera = np.zeros((2, 2, targets))
     camera[0, 0] = camera[1, 1] = np.hypot(noise.registration_std, noise.drift_std)
-    residual /= std
-    common = np.concatenate([predicted.errors[:, :, seen], camera]) / std
-    # Of C = 1 + P P^T, by the small matrix 1 + P^T P.
-    columns = common.reshape(len(common), -1)
-    along = columns @ residual.ravel()
-    small = np.eye(len(columns)) + columns @ columns.T
-    chi_square = float(np.sum(residual**2) - along @ np.linalg.solve(small, along))
-    # Of each target: its own two by two block of C.
-    xx, xy, yy = (
-        1.0 + np.sum(common[:, 0] ** 2, axis=0),
-        np.sum(common[:, 0] * common[:, 1], axis=0),
-        1.0 + np.sum(common[:, 1] ** 2, axis=0),
-    )
+    errors = np.moveaxis(np.concatenate([predicted.errors[:, :, seen], camera]), 0, 2)
     at_targets = np.full(seen.size, np.nan)
-    quadratic = (
-        yy * residual[0] ** 2 - 2.0 * xy * residual[0] * residual[1] + xx * residual[1] ** 2
-    )
-    at_targets[seen] = 0.5 * quadratic / (xx * yy - xy**2)
-    return Innovation(coordinates=2 * targets, chi_square=chi_square, at_targets=at_targets)
+    own = chi_squared(residual.T, std[:, None], errors.transpose(1, 0, 2))
+    at_targets[seen] = 0.5 * own
+    both = np.tile(std, 2)
+    total = chi_squared(residual.ravel(), both, errors.reshape(2 * targets, -1))
+    return Innovation(coordinates=2 * targets, chi_square=float(total), at_targets=at_targets)
