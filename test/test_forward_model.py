@@ -16,7 +16,7 @@ from pneunet_ros.effects.softening import Softening
 from pneunet_ros.measurement.forward_model import CURVATURE, ForwardModel, THETA, X, Y
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.model.equilibrium import linearize, solve_rod
-from pneunet_ros.solver.rod import RIGIDITY, START
+from pneunet_ros.solver.columns import RIGIDITY, START
 import pytest
 from support.example_arms import ALL_MECHANICS, paper_arm, TABLE_1
 from support.made_datasets import made

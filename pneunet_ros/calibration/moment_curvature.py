@@ -19,7 +19,7 @@ from pneunet_ros.calibration.steady_states import SteadyState
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.solver.rod import RIGIDITY, START
+from pneunet_ros.solver.columns import RIGIDITY, START
 from pneunet_ros.vision.smoother import Smoother
 from scipy.interpolate import CubicSpline
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
-from pneunet_ros.solver.rod import RIGIDITY, START
+from pneunet_ros.solver.columns import RIGIDITY, START
 from scipy.linalg import block_diag
 
 SPLIT_MEAN, SPLIT_STD = 0.12, 0.05  # l1 / l; the paper knows 0.10 to 0.15

@@ -31,8 +31,9 @@ from pneunet_ros.model.equilibrium import (
     with_pressure_change,
 )
 from pneunet_ros.model.neighbors import neighbors
+from pneunet_ros.solver.columns import LOADS
 from pneunet_ros.solver.rod import Rods
-from pneunet_ros.solver.sensitivity import LOADS, spread
+from pneunet_ros.solver.sensitivity import propagate_covariance
 
 PRESSURE = LOADS  # index of the chamber pressure among the causes of a response
 
@@ -121,7 +122,7 @@ class Estimator:
         response = linearize(shape.solution, rods, changes, self.arclength)
         mixing = self.noise_columns(reading, gauge, wrench)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
-        if not spread(mixing, response.tip, response.stations, covariance, std):
+        if not propagate_covariance(mixing, response.tip, response.stations, covariance, std):
             refusal = refused(
                 reading.stamp_ns,
                 'no_uncertainty',

@@ -68,7 +68,7 @@ def predict_targets(estimator: Estimator, moment: Snapshot) -> PredictedTargets:
         shape.solution.panels,
         shape.solution.nodes,
         rods.knots,
-        rods.turning[0],
+        rods.rotation[0],
         arm.target_arclength,
         places,
     )

@@ -18,17 +18,32 @@ from pneunet_ros.core.units import kilopascals
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.shape import Shape
-from pneunet_ros.solver import collocation
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
+from pneunet_ros.solver.collocation import prepare
+from pneunet_ros.solver.columns import (
+    CLAMP_WIDTH,
+    END_LOAD_MOMENT,
+    END_WIDTH,
+    FIELD_COUNT,
+    FIELDS,
+    FORCE_X,
+    FORCE_Y,
+    LOADS,
+    PANEL_FLEXIBILITY,
+    PANEL_WIDTH,
+    REST_STRAIN,
+    RIGIDITY,
+    TIP_WIDTH,
+)
 from pneunet_ros.solver.interpolation import at_stations, station_changes
-from pneunet_ros.solver.rod import REST_STRAIN, RIGIDITY, Rods
-from pneunet_ros.solver.sensitivity import LOADS, sensitivities
+from pneunet_ros.solver.rod import Rods
+from pneunet_ros.solver.sensitivity import sensitivities
+from pneunet_ros.solver.settings import SOLVER, SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
 
 DEFAULT_STATIONS = 57
-SHORTEST = 0.05  # of the length, of an arm shortened by rest strain
-NO_PANELS = np.zeros((0, 0, collocation.PANEL_WIDTH))
-NO_ENDS = np.zeros((0, 6))
+NO_PANELS = np.zeros((0, 0, PANEL_WIDTH))
+NO_ENDS = np.zeros((0, END_WIDTH))
 PRESSURE_STEP = 1e-5  # of the calibrated range, for the change of the record with pressure
 
 
@@ -101,32 +116,37 @@ def solve_rod(
     load: Load,
     start: SolverNodes | None,
     arclength: Array,
-    tolerance: float = collocation.TOLERANCE,
+    settings: SolverSettings = SOLVER,
     quick: bool = False,
 ) -> Shape:
-    """Shape of the first of these records, taken at the chamber pressure, under a true load."""
+    """Shape of the first of these records, taken at the chamber pressure, under a true load.
+
+    start: a neighboring solution, or None to solve from nothing; arclength (stations,) m. quick:
+    give up where that would take many small steps.
+    """
     chamber = float(rods.pressure[0])
     beyond = arm.beyond_range(chamber)
     if beyond > EXTRAPOLATION:
         return failed(arm, load, arclength, out_of_range(arm, chamber), math.nan, 0)
-    if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > SHORTEST:
-        sentence = 'rest strain shortens the arm to less than 5 % of its length'
+    if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > settings.shortest:
+        percent = 100.0 * settings.shortest
+        sentence = f'rest strain shortens the arm to less than {percent:g} % of its length'
         return failed(arm, load, arclength, sentence, math.nan, 0)
-    attempt = BoundaryValueProblem(rods, (load.force_x, load.force_y), load.moment, tolerance)
-    reason = attempt.solve(start, quick)
+    problem = BoundaryValueProblem(rods, (load.force_x, load.force_y), load.moment, settings)
+    reason = problem.solve(start, quick)
     if reason:
-        return failed(arm, load, arclength, reason, attempt.residual, attempt.iterations)
-    values = np.empty((6, arclength.size))
-    at_stations(attempt.panels, attempt.nodes, rods.knots, rods.turning[0], arclength, values)
+        return failed(arm, load, arclength, reason, problem.residual, problem.iterations)
+    values = np.empty((FIELD_COUNT, arclength.size))
+    at_stations(problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values)
     freeze(values)
-    solution = attempt.solution()
+    solution = problem.solution()
     stable = None
     words = ['converged']
     if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
         stable = is_stable(solution)
         if not (stable or quick) and start is not None and is_stable(start):
             # The stable branch has ended, or was lost in one large step: the arm is elsewhere.
-            anew = solve_rod(arm, rods, load, None, arclength, tolerance)
+            anew = solve_rod(arm, rods, load, None, arclength, settings)
             if anew.stable:
                 return anew
         words.append('stable' if stable else 'unstable under dead load')
@@ -136,19 +156,14 @@ def solve_rod(
         words.append(f'extrapolated {100.0 * beyond:.1f} % beyond the calibrated pressures')
     return Shape(
         arclength=arclength,
-        x=values[0],
-        y=values[1],
-        theta=values[2],
-        curvature=values[3],
-        intrinsic_curvature=values[4],
-        moment=values[5],
+        **dict(zip(FIELDS, values, strict=True)),
         force=(load.force_x, load.force_y),
         end_moment=load.moment,
         pressure=load.pressure,
         converged=True,
         status=', '.join(words),
-        residual=attempt.residual,
-        iterations=attempt.iterations,
+        residual=problem.residual,
+        iterations=problem.iterations,
         stable=stable,
         extrapolated=beyond > 0.0,
         solution=solution,
@@ -162,12 +177,7 @@ def failed(
     nothing = frozen_array(np.full(arclength.size, np.nan))
     return Shape(
         arclength=arclength,
-        x=nothing,
-        y=nothing,
-        theta=nothing,
-        curvature=nothing,
-        intrinsic_curvature=nothing,
-        moment=nothing,
+        **dict.fromkeys(FIELDS, nothing),
         force=(load.force_x, load.force_y),
         end_moment=load.moment,
         pressure=load.pressure,
@@ -194,9 +204,9 @@ def linearized_ends(
     solution: SolverNodes, panel_changes: Array, end_changes: Array
 ) -> tuple[Array, Array, bool]:
     """Return changes of nodes and tip per cause (F1, F2, M, further), and whether it is stable."""
-    causes = LOADS + panel_changes.shape[0]
+    causes = LOADS + len(panel_changes)
     nodes = np.empty((causes, *solution.nodes.shape))
-    tip = np.empty((causes, 3))
+    tip = np.empty((causes, TIP_WIDTH))
     stable = sensitivities(
         solution.panels, solution.ends, solution.nodes, panel_changes, end_changes, nodes, tip
     )
@@ -213,39 +223,37 @@ def linearize(
 ) -> Sensitivity:
     """Linear answer of a solved rod to the loads and to changes of its record, at stations (m)."""
     panel_changes = np.empty((len(changes), *solution.panels.shape))
-    end_changes = np.zeros((len(changes), 6))
-    turning_changes = np.empty((len(changes), *rods.turning.shape[1:]))
+    end_changes = np.zeros((len(changes), END_WIDTH))
+    rotation_changes = np.empty((len(changes), *rods.rotation.shape[1:]))
     for index, change in enumerate(changes):
         after, before = change.after, change.before
         scale = 1.0 / change.distance
         panel_changes[index] = scale * (panels_of(after, solution) - panels_of(before, solution))
-        end_changes[index, :3] = scale * (after.clamp[0] - before.clamp[0])
-        turning_changes[index] = scale * (after.turning[0] - before.turning[0])
+        end_changes[index, :CLAMP_WIDTH] = scale * (after.clamp[0] - before.clamp[0])
+        rotation_changes[index] = scale * (after.rotation[0] - before.rotation[0])
     nodes, tip, stable = linearized_ends(solution, panel_changes, end_changes)
-    out = np.empty((tip.shape[0], 6, arclength.size))
-    station_changes(
+    stations = station_changes(
         solution.panels,
         solution.nodes,
         rods.knots,
-        rods.turning[0],
+        rods.rotation[0],
         panel_changes,
-        turning_changes,
+        rotation_changes,
         nodes,
         arclength,
-        out,
     )
-    positive = min(solution.panels[:, 1].tolist()) > 0.0
-    return Sensitivity(tip=tip, stations=out, stable=stable if positive else None)
+    positive = min(solution.panels[:, PANEL_FLEXIBILITY].tolist()) > 0.0
+    return Sensitivity(tip=tip, stations=stations, stable=stable if positive else None)
 
 
 def panels_of(rods: Rods, solution: SolverNodes) -> Array:
     """Return the panels of another record on the mesh of a solution, under the same load."""
     panels = np.empty_like(solution.panels)
-    collocation.prepare(
+    prepare(
         rods.length,
         rods.sections[0],
         rods.knots,
-        rods.turning[0],
+        rods.rotation[0],
         solution.ends.copy(),
         np.array(solution.counts),
         panels,
@@ -260,7 +268,9 @@ def with_pressure_change(
     step = PRESSURE_STEP * (arm.pressure_range[1] - arm.pressure_range[0])
     pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
     rods = arm.rods(np.array(pressures), history)
-    return rods.one(0), Perturbation(before=rods.one(1), after=rods.one(2), distance=2.0 * step)
+    return rods.record(0), Perturbation(
+        before=rods.record(1), after=rods.record(2), distance=2.0 * step
+    )
 
 
 def tip_jacobian(arm: Arm, shape: Shape) -> Array:
@@ -276,7 +286,7 @@ def tip_jacobian(arm: Arm, shape: Shape) -> Array:
 
 def jacobian_of(arm: Arm, response: Sensitivity, history: tuple[History, ...]) -> Array:
     """Return the tip's Jacobian from a response whose first cause after the loads is pressure."""
-    jacobian = response.tip[[LOADS, 0, 1, 2]].T
+    jacobian = response.tip[[LOADS, FORCE_X, FORCE_Y, END_LOAD_MOMENT]].T
     if not arm.follows(history):  # the play takes up what the pressure changes
         jacobian[:, 0] = 0.0
     return freeze(jacobian)

@@ -14,7 +14,7 @@ import numpy as np
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.solver.rod import START
+from pneunet_ros.solver.columns import START
 
 COLORS = colormaps['viridis']
 FORCE_SCALE = 120.0  # mm of arrow per newton

@@ -11,7 +11,6 @@ from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.cdr_template import ClaimSerializer
 from pneunet_ros.messages.topics import OUTPUTS
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
-from pneunet_ros.solver.collocation import TOLERANCE
 
 
 def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
@@ -23,7 +22,7 @@ def warm_up(estimator: Estimator, serializer: ClaimSerializer) -> str:
     arm = estimator.arm
     low, high = arm.pressure_range
     middle = 0.5 * (low + high)
-    BoundaryValueProblem(arm.rods(np.array([middle])), (0.0, 0.0), 0.0, TOLERANCE).continued()
+    BoundaryValueProblem(arm.rods(np.array([middle])), (0.0, 0.0), 0.0).continue_in_load()
     last = PressureReading(stamp_ns=2, pressure=sensed(estimator, middle + 0.01 * (high - low)))
     readings = (
         WrenchReading(
