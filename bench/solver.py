@@ -31,21 +31,27 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.batch import MOST_ITERATIONS, predicted, TOLERANCE
+from pneunet_ros.model.batch import predict_nodes
 from pneunet_ros.model.equilibrium import changes_on_mesh, linearized_ends
 from pneunet_ros.model.perturbation import with_pressure_change
-from pneunet_ros.solver import (
-    collocation,
-    sensitivity,
-)
-from pneunet_ros.solver import (
-    energy_descent as chain,
-)
-from pneunet_ros.solver import (
-    interpolation as stations,
-)
-from pneunet_ros.solver.batch import newton_many
+from pneunet_ros.solver.batch import newton_batch
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
+from pneunet_ros.solver.collocation import newton, prepare
+from pneunet_ros.solver.columns import (
+    CLAMP_ANGLE,
+    CLAMP_COMPLIANCE,
+    CLAMP_WIDTH,
+    END_WIDTH,
+    END_X,
+    LOAD_OFFSET,
+    NODE_MOMENT,
+    PANEL_WIDTH,
+    START,
+)
+from pneunet_ros.solver.energy_descent import loaded_guess
+from pneunet_ros.solver.interpolation import resolution
+from pneunet_ros.solver.sensitivity import sensitivities
+from pneunet_ros.solver.settings import SOLVER
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import root_scalar
 
@@ -63,28 +69,28 @@ CALLS = 100  # of a kernel per timing
 
 
 @kernel
-def warm_loop(length, sections, knots, turning, ends, counts, start, nodes, calls):
+def warm_loop(length, sections, knots, rotation, ends, counts, start, nodes, calls):
     """Prepare, solve and check the mesh, from the neighbor's nodes, `calls` times."""
-    panels = np.empty((start.shape[0] - 1, 16))
+    panels = np.empty((len(start) - 1, PANEL_WIDTH))
     worst = 0.0
     for _ in range(calls):
         nodes[:] = start
-        collocation.prepare(length, sections, knots, turning, ends, counts, panels)
-        residual, _steps = collocation.newton(panels, ends, nodes, 25, 1e-13)
-        worst = max(residual, worst) + 0.0 * stations.resolution(panels, nodes)
+        prepare(length, sections, knots, rotation, ends, counts, panels)
+        residual, _steps = newton(panels, ends, nodes, 25, 1e-13)
+        worst = max(residual, worst) + 0.0 * resolution(panels, nodes)
     return worst
 
 
 @kernel
-def cold_loop(length, sections, knots, turning, ends, counts, nodes, calls):
+def cold_loop(length, sections, knots, rotation, ends, counts, nodes, calls):
     """Solve the same from nothing."""
-    panels = np.empty((nodes.shape[0] - 1, 16))
+    panels = np.empty((len(nodes) - 1, PANEL_WIDTH))
     worst = 0.0
     for _ in range(calls):
-        collocation.prepare(length, sections, knots, turning, ends, counts, panels)
-        chain.loaded_guess(panels, ends, nodes)
-        residual, _steps = collocation.newton(panels, ends, nodes, 25, 1e-13)
-        worst = max(residual, worst) + 0.0 * stations.resolution(panels, nodes)
+        prepare(length, sections, knots, rotation, ends, counts, panels)
+        loaded_guess(panels, ends, nodes)
+        residual, _steps = newton(panels, ends, nodes, 25, 1e-13)
+        worst = max(residual, worst) + 0.0 * resolution(panels, nodes)
     return worst
 
 
@@ -92,9 +98,7 @@ def cold_loop(length, sections, knots, turning, ends, counts, nodes, calls):
 def jacobian_loop(panels, ends, nodes, panel_changes, end_changes, node_changes, tip, calls):
     """Sensitivities of nodes and tip to F1, F2, M and pressure."""
     for _ in range(calls):
-        sensitivity.sensitivities(
-            panels, ends, nodes, panel_changes, end_changes, node_changes, tip
-        )
+        sensitivities(panels, ends, nodes, panel_changes, end_changes, node_changes, tip)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,8 +112,8 @@ class Rod:
     def pieces(self) -> list[tuple[float, float, np.ndarray]]:
         """Start, end and record of each section of the moment law."""
         sections = self.arm.rods(np.array([self.pressure])).sections[0]
-        stops = [*sections[1:, 0], self.arm.length]
-        return [(s[0], stop, s) for s, stop in zip(sections, stops, strict=True)]
+        stops = [*sections[1:, START], self.arm.length]
+        return [(s[START], stop, s) for s, stop in zip(sections, stops, strict=True)]
 
     def kappa0(self) -> Callable[[np.ndarray], np.ndarray]:
         """Intrinsic curvature over arclength in m."""
@@ -136,13 +140,13 @@ class Rod:
 
     def end_moment(self, theta: float) -> float:
         """Moment that the offset load puts on the free end."""
-        offset = self.arm.rods(np.array([self.pressure])).clamp[0, 2]
+        offset = self.arm.rods(np.array([self.pressure])).clamp[0, LOAD_OFFSET]
         return -offset * (self.force[0] * np.cos(theta) + self.force[1] * np.sin(theta))
 
     def clamp(self) -> tuple[float, float]:
         """Angle and compliance."""
         clamp = self.arm.rods(np.array([self.pressure])).clamp[0]
-        return float(clamp[0]), float(clamp[1])
+        return float(clamp[CLAMP_ANGLE]), float(clamp[CLAMP_COMPLIANCE])
 
     def reference(self, guess: float) -> np.ndarray:
         """Tip (x, y, theta) by shooting from a guess of the moment at the clamp."""
@@ -216,7 +220,7 @@ class Case:
         self.shape = solve(arm, self.pressure, row.force, start=self.near)
         assert self.shape.solution is not None and self.near.solution is not None
         self.rods, change = with_pressure_change(arm, self.pressure)
-        attempt = BoundaryValueProblem(self.rods, row.force, 0.0, 1e-13)
+        attempt = BoundaryValueProblem(self.rods, row.force, 0.0)
         attempt.start_from(self.near.solution)
         self.start, self.counts, self.ends = attempt.nodes.copy(), attempt.counts, attempt.ends
         self.nodes = np.empty_like(self.start)
@@ -250,7 +254,7 @@ class Case:
     def record(self) -> tuple:
         """Return the record of the rod as the kernels take it."""
         rods = self.rods
-        return rods.length, rods.sections[0], rods.knots, rods.turning[0], self.ends, self.counts
+        return rods.length, rods.sections[0], rods.knots, rods.rotation[0], self.ends, self.counts
 
     def methods(self) -> dict[str, Callable[[], float]]:
         """Every method as a call that returns its seconds per solve."""
@@ -296,26 +300,33 @@ class Batch:
         random = np.random.default_rng(1)
         pressure = case.pressure + random.uniform(-500.0, 500.0, rods)
         records = case.arm.rods(pressure)
-        ends = np.zeros((rods, 6))
-        ends[:, :3] = records.clamp
-        ends[:, 3:5] = case.force * random.uniform(0.98, 1.02, (rods, 2))
+        ends = np.zeros((rods, END_WIDTH))
+        ends[:, :CLAMP_WIDTH] = records.clamp
+        loads = ends[:, END_X:]
+        loads[:, :2] = case.force * random.uniform(0.98, 1.02, (rods, 2))
         self.rods = rods
         solution = case.shape.solution
+        counts = np.array(solution.counts)
+        self.batch = records, loads.copy(), counts
         self.record = (
-            case.arm.length, records.sections, records.knots, records.turning, ends,
-            np.array(solution.counts),
+            case.arm.length, records.sections, records.knots, records.rotation, ends, counts
         )  # fmt: skip
         self.known = np.broadcast_to(solution.nodes, (rods, *solution.nodes.shape)).copy()
-        causes = np.column_stack([ends[:, 3:], pressure])
-        self.predicted = predicted(case.arm, case.shape, causes)
+        causes = np.column_stack([loads, pressure])
+        self.predicted = predict_nodes(case.arm, case.shape, causes)
         self.many, self.one = np.empty_like(self.predicted), np.empty_like(self.known)
         self.residual = np.empty(rods)
 
     def together(self) -> float:
         """Seconds per rod, all at once, as `solve_many` does it: from the known rod's tangent."""
         return best_of(
-            lambda: newton_many(
-                *self.record, self.predicted, MOST_ITERATIONS, TOLERANCE, self.many, self.residual
+            lambda: newton_batch(
+                *self.batch,
+                self.predicted,
+                SOLVER.batch_iterations,
+                SOLVER.batch_tolerance,
+                self.many,
+                self.residual,
             ),
             self.rods,
         )
@@ -323,7 +334,7 @@ class Batch:
     def disagreement(self) -> float:
         """Return the largest difference of an angle between both ways, rad."""
         together = self.many.T.reshape(self.one.shape)
-        return float(np.abs(together - self.one)[:, :-1, :5].max())
+        return float(np.abs(together - self.one)[:, :-1, :NODE_MOMENT].max())
 
     def one_by_one(self) -> float:
         """Seconds per rod, one after the other, from the known rod."""
@@ -331,13 +342,13 @@ class Batch:
 
 
 @kernel
-def one_by_one(length, sections, knots, turning, ends, counts, starts, out):
+def one_by_one(length, sections, knots, rotation, ends, counts, starts, out):
     """Solve the rods of a batch by the single solver."""
-    panels = np.empty((starts.shape[1] - 1, 16))
+    panels = np.empty((starts.shape[1] - 1, PANEL_WIDTH))
     for rod in range(ends.shape[0]):
         out[rod] = starts[rod]
-        collocation.prepare(length, sections[rod], knots, turning[rod], ends[rod], counts, panels)
-        collocation.newton(panels, ends[rod], out[rod], 25, 1e-13)
+        prepare(length, sections[rod], knots, rotation[rod], ends[rod], counts, panels)
+        newton(panels, ends[rod], out[rod], 25, 1e-13)
 
 
 def measure(arm: Arm, repeats: int) -> dict[str, object]:

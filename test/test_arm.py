@@ -19,7 +19,7 @@ from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, PiecewiseLinearLaw
 from pneunet_ros.model.uncertainty import ModelCovariance
-from pneunet_ros.solver.rod import (
+from pneunet_ros.solver.columns import (
     AXIAL_COMPLIANCE,
     CLAMP_ANGLE,
     CLAMP_COMPLIANCE,
@@ -46,17 +46,17 @@ def test_the_record_of_a_bare_arm_is_its_law_and_its_curvature():
     assert not rods.sections[:, :, others].any()
     assert not rods.clamp.any()
     turning = arm.intrinsic_curvature.turning_of(pressure, arm.length)
-    assert rods.turning == pytest.approx(turning, rel=1e-12, abs=1e-15)
+    assert rods.rotation == pytest.approx(turning, rel=1e-12, abs=1e-15)
     assert rods.knots == pytest.approx(arm.length * arm.intrinsic_curvature.arclength)
 
 
 def test_the_record_at_one_pressure_does_not_depend_on_its_company():
     arm = paper_arm(ALL_MECHANICS)
-    many = arm.rods(np.array([5e3, 31e3, 64e3])).one(1)
+    many = arm.rods(np.array([5e3, 31e3, 64e3])).record(1)
     alone = arm.rods(np.array([31e3]))
     assert np.array_equal(many.sections, alone.sections)
     assert np.array_equal(many.clamp, alone.clamp)
-    assert np.array_equal(many.turning, alone.turning)
+    assert np.array_equal(many.rotation, alone.rotation)
 
 
 def test_effects_are_summed_into_the_record():
@@ -131,7 +131,7 @@ def test_beyond_the_range_curvature_goes_on_and_the_law_stays():
         edge, rods = arm.rods(np.array([inside])), arm.rods(np.array([beyond]))
         assert rods.sections == pytest.approx(edge.sections, rel=1e-12, abs=1e-20)
         turning = arm.intrinsic_curvature.turning_of(np.array([beyond]), arm.length)
-        assert rods.turning == pytest.approx(turning, rel=1e-12, abs=1e-12)
+        assert rods.rotation == pytest.approx(turning, rel=1e-12, abs=1e-12)
         assert solve(arm, beyond, (0.15, 0.1)).stable
 
 

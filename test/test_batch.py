@@ -10,8 +10,9 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.model.batch import FIELDS, solve_many
+from pneunet_ros.model.batch import solve_many
 from pneunet_ros.model.equilibrium import solve_rod
+from pneunet_ros.solver.columns import FIELDS
 import pytest
 
 ARM = load_model(share_path('config/paper_arm.yaml'))

@@ -21,7 +21,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.model.uncertainty import MOST_COLUMNS
-from pneunet_ros.solver.rod import RIGIDITY
+from pneunet_ros.solver.columns import RIGIDITY
 import pytest
 from support.example_arms import paper_arm
 from support.lab_run import true_model

@@ -38,7 +38,7 @@ from pneunet_ros.model.equilibrium import (
 )
 from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 from pneunet_ros.model.uncertainty import ModelCovariance
-from pneunet_ros.solver.rod import RIGIDITY
+from pneunet_ros.solver.columns import RIGIDITY
 import pytest
 from support.example_arms import ALL_MECHANICS, paper_arm, rebuilt
 
@@ -281,7 +281,7 @@ def solved(arm):
     """Solve after `up_and_down`: x, y, theta, curvature, intrinsic curvature, moment."""
     history, load, chamber = up_and_down(arm)
     stations = station_arclength(arm.length, 57)
-    shape = solve_rod(arm, arm.rods(np.array([chamber]), history), load, None, stations, 1e-13)
+    shape = solve_rod(arm, arm.rods(np.array([chamber]), history), load, None, stations)
     assert shape.converged, shape.status
     rows = shape.x, shape.y, shape.theta, shape.curvature, shape.intrinsic_curvature, shape.moment
     return np.array(rows), shape
@@ -486,10 +486,10 @@ def test_creep_leaves_part_of_the_intrinsic_curvature_behind():
     share = 0.2
     arm = paper_arm((Creep(amplitude=share, time_constant=60.0),))
     history, _ = arm.actuate(arm.initial_history(20e3), 0.0, 50e3)
-    after = arm.rods(np.array([50e3]), history).turning[0]
-    fresh, settled = arm.rods(np.array([20e3, 50e3])).turning
+    after = arm.rods(np.array([50e3]), history).rotation[0]
+    fresh, settled = arm.rods(np.array([20e3, 50e3])).rotation
     np.testing.assert_allclose(after, (1 - share) * settled + share * fresh, rtol=1e-12)
-    rested = arm.rods(np.array([50e3]), arm.initial_history(50e3)).turning[0]
+    rested = arm.rods(np.array([50e3]), arm.initial_history(50e3)).rotation[0]
     np.testing.assert_allclose(rested, settled, rtol=1e-12)
 
 
@@ -544,7 +544,7 @@ def test_many_histories_at_once_are_those_one_by_one():
     together = arm.rods(np.array(pressures), stacked)
     for index, pressure in enumerate(pressures):
         alone = arm.rods(np.array([pressure]), histories[index])
-        np.testing.assert_allclose(together.turning[index], alone.turning[0], rtol=1e-13)
+        np.testing.assert_allclose(together.rotation[index], alone.rotation[0], rtol=1e-13)
         np.testing.assert_array_equal(together.sections[index], alone.sections[0])
 
 
@@ -552,7 +552,7 @@ def test_without_a_history_the_arm_has_rested_for_ever():
     effects = tuple(likely(EFFECTS[name]) for name in ('hysteresis', 'creep', 'softening'))
     pressures = np.array([10e3, 50e3])
     rested, base = paper_arm(effects).rods(pressures), paper_arm().rods(pressures)
-    np.testing.assert_array_equal(rested.turning, base.turning)
+    np.testing.assert_array_equal(rested.rotation, base.rotation)
     np.testing.assert_array_equal(rested.sections, base.sections)
 
 

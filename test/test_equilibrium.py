@@ -341,12 +341,12 @@ def test_the_stations_change_as_moved_panels_and_nodes_do(arm):
         step = 1e-5 / np.abs(found.node_changes[cause, :, 0]).max()
         sides = []
         for sign in (-step, step):
-            panels, turning = np.array(shape.solution.panels), np.array(found.turning)
+            panels, turning = np.array(shape.solution.panels), np.array(found.rotation)
             if cause < 2:
                 panels[:, 6 + cause] += sign
             elif cause > 2:
                 panels += sign * found.panel_changes[cause - 3]
-                turning += sign * found.turning_changes[cause - 3]
+                turning += sign * found.rotation_changes[cause - 3]
             nodes = shape.solution.nodes + sign * found.node_changes[cause]
             moved = replace(shape.solution, panels=panels, nodes=nodes)
             sides.append(replace(found, solution=moved, turning=turning).fields(at))

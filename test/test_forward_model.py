@@ -13,10 +13,10 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.softening import Softening
-from pneunet_ros.measurement.forward_model import CURVATURE, ForwardModel, THETA, X, Y
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.model.equilibrium import linearize, solve_rod
-from pneunet_ros.solver.rod import RIGIDITY, START
+from pneunet_ros.solver.columns import CURVATURE, RIGIDITY, START, THETA, X, Y
 import pytest
 from support.example_arms import ALL_MECHANICS, paper_arm, TABLE_1
 from support.made_datasets import made

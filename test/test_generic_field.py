@@ -20,9 +20,10 @@ from pneunet_ros.diagnosis.generic_field import (
 from pneunet_ros.diagnosis.settings import LinearizationSettings
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.solver.columns import THETA
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made

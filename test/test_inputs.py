@@ -16,8 +16,9 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.measurement.forward_model import ForwardModel, THETA, X, Y
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.solver.columns import THETA, X, Y
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made, PERIOD

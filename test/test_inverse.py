@@ -9,7 +9,7 @@ from pneunet_ros import solve, solve_tip
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.effects.pressure_offset import PressureOffset
-from pneunet_ros.model.inverse import DETERMINED, force_jacobian
+from pneunet_ros.model.inverse import force_jacobian, SEARCH
 import pytest
 from support.example_arms import (
     ALL_MECHANICS,
@@ -47,7 +47,7 @@ def assert_failed(shape, sentence):
 def test_rows_of_table_1_are_found_again_or_said_to_be_undetermined(row, moment):
     shape = solve(paper_arm(), row.pressure, row.force, moment)
     found = solve_tip(paper_arm(), row.pressure, shape.tip[:2], moment)
-    if weakest(paper_arm(), shape) < DETERMINED:
+    if weakest(paper_arm(), shape) < SEARCH.determined:
         assert_failed(found, 'the end force is not determined by this tip position')
         assert row in TABLE_1[:3]
         return
@@ -63,7 +63,7 @@ def test_rows_of_table_1_are_found_again_or_said_to_be_undetermined(row, moment)
 def test_rows_are_found_again_with_all_effects(row):
     arm = paper_arm(ALL_MECHANICS)
     shape = solve(arm, row.pressure, row.force)
-    assert weakest(arm, shape) > DETERMINED
+    assert weakest(arm, shape) > SEARCH.determined
     found = solve_tip(arm, row.pressure, shape.tip[:2])
     assert found.force == pytest.approx(row.force, abs=1e-9)
 
@@ -99,7 +99,7 @@ def found_again(seeds, negative):
         start = solve(arm, pressure, (0.97 * force[0], 0.97 * force[1]), moment, start=shape)
         near = solve_tip(arm, pressure, shape.tip[:2], moment, start=start)
         cold = solve_tip(arm, pressure, shape.tip[:2], moment)
-        if weakest(arm, shape) < DETERMINED:
+        if weakest(arm, shape) < SEARCH.determined:
             assert_failed(near, 'the end force is not determined')
             continue
         assert near.force == pytest.approx(force, abs=1e-9), seed

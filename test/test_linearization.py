@@ -12,7 +12,7 @@ from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.measurement.covariance import Whitening
-from pneunet_ros.measurement.forward_model import THETA
+from pneunet_ros.solver.columns import THETA
 import pytest
 from scipy.linalg import sqrtm
 from support.lab_designs import base, design, FRAMES, noise, TRAINING

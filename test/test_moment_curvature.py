@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.moment_curvature import curvature_std, law_view, line, moment_view
 from pneunet_ros.calibration.steady_states import find_steady_states, predict_states, thin
-from pneunet_ros.measurement.forward_model import MOMENT, X, Y
+from pneunet_ros.solver.columns import MOMENT, X, Y
 from pneunet_ros.vision.smoother import smoother_for
 import pytest
 from support.small_calibration import ARM, calibration

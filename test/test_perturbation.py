@@ -65,7 +65,7 @@ def test_the_table_holds_the_record_of_every_neighbor(moves, effects):
         own, by_pressure = with_pressure_change(arm, pressure, history)
         np.testing.assert_array_equal(rods.sections, own.sections)
         np.testing.assert_array_equal(changes.sections[:, :1], by_pressure.sections)
-        np.testing.assert_array_equal(changes.turning[:, :1], by_pressure.turning)
+        np.testing.assert_array_equal(changes.rotation[:, :1], by_pressure.rotation)
         for place, column in enumerate(arm.covariance.columns(), start=1):
             *sides, distance = neighbors(arm, column)
             assert changes.distance[place] == distance
@@ -83,7 +83,7 @@ def test_the_table_holds_the_record_of_every_neighbor(moves, effects):
 def test_an_arm_without_covariance_changes_with_pressure_alone():
     rods, changes = PerturbationTable(arm=paper_arm()).at(31e3)
     own, by_pressure = with_pressure_change(paper_arm(), 31e3)
-    np.testing.assert_array_equal(rods.turning, own.turning)
+    np.testing.assert_array_equal(rods.rotation, own.rotation)
     for name in ('length', 'sections', 'clamp', 'knots', 'turning', 'distance'):
         np.testing.assert_array_equal(getattr(changes, name), getattr(by_pressure, name))
 

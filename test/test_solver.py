@@ -16,19 +16,19 @@ from pneunet_ros.core.jit import HAVE_NUMBA
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.equilibrium import solve_rod
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
-from pneunet_ros.solver import (
-    collocation,
-    collocation_numpy,
+from pneunet_ros.solver import collocation, collocation_numpy
+from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
+from pneunet_ros.solver.columns import (
+    FIELD_COUNT,
+    NODE_MOMENT,
+    NODE_THETA,
+    PANEL_START,
+    SLOPE_WIDTH,
 )
-from pneunet_ros.solver import (
-    energy_descent as chain,
-)
-from pneunet_ros.solver import (
-    interpolation as stations,
-)
-from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem, FINEST_DETAIL
-from pneunet_ros.solver.collocation import ACCEPTED, TOLERANCE
+from pneunet_ros.solver.energy_descent import loaded_guess
+from pneunet_ros.solver.interpolation import at_stations, resolution
 from pneunet_ros.solver.panel import curvature_change, sine_cosine
+from pneunet_ros.solver.settings import ACCEPTED, SOLVER
 import pytest
 from support.example_arms import PAPER_ARM, paper_arm, plain_arm, TABLE_1, two_sections
 from support.random_rods import random_case
@@ -37,10 +37,10 @@ from support.rod_equations import fine_stations, violations
 FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 
 
-def attempt_at(case):
+def problem_at(case):
     """Mesh the rod of a random case; it is not yet solved."""
     rods = case.arm.rods(np.array([case.pressure]))
-    return BoundaryValueProblem(rods, case.force, case.moment, TOLERANCE)
+    return BoundaryValueProblem(rods, case.force, case.moment)
 
 
 # ---- one Newton method, twice -------------------------------------------------------------------
@@ -48,30 +48,32 @@ def attempt_at(case):
 
 @pytest.mark.parametrize('seed', range(60))
 def test_compiled_and_numpy_newton_agree(seed):
-    attempt = attempt_at(random_case(seed))
-    assert attempt.solve(None) == ''
-    panels, ends = attempt.panels, attempt.ends
-    noise = np.random.default_rng(seed).normal(size=attempt.nodes.shape)
-    start = attempt.nodes * (1 + 1e-3 * noise)
+    problem = problem_at(random_case(seed))
+    assert problem.solve(None) == ''
+    panels, ends = problem.panels, problem.ends
+    noise = np.random.default_rng(seed).normal(size=problem.nodes.shape)
+    start = problem.nodes * (1 + 1e-3 * noise)
     quick, plain = start.copy(), start.copy()
-    residual, _ = collocation.newton(panels, ends, quick, 25, TOLERANCE)
-    twin, _ = collocation_numpy.newton(panels, ends, plain, 25, TOLERANCE)
+    residual, _ = collocation.newton(panels, ends, quick, 25, SOLVER.tolerance)
+    twin, _ = collocation_numpy.newton(panels, ends, plain, 25, SOLVER.tolerance)
     assert residual <= ACCEPTED
     assert twin <= ACCEPTED
-    assert quick[:, :5] == pytest.approx(plain[:, :5], abs=1e-10)
+    assert quick[:, :NODE_MOMENT] == pytest.approx(plain[:, :NODE_MOMENT], abs=1e-10)
     in_radians = collocation.scale_of_moments(panels)
-    assert in_radians * quick[:, 5] == pytest.approx(in_radians * plain[:, 5], abs=1e-10)
+    assert in_radians * quick[:, NODE_MOMENT] == pytest.approx(
+        in_radians * plain[:, NODE_MOMENT], abs=1e-10
+    )
 
 
 @pytest.mark.parametrize('seed', range(20))
 def test_compiled_and_numpy_residuals_agree_away_from_equilibrium(seed):
-    attempt = attempt_at(random_case(seed))
+    problem = problem_at(random_case(seed))
     draw = np.random.default_rng(seed)
-    collocation.unloaded_nodes(attempt.panels, attempt.ends, attempt.nodes)
-    attempt.nodes += draw.normal(size=attempt.nodes.shape) * ([0.1] * 5 + [1e-4])
-    panels, ends, nodes = attempt.panels, attempt.ends, attempt.nodes
+    collocation.unloaded_nodes(problem.panels, problem.ends, problem.nodes)
+    problem.nodes += draw.normal(size=problem.nodes.shape) * ([0.1] * 5 + [1e-4])
+    panels, ends, nodes = problem.panels, problem.ends, problem.nodes
     scale = collocation.scale_of_moments(panels)
-    slopes = np.empty((panels.shape[0], collocation.SLOPE_WIDTH))
+    slopes = np.empty((panels.shape[0], SLOPE_WIDTH))
     worst = collocation.residual_pass(panels, ends, nodes, slopes, scale)
     residual, _ = collocation_numpy.equations(panels, ends, nodes)
     residual[6::6] *= scale
@@ -81,16 +83,16 @@ def test_compiled_and_numpy_residuals_agree_away_from_equilibrium(seed):
 
 @pytest.mark.parametrize('seed', range(20))
 def test_the_matrix_of_newton_is_the_derivative_of_the_equations(seed):
-    attempt = attempt_at(random_case(seed))
-    attempt.solve(None)
-    panels, ends, nodes = attempt.panels, attempt.ends, np.array(attempt.nodes)
+    problem = problem_at(random_case(seed))
+    problem.solve(None)
+    panels, ends, nodes = problem.panels, problem.ends, np.array(problem.nodes)
     _, matrix = collocation_numpy.equations(panels, ends, nodes)
     direction = np.random.default_rng(seed).normal(size=nodes.shape) * ([1.0] * 5 + [1e-3])
 
     def moved(step):
         return collocation_numpy.equations(panels, ends, nodes + step * direction)[0]
 
-    flat = np.concatenate([direction[:-1].ravel(), direction[-1, [0, 5]]])
+    flat = np.concatenate([direction[:-1].ravel(), direction[-1, [NODE_THETA, NODE_MOMENT]]])
     found = matrix @ flat
     expected = (moved(-1e-6) - moved(1e-6)) / 2e-6
     assert found == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(found).max())
@@ -118,7 +120,7 @@ def test_the_cubic_law_is_inverted(rigidity, cubic):
 def test_meshes_end_where_the_law_jumps():
     shape = solve(paper_arm(), 50e3, (0.2, 0.1))
     first, second = shape.solution.counts
-    joints = shape.solution.panels[:, 15]
+    joints = shape.solution.panels[:, PANEL_START]
     assert joints[first] == pytest.approx(0.15 * 0.112, rel=1e-12)
     assert joints.size == first + second
 
@@ -180,17 +182,17 @@ def test_2000_random_rods_are_solved_and_right():
 @pytest.mark.parametrize('seed', range(12))
 def test_random_shapes_do_not_depend_on_the_mesh(seed):
     case = random_case(seed)
-    attempt = attempt_at(case)
-    rods = attempt.rods
-    assert attempt.solve(None) == ''
+    problem = problem_at(case)
+    rods = problem.rods
+    assert problem.solve(None) == ''
     at = np.linspace(0.0, case.arm.length, 57)
-    fields = np.empty((2, 6, at.size))
+    fields = np.empty((2, FIELD_COUNT, at.size))
     for which in fields:
-        stations.at_stations(attempt.panels, attempt.nodes, rods.knots, rods.turning[0], at, which)
-        known = attempt.solution()
-        attempt.mesh(4 * attempt.counts)
-        attempt.start_from(known)
-        assert attempt.newton()
+        at_stations(problem.panels, problem.nodes, rods.knots, rods.rotation[0], at, which)
+        known = problem.solution()
+        problem.mesh(4 * problem.counts)
+        problem.start_from(known)
+        assert problem.newton()
     assert fields[1, :2] == pytest.approx(fields[0, :2], abs=2e-8)
     assert fields[1, 2] == pytest.approx(fields[0, 2], abs=1e-6)
 
@@ -232,11 +234,11 @@ def test_a_warm_start_takes_fewer_steps():
 
 def test_the_chain_finds_a_start_close_to_the_solution():
     rods = paper_arm().rods(np.array([60e3]))
-    attempt = BoundaryValueProblem(rods, (0.15, 0.25), 0.0, TOLERANCE)
-    chain.loaded_guess(attempt.panels, attempt.ends, attempt.nodes)
-    guess = attempt.nodes.copy()
-    assert attempt.newton()
-    assert guess[:, :5] == pytest.approx(attempt.nodes[:, :5], abs=0.02)
+    problem = BoundaryValueProblem(rods, (0.15, 0.25), 0.0)
+    loaded_guess(problem.panels, problem.ends, problem.nodes)
+    guess = problem.nodes.copy()
+    assert problem.newton()
+    assert guess[:, :5] == pytest.approx(problem.nodes[:, :5], abs=0.02)
 
 
 def wiggly_arm(waves):
@@ -267,8 +269,8 @@ def test_a_wiggly_field_gets_the_mesh_it_needs(waves):
     worst = violations(arm, shape)
     assert worst.position < 1e-8
     assert worst.angle < 1e-6
-    detail = stations.resolution(shape.solution.panels, shape.solution.nodes)
-    assert 0.0 < detail <= FINEST_DETAIL * arm.length
+    detail = resolution(shape.solution.panels, shape.solution.nodes)
+    assert 0.0 < detail <= SOLVER.finest_detail * arm.length
 
 
 def test_detail_finer_than_any_mesh_is_said():

@@ -11,7 +11,7 @@ from pneunet_ros.calibration.steady_states import (
     predict_states,
     thin,
 )
-from pneunet_ros.measurement.forward_model import X, Y
+from pneunet_ros.solver.columns import X, Y
 import pytest
 from support.small_calibration import ARM, calibration, FRAMES, NOISE, TOP
 

@@ -30,10 +30,11 @@ from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import disturbance_jacobian
-from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
+from pneunet_ros.solver.columns import THETA
 
 # What the tests share knows the truth of the virtual lab as a model.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))

@@ -11,7 +11,7 @@ import numpy as np
 from pneunet_ros.calibration.settings import MOMENT_LAW, MomentLawSettings
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
-from pneunet_ros.solver.rod import RIGIDITY, START
+from pneunet_ros.solver.columns import RIGIDITY, START
 from scipy.linalg import block_diag
 
 SPLIT_ROWS = 14

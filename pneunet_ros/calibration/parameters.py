@@ -11,7 +11,7 @@ from pneunet_ros.measurement.forward_model import Columns
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
-from pneunet_ros.solver.rod import RIGIDITY
+from pneunet_ros.solver.columns import RIGIDITY
 from scipy.linalg import block_diag
 
 NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted

@@ -20,12 +20,13 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.measurement.linearization import FittedRun, linearize
 from pneunet_ros.measurement.pressure_filter import smooth_pressure
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import THETA
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

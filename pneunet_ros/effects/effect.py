@@ -30,7 +30,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import check_quantities
-from pneunet_ros.solver.rod import (
+from pneunet_ros.solver.columns import (
     AXIAL_COMPLIANCE,
     CLAMP_ANGLE,
     CLAMP_COMPLIANCE,

@@ -12,22 +12,38 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
-from pneunet_ros.solver import collocation
-from pneunet_ros.solver.boundary_value_problem import (
-    BoundaryValueProblem,
-    DECAY_PER_PANEL,
-    FINEST_DETAIL,
-    MOST_PANELS,
-    TURN_PER_PANEL,
+from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem, panels_needed
+from pneunet_ros.solver.collocation import unloaded_nodes
+from pneunet_ros.solver.columns import (
+    CURVATURE as CURVATURE,
 )
-from pneunet_ros.solver.frame_series import answers, follow
-from pneunet_ros.solver.rod import RIGIDITY, Rods
+from pneunet_ros.solver.columns import (
+    INTRINSIC_CURVATURE as INTRINSIC_CURVATURE,
+)
+from pneunet_ros.solver.columns import (
+    LOADS,
+    NODE_WIDTH,
+    RIGIDITY,
+    ROTATION_WIDTH,
+)
+from pneunet_ros.solver.columns import (
+    MOMENT as MOMENT,
+)
+from pneunet_ros.solver.columns import (
+    THETA as THETA,
+)
+from pneunet_ros.solver.columns import (
+    X as X,
+)
+from pneunet_ros.solver.columns import (
+    Y as Y,
+)
+from pneunet_ros.solver.frame_series import FrameSolutions, linearize_frames, solve_frames
+from pneunet_ros.solver.rod import Rods
+from pneunet_ros.solver.settings import SOLVER
 from scipy.interpolate import CubicSpline
 
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
-
-LOADS = 3  # F1, F2, M
-X, Y, THETA, CURVATURE, INTRINSIC_CURVATURE, MOMENT = range(6)  # fields at stations
 
 
 class ForwardModel:
@@ -67,17 +83,17 @@ class ForwardModel:
         """Solve on a mesh that carries the solutions; what is too fine for any is not solved."""
         while True:
             self.solve_frames(arm, rods, loads)
-            if not np.any(self.detail[self.solved] > FINEST_DETAIL * arm.length):
+            if not np.any(self.detail[self.solved] > SOLVER.finest_detail * arm.length):
                 return
-            if 2 * int(self.counts.sum()) > MOST_PANELS:
-                self.solved &= self.detail <= FINEST_DETAIL * arm.length
+            if 2 * int(self.counts.sum()) > SOLVER.most_panels:
+                self.solved &= self.detail <= SOLVER.finest_detail * arm.length
                 return
             self.remesh(2 * self.counts, len(loads))
 
     def remesh(self, counts: npt.NDArray[np.int64], frames: int) -> None:
         """Take another mesh."""
         self.counts = counts
-        self.nodes = np.zeros((frames, int(counts.sum()) + 1, collocation.NODE_WIDTH))
+        self.nodes = np.zeros((frames, int(counts.sum()) + 1, NODE_WIDTH))
         self.known = np.zeros(frames, dtype=np.bool_)
         self.fields = np.empty((frames, 6, self.arclength.size))
         self.detail = np.zeros(frames)
@@ -90,32 +106,18 @@ class ForwardModel:
         self.solved = beyond <= EXTRAPOLATION
         first = 0
         while first < frames:
-            first = follow(
-                rods.length,
-                rods.sections,
-                rods.clamp,
-                rods.knots,
-                rods.turning,
-                loads,
-                self.counts,
-                self.known,
-                collocation.TOLERANCE,
-                first,
-                self.nodes,
-                self.arclength,
-                self.fields,
-                self.detail,
+            first = solve_frames(
+                rods, loads, self.solutions(), first, SOLVER.frame_iterations, SOLVER.tolerance
             )
             if first == frames:
                 return
             attempt = BoundaryValueProblem(
-                rods.one(first),
+                rods.record(first),
                 (float(loads[first, 0]), float(loads[first, 1])),
                 float(loads[first, 2]),
-                collocation.TOLERANCE,
             )
             attempt.mesh(self.counts)
-            if attempt.cold():
+            if attempt.solve_cold():
                 self.nodes[first] = attempt.nodes
                 self.known[first] = True
                 continue
@@ -124,8 +126,20 @@ class ForwardModel:
             self.detail[first] = 0.0
             self.known[first] = False
             if first + 1 < frames and not self.known[first + 1]:
-                collocation.unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
+                unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
             first += 1
+
+    def solutions(self) -> FrameSolutions:
+        """Return what the kernels fill."""
+        return FrameSolutions(
+            counts=self.counts,
+            arclength=self.arclength,
+            nodes=self.nodes,
+            known=self.known,
+            fields=self.fields,
+            detail=self.detail,
+            stable=self.stable,
+        )
 
     def subset(self, frames: npt.NDArray[np.int64]) -> ForwardModel:
         """Return the forward model of a subset of the frames, with their solutions."""
@@ -137,7 +151,7 @@ class ForwardModel:
     def load_jacobian(self, arm: Arm, inputs: Inputs) -> Array:
         """Return how points move per F1, F2 and M, (frames, 2 stations, 3)."""
         none = np.zeros((0, 2), dtype=np.int64)
-        return as_points(self.rod_jacobian(arm, inputs, none, knot_turning(arm)[:0]))
+        return as_points(self.rod_jacobian(arm, inputs, none, knot_rotation(arm)[:0]))
 
     def point_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns) -> Array:
         """Return how points move per input of `jacobian`, (frames, 2 stations, inputs)."""
@@ -149,31 +163,16 @@ class ForwardModel:
         x and y as measured; inputs: F1, F2, M, the knots of the curvature's table, then these
         columns of sections.
         """
-        return self.rod_jacobian(arm, inputs, columns, knot_turning(arm))
+        return self.rod_jacobian(arm, inputs, columns, knot_rotation(arm))
 
-    def rod_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns, turning: Array) -> Array:
-        """Return `jacobian` with knots of this turning (knots, pieces, 5)."""
+    def rod_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns, rotation: Array) -> Array:
+        """Return `jacobian` with knots of this rotation (knots, pieces, 5)."""
         rods, loads = arm.rods(inputs.pressure, inputs.histories), inputs.loads
         size = np.abs(rods.sections[:, columns[:, 0], columns[:, 1]]).mean(axis=0)
         steps = 1e-4 * np.where(size > 0.0, size, 1.0)
-        moved_inputs = LOADS + turning.shape[0] + len(columns)
+        moved_inputs = LOADS + rotation.shape[0] + len(columns)
         out = np.empty((len(loads), moved_inputs, 6, self.arclength.size))
-        answers(
-            rods.length,
-            rods.sections,
-            rods.clamp,
-            rods.knots,
-            rods.turning,
-            loads,
-            self.counts,
-            self.nodes,
-            turning,
-            columns,
-            steps,
-            self.arclength,
-            out,
-            self.stable,
-        )
+        linearize_frames(rods, loads, self.solutions(), rotation, columns, steps, out)
         # Stability is defined for positive rigidity alone.
         self.stable |= np.any(rods.sections[:, :, RIGIDITY] < 0.0, axis=1)
         out[:, :, X], out[:, :, Y] = arm.see(out[:, :, X], out[:, :, Y])  # it is linear
@@ -189,26 +188,14 @@ def mesh_counts(rods: Rods, loads: Array) -> npt.NDArray[np.int64]:
     """Return the panels per section that every one of the rods needs."""
     ends = np.column_stack([rods.clamp, loads])
     counts: npt.NDArray[np.int64] = np.max(
-        [
-            collocation.panel_counts(
-                rods.length,
-                rods.sections[rod],
-                rods.turning[rod],
-                ends[rod],
-                DECAY_PER_PANEL,
-                TURN_PER_PANEL,
-                MOST_PANELS,
-            )
-            for rod in range(len(loads))
-        ],
-        axis=0,
+        [panels_needed(rods.record(rod), ends[rod]) for rod in range(len(loads))], axis=0
     )
     return counts
 
 
-def knot_turning(arm: Arm) -> Array:
-    """Return the turning (knots, pieces, 5) of a curvature of 1/m at one knot and 0 at others."""
+def knot_rotation(arm: Arm) -> Array:
+    """Return the rotation (knots, pieces, 5) of a curvature of 1/m at one knot and 0 at others."""
     shares = arm.intrinsic_curvature.arclength
     spline = CubicSpline(shares, np.eye(shares.size), axis=1)
     powers = np.moveaxis(spline.antiderivative().c[::-1], (0, 1, 2), (2, 1, 0))
-    return np.ascontiguousarray(powers * arm.length ** (1.0 - np.arange(5.0)))
+    return np.ascontiguousarray(powers * arm.length ** (1.0 - np.arange(float(ROTATION_WIDTH))))

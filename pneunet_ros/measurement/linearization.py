@@ -11,11 +11,12 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import disturbance_jacobian
-from pneunet_ros.measurement.forward_model import Columns, ForwardModel, THETA
+from pneunet_ros.measurement.forward_model import Columns, ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.noise_model import reading_errors
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import THETA
 
 
 class Parametrization(Protocol):

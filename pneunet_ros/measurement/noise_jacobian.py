@@ -10,7 +10,7 @@ from pneunet_ros.core.jit import kernel
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.perturbation import PerturbationTable
-from pneunet_ros.solver.sensitivity import LOADS
+from pneunet_ros.solver.columns import LOADS
 
 PRESSURE = LOADS  # index of the chamber pressure among the causes of a sensitivity
 

@@ -13,11 +13,12 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, pressure_rows
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
-from pneunet_ros.measurement.forward_model import ForwardModel, LOADS
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.neighbors import neighbors
 from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import LOADS
 
 PRESSURE_STEP = 20.0  # Pa, of a central difference
 

@@ -18,7 +18,8 @@ from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import MomentLaw
 from pneunet_ros.model.parameter_path import Move, moved, unknown_quantity
 from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
-from pneunet_ros.solver.rod import CLAMP_ANGLE, CLAMP_WIDTH, Rods, RodTable, SECTION_WIDTH
+from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, MOMENT_OFFSET, SECTION_WIDTH
+from pneunet_ros.solver.rod import Rods, RodTable
 
 EXTRAPOLATION = 0.05  # of the calibrated range, beyond either end
 
@@ -165,12 +166,12 @@ class Arm:
         known = np.clip(rows, *law.pressure_range)
         base = law.sections(known, self.length, self.weight)
         sections = np.zeros((rows.size, base.shape[1], SECTION_WIDTH))
-        sections[:, :, :3] = base
-        turning = self.intrinsic_curvature.turning_of(rows, self.length)
+        sections[:, :, : MOMENT_OFFSET + 1] = base
+        rotation = self.intrinsic_curvature.turning_of(rows, self.length)
         return RodTable(
             pressure=frozen_array(rows),
             sections=frozen_array(sections),
-            turning=frozen_array(turning),
+            rotation=frozen_array(rotation),
         )
 
     def rods(
@@ -181,21 +182,21 @@ class Arm:
         history: that of `actuate`, the same at all of the pressures; or per acting effect an array
         (n, numbers), one history per pressure. None: an arm that has rested for ever at each.
         """
-        sections, turning = self.table.at(pressure)
+        sections, rotation = self.table.at(pressure)
         clamp = np.zeros((pressure.size, CLAMP_WIDTH))
         clamp[:, CLAMP_ANGLE] = self.clamp_angle
         for terms in self.terms(pressure, history):
             terms.add_to(sections, clamp)
             if terms.row_weights is not None:
                 mixture = self.intrinsic_curvature.mixed_turning(terms.row_weights, self.length)
-                turning = terms.mix_rows(turning, mixture)
+                rotation = terms.mix_rows(rotation, mixture)
         return Rods(
             length=self.length,
             pressure=pressure,
             sections=sections,
             clamp=clamp,
             knots=self.knots,
-            turning=turning,
+            rotation=rotation,
         )
 
     def changed(self, changes: Mapping[str, float]) -> Arm:

@@ -24,14 +24,18 @@ from pneunet_ros.model.equilibrium import (
 )
 from pneunet_ros.model.perturbation import with_pressure_change
 from pneunet_ros.model.shape import Shape
-from pneunet_ros.solver.batch import evaluate_many, newton_many
-from pneunet_ros.solver.boundary_value_problem import FINEST_DETAIL
-from pneunet_ros.solver.collocation import ACCEPTED
-from pneunet_ros.solver.rod import CUBIC, Rods
-from pneunet_ros.solver.sensitivity import LOADS
-
-MOST_ITERATIONS = 8
-TOLERANCE = 1e-11  # rad, for the sum over all equations of the slowest rod of a block
+from pneunet_ros.solver.batch import evaluate_batch, newton_batch
+from pneunet_ros.solver.columns import (
+    CUBIC,
+    END_LOAD_MOMENT,
+    FIELD_COUNT,
+    FIELDS,
+    FORCE_X,
+    FORCE_Y,
+    LOADS,
+)
+from pneunet_ros.solver.rod import Rods
+from pneunet_ros.solver.settings import ACCEPTED, SOLVER, SolverSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,18 +66,21 @@ def solve_many(
     start: Shape,
     stations: int = DEFAULT_STATIONS,
     history: tuple[History, ...] | tuple[Array, ...] | None = None,
+    settings: SolverSettings = SOLVER,
 ) -> Shapes:
-    """Shapes at chamber pressures (n,) Pa under end forces (n, 2) N and moments (n,) or one, N m.
+    """Predict the shapes of one arm at many pressures and end loads, near a known shape.
 
-    `start` is a converged shape near them. The loads are the true ones: sensing effects do not
-    enter; `history` as in `Arm.rods`. Raises RequestError for values of other shape, NaN or
-    infinity, or a start without solution.
+    pressure (n,) Pa, in the chamber; force (n, 2) N and moment (n,) or one, N m, at the free end
+    in the base frame. These are the true loads: sensing effects do not enter. start: a converged
+    shape near them. history: as in `Arm.rods`; None is an arm at rest. Returns Shapes of n rods
+    at `stations` equally spaced stations. Raises RequestError for values of another shape, NaN or
+    infinity, or a start without solution. The equations are Eq 4, as in `solve`.
     """
     pressure = np.atleast_1d(np.asarray(pressure, dtype=np.float64))
     loads = np.empty((pressure.size, LOADS))
     try:
-        loads[:, :2] = np.asarray(force, dtype=np.float64)
-        loads[:, 2] = np.asarray(moment, dtype=np.float64)
+        loads[:, :END_LOAD_MOMENT] = np.asarray(force, dtype=np.float64)
+        loads[:, END_LOAD_MOMENT] = np.asarray(moment, dtype=np.float64)
     except ValueError:
         raise RequestError(
             f'{pressure.size} pressures need {pressure.size} x 2 forces and as many moments'
@@ -84,22 +91,22 @@ def solve_many(
         raise RequestError(f'the start is no shape: {start.status}')
     arclength = station_arclength(arm.length, stations)
     rods = arm.rods(pressure, history)
-    ends = np.concatenate([rods.clamp, loads], axis=1)
-    guesses = predicted(arm, start, np.column_stack([loads, pressure]))
+    guesses = predict_nodes(arm, start, np.column_stack([loads, pressure]))
     nodes, residual = np.empty_like(guesses), np.empty(pressure.size)
-    fields, detail = np.empty((6, pressure.size, stations)), np.empty(pressure.size)
-    counts = np.array(start.solution.counts)
-    record = (arm.length, rods.sections, rods.knots, rods.turning, ends, counts)
-    newton_many(*record, guesses, MOST_ITERATIONS, TOLERANCE, nodes, residual)
-    evaluate_many(*record, nodes, arclength, fields, detail)
+    fields, detail = np.empty((FIELD_COUNT, pressure.size, stations)), np.empty(pressure.size)
+    batch = rods, loads, np.array(start.solution.counts)
+    limits = settings.batch_iterations, settings.batch_tolerance
+    newton_batch(*batch, guesses, *limits, nodes, residual)
+    evaluate_batch(*batch, nodes, arclength, fields, detail)
     inside = np.array([arm.beyond_range(value) <= EXTRAPOLATION for value in pressure])
-    converged = inside & (residual <= ACCEPTED) & (detail <= FINEST_DETAIL * arm.length)
+    fine = detail <= settings.finest_detail * arm.length
+    converged = inside & (residual <= ACCEPTED) & fine
     converged &= ~np.any(rods.sections[:, :, CUBIC] != 0.0, axis=1)
-    for which in np.flatnonzero(~converged):
-        shape = solve_alone(arm, rods.one(int(which)), loads[which], start, arclength)
-        converged[which], residual[which] = shape.converged, shape.residual
+    for index in np.flatnonzero(~converged).tolist():
+        shape = solve_alone(arm, rods.record(index), loads[index], start, arclength)
+        converged[index], residual[index] = shape.converged, shape.residual
         for field, name in enumerate(FIELDS):
-            fields[field, which] = getattr(shape, name)
+            fields[field, index] = getattr(shape, name)
     return Shapes(
         arclength=arclength,
         **{name: freeze(fields[field]) for field, name in enumerate(FIELDS)},
@@ -108,18 +115,15 @@ def solve_many(
     )
 
 
-FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
-
-
-def predicted(arm: Arm, start: Shape, causes: Array) -> Array:
-    """Nodes (6 (panels + 1), n) for F1, F2, M and chamber pressure (n, 4), by a tangent."""
+def predict_nodes(arm: Arm, start: Shape, causes: Array) -> Array:
+    """Predict nodes (6 (panels + 1), n) at F1, F2, M and chamber pressure (n, 4) by a tangent."""
     assert start.solution is not None
     solution = start.solution
     chamber = steady_pressure(arm, start.pressure)
     _, change = with_pressure_change(arm, chamber)
     nodes, _, _ = linearized_ends(solution, *changes_on_mesh(solution, change))
     moved = causes - np.array([*start.force, start.end_moment, chamber])
-    tangent = nodes.reshape(nodes.shape[0], -1)
+    tangent = nodes.reshape(len(nodes), -1)
     return np.ascontiguousarray(solution.nodes.reshape(-1, 1) + tangent.T @ moved.T)
 
 
@@ -127,8 +131,8 @@ def solve_alone(arm: Arm, rod: Rods, load: Array, start: Shape, arclength: Array
     """One of the rods by the single solver."""
     true = Load(
         pressure=float(rod.pressure[0]),
-        force_x=float(load[0]),
-        force_y=float(load[1]),
-        moment=float(load[2]),
+        force_x=float(load[FORCE_X]),
+        force_y=float(load[FORCE_Y]),
+        moment=float(load[END_LOAD_MOMENT]),
     )
     return solve_rod(arm, rod, true, start.solution, arclength)

@@ -19,18 +19,32 @@ from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 from pneunet_ros.model.shape import Shape
-from pneunet_ros.solver import collocation
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
+from pneunet_ros.solver.columns import (
+    CLAMP_WIDTH,
+    END_LOAD_MOMENT,
+    END_WIDTH,
+    FIELD_COUNT,
+    FIELDS,
+    FORCE_X,
+    FORCE_Y,
+    LOADS,
+    PANEL_FLEXIBILITY,
+    PANEL_WIDTH,
+    REST_STRAIN,
+    RIGIDITY,
+    TIP_WIDTH,
+)
 from pneunet_ros.solver.interpolation import at_stations
 from pneunet_ros.solver.linearization import panel_changes, station_changes
-from pneunet_ros.solver.rod import REST_STRAIN, RIGIDITY, Rods
-from pneunet_ros.solver.sensitivity import LOADS, sensitivities
+from pneunet_ros.solver.rod import Rods
+from pneunet_ros.solver.sensitivity import sensitivities
+from pneunet_ros.solver.settings import SOLVER, SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
 
 DEFAULT_STATIONS = 57
-SHORTEST = 0.05  # of the length, of an arm shortened by rest strain
-NO_PANELS = np.zeros((0, 0, collocation.PANEL_WIDTH))
-NO_ENDS = np.zeros((0, 6))
+NO_PANELS = np.zeros((0, 0, PANEL_WIDTH))
+NO_ENDS = np.zeros((0, END_WIDTH))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,16 +60,16 @@ class Sensitivity:
     stable: bool | None
     solution: SolverNodes
     knots: Array
-    turning: Array
+    rotation: Array
     panel_changes: Array
-    turning_changes: Array
+    rotation_changes: Array
     node_changes: Array
 
     def fields(self, arclength: Array) -> Array:
         """Return x, y, theta, curvature, intrinsic curvature, moment (6, n) at arclengths (m)."""
         out = np.empty((6, arclength.size))
         solution = self.solution
-        at_stations(solution.panels, solution.nodes, self.knots, self.turning, arclength, out)
+        at_stations(solution.panels, solution.nodes, self.knots, self.rotation, arclength, out)
         return out
 
     def stations(self, arclength: Array) -> Array:
@@ -65,9 +79,9 @@ class Sensitivity:
             self.solution.panels,
             self.solution.nodes,
             self.knots,
-            self.turning,
+            self.rotation,
             self.panel_changes,
-            self.turning_changes,
+            self.rotation_changes,
             self.node_changes,
             arclength,
             out,
@@ -122,32 +136,37 @@ def solve_rod(
     load: Load,
     start: SolverNodes | None,
     arclength: Array,
-    tolerance: float = collocation.TOLERANCE,
+    settings: SolverSettings = SOLVER,
     quick: bool = False,
 ) -> Shape:
-    """Shape of the first of these records, taken at the chamber pressure, under a true load."""
+    """Shape of the first of these records, taken at the chamber pressure, under a true load.
+
+    start: a neighboring solution, or None to solve from nothing; arclength (stations,) m. quick:
+    give up where that would take many small steps.
+    """
     chamber = float(rods.pressure[0])
     beyond = arm.beyond_range(chamber)
     if beyond > EXTRAPOLATION:
         return failed(arm, load, arclength, out_of_range(arm, chamber), math.nan, 0)
-    if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > SHORTEST:
-        sentence = 'rest strain shortens the arm to less than 5 % of its length'
+    if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > settings.shortest:
+        percent = 100.0 * settings.shortest
+        sentence = f'rest strain shortens the arm to less than {percent:g} % of its length'
         return failed(arm, load, arclength, sentence, math.nan, 0)
-    attempt = BoundaryValueProblem(rods, (load.force_x, load.force_y), load.moment, tolerance)
-    reason = attempt.solve(start, quick)
+    problem = BoundaryValueProblem(rods, (load.force_x, load.force_y), load.moment, settings)
+    reason = problem.solve(start, quick)
     if reason:
-        return failed(arm, load, arclength, reason, attempt.residual, attempt.iterations)
-    values = np.empty((6, arclength.size))
-    at_stations(attempt.panels, attempt.nodes, rods.knots, rods.turning[0], arclength, values)
+        return failed(arm, load, arclength, reason, problem.residual, problem.iterations)
+    values = np.empty((FIELD_COUNT, arclength.size))
+    at_stations(problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values)
     freeze(values)
-    solution = attempt.solution()
+    solution = problem.solution()
     stable = None
     words = ['converged']
     if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
         stable = is_stable(solution)
         if not (stable or quick) and start is not None and is_stable(start):
             # The stable branch has ended, or was lost in one large step: the arm is elsewhere.
-            anew = solve_rod(arm, rods, load, None, arclength, tolerance)
+            anew = solve_rod(arm, rods, load, None, arclength, settings)
             if anew.stable:
                 return anew
         words.append('stable' if stable else 'unstable under dead load')
@@ -157,19 +176,14 @@ def solve_rod(
         words.append(f'extrapolated {100.0 * beyond:.1f} % beyond the calibrated pressures')
     return Shape(
         arclength=arclength,
-        x=values[0],
-        y=values[1],
-        theta=values[2],
-        curvature=values[3],
-        intrinsic_curvature=values[4],
-        moment=values[5],
+        **dict(zip(FIELDS, values, strict=True)),
         force=(load.force_x, load.force_y),
         end_moment=load.moment,
         pressure=load.pressure,
         converged=True,
         status=', '.join(words),
-        residual=attempt.residual,
-        iterations=attempt.iterations,
+        residual=problem.residual,
+        iterations=problem.iterations,
         stable=stable,
         extrapolated=beyond > 0.0,
         solution=solution,
@@ -183,12 +197,7 @@ def failed(
     nothing = frozen_array(np.full(arclength.size, np.nan))
     return Shape(
         arclength=arclength,
-        x=nothing,
-        y=nothing,
-        theta=nothing,
-        curvature=nothing,
-        intrinsic_curvature=nothing,
-        moment=nothing,
+        **dict.fromkeys(FIELDS, nothing),
         force=(load.force_x, load.force_y),
         end_moment=load.moment,
         pressure=load.pressure,
@@ -217,7 +226,7 @@ def linearized_ends(
     """Return changes of nodes and tip per cause (F1, F2, M, further), and whether it is stable."""
     causes = LOADS + panel_changes.shape[0]
     nodes = np.zeros((causes, *solution.nodes.shape))  # the last row is partly unused
-    tip = np.empty((causes, 3))
+    tip = np.empty((causes, TIP_WIDTH))
     stable = sensitivities(
         solution.panels, solution.ends, solution.nodes, panel_changes, end_changes, nodes, tip
     )
@@ -235,19 +244,19 @@ def linearize(
     """Linearize a solved rod: its answer to the loads and to changes of its record."""
     panels, ends = changes_on_mesh(solution, changes)
     nodes, tip, stable = linearized_ends(solution, panels, ends)
-    turning = np.zeros((0, *rods.turning.shape[1:]))
+    rotation = np.zeros((0, *rods.rotation.shape[1:]))
     if changes is not None:
         scale = 1.0 / changes.distance
-        turning = scale[:, None, None] * (changes.turning[1] - changes.turning[0])
-    positive = min(solution.panels[:, 1].tolist()) > 0.0
+        rotation = scale[:, None, None] * (changes.rotation[1] - changes.rotation[0])
+    positive = min(solution.panels[:, PANEL_FLEXIBILITY].tolist()) > 0.0
     return Sensitivity(
         tip=freeze(tip),
         stable=stable if positive else None,
         solution=solution,
         knots=rods.knots,
-        turning=rods.turning[0],
+        rotation=rods.rotation[0],
         panel_changes=panels,
-        turning_changes=turning,
+        rotation_changes=rotation,
         node_changes=nodes,
     )
 
@@ -255,19 +264,19 @@ def linearize(
 def changes_on_mesh(solution: SolverNodes, changes: Perturbation | None) -> tuple[Array, Array]:
     """Return the change of panels (causes, panels, 16) and ends (causes, 6) of a solution."""
     count = 0 if changes is None else changes.distance.size
-    panels, ends = np.empty((count, *solution.panels.shape)), np.zeros((count, 6))
+    panels, ends = np.empty((count, *solution.panels.shape)), np.zeros((count, END_WIDTH))
     if changes is not None:
         panel_changes(
             changes.length,
             changes.sections,
             changes.knots,
-            changes.turning,
+            changes.rotation,
             changes.distance,
             solution.ends,
             np.array(solution.counts),
             panels,
         )
-        ends[:, :3] = (changes.clamp[1] - changes.clamp[0]) / changes.distance[:, None]
+        ends[:, :CLAMP_WIDTH] = (changes.clamp[1] - changes.clamp[0]) / changes.distance[:, None]
     return panels, ends
 
 
@@ -283,7 +292,7 @@ def tip_jacobian(arm: Arm, shape: Shape) -> Array:
 
 def jacobian_of(arm: Arm, sensitivity: Sensitivity, history: tuple[History, ...]) -> Array:
     """Return the tip's Jacobian; the first cause after the loads is the pressure."""
-    jacobian = sensitivity.tip[[LOADS, 0, 1, 2]].T
+    jacobian = sensitivity.tip[[LOADS, FORCE_X, FORCE_Y, END_LOAD_MOMENT]].T
     if arm.in_play(history):  # the play takes up what the pressure changes
         jacobian[:, 0] = 0.0
     return freeze(jacobian)

@@ -1,7 +1,7 @@
 """From the position of the tip to the end force and the shape (Figure 9 of the paper).
 
-The end force is found by Levenberg and Marquardt's method on the distance of the tip; each trial
-is a full solve of the rod. Where the tip hardly moves with some force, that force is not
+The end force is found by Levenberg and Marquardt's method (scipy's) on the place of the tip; each
+trial is a full solve of the rod. Where the tip hardly moves with some force, that force is not
 determined, and this is said.
 """
 
@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuned
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import (
@@ -24,15 +25,27 @@ from pneunet_ros.model.equilibrium import (
     steady_pressure,
 )
 from pneunet_ros.model.shape import Shape
+from pneunet_ros.solver.columns import RIGIDITY
 from pneunet_ros.solver.rod import Rods
+from pneunet_ros.solver.settings import SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
+from scipy.optimize import least_squares
 
-DETERMINED = 1e-4  # m/N; below this singular value of d tip / d force a force is not determined
-ROUNDING = 1e-13  # of the length; nearer than this no step helps
-ARRIVED = 1e-10  # of the length; a tip this near is where it should be
-NEAR = 1e-3  # of the length; nearly there, where the force is not determined anyway
-PULLS = (-1.5, 1.5, 5.0, 15.0, 50.0)  # in B / l^2
-MOST_TRIALS = 150
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipSearchSettings:
+    """How the end force is searched that brings the tip to a place."""
+
+    determined: float = tuned(1e-4, 'least singular value of d tip / d force', unit='m/N')
+    rounding: float = tuned(1e-13, 'tip error where no step helps', unit='of the length')
+    arrived: float = tuned(1e-10, 'tip error of a solution', unit='of the length')
+    near: float = tuned(1e-3, 'tip error that blames the force', unit='of the length')
+    pulls: tuple[float, ...] = tuned((-1.5, 1.5, 5.0, 15.0, 50.0), 'first forces', unit='B / l^2')
+    most_trials: int = tuned(150, 'most trials from one initial guess')
+
+
+SEARCH = TipSearchSettings()
+EXACT = SolverSettings(tolerance=0.0)  # each trial as exact as rounding lets it be
 
 
 def solve_tip(
@@ -42,6 +55,7 @@ def solve_tip(
     moment: float = 0.0,
     start: Shape | None = None,
     stations: int = DEFAULT_STATIONS,
+    settings: TipSearchSettings = SEARCH,
 ) -> Shape:
     """Find end force (N) and shape from the pressure (Pa, gauge) and the position of the tip (m).
 
@@ -54,20 +68,22 @@ def solve_tip(
     load = arm.sense(Load(pressure=pressure, moment=moment))
     rods = arm.rods(np.array([steady_pressure(arm, load.pressure)]))
     arclength = station_arclength(arm.length, stations)
-    search = TipSearch(arm=arm, rods=rods, load=load, tip=np.array(tip, dtype=np.float64))
+    search = TipSearch(
+        arm=arm, rods=rods, load=load, tip=np.array(tip, dtype=np.float64), settings=settings
+    )
     unloaded = search.at((0.0, 0.0), None, arclength)
-    begins = search.begins(unloaded) if unloaded.converged else []
+    guesses = search.initial_guesses(unloaded) if unloaded.converged else []
     if start is not None and start.solution is not None:
         followed = search.at(start.force, start.solution, arclength)
-        begins = [followed, *begins] if followed.converged else begins
-    if not begins:
+        guesses = [followed, *guesses] if followed.converged else guesses
+    if not guesses:
         return replace(unloaded, force=(math.nan, math.nan))
-    found = [begins[0]]
-    for begin in begins:
-        found.append(search.descend(begin))
-        if search.miss(found[-1]) <= ROUNDING * arm.length:
+    shapes = [guesses[0]]
+    for guess in guesses:
+        shapes.append(search.descend(guess))
+        if search.tip_error(shapes[-1]) <= settings.rounding * arm.length:
             break
-    return search.judged(min(found, key=search.miss))
+    return search.check(min(shapes, key=search.tip_error))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,6 +94,7 @@ class TipSearch:
     rods: Rods
     load: Load
     tip: Array
+    settings: TipSearchSettings
 
     def at(
         self,
@@ -88,61 +105,66 @@ class TipSearch:
     ) -> Shape:
         """Return the shape under a trial force; quick: or give up soon."""
         load = replace(self.load, force_x=float(force[0]), force_y=float(force[1]))
-        return solve_rod(self.arm, self.rods, load, start, arclength, 0.0, quick)
+        return solve_rod(self.arm, self.rods, load, start, arclength, EXACT, quick)
 
-    def miss(self, shape: Shape) -> float:
+    def tip_error(self, shape: Shape) -> float:
         """Distance (m) of a shape's tip from where it should be."""
         return math.dist(shape.tip[:2], self.tip)
 
-    def begins(self, unloaded: Shape) -> list[Shape]:
+    def initial_guesses(self, unloaded: Shape) -> list[Shape]:
         """Shapes to start from, nearest tip first: unloaded, and pulled or pushed along the chord.
 
         The pulls are multiples of B / l^2, the force at which the arm's own stiffness gives way.
         """
-        stiffness = float(np.abs(self.rods.sections[0, :, 1]).min()) / self.arm.length**2
+        stiffness = float(np.abs(self.rods.sections[0, :, RIGIDITY]).min()) / self.arm.length**2
         chord = self.tip / max(float(np.hypot(*self.tip)), 1e-9)
         shapes = [unloaded]
-        for pull in PULLS:
+        for pull in self.settings.pulls:
             force = pull * stiffness * chord
             shape = self.at((force[0], force[1]), None, unloaded.arclength)
             if shape.converged and shape.stable is not False:
                 shapes.append(shape)
-        return sorted(shapes, key=self.miss)
+        return sorted(shapes, key=self.tip_error)
 
-    def descend(self, shape: Shape) -> Shape:
-        """Levenberg-Marquardt on the distance of the tip, among shapes of the same stability."""
-        damping = 0.0
-        left = self.miss(shape)
-        jacobian = force_jacobian(self.rods, shape)
-        for _ in range(MOST_TRIALS):
-            scale = float(np.linalg.norm(jacobian))
-            rows = np.vstack([jacobian, math.sqrt(damping) * scale * np.eye(2)])
-            aim = np.concatenate([self.tip - shape.tip[:2], np.zeros(2)])
-            step = np.linalg.lstsq(rows, aim, rcond=1e-12)[0]
-            force = (shape.force[0] + float(step[0]), shape.force[1] + float(step[1]))
-            trial = self.at(force, shape.solution, shape.arclength, quick=True)
-            fits = trial.converged and trial.stable is shape.stable
-            if fits and self.miss(trial) < left:
-                shape, left = trial, self.miss(trial)
-                jacobian = force_jacobian(self.rods, shape)
-                damping = 0.0 if damping < 1e-9 else 0.1 * damping
-            elif damping > 1e6 or left <= ROUNDING * self.arm.length:
-                break
-            else:
-                damping = max(10.0 * damping, 1e-9)
-        return shape
+    def descend(self, guess: Shape) -> Shape:
+        """Levenberg-Marquardt on the tip's place, among shapes of the guess's stability."""
+        best = latest = guess
+        lost = np.full(2, self.tip_error(guess) + self.arm.length)  # no step leads there
 
-    def judged(self, shape: Shape) -> Shape:
+        def fits(force: Array) -> bool:
+            nonlocal best, latest
+            if tuple(force.tolist()) == latest.force:
+                return True
+            start = best.solution
+            trial = self.at((force[0], force[1]), start, guess.arclength, quick=True)
+            if not (trial.converged and trial.stable is guess.stable):
+                return False
+            latest = trial
+            best = min(best, trial, key=self.tip_error)
+            return True
+
+        least_squares(
+            lambda force: np.subtract(latest.tip[:2], self.tip) if fits(force) else lost,
+            guess.force,
+            jac=lambda force: force_jacobian(self.rods, latest if fits(force) else best),
+            method='lm',
+            x_scale='jac',
+            max_nfev=self.settings.most_trials,
+            **dict.fromkeys(('xtol', 'ftol', 'gtol'), 1e-15),  # to rounding
+        )
+        return best
+
+    def check(self, shape: Shape) -> Shape:
         """Return the shape, or a failed one: tip not at the goal, or telling no force."""
         weakest = float(np.linalg.svd(force_jacobian(self.rods, shape), compute_uv=False)[-1])
-        distance = self.miss(shape)
-        if weakest < DETERMINED and distance < NEAR * self.arm.length:
+        distance = self.tip_error(shape)
+        if weakest < self.settings.determined and distance < self.settings.near * self.arm.length:
             sentence = (
                 'the end force is not determined by this tip position: one way, 1 N moves the '
                 f'tip by {1000.0 * weakest:.2g} mm only '
-                f'(at least {1000.0 * DETERMINED:.2g} mm is needed)'
+                f'(at least {1000.0 * self.settings.determined:.2g} mm is needed)'
             )
-        elif distance > ARRIVED * self.arm.length:
+        elif distance > self.settings.arrived * self.arm.length:
             sentence = (
                 f'no end force brings the tip to ({self.tip[0]:.6g}, {self.tip[1]:.6g}) m; '
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'

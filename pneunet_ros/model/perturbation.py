@@ -12,7 +12,8 @@ from pneunet_ros.effects.effect import History, Terms
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
 from pneunet_ros.model.neighbors import DEFAULTS, DifferenceSettings, neighbors
-from pneunet_ros.solver.rod import CLAMP_ANGLE, CLAMP_WIDTH, Rods, RodTable
+from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH
+from pneunet_ros.solver.rod import Rods, RodTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -21,14 +22,14 @@ class Perturbation:
 
     The first axes are side (before, after) and cause, the others those of `Rods`: length (2,
     causes), sections (2, causes, sections, 8), clamp (2, causes, 3), knots (2, causes, pieces +
-    1), turning (2, causes, pieces, 5). distance (causes,): how far the sides are apart.
+    1), rotation (2, causes, pieces, 5). distance (causes,): how far the sides are apart.
     """
 
     length: Array
     sections: Array
     clamp: Array
     knots: Array
-    turning: Array
+    rotation: Array
     distance: Array
 
     @classmethod
@@ -40,20 +41,9 @@ class Perturbation:
             sections=np.array([side.sections[:1] for side in sides]),
             clamp=np.array([side.clamp[:1] for side in sides]),
             knots=np.array([[side.knots] for side in sides]),
-            turning=np.array([side.turning[:1] for side in sides]),
+            rotation=np.array([side.rotation[:1] for side in sides]),
             distance=np.array([distance]),
         )
-
-    def joined(self, other: Perturbation) -> Perturbation:
-        """Return the causes of both."""
-        arrays = {
-            item.name: np.concatenate(
-                [getattr(self, item.name), getattr(other, item.name)],
-                axis=0 if item.name == 'distance' else 1,
-            )
-            for item in fields(self)
-        }
-        return Perturbation(**arrays)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,7 +66,7 @@ class PerturbationTable:
     knots: Array = field(init=False, repr=False)
     clamp: Array = field(init=False, repr=False)
     table: RodTable = field(init=False, repr=False)
-    row_turning: Array = field(init=False, repr=False)
+    row_rotation: Array = field(init=False, repr=False)
     changing: tuple[int, ...] = field(init=False, repr=False)
     alike: tuple[tuple[slice, Arm], ...] = field(init=False, repr=False)
 
@@ -93,7 +83,7 @@ class PerturbationTable:
         clamp = np.zeros((len(sides), CLAMP_WIDTH))
         terms = [effect.terms(rows) for effect in arm.effects]
         changing = tuple(place for place, item in enumerate(terms) if by_pressure(item))
-        sections, turning = [], []
+        sections, rotation = [], []
         for place, side in enumerate(sides):
             records = side.table.at(rows)
             clamp[place, CLAMP_ANGLE] = side.clamp_angle
@@ -101,11 +91,11 @@ class PerturbationTable:
                 if number not in changing:
                     effect.terms(rows).add_to(records[0], clamp[place : place + 1])
             sections.append(records[0])
-            turning.append(records[1])
+            rotation.append(records[1])
         stacked = RodTable(
             pressure=rows,
             sections=np.concatenate(sections or [arm.table.sections[:, :0]], axis=1),
-            turning=np.concatenate(turning or [arm.table.turning[:, :0]], axis=1),
+            rotation=np.concatenate(rotation or [arm.table.rotation[:, :0]], axis=1),
         )
         values = {
             'neighbors': sides,
@@ -114,7 +104,7 @@ class PerturbationTable:
             'knots': np.array([[item.knots for item in side] for side in by_cause]),
             'clamp': clamp,
             'table': stacked,
-            'row_turning': np.array(
+            'row_rotation': np.array(
                 [over_meters(side.intrinsic_curvature.turning, side.length) for side in sides]
             ),
             'changing': changing,
@@ -137,43 +127,43 @@ class PerturbationTable:
         count, kinds = self.distance.size, rods.sections.shape[1]
         sections = np.empty((2, count, *rods.sections.shape[1:]))
         clamp = np.empty((2, count, CLAMP_WIDTH))
-        turning = np.empty((2, count, *rods.turning.shape[1:]))
-        sections[:, 0], clamp[:, 0], turning[:, 0] = (
+        rotation = np.empty((2, count, *rods.rotation.shape[1:]))
+        sections[:, 0], clamp[:, 0], rotation[:, 0] = (
             rods.sections[1:],
             rods.clamp[1:],
-            rods.turning[1:],
+            rods.rotation[1:],
         )
         if count > 1:
             records = self.neighbor_records(pressure, history, kinds)
-            for out, record in zip((sections, clamp, turning), records, strict=True):
+            for out, record in zip((sections, clamp, rotation), records, strict=True):
                 out[:, 1:] = record.reshape(2, count - 1, *out.shape[2:])
         change = Perturbation(
             length=self.length,
             sections=sections,
             clamp=clamp,
             knots=self.knots,
-            turning=turning,
+            rotation=rotation,
             distance=self.distance,
         )
-        return rods.one(0), change
+        return rods.record(0), change
 
     def neighbor_records(
         self, pressure: float, history: tuple[History, ...] | None, kinds: int
     ) -> tuple[Array, Array, Array]:
-        """Return sections, clamp and turning of all neighbors at one pressure (Pa)."""
+        """Return sections, clamp and rotation of all neighbors at one pressure (Pa)."""
         at = np.array([pressure])
-        sections, turning = self.table.at(at)
+        sections, rotation = self.table.at(at)
         sections = sections.reshape(len(self.neighbors), kinds, -1)
-        turning = turning.reshape(len(self.neighbors), *self.arm.table.turning.shape[1:])
+        rotation = rotation.reshape(len(self.neighbors), *self.arm.table.rotation.shape[1:])
         clamp = self.clamp.copy()
         for which, arm in self.alike:
             terms = [arm.effects[place].terms(at) for place in self.changing]
             for item in (*terms, *arm.history_terms(history)):
                 item.add_to(sections[which], clamp[which])
                 if item.row_weights is not None:
-                    mixture = np.tensordot(item.row_weights, self.row_turning[which], axes=(0, 1))
-                    turning[which] = item.mix_rows(turning[which], mixture)
-        return sections, clamp, turning
+                    mixture = np.tensordot(item.row_weights, self.row_rotation[which], axes=(0, 1))
+                    rotation[which] = item.mix_rows(rotation[which], mixture)
+        return sections, clamp, rotation
 
 
 def by_pressure(terms: Terms) -> bool:
@@ -215,4 +205,4 @@ def with_pressure_change(
     step = pressure_step(arm, settings)
     pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
     rods = arm.rods(np.array(pressures), history)
-    return rods.one(0), Perturbation.between(rods.one(1), rods.one(2), 2.0 * step)
+    return rods.record(0), Perturbation.between(rods.record(1), rods.record(2), 2.0 * step)

@@ -11,7 +11,7 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.style import as_shapes, draw_force, panels, PressureColors
-from pneunet_ros.solver.rod import START
+from pneunet_ros.solver.columns import START
 
 ELLIPSE_SIGMAS = 2.0
 

@@ -3,14 +3,8 @@
 The rod is cut into panels, always at a jump of the moment law. On each panel the field equations
 hold at four Gauss points (order eight at the joints); the linearized panels are eliminated one by
 one and joined by an orthonormalized sweep, which stays stable where shooting grows like exp(l
-sqrt(F/B)). The turning of the unloaded rod is known in closed form and subtracted, so kinks of its
-table do little harm.
-
-`panels[p]` = length h, 1/B, M_O, cubic term, axial compliance, stretch at no force, force n1, n2
-at the start, their loss over the panel, turning of the unloaded rod to the four Gauss points and
-the end, arclength of the start. `nodes[p]` = theta at the start, theta at the Gauss points, moment
-at the start; the last row of `nodes` holds theta and moment at the free end. `ends` = clamp angle,
-clamp compliance, load offset, end force F1, F2, end moment.
+sqrt(F/B)). The intrinsic rotation is known in closed form and subtracted, so kinks of its table do
+little harm. The tables `panels`, `nodes`, `ends`, ... are those of `solver.columns`.
 """
 
 from __future__ import annotations
@@ -19,73 +13,67 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.jit import kernel
+from pneunet_ros.solver import columns as col
+from pneunet_ros.solver.columns import end_load, four, powers, read_panel, set_four
 from pneunet_ros.solver.panel import (
     C1,
     C2,
     C3,
     C4,
     dot,
-    Law,
+    free_end,
+    GAUSS_POINTS,
     linear_panel,
-    Mechanics,
     panel_residual,
-    sine_cosine,
     substitute,
     times,
-    Turn,
     W,
 )
+from pneunet_ros.solver.settings import ACCEPTED, FEWEST_PANELS, NEWTON_HALVINGS
 
-Array = npt.NDArray[np.float64]
-
-PANEL_WIDTH = 16
-NODE_WIDTH = 6
-SLOPE_WIDTH = 14
-STEP_WIDTH = 18
-TOLERANCE = 1e-13  # rad; the residual a Newton iteration aims at
-FEWEST_PANELS = 6.0  # per length of the rod: the intrinsic curvature has detail of this size
-ACCEPTED = 1e-10  # rad; the residual that still counts as equilibrium where rounding stops Newton
+ONES = (1.0, 1.0, 1.0, 1.0)
 
 
 @kernel
-def turning_at(s: float, knots: Array, turning: Array, piece: int) -> tuple[float, int]:
-    """Return the angle (rad) the unloaded rod has turned at s; searches from `piece` on."""
+def rotation_at(s: float, knots: Array, rotation: Array, piece: int) -> tuple[float, int]:
+    """Return the intrinsic rotation (rad) from the clamp to s; searches from `piece` on."""
     while piece < knots.size - 2 and s >= knots[piece + 1]:
         piece += 1
     t = s - knots[piece]
-    c = turning[piece]
-    return c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * c[4]))), piece
+    c0, c1, c2, c3, c4 = powers(rotation[piece])
+    return c0 + t * (c1 + t * (c2 + t * (c3 + t * c4))), piece
 
 
 @kernel
 def panel_counts(
     length: float,
     sections: Array,
-    turning: Array,
+    rotation: Array,
     ends: Array,
     decay_lengths: float,
     turn: float,
     most: int,
 ) -> npt.NDArray[np.int64]:
     """Panels per section: none longer than so many decay lengths sqrt(B/n), none turns further."""
-    counts = np.empty(sections.shape[0], dtype=np.int64)
+    counts = np.empty(len(sections), dtype=np.int64)
     bend = 0.0
-    for piece in range(turning.shape[0]):
-        bend = max(bend, abs(turning[piece, 1]))
-    force = math.hypot(ends[3], ends[4])
-    for k in range(sections.shape[0]):
-        force += math.hypot(sections[k, 6], sections[k, 7]) * length
-    for k in range(sections.shape[0]):
-        stop = length if k + 1 == sections.shape[0] else sections[k + 1, 0]
-        flexibility = abs(1.0 / sections[k, 1])
+    for piece in range(len(rotation)):
+        bend = max(bend, abs(rotation[piece, col.CURVATURE_AT_KNOT]))
+    force = math.hypot(ends[col.END_X], ends[col.END_Y])
+    for k in range(len(sections)):
+        force += math.hypot(sections[k, col.LOAD_X], sections[k, col.LOAD_Y]) * length
+    for k in range(len(sections)):
+        stop = length if k + 1 == len(sections) else sections[k + 1, col.START]
+        flexibility = abs(1.0 / sections[k, col.RIGIDITY])
         per_length = max(
             math.sqrt(force * flexibility) / decay_lengths,
-            (bend + abs(ends[5]) * flexibility) / turn,
+            (bend + abs(ends[col.END_MOMENT]) * flexibility) / turn,
             FEWEST_PANELS / length,
         )
-        needed = math.ceil((stop - sections[k, 0]) * per_length)
-        counts[k] = max(1, int(min(needed, most // sections.shape[0])))
+        needed = math.ceil((stop - sections[k, col.START]) * per_length)
+        counts[k] = max(1, int(min(needed, most // len(sections))))
     return counts
 
 
@@ -94,74 +82,61 @@ def prepare(
     length: float,
     sections: Array,
     knots: Array,
-    turning: Array,
+    rotation: Array,
     ends: Array,
     counts: npt.NDArray[np.int64],
     panels: Array,
 ) -> None:
-    """Fill `panels` for a mesh of counts[k] equal panels on each section of the moment law.
-
-    sections[k] = start, rigidity, moment offset, cubic term, axial compliance, rest strain, line
-    load x, y.
-    """
-    n1, n2 = ends[3], ends[4]
-    first = panels.shape[0]
-    for k in range(sections.shape[0] - 1, -1, -1):
+    """Fill `panels` for a mesh of counts[k] equal panels on each section of the moment law."""
+    n1, n2 = ends[col.END_X], ends[col.END_Y]
+    first = len(panels)
+    for k in range(len(sections) - 1, -1, -1):
         section = sections[k]
-        stop = length if k + 1 == sections.shape[0] else sections[k + 1, 0]
-        h = (stop - section[0]) / counts[k]
-        compliance = 1.0 / section[1]
+        stop = length if k + 1 == len(sections) else sections[k + 1, col.START]
+        h = (stop - section[col.START]) / counts[k]
+        flexibility = 1.0 / section[col.RIGIDITY]
         first -= counts[k]
         for j in range(counts[k] - 1, -1, -1):
             panel = panels[first + j]
-            q1, q2 = h * section[6], h * section[7]
+            q1, q2 = h * section[col.LOAD_X], h * section[col.LOAD_Y]
             n1 += q1
             n2 += q2
-            panel[0] = h
-            panel[1] = compliance
-            panel[2] = section[2]
-            panel[3] = section[3]
-            panel[4] = section[4]
-            panel[5] = 1.0 + section[5]
-            panel[6], panel[7], panel[8], panel[9] = n1, n2, q1, q2
-            panel[15] = section[0] + j * h
+            panel[col.PANEL_LENGTH] = h
+            panel[col.PANEL_FLEXIBILITY] = flexibility
+            panel[col.PANEL_OFFSET] = section[col.MOMENT_OFFSET]
+            panel[col.PANEL_CUBIC] = section[col.CUBIC]
+            panel[col.PANEL_AXIAL] = section[col.AXIAL_COMPLIANCE]
+            panel[col.PANEL_STRETCH] = 1.0 + section[col.REST_STRAIN]
+            panel[col.PANEL_FORCE_X], panel[col.PANEL_FORCE_Y] = n1, n2
+            panel[col.PANEL_LOSS_X], panel[col.PANEL_LOSS_Y] = q1, q2
+            panel[col.PANEL_START] = section[col.START] + j * h
     piece, start = 0, 0.0
-    for p in range(panels.shape[0]):
+    for p in range(len(panels)):
         panel = panels[p]
-        s, h = panel[15], panel[0]
-        t1, piece = turning_at(s + C1 * h, knots, turning, piece)
-        t2, piece = turning_at(s + C2 * h, knots, turning, piece)
-        t3, piece = turning_at(s + C3 * h, knots, turning, piece)
-        t4, piece = turning_at(s + C4 * h, knots, turning, piece)
-        t5, piece = turning_at(s + h, knots, turning, piece)
-        panel[10], panel[11], panel[12] = t1 - start, t2 - start, t3 - start
-        panel[13], panel[14] = t4 - start, t5 - start
-        start = t5
+        s, h = panel[col.PANEL_START], panel[col.PANEL_LENGTH]
+        r1, piece = rotation_at(s + C1 * h, knots, rotation, piece)
+        r2, piece = rotation_at(s + C2 * h, knots, rotation, piece)
+        r3, piece = rotation_at(s + C3 * h, knots, rotation, piece)
+        r4, piece = rotation_at(s + C4 * h, knots, rotation, piece)
+        end, piece = rotation_at(s + h, knots, rotation, piece)
+        set_four(panel, col.PANEL_ROTATION, (r1 - start, r2 - start, r3 - start, r4 - start))
+        panel[col.PANEL_ROTATION_END] = end - start
+        start = end
 
 
 @kernel
 def unloaded_nodes(panels: Array, ends: Array, nodes: Array) -> None:
     """Set the unloaded rod: no moment, theta turns with the intrinsic curvature."""
-    theta = ends[0]
-    for p in range(panels.shape[0]):
+    theta = ends[col.CLAMP_ANGLE]
+    for p in range(len(panels)):
         node, panel = nodes[p], panels[p]
-        node[0] = theta
-        for i in range(4):
-            node[1 + i] = theta + panel[10 + i]
-        node[5] = 0.0
-        theta += panel[14]
-    nodes[-1, 0] = theta
-    nodes[-1, 5] = 0.0
-
-
-@inlined
-def load_panel(panels: Array, p: int) -> tuple[float, Law, Mechanics, Turn]:
-    """Return the columns of one panel as the tuples the equations take."""
-    row = panels[p]
-    law = (row[1], row[2], row[3])
-    mechanics = (row[4], row[5], row[6], row[7], row[8], row[9])
-    turn = (row[10], row[11], row[12], row[13], row[14])
-    return row[0], law, mechanics, turn
+        node[col.NODE_THETA] = theta
+        for i in range(GAUSS_POINTS):
+            node[col.NODE_GAUSS + i] = theta + panel[col.PANEL_ROTATION + i]
+        node[col.NODE_MOMENT] = 0.0
+        theta += panel[col.PANEL_ROTATION_END]
+    nodes[-1, col.NODE_THETA] = theta
+    nodes[-1, col.NODE_MOMENT] = 0.0
 
 
 @kernel
@@ -169,28 +144,29 @@ def residual_pass(
     panels: Array, ends: Array, nodes: Array, slopes: Array, moment_scale: float
 ) -> float:
     """Residual of the rod in rad (moments times `moment_scale`); fills `slopes` for Newton."""
-    count = panels.shape[0]
-    sine, cosine = sine_cosine(nodes[count, 0])
-    end_moment = ends[5] - ends[2] * (ends[3] * cosine + ends[4] * sine)
+    count = len(panels)
+    end_moment, _ = free_end(end_load(ends), nodes[count, col.NODE_THETA])
+    given = nodes[0, col.NODE_THETA] - ends[col.CLAMP_ANGLE]
     worst = max(
-        abs(nodes[0, 0] - ends[0] - ends[1] * nodes[0, 5]),
-        abs(nodes[count, 5] - end_moment) * moment_scale,
+        abs(given - ends[col.CLAMP_COMPLIANCE] * nodes[0, col.NODE_MOMENT]),
+        abs(nodes[count, col.NODE_MOMENT] - end_moment) * moment_scale,
     )
     for p in range(count):
-        h, law, mechanics, turn = load_panel(panels, p)
-        node = nodes[p]
-        theta = (node[1], node[2], node[3], node[4])
-        r, theta_b, moment_b, k, e = panel_residual(
-            h, law, mechanics, turn, node[0], theta, node[5]
+        h, law, mechanics, turn = read_panel(panels, p)
+        node, following, row = nodes[p], nodes[p + 1], slopes[p]
+        theta, moment = node[col.NODE_THETA], node[col.NODE_MOMENT]
+        r, theta_b, moment_b, of_moment, of_theta = panel_residual(
+            h, law, mechanics, turn, theta, four(node, col.NODE_GAUSS), moment
         )
-        r5 = theta_b - nodes[p + 1, 0]
-        r6 = moment_b - nodes[p + 1, 5]
-        row = slopes[p]
-        row[0], row[1], row[2], row[3], row[4], row[5] = r[0], r[1], r[2], r[3], r5, r6
-        row[6], row[7], row[8], row[9] = k
-        row[10], row[11], row[12], row[13] = e
-        worst = max(worst, abs(r[0]), abs(r[1]), abs(r[2]), abs(r[3]), abs(r5))
-        worst = max(worst, abs(r6) * moment_scale)
+        theta_gap = theta_b - following[col.NODE_THETA]
+        moment_gap = moment_b - following[col.NODE_MOMENT]
+        set_four(row, col.SLOPE_RESIDUAL, r)
+        row[col.SLOPE_THETA_GAP], row[col.SLOPE_MOMENT_GAP] = theta_gap, moment_gap
+        set_four(row, col.SLOPE_OF_MOMENT, of_moment)
+        set_four(row, col.SLOPE_OF_THETA, of_theta)
+        r1, r2, r3, r4 = r
+        worst = max(worst, abs(r1), abs(r2), abs(r3), abs(r4), abs(theta_gap))
+        worst = max(worst, abs(moment_gap) * moment_scale)
         if not worst < 1e300:
             return np.inf
     return worst
@@ -201,27 +177,34 @@ def newton_step(
     ends: Array, nodes: Array, slopes: Array, steps: Array, moment_scale: float
 ) -> None:
     """One full Newton step from the slopes of `residual_pass`; `steps` is scratch."""
-    count = slopes.shape[0]
+    count = len(slopes)
     s = moment_scale
     # The state at a joint is w + t v: v spans what the clamp leaves free, kept at unit length in
     # (rad, moment * s) and orthogonal to w, so that neither grows (Godunov's orthonormalization).
-    norm = 1.0 / math.sqrt(ends[1] * ends[1] + s * s)
-    v0, v1 = ends[1] * norm, norm
-    w0, w1 = ends[0] + ends[1] * nodes[0, 5] - nodes[0, 0], 0.0
+    give, clamp = ends[col.CLAMP_COMPLIANCE], nodes[0]
+    norm = 1.0 / math.sqrt(give * give + s * s)
+    v0, v1 = give * norm, norm
+    w0, w1 = ends[col.CLAMP_ANGLE] + give * clamp[col.NODE_MOMENT] - clamp[col.NODE_THETA], 0.0
     for p in range(count):
         row, out = slopes[p], steps[p]
-        k = (row[6], row[7], row[8], row[9])
-        triangle, x, flexibility, b = linear_panel(k, (row[10], row[11], row[12], row[13]))
-        v, wk = times(flexibility[4], k), times(W, k)
-        z = substitute(triangle, (row[0], row[1], row[2], row[3]))
-        y = substitute(triangle, (1.0, 1.0, 1.0, 1.0))
+        k = four(row, col.SLOPE_OF_MOMENT)
+        triangle, x, flexibility, b = linear_panel(k, four(row, col.SLOPE_OF_THETA))
+        _, _, _, _, flexibility_b = flexibility
+        to_theta, to_moment = times(flexibility_b, k), times(W, k)
+        z = substitute(triangle, four(row, col.SLOPE_RESIDUAL))
+        y = substitute(triangle, ONES)
         x = substitute(triangle, x)
-        out[0], out[1], out[2], out[3] = z
-        out[4], out[5], out[6], out[7] = y
-        out[8], out[9], out[10], out[11] = x
-        out[12], out[13], out[14], out[15] = v0, v1, w0, w1
-        f0, f1, f2 = row[4] + dot(v, z), 1.0 + dot(v, y), b + dot(v, x)
-        g0, g1, g2 = row[5] + dot(wk, z), dot(wk, y), 1.0 + dot(wk, x)
+        set_four(out, col.STEP_RESIDUAL, z)
+        set_four(out, col.STEP_PER_THETA, y)
+        set_four(out, col.STEP_PER_MOMENT, x)
+        out[col.STEP_FREE_THETA], out[col.STEP_FREE_MOMENT] = v0, v1
+        out[col.STEP_HELD_THETA], out[col.STEP_HELD_MOMENT] = w0, w1
+        f0, g0 = (
+            row[col.SLOPE_THETA_GAP] + dot(to_theta, z),
+            row[col.SLOPE_MOMENT_GAP] + dot(to_moment, z),
+        )
+        f1, f2 = 1.0 + dot(to_theta, y), b + dot(to_theta, x)
+        g1, g2 = dot(to_moment, y), 1.0 + dot(to_moment, x)
         w0, w1 = f0 + f1 * w0 + f2 * w1, g0 + g1 * w0 + g2 * w1
         v0, v1 = f1 * v0 + f2 * v1, g1 * v0 + g2 * v1
         shrink = 1.0 / math.sqrt(v0 * v0 + v1 * v1 * s * s)
@@ -230,22 +213,25 @@ def newton_step(
         along = w0 * v0 + w1 * v1 * s * s
         w0 -= along * v0
         w1 -= along * v1
-        out[16], out[17] = along, shrink
-    sine, cosine = sine_cosine(nodes[count, 0])
-    end_moment = ends[5] - ends[2] * (ends[3] * cosine + ends[4] * sine)
-    end_slope = ends[2] * (ends[4] * cosine - ends[3] * sine)
-    t = (end_moment - nodes[count, 5] - w1 - end_slope * w0) / (v1 + end_slope * v0)
-    nodes[count, 0] += w0 + t * v0
-    nodes[count, 5] += w1 + t * v1
+        out[col.STEP_ALONG], out[col.STEP_SHRINK] = along, shrink
+    last = nodes[count]
+    end_moment, end_slope = free_end(end_load(ends), last[col.NODE_THETA])
+    t = (end_moment - last[col.NODE_MOMENT] - w1 - end_slope * w0) / (v1 + end_slope * v0)
+    last[col.NODE_THETA] += w0 + t * v0
+    last[col.NODE_MOMENT] += w1 + t * v1
     for p in range(count - 1, -1, -1):
         out, node = steps[p], nodes[p]
-        t = (t - out[16]) * out[17]
-        d0 = out[14] + t * out[12]
-        d1 = out[15] + t * out[13]
-        node[0] += d0
-        node[5] += d1
-        for i in range(4):
-            node[1 + i] += out[i] + out[4 + i] * d0 + out[8 + i] * d1
+        t = (t - out[col.STEP_ALONG]) * out[col.STEP_SHRINK]
+        d0 = out[col.STEP_HELD_THETA] + t * out[col.STEP_FREE_THETA]
+        d1 = out[col.STEP_HELD_MOMENT] + t * out[col.STEP_FREE_MOMENT]
+        node[col.NODE_THETA] += d0
+        node[col.NODE_MOMENT] += d1
+        for i in range(GAUSS_POINTS):
+            per_theta, per_moment = (
+                out[col.STEP_PER_THETA + i] * d0,
+                out[col.STEP_PER_MOMENT + i] * d1,
+            )
+            node[col.NODE_GAUSS + i] += out[col.STEP_RESIDUAL + i] + per_theta + per_moment
 
 
 @kernel
@@ -253,16 +239,16 @@ def scale_of_moments(panels: Array) -> float:
     """Return what makes an angle of a moment: length over the smallest rigidity, 1/(N m)."""
     length = 0.0
     flexibility = 0.0
-    for p in range(panels.shape[0]):
-        length += panels[p, 0]
-        flexibility = max(flexibility, abs(panels[p, 1]))
+    for p in range(len(panels)):
+        length += panels[p, col.PANEL_LENGTH]
+        flexibility = max(flexibility, abs(panels[p, col.PANEL_FLEXIBILITY]))
     return length * flexibility
 
 
 @kernel
 def blend(nodes: Array, share: float, other: Array, out: Array) -> None:
     """Set out to nodes with a share of other nodes."""
-    for p in range(nodes.shape[0]):
+    for p in range(len(nodes)):
         for i in range(nodes.shape[1]):
             out[p, i] = (1.0 - share) * nodes[p, i] + share * other[p, i]
 
@@ -277,9 +263,9 @@ def newton(
     Returns the residual (rad) and the number of steps. The nodes solve the equations only where
     the residual is at most ACCEPTED.
     """
-    count = panels.shape[0]
-    slopes = np.empty((count, SLOPE_WIDTH))
-    steps = np.empty((count, STEP_WIDTH))
+    count = len(panels)
+    slopes = np.empty((count, col.SLOPE_WIDTH))
+    steps = np.empty((count, col.STEP_WIDTH))
     before = np.empty_like(nodes)
     scale = scale_of_moments(panels)
     residual = residual_pass(panels, ends, nodes, slopes, scale)
@@ -290,7 +276,7 @@ def newton(
         newton_step(ends, nodes, slopes, steps, scale)
         following = residual_pass(panels, ends, nodes, slopes, scale)
         halvings = 0
-        while not following < residual and halvings < 8:
+        while not following < residual and halvings < NEWTON_HALVINGS:
             if residual <= ACCEPTED:  # rounding: no step will help any more
                 blend(before, 0.0, before, nodes)
                 return residual, iteration

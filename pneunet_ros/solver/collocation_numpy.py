@@ -1,26 +1,36 @@
-"""The same collocation in plain numpy: one dense Newton matrix, solved with pivoting.
+"""Newton's method of `collocation` in plain numpy: one dense matrix, solved with pivoting.
 
-It shares no arithmetic with the kernel and is its cross-check. Where there is no numba the kernel
-itself runs as plain Python, which is faster still on rods of a few panels.
+It is the solver where there is no numba, and for a start before the kernels are compiled; the
+other kernels then run as plain Python, which is fast enough for rods of a few panels. It shares no
+arithmetic with the compiled one, and so is also its cross-check.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
-from pneunet_ros.solver.panel import GAUSS_ABSCISSAE, GAUSS_INTEGRATION, GAUSS_WEIGHTS
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.solver import columns as col
+from pneunet_ros.solver.panel import (
+    GAUSS_ABSCISSAE,
+    GAUSS_INTEGRATION,
+    GAUSS_POINTS,
+    GAUSS_WEIGHTS,
+)
+from pneunet_ros.solver.settings import NEWTON_HALVINGS
 
-Array = npt.NDArray[np.float64]
+ENDING = [col.NODE_THETA, col.NODE_MOMENT]  # what the last node holds
+GAUSS = slice(col.NODE_GAUSS, col.NODE_GAUSS + GAUSS_POINTS)
 
 
 def curvature_change(moment: Array, panels: Array) -> tuple[Array, Array]:
     """Solve M = M_O + B d (1 + c d^2) for d in closed form; also d d/d M."""
-    compliance, offset, cubic = (panels[:, column, None] for column in (1, 2, 3))
-    mu = (moment - offset) * compliance
+    columns = (col.PANEL_FLEXIBILITY, col.PANEL_OFFSET, col.PANEL_CUBIC)
+    flexibility, offset, cubic = (panels[:, column, None] for column in columns)
+    mu = (moment - offset) * flexibility
     root = np.sqrt(3.0 * np.where(cubic > 0.0, cubic, 1.0))
-    bent = 2.0 / root * np.sinh(np.arcsinh(1.5 * root * mu) / 3.0)
-    d = np.where(cubic > 0.0, bent, mu)
-    return d, compliance / (1.0 + 3.0 * cubic * d**2)
+    bend = 2.0 / root * np.sinh(np.arcsinh(1.5 * root * mu) / 3.0)
+    d = np.where(cubic > 0.0, bend, mu)
+    return d, flexibility / (1.0 + 3.0 * cubic * d**2)
 
 
 def equations(panels: Array, ends: Array, nodes: Array) -> tuple[Array, Array]:
@@ -28,50 +38,64 @@ def equations(panels: Array, ends: Array, nodes: Array) -> tuple[Array, Array]:
 
     Rows: clamp; per panel the four Gauss points, theta and moment at its end; free end.
     """
-    count = panels.shape[0]
-    h, axial, stretch = (panels[:, column, None] for column in (0, 4, 5))
-    theta, theta_a, moment_a = nodes[:-1, 1:5], nodes[:-1, 0, None], nodes[:-1, 5, None]
-    n1 = panels[:, 6, None] - GAUSS_ABSCISSAE * panels[:, 8, None]
-    n2 = panels[:, 7, None] - GAUSS_ABSCISSAE * panels[:, 9, None]
+    count = len(panels)
+    columns = (col.PANEL_LENGTH, col.PANEL_AXIAL, col.PANEL_STRETCH)
+    h, axial, rest = (panels[:, column, None] for column in columns)
+    theta, theta_a = nodes[:-1, GAUSS], nodes[:-1, col.NODE_THETA, None]
+    moment_a = nodes[:-1, col.NODE_MOMENT, None]
+    n1 = panels[:, col.PANEL_FORCE_X, None] - GAUSS_ABSCISSAE * panels[:, col.PANEL_LOSS_X, None]
+    n2 = panels[:, col.PANEL_FORCE_Y, None] - GAUSS_ABSCISSAE * panels[:, col.PANEL_LOSS_Y, None]
     t = n1 * np.cos(theta) + n2 * np.sin(theta)
     u = n2 * np.cos(theta) - n1 * np.sin(theta)
-    stretched = stretch + axial * t
-    slope, slope_changed = -stretched * u, stretched * t - axial * u**2
+    stretch = rest + axial * t
+    slope, slope_changed = -stretch * u, stretch * t - axial * u**2
     d, flexibility = curvature_change(moment_a + h * slope @ GAUSS_INTEGRATION.T, panels)
 
-    size = 6 * count + 2
+    size = col.NODE_WIDTH * count + 2
     residual, matrix = np.zeros(size), np.zeros((size, size))
-    residual[0] = ends[0] + ends[1] * nodes[0, 5] - nodes[0, 0]
-    matrix[0, 0], matrix[0, 5] = 1.0, -ends[1]
+    give, clamp = ends[col.CLAMP_COMPLIANCE], nodes[0]
+    residual[col.NODE_THETA] = (
+        ends[col.CLAMP_ANGLE] + give * clamp[col.NODE_MOMENT] - clamp[col.NODE_THETA]
+    )
+    matrix[col.NODE_THETA, col.NODE_THETA], matrix[col.NODE_THETA, col.NODE_MOMENT] = 1.0, -give
     for p in range(count):
-        first, width = 6 * p, panels[p, 0]
-        points = slice(first + 1, first + 5)
-        following = (first + 6, first + 11 if p + 1 < count else first + 7)
+        panel, following = panels[p], nodes[p + 1]
+        first, second, width = (
+            col.NODE_WIDTH * p,
+            col.NODE_WIDTH * (p + 1),
+            panel[col.PANEL_LENGTH],
+        )
+        at_moment = first + col.NODE_MOMENT
+        next_moment = second + (col.NODE_MOMENT if p + 1 < count else 1)
+        points = slice(first + col.NODE_GAUSS, first + col.NODE_GAUSS + GAUSS_POINTS)
         bending = width * GAUSS_INTEGRATION * flexibility[p]
         to_moment = width * GAUSS_INTEGRATION * slope_changed[p]
-        residual[points] = (
-            theta_a[p] + panels[p, 10:14] + width * GAUSS_INTEGRATION @ d[p] - theta[p]
-        )
+        rotation = panel[col.PANEL_ROTATION : col.PANEL_ROTATION_END]
+        residual[points] = theta_a[p] + rotation + width * GAUSS_INTEGRATION @ d[p] - theta[p]
         matrix[points, first] = -1.0
-        matrix[points, points] = np.eye(4) - bending @ to_moment
-        matrix[points, first + 5] = -bending.sum(axis=1)
+        matrix[points, points] = np.eye(GAUSS_POINTS) - bending @ to_moment
+        matrix[points, at_moment] = -bending.sum(axis=1)
         weighted = width * GAUSS_WEIGHTS * flexibility[p]
-        row = first + 5
-        residual[row] = (
-            theta_a[p, 0] + panels[p, 14] + width * GAUSS_WEIGHTS @ d[p] - nodes[p + 1, 0]
-        )
+        row = second - 1
+        theta_b = theta_a[p].item() + panel[col.PANEL_ROTATION_END] + width * GAUSS_WEIGHTS @ d[p]
+        residual[row] = theta_b - following[col.NODE_THETA]
         matrix[row, first] = -1.0
         matrix[row, points] = -weighted @ to_moment
-        matrix[row, first + 5] = -weighted.sum()
-        matrix[row, following[0]] = 1.0
-        row = first + 6
-        residual[row] = moment_a[p, 0] + width * GAUSS_WEIGHTS @ slope[p] - nodes[p + 1, 5]
+        matrix[row, at_moment] = -weighted.sum()
+        matrix[row, second] = 1.0
+        row = second
+        moment_b = moment_a[p].item() + width * GAUSS_WEIGHTS @ slope[p]
+        residual[row] = moment_b - following[col.NODE_MOMENT]
         matrix[row, points] = -width * GAUSS_WEIGHTS * slope_changed[p]
-        matrix[row, first + 5] = -1.0
-        matrix[row, following[1]] = 1.0
-    sine, cosine = np.sin(nodes[-1, 0]), np.cos(nodes[-1, 0])
-    residual[-1] = ends[5] - ends[2] * (ends[3] * cosine + ends[4] * sine) - nodes[-1, 5]
-    matrix[-1, -2] = ends[2] * (ends[4] * cosine - ends[3] * sine)
+        matrix[row, at_moment] = -1.0
+        matrix[row, next_moment] = 1.0
+    last, offset = nodes[-1], ends[col.LOAD_OFFSET]
+    sine, cosine = np.sin(last[col.NODE_THETA]), np.cos(last[col.NODE_THETA])
+    end_moment = ends[col.END_MOMENT] - offset * (
+        ends[col.END_X] * cosine + ends[col.END_Y] * sine
+    )
+    residual[-1] = end_moment - last[col.NODE_MOMENT]
+    matrix[-1, -2] = offset * (ends[col.END_Y] * cosine - ends[col.END_X] * sine)
     matrix[-1, -1] = 1.0
     return residual, matrix
 
@@ -80,10 +104,10 @@ def newton(
     panels: Array, ends: Array, nodes: Array, most_iterations: int, tolerance: float
 ) -> tuple[float, int]:
     """Newton's method in place, as `collocation.newton`: residual (rad) and number of steps."""
-    scale = float(panels[:, 0].sum() * np.abs(panels[:, 1]).max())
-    in_radians = np.ones(6 * panels.shape[0] + 2)
-    in_radians[6::6] = scale
-    in_radians[-1] = scale
+    flexibility = np.abs(panels[:, col.PANEL_FLEXIBILITY]).max()
+    in_radians = np.ones(col.NODE_WIDTH * len(panels) + 2)
+    in_radians[col.NODE_WIDTH :: col.NODE_WIDTH] = panels[:, col.PANEL_LENGTH].sum() * flexibility
+    in_radians[-1] = in_radians[-2]
     residual, matrix = equations(panels, ends, nodes)
     worst = float(np.abs(residual * in_radians).max())
     for iteration in range(most_iterations):
@@ -95,10 +119,9 @@ def newton(
         except np.linalg.LinAlgError:
             return worst, iteration
         size = 1.0
-        for _ in range(9):
-            nodes[:-1] = before[:-1] + size * step[:-2].reshape(-1, 6)
-            nodes[-1, 0] = before[-1, 0] + size * step[-2]
-            nodes[-1, 5] = before[-1, 5] + size * step[-1]
+        for _ in range(NEWTON_HALVINGS + 1):
+            nodes[:-1] = before[:-1] + size * step[:-2].reshape(-1, col.NODE_WIDTH)
+            nodes[-1, ENDING] = before[-1, ENDING] + size * step[-2:]
             residual, matrix = equations(panels, ends, nodes)
             following = float(np.abs(residual * in_radians).max())
             if following < worst:

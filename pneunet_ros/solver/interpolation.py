@@ -8,9 +8,11 @@ curvature, and from that angle moment and position.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import inlined, kernel
-from pneunet_ros.solver.collocation import load_panel, turning_at
+from pneunet_ros.solver import columns as col
+from pneunet_ros.solver.collocation import rotation_at
+from pneunet_ros.solver.columns import four, panel_force, powers, read_panel, set_four
 from pneunet_ros.solver.panel import (
     curvature_change,
     dot,
@@ -22,9 +24,8 @@ from pneunet_ros.solver.panel import (
     W,
 )
 
-Array = npt.NDArray[np.float64]
-
 POINTS = np.concatenate([[0.0], GAUSS_ABSCISSAE, [1.0]])
+LAST = POINTS.size - 1
 # FROM_VALUES[k] @ values = coefficient of u^k of the polynomial through the values at POINTS.
 FROM_VALUES = np.linalg.inv(np.vander(POINTS, POINTS.size, increasing=True))
 INNER = 8
@@ -53,14 +54,15 @@ def panel_bending(
 
     Returns the way over the panel in x and y, by the quadrature of the collocation.
     """
-    h, law, mechanics, _ = load_panel(panels, p)
-    node = nodes[p]
-    theta = (node[1], node[2], node[3], node[4])
-    sine, cosine, _, _, stretched, _, d, _ = panel_fields(h, law, mechanics, theta, node[5])
-    out[row, 1], out[row, 2], out[row, 3], out[row, 4] = d
-    out[row, 0] = curvature_change(node[5], law)[0]
-    out[row, 5] = curvature_change(nodes[p + 1, 5], law)[0]
-    weighted = times(W, stretched)
+    h, law, mechanics, _ = read_panel(panels, p)
+    node, values = nodes[p], out[row]
+    sine, cosine, _, _, stretch, _, d, _ = panel_fields(
+        h, law, mechanics, four(node, col.NODE_GAUSS), node[col.NODE_MOMENT]
+    )
+    set_four(values, 1, d)
+    values[0], _ = curvature_change(node[col.NODE_MOMENT], law)
+    values[LAST], _ = curvature_change(nodes[p + 1, col.NODE_MOMENT], law)
+    weighted = times(W, stretch)
     return h * dot(weighted, cosine), h * dot(weighted, sine)
 
 
@@ -73,32 +75,36 @@ def resolution(panels: Array, nodes: Array) -> float:
     shows, and counts as well: by the angle it adds, times the length of the panel.
     """
     worst = 0.0
-    bending = np.empty((1, 6))
-    for p in range(panels.shape[0]):
+    bending = np.empty((1, POINTS.size))
+    for p in range(len(panels)):
         panel = panels[p]
+        h = panel[col.PANEL_LENGTH]
         x, y = 0.0, 0.0
-        for i in range(6):
-            sine, cosine = sine_cosine(nodes[p + 1, 0] if i == 5 else nodes[p, i])
-            axial, _ = resolve(
-                sine, cosine, panel[6] - POINTS[i] * panel[8], panel[7] - POINTS[i] * panel[9]
-            )
-            stretched = (panel[5] + panel[4] * axial) * FROM_VALUES[5, i]
-            x += stretched * cosine
-            y += stretched * sine
-        detail = max(abs(x), abs(y)) * panel[0]
-        if panel[3] > 0.0:
+        for i in range(POINTS.size):
+            theta = nodes[p + 1, col.NODE_THETA] if i == LAST else nodes[p, col.NODE_THETA + i]
+            sine, cosine = sine_cosine(theta)
+            n1, n2 = panel_force(panel, POINTS[i])
+            axial, _ = resolve(sine, cosine, n1, n2)
+            stretch = (panel[col.PANEL_STRETCH] + panel[col.PANEL_AXIAL] * axial) * FROM_VALUES[
+                LAST, i
+            ]
+            x += stretch * cosine
+            y += stretch * sine
+        detail = max(abs(x), abs(y)) * h
+        if panel[col.PANEL_CUBIC] > 0.0:
             panel_bending(panels, nodes, p, bending, 0)
             bend = 0.0
-            for i in range(6):
-                bend += FROM_VALUES[5, i] * bending[0, i]
-            detail = max(detail, abs(bend) * panel[0] * panel[0])
+            for i in range(POINTS.size):
+                bend += FROM_VALUES[LAST, i] * bending[0, i]
+            detail = max(detail, abs(bend) * h * h)
         worst = max(worst, detail / LEADING_OF_LEGENDRE)
     return worst
 
 
-# Rows of the scratch of `panel_series`: angle of the unloaded rod, correction of the first angle,
-# moment, sine, cosine; then the four that are integrated.
-TURNED, CORRECTION, MOMENT, SINE, COSINE, ALONG_X, ALONG_Y, SLOPE, CHANGE = range(9)
+# Rows of the scratch of `panel_series`: intrinsic rotation, correction of the first angle, moment,
+# sine, cosine; then the four that are integrated, in the order of the series.
+ROTATION, CORRECTION, MOMENTS, SINE, COSINE, WAY_X, WAY_Y, SLOPE, BEND = range(9)
+ROWS = 9
 
 
 @inlined
@@ -125,7 +131,7 @@ def panel_series(
     nodes: Array,
     p: int,
     knots: Array,
-    turning: Array,
+    rotation: Array,
     piece: int,
     work: Array,
     series: Array,
@@ -136,30 +142,32 @@ def panel_series(
     values of the collocation, which are best there, is spread over the panel. The table of
     curvature is searched from `piece` on; work (9, 8) is scratch.
     """
-    h, law, mechanics, _ = load_panel(panels, p)
-    axial, stretch, n1, n2, q1, q2 = mechanics
-    start = panels[p, 15]
-    joint, piece = turning_at(start, knots, turning, piece)
+    h, law, mechanics, _ = read_panel(panels, p)
+    axial, rest, n1, n2, q1, q2 = mechanics
+    node, following = nodes[p], nodes[p + 1]
+    start = panels[p, col.PANEL_START]
+    joint, piece = rotation_at(start, knots, rotation, piece)
     for i in range(INNER):
-        here, piece = turning_at(start + INNER_ABSCISSAE[i] * h, knots, turning, piece)
-        work[TURNED, i] = nodes[p, 0] + here - joint
-        work[MOMENT, i] = nodes[p, 5]
+        here, piece = rotation_at(start + INNER_ABSCISSAE[i] * h, knots, rotation, piece)
+        work[ROTATION, i] = node[col.NODE_THETA] + here - joint
+        work[MOMENTS, i] = node[col.NODE_MOMENT]
         work[CORRECTION, i] = 0.0
-    way_x, way_y = panel_bending(panels, nodes, p, work, CHANGE)
-    for j in range(6):
-        bend = h * work[CHANGE, j]
+    way_x, way_y = panel_bending(panels, nodes, p, work, BEND)
+    for j in range(POINTS.size):
+        bend = h * work[BEND, j]
         for i in range(INNER):
             work[CORRECTION, i] -= bend * TO_INNER[j, i]
     for i in range(INNER):
-        sine, cosine = sine_cosine(work[TURNED, i] - work[CORRECTION, i])
+        sine, cosine = sine_cosine(work[ROTATION, i] - work[CORRECTION, i])
         u = INNER_ABSCISSAE[i]
         along, across = resolve(sine, cosine, n1 - u * q1, n2 - u * q2)
         work[SINE, i], work[COSINE, i] = sine, cosine
-        work[SLOPE, i] = -h * (stretch + axial * along) * across
-    integrate(TO_INNER_AGAIN, work, SLOPE, work, MOMENT)
+        work[SLOPE, i] = -h * (rest + axial * along) * across
+    integrate(TO_INNER_AGAIN, work, SLOPE, work, MOMENTS)
     for i in range(INNER):
-        work[CHANGE, i] = h * curvature_change(work[MOMENT, i], law)[0]
-    integrate(TO_INNER_AGAIN, work, CHANGE, work, CORRECTION)
+        change, _ = curvature_change(work[MOMENTS, i], law)
+        work[BEND, i] = h * change
+    integrate(TO_INNER_AGAIN, work, BEND, work, CORRECTION)
     for i in range(INNER):
         d = work[CORRECTION, i]  # small: what is left out is d^4 / 24
         c, s = 1.0 - 0.5 * d * d, d - d * d * d / 6.0
@@ -167,58 +175,70 @@ def panel_series(
         cosine = work[COSINE, i] * c - work[SINE, i] * s
         u = INNER_ABSCISSAE[i]
         along, across = resolve(sine, cosine, n1 - u * q1, n2 - u * q2)
-        stretched = h * (stretch + axial * along)
-        work[ALONG_X, i], work[ALONG_Y, i] = stretched * cosine, stretched * sine
-        work[SLOPE, i] = -stretched * across
-    for field in range(4):
+        stretch = h * (rest + axial * along)
+        work[WAY_X, i], work[WAY_Y, i] = stretch * cosine, stretch * sine
+        work[SLOPE, i] = -stretch * across
+    for field in range(col.SERIES_COUNT):
         for k in range(INNER + 1):
             series[field, k] = 0.0
-        integrate(TO_SERIES, work, ALONG_X + field, series, field)
-    moment_gained = nodes[p + 1, 5] - nodes[p, 5]
-    bent = nodes[p + 1, 0] - nodes[p, 0] - panels[p, 14]
-    close(series, 0, way_x)
-    close(series, 1, way_y)
-    close(series, 2, moment_gained)
-    close(series, 3, bent)
+        integrate(TO_SERIES, work, WAY_X + field, series, field)
+    bend = following[col.NODE_THETA] - node[col.NODE_THETA] - panels[p, col.PANEL_ROTATION_END]
+    close(series, col.SERIES_X, way_x)
+    close(series, col.SERIES_Y, way_y)
+    close(series, col.SERIES_MOMENT, following[col.NODE_MOMENT] - node[col.NODE_MOMENT])
+    close(series, col.SERIES_BEND, bend)
+
+
+@inlined
+def series_at(series: Array, field: int, v: float) -> float:
+    """Value of a series of a panel."""
+    value = 0.0
+    for k in range(INNER, -1, -1):
+        value = value * v + series[field, k]
+    return value
 
 
 @kernel
 def at_stations(
-    panels: Array, nodes: Array, knots: Array, turning: Array, arclength: Array, out: Array
+    panels: Array, nodes: Array, knots: Array, rotation: Array, arclength: Array, out: Array
 ) -> None:
-    """x, y, theta, kappa, kappa0, M at increasing `arclength` (m), into out (6, stations)."""
-    count = panels.shape[0]
-    work = np.empty((9, INNER))
-    series = np.empty((4, INNER + 1))
+    """Fill the fields at stations of increasing `arclength` (m), (6, stations)."""
+    count = len(panels)
+    work = np.empty((ROWS, INNER))
+    series = np.empty((col.SERIES_COUNT, INNER + 1))
     p, piece, reached = -1, 0, 0
     x, y, following_x, following_y = 0.0, 0.0, 0.0, 0.0
-    h, law, _, _ = load_panel(panels, 0)
+    h, law, _, _ = read_panel(panels, 0)
     start, joint = 0.0, 0.0
     for i in range(arclength.size):
         s = arclength[i]
-        while p < 0 or (p < count - 1 and s >= panels[p + 1, 15]):
+        while p < 0 or (p < count - 1 and s >= panels[p + 1, col.PANEL_START]):
             p += 1
             x, y = following_x, following_y
-            h, law, _, _ = load_panel(panels, p)
-            start = panels[p, 15]
-            joint, reached = turning_at(start, knots, turning, reached)
-            panel_series(panels, nodes, p, knots, turning, reached, work, series)
+            h, law, _, _ = read_panel(panels, p)
+            start = panels[p, col.PANEL_START]
+            joint, reached = rotation_at(start, knots, rotation, reached)
+            panel_series(panels, nodes, p, knots, rotation, reached, work, series)
             for k in range(INNER + 1):
-                following_x += series[0, k]
-                following_y += series[1, k]
+                following_x += series[col.SERIES_X, k]
+                following_y += series[col.SERIES_Y, k]
         v = 2.0 * (s - start) / h - 1.0
-        for field in range(4):
-            total = 0.0
-            for k in range(INNER, -1, -1):
-                total = total * v + series[field, k]
-            out[field, i] = total if s > start else 0.0  # exactly, at a joint
-        turned, piece = turning_at(s, knots, turning, piece)
-        c, t = turning[piece], s - knots[piece]
-        intrinsic = c[1] + t * (2.0 * c[2] + t * (3.0 * c[3] + t * 4.0 * c[4]))
-        moment = nodes[p, 5] + out[2, i]
-        out[0, i] += x
-        out[1, i] += y
-        out[2, i] = nodes[p, 0] + turned - joint + out[3, i]
-        out[3, i] = intrinsic + curvature_change(moment, law)[0]
-        out[4, i] = intrinsic
-        out[5, i] = moment
+        way_x, way_y, gained, bend = 0.0, 0.0, 0.0, 0.0  # exactly, at a joint
+        if s > start:
+            way_x, way_y = series_at(series, col.SERIES_X, v), series_at(series, col.SERIES_Y, v)
+            gained, bend = (
+                series_at(series, col.SERIES_MOMENT, v),
+                series_at(series, col.SERIES_BEND, v),
+            )
+        rotated, piece = rotation_at(s, knots, rotation, piece)
+        _, c1, c2, c3, c4 = powers(rotation[piece])
+        t = s - knots[piece]
+        intrinsic = c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * 4.0 * c4))
+        moment = nodes[p, col.NODE_MOMENT] + gained
+        change, _ = curvature_change(moment, law)
+        out[col.X, i] = way_x + x
+        out[col.Y, i] = way_y + y
+        out[col.THETA, i] = nodes[p, col.NODE_THETA] + rotated - joint + bend
+        out[col.CURVATURE, i] = intrinsic + change
+        out[col.INTRINSIC_CURVATURE, i] = intrinsic
+        out[col.MOMENT, i] = moment

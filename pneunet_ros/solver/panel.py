@@ -18,9 +18,8 @@ Law = tuple[float, float, float]  # 1/B, M_O, cubic term
 # Axial compliance, stretch at no force, force n1, n2 at the start of the panel, their loss over
 # it.
 Mechanics = tuple[float, float, float, float, float, float]
-Turn = tuple[
-    float, float, float, float, float
-]  # of the unloaded rod to the Gauss points and the end
+# Intrinsic rotation over the panel to its Gauss points and to its end.
+Turn = tuple[float, float, float, float, float]
 
 GAUSS_POINTS = 4
 _points, _weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
@@ -88,25 +87,71 @@ def resolve(sine: float, cosine: float, n1: float, n2: float) -> tuple[float, fl
 @inlined
 def dot(a: Four, b: Four) -> float:
     """Inner product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    a1, a2, a3, a4 = a
+    b1, b2, b3, b4 = b
+    return a1 * b1 + a2 * b2 + a3 * b3 + a4 * b4
+
+
+@inlined
+def total(a: Four) -> float:
+    """Sum of a row."""
+    a1, a2, a3, a4 = a
+    return a1 + a2 + a3 + a4
+
+
+@inlined
+def plus(f: float, a: Four) -> Four:
+    """Return the row f + a."""
+    a1, a2, a3, a4 = a
+    return f + a1, f + a2, f + a3, f + a4
+
+
+@inlined
+def add(a: Four, b: Four) -> Four:
+    """Elementwise sum."""
+    a1, a2, a3, a4 = a
+    b1, b2, b3, b4 = b
+    return a1 + b1, a2 + b2, a3 + b3, a4 + b4
+
+
+@inlined
+def minus(a: Four, b: Four) -> Four:
+    """Elementwise difference."""
+    a1, a2, a3, a4 = a
+    b1, b2, b3, b4 = b
+    return a1 - b1, a2 - b2, a3 - b3, a4 - b4
 
 
 @inlined
 def times(a: Four, b: Four) -> Four:
     """Elementwise product."""
-    return a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]
+    a1, a2, a3, a4 = a
+    b1, b2, b3, b4 = b
+    return a1 * b1, a2 * b2, a3 * b3, a4 * b4
 
 
 @inlined
 def scaled(f: float, a: Four) -> Four:
     """Return the row f a."""
-    return f * a[0], f * a[1], f * a[2], f * a[3]
+    a1, a2, a3, a4 = a
+    return f * a1, f * a2, f * a3, f * a4
 
 
 @inlined
-def less(a: Four, f: float, b: Four) -> Four:
-    """Return the row a - f b."""
-    return a[0] - f * b[0], a[1] - f * b[1], a[2] - f * b[2], a[3] - f * b[3]
+def integrated(a: Four) -> Four:
+    """Integral from the start of a unit panel to its Gauss points."""
+    return dot(A1, a), dot(A2, a), dot(A3, a), dot(A4, a)
+
+
+@inlined
+def free_end(load: Four, theta: float) -> tuple[float, float]:
+    """Moment (N m) that the load with its offset puts on the free end, and -d(moment)/d theta.
+
+    load: transverse offset m, F1, F2 N, M N m.
+    """
+    offset, n1, n2, moment = load
+    sine, cosine = sine_cosine(theta)
+    return moment - offset * (n1 * cosine + n2 * sine), offset * (n2 * cosine - n1 * sine)
 
 
 @inlined
@@ -118,33 +163,30 @@ def panel_fields(
     Returns sin, cos, axial force t = n.t, transverse force u = n x t, stretch, moment, d = kappa -
     kappa0 and d d/dM. M' = -stretch u.
     """
-    a, stretch, n1, n2, q1, q2 = mechanics
-    s1, c1 = sine_cosine(theta[0])
-    s2, c2 = sine_cosine(theta[1])
-    s3, c3 = sine_cosine(theta[2])
-    s4, c4 = sine_cosine(theta[3])
+    a, rest, n1, n2, q1, q2 = mechanics
+    theta_1, theta_2, theta_3, theta_4 = theta
+    s1, c1 = sine_cosine(theta_1)
+    s2, c2 = sine_cosine(theta_2)
+    s3, c3 = sine_cosine(theta_3)
+    s4, c4 = sine_cosine(theta_4)
     t1, u1 = resolve(s1, c1, n1 - C1 * q1, n2 - C1 * q2)
     t2, u2 = resolve(s2, c2, n1 - C2 * q1, n2 - C2 * q2)
     t3, u3 = resolve(s3, c3, n1 - C3 * q1, n2 - C3 * q2)
     t4, u4 = resolve(s4, c4, n1 - C4 * q1, n2 - C4 * q2)
-    stretched = (stretch + a * t1, stretch + a * t2, stretch + a * t3, stretch + a * t4)
-    g = times(stretched, (-h * u1, -h * u2, -h * u3, -h * u4))
-    moment = (
-        moment_a + dot(A1, g),
-        moment_a + dot(A2, g),
-        moment_a + dot(A3, g),
-        moment_a + dot(A4, g),
-    )
-    d1, e1 = curvature_change(moment[0], law)
-    d2, e2 = curvature_change(moment[1], law)
-    d3, e3 = curvature_change(moment[2], law)
-    d4, e4 = curvature_change(moment[3], law)
+    t, u = (t1, t2, t3, t4), (u1, u2, u3, u4)
+    stretch = plus(rest, scaled(a, t))
+    moment = plus(moment_a, integrated(times(stretch, scaled(-h, u))))
+    m1, m2, m3, m4 = moment
+    d1, e1 = curvature_change(m1, law)
+    d2, e2 = curvature_change(m2, law)
+    d3, e3 = curvature_change(m3, law)
+    d4, e4 = curvature_change(m4, law)
     return (
         (s1, s2, s3, s4),
         (c1, c2, c3, c4),
-        (t1, t2, t3, t4),
-        (u1, u2, u3, u4),
-        stretched,
+        t,
+        u,
+        stretch,
         moment,
         (d1, d2, d3, d4),
         (e1, e2, e3, e4),
@@ -152,13 +194,15 @@ def panel_fields(
 
 
 @inlined
-def panel_slopes(h: float, axial: float, t: Four, u: Four, stretched: Four) -> Four:
+def panel_slopes(h: float, axial: float, t: Four, u: Four, stretch: Four) -> Four:
     """Slopes h dM'/d theta at the Gauss points: d(-stretch u)/d theta = stretch t - axial u^2."""
+    g1, g2, g3, g4 = times(stretch, t)
+    u1, u2, u3, u4 = u
     return (
-        h * (stretched[0] * t[0] - axial * u[0] * u[0]),
-        h * (stretched[1] * t[1] - axial * u[1] * u[1]),
-        h * (stretched[2] * t[2] - axial * u[2] * u[2]),
-        h * (stretched[3] * t[3] - axial * u[3] * u[3]),
+        h * (g1 - axial * u1 * u1),
+        h * (g2 - axial * u2 * u2),
+        h * (g3 - axial * u3 * u3),
+        h * (g4 - axial * u4 * u4),
     )
 
 
@@ -177,17 +221,15 @@ def panel_residual(
     Returns the residual at the Gauss points, theta and moment at the end, and at the Gauss points
     h dM'/d theta and h d kappa/dM.
     """
-    _, _, t, u, stretched, _, d, e = panel_fields(h, law, mechanics, theta, moment_a)
+    _, _, t, u, stretch, _, d, e = panel_fields(h, law, mechanics, theta, moment_a)
+    axial, _, _, _, _, _ = mechanics
+    turn_1, turn_2, turn_3, turn_4, turn_b = turn
     d = scaled(h, d)
-    residual = (
-        theta_a + turn[0] + dot(A1, d) - theta[0],
-        theta_a + turn[1] + dot(A2, d) - theta[1],
-        theta_a + turn[2] + dot(A3, d) - theta[2],
-        theta_a + turn[3] + dot(A4, d) - theta[3],
-    )
-    theta_b = theta_a + turn[4] + dot(W, d)
-    moment_b = moment_a - h * dot(W, times(stretched, u))
-    slopes = panel_slopes(h, mechanics[0], t, u, stretched)
+    reached = add(plus(theta_a, (turn_1, turn_2, turn_3, turn_4)), integrated(d))
+    residual = minus(reached, theta)
+    theta_b = theta_a + turn_b + dot(W, d)
+    moment_b = moment_a - h * dot(W, times(stretch, u))
+    slopes = panel_slopes(h, axial, t, u, stretch)
     return residual, theta_b, moment_b, slopes, scaled(h, e)
 
 
@@ -198,35 +240,47 @@ def eliminate(m1: Four, m2: Four, m3: Four, m4: Four) -> Triangle:
     Without pivoting: the mesh keeps the matrix of a panel near the identity, and the residual
     after every step is checked. The fifth row holds the reciprocal pivots.
     """
-    p1 = 1.0 / m1[0]
-    f2, f3, f4 = m2[0] * p1, m3[0] * p1, m4[0] * p1
-    m2, m3, m4 = less(m2, f2, m1), less(m3, f3, m1), less(m4, f4, m1)
-    p2 = 1.0 / m2[1]
-    h3, h4 = m3[1] * p2, m4[1] * p2
-    m3, m4 = less(m3, h3, m2), less(m4, h4, m2)
-    p3 = 1.0 / m3[2]
-    j4 = m4[2] * p3
-    m4 = less(m4, j4, m3)
-    p4 = 1.0 / m4[3]
+    m11, m12, m13, m14 = m1
+    m21, m22, m23, m24 = m2
+    m31, m32, m33, m34 = m3
+    m41, m42, m43, m44 = m4
+    p1 = 1.0 / m11
+    l21, l31, l41 = m21 * p1, m31 * p1, m41 * p1
+    m22, m23, m24 = m22 - l21 * m12, m23 - l21 * m13, m24 - l21 * m14
+    m32, m33, m34 = m32 - l31 * m12, m33 - l31 * m13, m34 - l31 * m14
+    m42, m43, m44 = m42 - l41 * m12, m43 - l41 * m13, m44 - l41 * m14
+    p2 = 1.0 / m22
+    l32, l42 = m32 * p2, m42 * p2
+    m33, m34 = m33 - l32 * m23, m34 - l32 * m24
+    m43, m44 = m43 - l42 * m23, m44 - l42 * m24
+    p3 = 1.0 / m33
+    l43 = m43 * p3
+    m44 = m44 - l43 * m34
     return (
-        m1,
-        (f2, m2[1], m2[2], m2[3]),
-        (f3, h3, m3[2], m3[3]),
-        (f4, h4, j4, m4[3]),
-        (p1, p2, p3, p4),
+        (m11, m12, m13, m14),
+        (l21, m22, m23, m24),
+        (l31, l32, m33, m34),
+        (l41, l42, l43, m44),
+        (p1, p2, p3, 1.0 / m44),
     )
 
 
 @inlined
 def substitute(triangle: Triangle, r: Four) -> Four:
     """Solve with the factors of `eliminate`."""
-    m1, m2, m3, m4, p = triangle
-    z2 = r[1] - m2[0] * r[0]
-    z3 = r[2] - m3[0] * r[0] - m3[1] * z2
-    z4 = (r[3] - m4[0] * r[0] - m4[1] * z2 - m4[2] * z3) * p[3]
-    z3 = (z3 - m3[3] * z4) * p[2]
-    z2 = (z2 - m2[2] * z3 - m2[3] * z4) * p[1]
-    z1 = (r[0] - m1[1] * z2 - m1[2] * z3 - m1[3] * z4) * p[0]
+    m1, m2, m3, m4, reciprocals = triangle
+    _, u12, u13, u14 = m1
+    l21, _, u23, u24 = m2
+    l31, l32, _, u34 = m3
+    l41, l42, l43, _ = m4
+    p1, p2, p3, p4 = reciprocals
+    r1, r2, r3, r4 = r
+    z2 = r2 - l21 * r1
+    z3 = r3 - l31 * r1 - l32 * z2
+    z4 = (r4 - l41 * r1 - l42 * z2 - l43 * z3) * p4
+    z3 = (z3 - u34 * z4) * p3
+    z2 = (z2 - u23 * z3 - u24 * z4) * p2
+    z1 = (r1 - u12 * z2 - u13 * z3 - u14 * z4) * p1
     return z1, z2, z3, z4
 
 
@@ -244,16 +298,15 @@ def linear_panel(k: Four, e: Four) -> tuple[Triangle, Four, Triangle, float]:
     e3 = (dot(b3, T1), dot(b3, T2), dot(b3, T3), dot(b3, T4))
     e4 = (dot(b4, T1), dot(b4, T2), dot(b4, T3), dot(b4, T4))
     e5 = (dot(b5, T1), dot(b5, T2), dot(b5, T3), dot(b5, T4))
+    k1, k2, k3, k4 = k
+    e11, e12, e13, e14 = e1
+    e21, e22, e23, e24 = e2
+    e31, e32, e33, e34 = e3
+    e41, e42, e43, e44 = e4
     triangle = eliminate(
-        (1.0 - e1[0] * k[0], -e1[1] * k[1], -e1[2] * k[2], -e1[3] * k[3]),
-        (-e2[0] * k[0], 1.0 - e2[1] * k[1], -e2[2] * k[2], -e2[3] * k[3]),
-        (-e3[0] * k[0], -e3[1] * k[1], 1.0 - e3[2] * k[2], -e3[3] * k[3]),
-        (-e4[0] * k[0], -e4[1] * k[1], -e4[2] * k[2], 1.0 - e4[3] * k[3]),
+        (1.0 - e11 * k1, -e12 * k2, -e13 * k3, -e14 * k4),
+        (-e21 * k1, 1.0 - e22 * k2, -e23 * k3, -e24 * k4),
+        (-e31 * k1, -e32 * k2, 1.0 - e33 * k3, -e34 * k4),
+        (-e41 * k1, -e42 * k2, -e43 * k3, 1.0 - e44 * k4),
     )
-    x = (
-        b1[0] + b1[1] + b1[2] + b1[3],
-        b2[0] + b2[1] + b2[2] + b2[3],
-        b3[0] + b3[1] + b3[2] + b3[3],
-        b4[0] + b4[1] + b4[2] + b4[3],
-    )
-    return triangle, x, (e1, e2, e3, e4, e5), b5[0] + b5[1] + b5[2] + b5[3]
+    return triangle, (total(b1), total(b2), total(b3), total(b4)), (e1, e2, e3, e4, e5), total(b5)

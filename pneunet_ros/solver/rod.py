@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import kernel
 
-# Columns of a section: start m, rigidity N m^2, moment offset N m, cubic term m^2, axial
-# compliance 1/N, rest strain -, line load N/m.
-START, RIGIDITY, MOMENT_OFFSET, CUBIC, AXIAL_COMPLIANCE, REST_STRAIN, LOAD_X, LOAD_Y = range(8)
-SECTION_WIDTH = 8
-# Columns of the clamp: angle rad, compliance rad/(N m); and how far beside the tip the load acts,
-# m.
-CLAMP_ANGLE, CLAMP_COMPLIANCE, LOAD_OFFSET = range(3)
-CLAMP_WIDTH = 3
 
+class Rods(NamedTuple):
+    """Records of one arm at several pressures, as the kernels take them.
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rods:
-    """Records of one arm at several pressures.
-
-    pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 3) with the
-    columns above, the same along each section; knots (pieces + 1,) m and turning (pressures,
-    pieces, 5): the angle rad that the unloaded rod has turned, as ascending powers of the distance
-    from the knot before.
+    length m; pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 3)
+    with the columns of `solver.columns`, the same along each section; knots (pieces + 1,) m and
+    rotation (pressures, pieces, 5): the angle rad that the unloaded rod has turned, as ascending
+    powers of the distance from the knot before.
     """
 
     length: float
@@ -33,18 +24,16 @@ class Rods:
     sections: Array
     clamp: Array
     knots: Array
-    turning: Array
+    rotation: Array
 
-    def one(self, which: int) -> Rods:
+    def record(self, index: int) -> Rods:
         """Return the record at one of the pressures, as records of one pressure."""
-        only = slice(which, which + 1)
-        return Rods(
-            length=self.length,
+        only = slice(index, index + 1)
+        return self._replace(
             pressure=self.pressure[only],
             sections=self.sections[only],
             clamp=self.clamp[only],
-            knots=self.knots,
-            turning=self.turning[only],
+            rotation=self.rotation[only],
         )
 
 
@@ -64,20 +53,20 @@ def interpolate_rows(pressure: Array, table: Array, at: Array, out: Array) -> No
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RodTable:
-    """Sections and turning of an arm without effects at every pressure of its tables.
+    """Sections and rotation of an arm without effects at every pressure of its tables.
 
     Curvature and moment laws are linear in pressure between tables' rows, so this is one linear
-    table. pressure (rows,) Pa; sections (rows, sections, 8); turning (rows, pieces, 5).
+    table. pressure (rows,) Pa; sections (rows, sections, 8); rotation (rows, pieces, 5).
     """
 
     pressure: Array
     sections: Array
-    turning: Array
+    rotation: Array
 
     def at(self, pressure: Array) -> tuple[Array, Array]:
-        """Sections (n, sections, 8) and turning (n, pieces, 5) at these pressures (n,)."""
+        """Sections (n, sections, 8) and rotation (n, pieces, 5) at these pressures (n,)."""
         sections = np.empty((pressure.size, *self.sections.shape[1:]))
-        turning = np.empty((pressure.size, *self.turning.shape[1:]))
+        rotation = np.empty((pressure.size, *self.rotation.shape[1:]))
         interpolate_rows(self.pressure, self.sections, pressure, sections)
-        interpolate_rows(self.pressure, self.turning, pressure, turning)
-        return sections, turning
+        interpolate_rows(self.pressure, self.rotation, pressure, rotation)
+        return sections, rotation

@@ -9,20 +9,22 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import inlined, kernel
-from pneunet_ros.solver.collocation import load_panel, scale_of_moments
+from pneunet_ros.solver import columns as col
+from pneunet_ros.solver.collocation import ONES, scale_of_moments
+from pneunet_ros.solver.columns import end_load, four, panel_force, read_panel, set_four
 from pneunet_ros.solver.panel import (
-    A1,
-    A2,
-    A3,
-    A4,
+    add,
     C1,
     C2,
     C3,
     C4,
     dot,
     Four,
+    free_end,
+    GAUSS_POINTS,
+    integrated,
     Law,
     linear_panel,
     panel_fields,
@@ -35,45 +37,72 @@ from pneunet_ros.solver.panel import (
     W,
 )
 
-Array = npt.NDArray[np.float64]
-LOADS = 3
+NOTHING = (0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
-def force_slope(h: float, axial: float, u: Four, stretched: Four, t: Four, v: Four) -> Four:
-    """Change h dM' at the Gauss points with a force of axial and transverse parts t, v."""
-    return (
-        -h * (axial * t[0] * u[0] + stretched[0] * v[0]),
-        -h * (axial * t[1] * u[1] + stretched[1] * v[1]),
-        -h * (axial * t[2] * u[2] + stretched[2] * v[2]),
-        -h * (axial * t[3] * u[3] + stretched[3] * v[3]),
-    )
+def slope_change(h: float, stretch: Four, u: Four, a: Four, v: Four) -> Four:
+    """Change -h (a u + stretch v) of h M' with stretch (by a) and transverse force (by v)."""
+    return scaled(-h, add(times(a, u), times(stretch, v)))
 
 
 @inlined
-def bent(
+def bending_change(
     h: float, law: Law, moment: float, d: float, e: float, change: Array, moment_changed: float
 ) -> float:
     """Change of h (kappa - kappa0) at a Gauss point with moment, law and panel length."""
-    mu = (moment - law[1]) * change[1] - law[0] * change[2] - change[3] * d * d * d
-    return change[0] * d + h * e * (moment_changed + mu / law[0])
+    flexibility, offset, _ = law
+    mu = (moment - offset) * change[col.PANEL_FLEXIBILITY] - flexibility * change[col.PANEL_OFFSET]
+    mu -= change[col.PANEL_CUBIC] * d * d * d
+    return change[col.PANEL_LENGTH] * d + h * e * (moment_changed + mu / flexibility)
 
 
 @inlined
-def strained(
-    i: int,
-    abscissa: float,
-    sine: Four,
-    cosine: Four,
-    axial_force: Four,
-    change: Array,
-    axial: float,
+def strain_change(
+    change: Array, axial: float, abscissa: float, sine: float, cosine: float, t: float
 ) -> tuple[float, float]:
-    """Change of stretch and of transverse force at Gauss point i, theta held."""
-    t, u = resolve(
-        sine[i], cosine[i], change[6] - abscissa * change[8], change[7] - abscissa * change[9]
+    """Change of stretch and of transverse force at a Gauss point, theta held."""
+    n1, n2 = panel_force(change, abscissa)
+    along, across = resolve(sine, cosine, n1, n2)
+    return change[col.PANEL_STRETCH] + change[col.PANEL_AXIAL] * t + axial * along, across
+
+
+@inlined
+def record_change(
+    h: float,
+    law: Law,
+    axial: float,
+    fields: tuple[Four, Four, Four, Four, Four, Four, Four, Four],
+    change: Array,
+) -> tuple[Four, float, float, Four]:
+    """Residual at the Gauss points and the end (theta, moment) that a change of a panel leaves.
+
+    fields: those of `panel_fields`. Returns h stretch' beside, theta held.
+    """
+    sine, cosine, t, u, stretch, moment, d, e = fields
+    s1, s2, s3, s4 = sine
+    c1, c2, c3, c4 = cosine
+    t1, t2, t3, t4 = t
+    a1, v1 = strain_change(change, axial, C1, s1, c1, t1)
+    a2, v2 = strain_change(change, axial, C2, s2, c2, t2)
+    a3, v3 = strain_change(change, axial, C3, s3, c3, t3)
+    a4, v4 = strain_change(change, axial, C4, s4, c4, t4)
+    a, v = (a1, a2, a3, a4), (v1, v2, v3, v4)
+    longer = change[col.PANEL_LENGTH]
+    slope = add(times(scaled(-longer, stretch), u), slope_change(h, stretch, u, a, v))
+    g1, g2, g3, g4 = integrated(slope)
+    m1, m2, m3, m4 = moment
+    d1, d2, d3, d4 = d
+    e1, e2, e3, e4 = e
+    bend = (
+        bending_change(h, law, m1, d1, e1, change, g1),
+        bending_change(h, law, m2, d2, e2, change, g2),
+        bending_change(h, law, m3, d3, e3, change, g3),
+        bending_change(h, law, m4, d4, e4, change, g4),
     )
-    return change[5] + change[4] * axial_force[i] + axial * t, u
+    residual = add(four(change, col.PANEL_ROTATION), integrated(bend))
+    longer_stretch = add(scaled(longer, stretch), scaled(h, a))
+    return residual, change[col.PANEL_ROTATION_END] + dot(W, bend), dot(W, slope), longer_stretch
 
 
 @kernel
@@ -93,41 +122,42 @@ def sensitivities(
     out. Stable means: no bending that the clamp allows leaves the energy unchanged before the free
     end (Jacobi's condition), valid for positive rigidity under dead load.
     """
-    count, causes = panels.shape[0], LOADS + panel_changes.shape[0]
+    count, causes = len(panels), col.LOADS + len(panel_changes)
     scale = scale_of_moments(panels)
-    # y, x at the Gauss points; d(x, y) of the panel per d theta; v; by how much v was shortened
-    free = np.empty((count, 19))
-    held = np.empty((causes, count, 7))  # z at the Gauss points, w at the start, what went along v
-    w = np.zeros((causes, 2))
+    free = np.empty((count, col.FREE_WIDTH))
+    held = np.empty((causes, count, col.HELD_WIDTH))
+    held_theta, held_moment = np.zeros(causes), np.zeros(causes)
 
-    norm = 1.0 / math.sqrt(ends[1] * ends[1] + scale * scale)
-    v0, v1 = ends[1] * norm, norm
+    give = ends[col.CLAMP_COMPLIANCE]
+    norm = 1.0 / math.sqrt(give * give + scale * scale)
+    v0, v1 = give * norm, norm
     stable = True
     for cause in range(causes):
-        tip_changes[cause, 0], tip_changes[cause, 1] = 0.0, 0.0
-    for cause in range(LOADS, causes):
-        end = end_changes[cause - LOADS]
-        w[cause, 0] = end[0] + end[1] * nodes[0, 5]
-    for p in range(count):
-        h, law, mechanics, _ = load_panel(panels, p)
-        axial = mechanics[0]
-        node = nodes[p]
-        theta = (node[1], node[2], node[3], node[4])
-        sine, cosine, t, u, stretched, moment, d, e = panel_fields(
-            h, law, mechanics, theta, node[5]
+        tip_changes[cause, col.X], tip_changes[cause, col.Y] = 0.0, 0.0
+    for cause in range(col.LOADS, causes):
+        end = end_changes[cause - col.LOADS]
+        held_theta[cause] = (
+            end[col.CLAMP_ANGLE] + end[col.CLAMP_COMPLIANCE] * nodes[0, col.NODE_MOMENT]
         )
-        k = panel_slopes(h, axial, t, u, stretched)
+    for p in range(count):
+        h, law, mechanics, _ = read_panel(panels, p)
+        axial, _, _, _, _, _ = mechanics
+        node, row = nodes[p], free[p]
+        fields = panel_fields(h, law, mechanics, four(node, col.NODE_GAUSS), node[col.NODE_MOMENT])
+        sine, cosine, t, u, stretch, _, _, e = fields
+        k = panel_slopes(h, axial, t, u, stretch)
         triangle, x, flexibility, b = linear_panel(k, scaled(h, e))
-        to_theta, to_moment = times(flexibility[4], k), times(W, k)
-        y = substitute(triangle, (1.0, 1.0, 1.0, 1.0))
+        to_1, to_2, to_3, to_4, to_end = flexibility
+        to_theta, to_moment = times(to_end, k), times(W, k)
+        y = substitute(triangle, ONES)
         x = substitute(triangle, x)
-        row = free[p]
-        for i in range(4):
-            row[i], row[4 + i] = y[i], x[i]
-            row[8 + i] = h * W[i] * (axial * u[i] * cosine[i] - stretched[i] * sine[i])
-            row[12 + i] = h * W[i] * (axial * u[i] * sine[i] + stretched[i] * cosine[i])
+        set_four(row, col.FREE_PER_THETA, y)
+        set_four(row, col.FREE_PER_MOMENT, x)
+        for i in range(GAUSS_POINTS):
+            row[col.FREE_WAY_X + i] = h * W[i] * (axial * u[i] * cosine[i] - stretch[i] * sine[i])
+            row[col.FREE_WAY_Y + i] = h * W[i] * (axial * u[i] * sine[i] + stretch[i] * cosine[i])
             stable = stable and y[i] * v0 + x[i] * v1 > 0.0
-        row[16], row[17] = v0, v1
+        row[col.FREE_THETA], row[col.FREE_MOMENT] = v0, v1
         f1, f2 = 1.0 + dot(to_theta, y), b + dot(to_theta, x)
         g1, g2 = dot(to_moment, y), 1.0 + dot(to_moment, x)
         v0, v1 = f1 * v0 + f2 * v1, g1 * v0 + g2 * v1
@@ -135,102 +165,76 @@ def sensitivities(
         shrink = 1.0 / math.sqrt(v0 * v0 + v1 * v1 * scale * scale)
         v0 *= shrink
         v1 *= shrink
-        row[18] = shrink
+        row[col.FREE_SHRINK] = shrink
         for cause in range(causes):
-            if cause == 2:  # the end moment acts at the end only
-                z, r5, r6 = (0.0, 0.0, 0.0, 0.0), 0.0, 0.0
-            elif cause < 2:
-                if cause == 0:
-                    slope = force_slope(h, axial, u, stretched, cosine, scaled(-1.0, sine))
-                    extension = times(cosine, W)
-                else:
-                    slope = force_slope(h, axial, u, stretched, sine, cosine)
-                    extension = times(sine, W)
-                r = (
-                    dot(flexibility[0], slope),
-                    dot(flexibility[1], slope),
-                    dot(flexibility[2], slope),
-                    dot(flexibility[3], slope),
-                )
-                r5, r6 = dot(flexibility[4], slope), dot(W, slope)
+            if cause == col.END_LOAD_MOMENT:  # acts at the end only
+                z, theta_gap, moment_gap = NOTHING, 0.0, 0.0
+            elif cause < col.LOADS:
+                tangent, normal = cosine, scaled(-1.0, sine)
+                if cause != col.FORCE_X:
+                    tangent, normal = sine, cosine
+                slope = slope_change(h, stretch, u, scaled(axial, tangent), normal)
+                r = (dot(to_1, slope), dot(to_2, slope), dot(to_3, slope), dot(to_4, slope))
+                theta_gap, moment_gap = dot(to_end, slope), dot(W, slope)
                 z = substitute(triangle, r)
-                tip_changes[cause, 0] += h * axial * dot(extension, cosine)
-                tip_changes[cause, 1] += h * axial * dot(extension, sine)
+                extension = times(tangent, W)
+                tip_changes[cause, col.X] += h * axial * dot(extension, cosine)
+                tip_changes[cause, col.Y] += h * axial * dot(extension, sine)
             else:
-                change = panel_changes[cause - LOADS, p]
-                a1, b1 = strained(0, C1, sine, cosine, t, change, axial)
-                a2, b2 = strained(1, C2, sine, cosine, t, change, axial)
-                a3, b3 = strained(2, C3, sine, cosine, t, change, axial)
-                a4, b4 = strained(3, C4, sine, cosine, t, change, axial)
-                slope = (
-                    -change[0] * stretched[0] * u[0] - h * (a1 * u[0] + stretched[0] * b1),
-                    -change[0] * stretched[1] * u[1] - h * (a2 * u[1] + stretched[1] * b2),
-                    -change[0] * stretched[2] * u[2] - h * (a3 * u[2] + stretched[2] * b3),
-                    -change[0] * stretched[3] * u[3] - h * (a4 * u[3] + stretched[3] * b4),
-                )
-                turned = (
-                    bent(h, law, moment[0], d[0], e[0], change, dot(A1, slope)),
-                    bent(h, law, moment[1], d[1], e[1], change, dot(A2, slope)),
-                    bent(h, law, moment[2], d[2], e[2], change, dot(A3, slope)),
-                    bent(h, law, moment[3], d[3], e[3], change, dot(A4, slope)),
-                )
-                r = (
-                    change[10] + dot(A1, turned),
-                    change[11] + dot(A2, turned),
-                    change[12] + dot(A3, turned),
-                    change[13] + dot(A4, turned),
-                )
-                r5, r6 = change[14] + dot(W, turned), dot(W, slope)
+                change = panel_changes[cause - col.LOADS, p]
+                r, theta_gap, moment_gap, longer = record_change(h, law, axial, fields, change)
                 z = substitute(triangle, r)
-                longer = times(
-                    W,
-                    (
-                        change[0] * stretched[0] + h * a1,
-                        change[0] * stretched[1] + h * a2,
-                        change[0] * stretched[2] + h * a3,
-                        change[0] * stretched[3] + h * a4,
-                    ),
-                )
-                tip_changes[cause, 0] += dot(longer, cosine)
-                tip_changes[cause, 1] += dot(longer, sine)
+                longer = times(W, longer)
+                tip_changes[cause, col.X] += dot(longer, cosine)
+                tip_changes[cause, col.Y] += dot(longer, sine)
             out = held[cause, p]
-            w0, w1 = w[cause, 0], w[cause, 1]
-            out[0], out[1], out[2], out[3] = z
-            out[4], out[5] = w0, w1
+            w0, w1 = held_theta[cause], held_moment[cause]
+            set_four(out, col.HELD_GAUSS, z)
+            out[col.HELD_THETA], out[col.HELD_MOMENT] = w0, w1
             w0, w1 = (
-                r5 + dot(to_theta, z) + f1 * w0 + f2 * w1,
-                r6 + dot(to_moment, z) + g1 * w0 + g2 * w1,
+                theta_gap + dot(to_theta, z) + f1 * w0 + f2 * w1,
+                moment_gap + dot(to_moment, z) + g1 * w0 + g2 * w1,
             )
-            out[6] = w0 * v0 + w1 * v1 * scale * scale
-            w[cause, 0], w[cause, 1] = w0 - out[6] * v0, w1 - out[6] * v1
-    sine_end, cosine_end = sine_cosine(nodes[count, 0])
-    end_slope = ends[2] * (ends[4] * cosine_end - ends[3] * sine_end)
+            along_free = w0 * v0 + w1 * v1 * scale * scale
+            out[col.HELD_ALONG] = along_free
+            held_theta[cause], held_moment[cause] = w0 - along_free * v0, w1 - along_free * v1
+    sine_end, cosine_end = sine_cosine(nodes[count, col.NODE_THETA])
+    _, end_slope = free_end(end_load(ends), nodes[count, col.NODE_THETA])
     stable = stable and v1 + end_slope * v0 > 0.0
     for cause in range(causes):
-        if cause == 0:
-            given = -ends[2] * cosine_end
-        elif cause == 1:
-            given = -ends[2] * sine_end
-        elif cause == 2:
+        if cause == col.FORCE_X:
+            given = -ends[col.LOAD_OFFSET] * cosine_end
+        elif cause < col.END_LOAD_MOMENT:
+            given = -ends[col.LOAD_OFFSET] * sine_end
+        elif cause == col.END_LOAD_MOMENT:
             given = 1.0
         else:
-            end = end_changes[cause - LOADS]
-            given = end[5] - end[2] * (ends[3] * cosine_end + ends[4] * sine_end)
-            given -= ends[2] * (end[3] * cosine_end + end[4] * sine_end)
-        along = (given - w[cause, 1] - end_slope * w[cause, 0]) / (v1 + end_slope * v0)
+            end = end_changes[cause - col.LOADS]
+            across = ends[col.END_X] * cosine_end + ends[col.END_Y] * sine_end
+            given = end[col.END_MOMENT] - end[col.LOAD_OFFSET] * across
+            given -= ends[col.LOAD_OFFSET] * (
+                end[col.END_X] * cosine_end + end[col.END_Y] * sine_end
+            )
+        along = (given - held_moment[cause] - end_slope * held_theta[cause]) / (
+            v1 + end_slope * v0
+        )
         changes = node_changes[cause]
-        changes[count, 0] = w[cause, 0] + along * v0
-        changes[count, 5] = w[cause, 1] + along * v1
-        tip_changes[cause, 2] = changes[count, 0]
+        changes[count, col.NODE_THETA] = held_theta[cause] + along * v0
+        changes[count, col.NODE_MOMENT] = held_moment[cause] + along * v1
+        tip_changes[cause, col.THETA] = changes[count, col.NODE_THETA]
         for p in range(count - 1, -1, -1):
             out, row = held[cause, p], free[p]
-            along = (along - out[6]) * row[18]
-            d0 = out[4] + along * row[16]
-            d1 = out[5] + along * row[17]
-            changes[p, 0], changes[p, 5] = d0, d1
-            for i in range(4):
-                moved = out[i] + row[i] * d0 + row[4 + i] * d1
-                changes[p, 1 + i] = moved
-                tip_changes[cause, 0] += row[8 + i] * moved
-                tip_changes[cause, 1] += row[12 + i] * moved
+            along = (along - out[col.HELD_ALONG]) * row[col.FREE_SHRINK]
+            d0 = out[col.HELD_THETA] + along * row[col.FREE_THETA]
+            d1 = out[col.HELD_MOMENT] + along * row[col.FREE_MOMENT]
+            changes[p, col.NODE_THETA], changes[p, col.NODE_MOMENT] = d0, d1
+            for i in range(GAUSS_POINTS):
+                per_theta, per_moment = (
+                    row[col.FREE_PER_THETA + i] * d0,
+                    row[col.FREE_PER_MOMENT + i] * d1,
+                )
+                moved = out[col.HELD_GAUSS + i] + per_theta + per_moment
+                changes[p, col.NODE_GAUSS + i] = moved
+                tip_changes[cause, col.X] += row[col.FREE_WAY_X + i] * moved
+                tip_changes[cause, col.Y] += row[col.FREE_WAY_Y + i] * moved
     return stable

@@ -11,7 +11,7 @@ from pneunet_ros.core.arrays import Array
 class SolverNodes:
     """The converged unknowns of the rod equations, from which a neighboring solve starts.
 
-    `panels`, `ends` and `nodes` have the layout of `solver.collocation`; `counts` are the panels
+    `panels`, `ends` and `nodes` are tables of `solver.columns`; `counts` are the panels
     of each section of the moment law.
     """
 

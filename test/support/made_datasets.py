@@ -12,10 +12,11 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import THETA
 
 from support.example_arms import paper_arm
 from support.lab_run import run_of

@@ -19,10 +19,11 @@ from pneunet_ros.calibration.posterior import posterior_of
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.share import share_path
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.forward_model import ForwardModel, THETA
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import THETA
 
 NOISE = SensorNoise(
     pressure_std=60.0,

@@ -11,7 +11,6 @@ from pneunet_ros.measurement.predicted_targets import predict_targets
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
-from pneunet_ros.solver.collocation import TOLERANCE
 
 
 def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
@@ -23,7 +22,7 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
     arm = estimator.arm
     low, high = arm.pressure_range
     middle = 0.5 * (low + high)
-    BoundaryValueProblem(arm.rods(np.array([middle])), (0.0, 0.0), 0.0, TOLERANCE).continued()
+    BoundaryValueProblem(arm.rods(np.array([middle])), (0.0, 0.0), 0.0).continue_in_load()
     readings = (
         WrenchReading(
             stamp_ns=1,

@@ -24,7 +24,7 @@ from pneunet_ros.reports.style import (
     panels,
     SECOND,
 )
-from pneunet_ros.solver.rod import RIGIDITY
+from pneunet_ros.solver.columns import RIGIDITY
 
 PAPER_PRESSURE = 53_800.0  # Pa, of Figure 8 (a)
 MILLI = 1000.0  # mN m per N m

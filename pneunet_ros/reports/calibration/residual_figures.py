@@ -8,7 +8,6 @@ from pneunet_ros.calibration.experiments import LawScore
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.measurement.forward_model import THETA
 from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.reports.calibration.figure_data import FigureData
 from pneunet_ros.reports.figure import Picture, picture
@@ -22,6 +21,7 @@ from pneunet_ros.reports.style import (
     SECOND,
     short,
 )
+from pneunet_ros.solver.columns import THETA
 
 MICRO = 1e6  # um per m
 SMOOTHED = 15  # frames of the running mean

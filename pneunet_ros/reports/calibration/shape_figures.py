@@ -9,7 +9,6 @@ from pneunet_ros.calibration.moment_curvature import curvature_std, MomentView
 from pneunet_ros.calibration.steady_states import predict_states, SteadyState
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters
-from pneunet_ros.measurement.forward_model import CURVATURE, X, Y
 from pneunet_ros.reports.calibration.figure_data import FigureData, stations_of
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import (
@@ -22,6 +21,7 @@ from pneunet_ros.reports.style import (
     legend,
     panels,
 )
+from pneunet_ros.solver.columns import CURVATURE, X, Y
 
 COMPARED = 4  # loads whose predicted curvature is drawn beside the measured one
 STYLES = [

@@ -11,7 +11,6 @@ from pneunet_ros.calibration.steady_states import arm_points, average
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.result import Evaluation
-from pneunet_ros.measurement.forward_model import CURVATURE, INTRINSIC_CURVATURE
 from pneunet_ros.reports.calibration.figure_data import smoother_of
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.figure import Picture, picture
@@ -25,6 +24,7 @@ from pneunet_ros.reports.style import (
     same_height,
     SECOND,
 )
+from pneunet_ros.solver.columns import CURVATURE, INTRINSIC_CURVATURE
 from pneunet_ros.vision.smoother import FEWEST_TARGETS
 
 FRAMES = 40  # of every recording, at most
