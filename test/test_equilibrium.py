@@ -327,6 +327,17 @@ def test_the_stations_answer_as_full_solves_do(arm):
     assert response.stable == start.stable
 
 
+def joined(first: Perturbation, second: Perturbation) -> Perturbation:
+    """Return the causes of both."""
+    return Perturbation(
+        distance=np.concatenate([first.distance, second.distance]),
+        **{
+            name: np.concatenate([getattr(first, name), getattr(second, name)], axis=1)
+            for name in ('length', 'sections', 'clamp', 'knots', 'rotation')
+        },
+    )
+
+
 @pytest.mark.parametrize('arm', ARMS.values(), ids=ARMS)
 def test_the_stations_change_as_moved_panels_and_nodes_do(arm):
     shape = solve(arm, 45e3, (0.15, 0.15), 2e-4)
@@ -334,7 +345,7 @@ def test_the_stations_change_as_moved_panels_and_nodes_do(arm):
     names = [f'moment_law.rigidity.{row}.0' for row in range(len(arm.moment_law.pressure))]
     sides = (arm.changed(dict.fromkeys(names, sign * 1e-3)) for sign in (-1, 1))
     before, after = (side.rods(np.array([45e3])) for side in sides)
-    change = change.joined(Perturbation.between(before, after, 2e-3))
+    change = joined(change, Perturbation.between(before, after, 2e-3))
     found = linearize(shape.solution, rods, change)
     at = np.delete(shape.arclength, 14)  # the joint of two panels, which moves with l1
     for cause, changes in enumerate(found.stations(at)):

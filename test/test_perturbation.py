@@ -71,7 +71,7 @@ def test_the_table_holds_the_record_of_every_neighbor(moves, effects):
             assert changes.distance[place] == distance
             for side, neighbor in enumerate(sides):
                 record = neighbor.rods(np.array([pressure]), history)
-                for name in ('sections', 'clamp', 'turning'):
+                for name in ('sections', 'clamp', 'rotation'):
                     found = getattr(changes, name)[side, place]
                     expected = getattr(record, name)[0]
                     scale = np.abs(expected).max(axis=0)
@@ -84,7 +84,7 @@ def test_an_arm_without_covariance_changes_with_pressure_alone():
     rods, changes = PerturbationTable(arm=paper_arm()).at(31e3)
     own, by_pressure = with_pressure_change(paper_arm(), 31e3)
     np.testing.assert_array_equal(rods.rotation, own.rotation)
-    for name in ('length', 'sections', 'clamp', 'knots', 'turning', 'distance'):
+    for name in ('length', 'sections', 'clamp', 'knots', 'rotation', 'distance'):
         np.testing.assert_array_equal(getattr(changes, name), getattr(by_pressure, name))
 
 
