@@ -352,15 +352,15 @@ def test_the_stations_change_as_moved_panels_and_nodes_do(arm):
         step = 1e-5 / np.abs(found.node_changes[cause, :, 0]).max()
         sides = []
         for sign in (-step, step):
-            panels, turning = np.array(shape.solution.panels), np.array(found.rotation)
+            panels, rotation = np.array(shape.solution.panels), np.array(found.rotation)
             if cause < 2:
                 panels[:, 6 + cause] += sign
             elif cause > 2:
                 panels += sign * found.panel_changes[cause - 3]
-                turning += sign * found.rotation_changes[cause - 3]
+                rotation += sign * found.rotation_changes[cause - 3]
             nodes = shape.solution.nodes + sign * found.node_changes[cause]
             moved = replace(shape.solution, panels=panels, nodes=nodes)
-            sides.append(replace(found, solution=moved, turning=turning).fields(at))
+            sides.append(replace(found, solution=moved, rotation=rotation).fields(at))
         expected = (sides[1] - sides[0]) / (2.0 * step)
         scale = np.abs(expected).max(axis=1, keepdims=True) + 1e-300
         np.testing.assert_allclose(changes / scale, expected / scale, atol=1e-7)
@@ -419,7 +419,7 @@ def parameters(effect):
 
 @pytest.mark.parametrize('seed', range(30))
 def test_a_change_of_the_record_moves_random_rods_as_full_solves_do(seed):
-    # Every column of the record at once: h, law, mechanics, clamp and turning all change.
+    # Every column of the record at once: h, law, mechanics, clamp and rotation all change.
     case = random_case(seed, negative=seed % 2 == 0)
     names = {
         'arm.length': 1e-5,
