@@ -107,7 +107,7 @@ def calibration(with_load: bool = True) -> Calibration:
         weight=ARM.weight,
     )
     parts = {
-        'frame': frame, 'pressure': rows, 'arclength': knots, 'smoothness': hyperparameters
+        'frame': frame, 'pressure': rows, 'arclength': knots, 'hyperparameters': hyperparameters
     }  # fmt: skip
     table = np.array([ARM.intrinsic_curvature.at(float(row), knots) for row in rows]).ravel()
     first = fit(Parameters(**parts, law=None), free, NOISE, ARM.target_arclength, table)
