@@ -40,9 +40,10 @@ hypothesis.settings.load_profile('ci' if os.environ.get('CI') else 'local')
 
 # Files that `make quick` leaves out: they start processes, film, calibrate or diagnose.
 LENGTHY = """
-    atomic calibrate_verb calibration calibration_report camera_demo cli consistency
-    detectability diagnose_verb diagnosis diagnosis_report effects estimator_topics extending
-    faults fuzz_archives fuzz_files fuzz_messages fuzz_recordings fuzz_tables gaussian_model
+    atomic blobs calibrate_verb calibration calibration_report camera_demo cli consistency
+    detectability diagnose_verb diagnosis diagnosis_report effects estimator_topics evaluation
+    extending faults fuzz_archives fuzz_files fuzz_messages fuzz_recordings fuzz_tables
+    gaussian_model
     generic_field golden hypothesis lab_day lab_film lab_live lab_renderer lack_of_fit
     linearization localization lab_effects map_estimation named_effects noise_estimate
     outside_effects packaging pages preview published readme recording_writer refit replay
