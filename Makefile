@@ -41,15 +41,15 @@ live: $(VENV)/all ## the whole stack without hardware, until Ctrl-C or for LIVE_
 	LIVE_SECONDS=$(LIVE_SECONDS) $(VENV)/bin/python examples/live.py $(ARGS)
 
 .PHONY: quick
-quick: $(VENV)/all ## the tests of a minute: no processes, no films, no diagnoses
+quick: $(VENV)/kernels ## the tests of a minute: no processes, no films, no diagnoses
 	$(VENV)/bin/python -m pytest $(PYTEST_FLAGS) -m 'not slow and not ros and not lengthy' test $(ARGS)
 
 .PHONY: test
-test: $(VENV)/all ## the tests, without the slow ones
+test: $(VENV)/kernels ## the tests, without the slow ones
 	$(VENV)/bin/python -m pytest $(PYTEST_FLAGS) $(ARGS)
 
 .PHONY: test-all
-test-all: $(VENV)/all ## all tests
+test-all: $(VENV)/kernels ## all tests
 	$(VENV)/bin/python -m pytest $(PYTEST_FLAGS) -m '' $(ARGS)
 
 .PHONY: test-oldest
@@ -106,6 +106,12 @@ $(VENV)/all: $(VENV)/python-$(VERSION) setup.py
 	@echo 'installing pneunet_ros, ROS and the tools for testing into $(VENV): a minute or two'
 	@$(VENV)/bin/python $(PIP) -e '.[dev,ros]'
 	@touch $(VENV)/run $@
+
+# The kernels, once, before several test processes want them; seconds where they are compiled.
+.PHONY: $(VENV)/kernels
+$(VENV)/kernels: $(VENV)/all
+	@echo 'compiling the kernels, once: some minutes, then kept'
+	@cd test && ../$(VENV)/bin/python -m support.compile_kernels > /dev/null
 
 # Nothing is compiled, so that no compiler is needed; empy is plain Python and has no wheel.
 $(OLDEST)/all: $(OLDEST)/python-$(VERSION) setup.py test/constraints-oldest.txt

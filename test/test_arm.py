@@ -221,18 +221,18 @@ def numbers(value, name=''):
 def test_a_quantity_is_moved_by_its_name_and_nothing_else_is(name):
     arm = paper_arm(ALL_MECHANICS)
     before = dict(numbers(mapping_from_arm(arm)))
-    after = dict(numbers(mapping_from_arm(arm.changed({name: 1e-5}))))
+    after = dict(numbers(mapping_from_arm(arm.with_changes({name: 1e-5}))))
     assert after.keys() == before.keys()
     assert [key for key in before if after[key] != before[key]] == [name]
     assert after[name] - before[name] == pytest.approx(1e-5, rel=1e-5)
 
 
 def test_quantities_are_moved_together():
-    moved = paper_arm().changed({'arm.length': 0.01, 'moment_law.rigidity.0.0': 0.001})
+    moved = paper_arm().with_changes({'arm.length': 0.01, 'moment_law.rigidity.0.0': 0.001})
     assert moved.length == pytest.approx(0.122)
     assert moved.moment_law.rigidity[0, 0] == pytest.approx(0.081)
     assert moved.knots[-1] == pytest.approx(0.122)
-    with_linear = plain_arm().changed({'moment_law.bending_stiffness': 1e-4})
+    with_linear = plain_arm().with_changes({'moment_law.bending_stiffness': 1e-4})
     assert with_linear.moment_law.bending_stiffness == pytest.approx(1.1e-3)
 
 
@@ -268,13 +268,13 @@ def test_quantities_are_moved_together():
 )
 def test_a_name_that_leads_to_no_number_is_refused(name):
     with pytest.raises(ModelError, match='the model has no quantity') as caught:
-        paper_arm(ALL_MECHANICS).changed({name: 1e-6})
+        paper_arm(ALL_MECHANICS).with_changes({name: 1e-6})
     assert f'no quantity {name}; names look like arm.length' in str(caught.value)
 
 
 def test_a_change_out_of_bounds_is_refused():
     with pytest.raises(ModelError, match=r'effects\.extensibility\.axial_stiffness'):
-        paper_arm((Extensibility(axial_stiffness=5.0),)).changed(
+        paper_arm((Extensibility(axial_stiffness=5.0),)).with_changes(
             {'effects.extensibility.axial_stiffness': -10.0}
         )
 

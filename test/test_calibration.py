@@ -10,7 +10,6 @@ from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.held_out import score
 from pneunet_ros.calibration.low_rank import run_jacobian
-from pneunet_ros.calibration.moment_curvature import curvature_std, law_view
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.readings import PressureReading
@@ -21,6 +20,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.model.uncertainty import MOST_COLUMNS
+from pneunet_ros.reports.paper_views.moment_curvature import curvature_std, law_view
 from pneunet_ros.solver.columns import RIGIDITY
 import pytest
 from support.example_arms import paper_arm
@@ -100,7 +100,7 @@ def test_progress_says_what_is_done():
     free, _ = noisy()
     said = []
     found = calibrate(
-        [run.thinned(20) for run in free], [], PAPER, on_progress=lambda *stage: said.append(stage)
+        [run.thin(20) for run in free], [], PAPER, on_progress=lambda *stage: said.append(stage)
     )
     assert {stage for stage, _, _ in said} == {'kappa_p0, search', 'kappa_p0'}
     assert found.joint is found.free
@@ -159,7 +159,7 @@ def test_what_cannot_be_continued_is_refused():
 def test_the_range_is_that_of_the_chamber():
     free, _ = noisy()
     frame = paper_arm((PressureOffset(offset=5e3),))
-    found = calibrate([run.thinned(20) for run in free], [], frame)
+    found = calibrate([run.thin(20) for run in free], [], frame)
     assert found.posterior.low == pytest.approx(5e3, abs=400.0)
     assert found.posterior.high == pytest.approx(65e3, abs=400.0)
     assert all(run.solved.all() for run in found.joint.runs)

@@ -8,13 +8,13 @@ from pneunet_ros.calibration.settings import CALIBRATION, EXPERIMENTS, MAP_ESTIM
 
 
 def test_what_is_not_the_default_is_said():
-    assert CALIBRATION.changed() == {}
+    assert CALIBRATION.not_default() == {}
     changed = replace(
         CALIBRATION,
         experiments=replace(EXPERIMENTS, knots=7),
         map_estimation=replace(MAP_ESTIMATION, small_step=0.1),
     )
-    assert changed.changed() == {
+    assert changed.not_default() == {
         'ExperimentSettings.knots': 7,
         'MapEstimationSettings.small_step': 0.1,
     }

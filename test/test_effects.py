@@ -41,6 +41,7 @@ from pneunet_ros.model.uncertainty import ModelCovariance
 from pneunet_ros.solver.columns import RIGIDITY
 import pytest
 from support.example_arms import ALL_MECHANICS, paper_arm, rebuilt
+from support.perturbations import join_perturbations
 
 # Names and units are part of the contract (design, section 2.5).
 CONTRACT = {
@@ -294,14 +295,14 @@ def test_solving_anew_agrees_with_the_linear_response(parameter, company):
     effects[parameter.effect.name] = likely(parameter.effect)
     arm = paper_arm(tuple(effects.values()))
     h = parameter.step
-    less, more = arm.changed({parameter.path: -h}), arm.changed({parameter.path: h})
+    less, more = arm.with_changes({parameter.path: -h}), arm.with_changes({parameter.path: h})
     anew = (solved(more)[0] - solved(less)[0]) / (2 * h)
 
     _, shape = solved(arm)
     history, _, chamber = up_and_down(arm)
     rods, per_pascal = with_pressure_change(arm, chamber, history)
     before, after = (side.rods(rods.pressure, up_and_down(side)[0]) for side in (less, more))
-    changes = per_pascal.joined(Perturbation.between(before, after, 2 * h))
+    changes = join_perturbations(per_pascal, Perturbation.between(before, after, 2 * h))
     response = linearize(shape.solution, rods, changes)
     # Through what a reading means and the chamber pressure; and through the record of the rod.
     through = [*((causes(more) - causes(less)) / (2 * h)), 1.0]

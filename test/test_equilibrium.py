@@ -37,6 +37,7 @@ from support.example_arms import (
     TABLE_1,
     two_sections,
 )
+from support.perturbations import join_perturbations
 from support.random_rods import random_case
 
 FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
@@ -327,25 +328,14 @@ def test_the_stations_answer_as_full_solves_do(arm):
     assert response.stable == start.stable
 
 
-def joined(first: Perturbation, second: Perturbation) -> Perturbation:
-    """Return the causes of both."""
-    return Perturbation(
-        distance=np.concatenate([first.distance, second.distance]),
-        **{
-            name: np.concatenate([getattr(first, name), getattr(second, name)], axis=1)
-            for name in ('length', 'sections', 'clamp', 'knots', 'rotation')
-        },
-    )
-
-
 @pytest.mark.parametrize('arm', ARMS.values(), ids=ARMS)
 def test_the_stations_change_as_moved_panels_and_nodes_do(arm):
     shape = solve(arm, 45e3, (0.15, 0.15), 2e-4)
     rods, change = with_pressure_change(arm, 45e3)
     names = [f'moment_law.rigidity.{row}.0' for row in range(len(arm.moment_law.pressure))]
-    sides = (arm.changed(dict.fromkeys(names, sign * 1e-3)) for sign in (-1, 1))
+    sides = (arm.with_changes(dict.fromkeys(names, sign * 1e-3)) for sign in (-1, 1))
     before, after = (side.rods(np.array([45e3])) for side in sides)
-    change = joined(change, Perturbation.between(before, after, 2e-3))
+    change = join_perturbations(change, Perturbation.between(before, after, 2e-3))
     found = linearize(shape.solution, rods, change)
     at = np.delete(shape.arclength, 14)  # the joint of two panels, which moves with l1
     for cause, changes in enumerate(found.stations(at)):
@@ -435,7 +425,7 @@ def test_a_change_of_the_record_moves_random_rods_as_full_solves_do(seed):
         for effect in case.arm.effects
         for name in parameters(effect)
     }
-    sides = [case.arm.changed({k: sign * v for k, v in names.items()}) for sign in (-1, 1)]
+    sides = [case.arm.with_changes({k: sign * v for k, v in names.items()}) for sign in (-1, 1)]
     shape = solve(case.arm, case.pressure, case.force, case.moment)
     pressure = np.array([case.pressure])
     before, after = (side.rods(pressure) for side in sides)

@@ -470,7 +470,7 @@ def sampled(arm, draws: int = DRAWS):
         drawn = arm
         if arm.covariance is not None:
             amounts = arm.covariance.factor @ random.normal(size=arm.covariance.factor.shape[1])
-            drawn = arm.changed(dict(zip(arm.covariance.quantities, amounts, strict=True)))
+            drawn = arm.with_changes(dict(zip(arm.covariance.quantities, amounts, strict=True)))
         noise = random.normal(size=4) * [60.0, 1e-3, 1e-3, 1e-5]
         shape = solve(
             drawn,
@@ -515,7 +515,7 @@ def test_a_column_of_the_model_adds_what_one_sigma_of_it_does():
     sensors = last(PLAIN, wrench(1), pressure(1)).tip_covariance
     both = last(estimator_with(uncertain), wrench(1), pressure(1)).tip_covariance
     longer, shorter = (
-        solve(ARM.changed({'arm.length': step}), PRESSURE, FORCE, MOMENT).tip
+        solve(ARM.with_changes({'arm.length': step}), PRESSURE, FORCE, MOMENT).tip
         for step in (1e-6, -1e-6)
     )
     moved = std * np.subtract(longer, shorter) / 2e-6

@@ -123,7 +123,7 @@ def test_the_floor_is_that_of_the_recordings_it_is_asked_of():
 
 def test_what_an_arm_remembers_is_carried_from_run_to_run():
     arm = replace(own(), effects=(PressureLag(time_constant=2.0),), covariance=None)
-    runs = [run.thinned(FRAMES) for run in recorded()[:2]]
+    runs = [run.thin(FRAMES) for run in recorded()[:2]]
     together = scores(arm, runs)
     assert together[0].rms == scores(arm, runs[:1])[0].rms
     late = replace(runs[1], reading_stamp_ns=runs[0].reading_stamp_ns[-1] + 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.calibration.linearity import intrinsic_linearity, PLACES, straight
+from pneunet_ros.reports.paper_views.linearity import intrinsic_linearity, PLACES, straight
 import pytest
 from support.small_calibration import calibration
 

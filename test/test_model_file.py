@@ -506,7 +506,7 @@ def test_the_hash_does_not_see_layout_and_comments(write, tmp_path):
     ],
 )
 def test_the_hash_sees_the_last_digit_of_every_number(name):
-    assert model_hash(paper_arm().changed({name: 1e-12})) != model_hash(paper_arm())
+    assert model_hash(paper_arm().with_changes({name: 1e-12})) != model_hash(paper_arm())
 
 
 def test_the_hash_is_the_same_in_another_process(foreign_environment):

@@ -5,8 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.moment_curvature import curvature_std, law_view, line, moment_view
-from pneunet_ros.calibration.steady_states import find_steady_states, predict_states, thin
+from pneunet_ros.reports.paper_views.moment_curvature import (
+    curvature_std,
+    law_view,
+    line,
+    moment_view,
+)
+from pneunet_ros.reports.paper_views.steady_states import find_steady_states, predict_states, thin
 from pneunet_ros.solver.columns import MOMENT, X, Y
 from pneunet_ros.vision.smoother import smoother_for
 import pytest

@@ -24,7 +24,7 @@ def test_every_place_of_an_effect_is_among_them():
 
 @pytest.mark.parametrize('name', SHOWN_BY)
 def test_a_hidden_effect_is_named_with_its_size(name):
-    runs = {run.name: run.thinned(FRAMES) for run in recorded(name)}
+    runs = {run.name: run.thin(FRAMES) for run in recorded(name)}
     training = [runs['unloaded_ramp'], runs[SHOWN_BY[name]]]
     diagnosis = diagnose(frame(), training, [runs[HELD_OUT]], seed=3)
     assert diagnosis.answer == 'named'

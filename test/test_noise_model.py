@@ -31,7 +31,7 @@ def test_a_load_of_exactly_zero_is_no_reading():
     assert attached_std(USUAL, run).tolist() == [[force, force, 0.0], [0.0] * 3, [force, force, 0]]
     pushed = replace(run, moment=np.array([0.0, 0.0, 1e-4]))
     assert attached_std(USUAL, pushed)[0].tolist() == [force, force, USUAL.moment_std]
-    assert not attached_std(USUAL, run.unloaded()).any()
+    assert not attached_std(USUAL, run.without_load()).any()
 
 
 def test_columns_are_what_moved_readings_move():

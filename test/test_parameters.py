@@ -93,7 +93,7 @@ def test_quantities_are_the_numbers_of_the_model(kind):
     step = (
         0.01 * np.sqrt(np.diag(some.prior)) * np.random.default_rng(1).standard_normal(values.size)
     )
-    moved = some.arm(values).changed(dict(zip(names, (change @ step).tolist(), strict=True)))
+    moved = some.arm(values).with_changes(dict(zip(names, (change @ step).tolist(), strict=True)))
     wanted = some.arm(values + step)
     table, law = wanted.intrinsic_curvature, wanted.moment_law
     assert moved.intrinsic_curvature.curvature == pytest.approx(table.curvature, rel=1e-9)

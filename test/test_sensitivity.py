@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros import solve
-from pneunet_ros.calibration.sensitivity import FACTORS, SPLITS, variations
-from pneunet_ros.calibration.steady_states import find_steady_states
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw
+from pneunet_ros.reports.paper_views.sensitivity import FACTORS, SPLITS, variations
+from pneunet_ros.reports.paper_views.steady_states import find_steady_states
 import pytest
 from support.small_calibration import ARM, calibration
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.steady_states import (
+from pneunet_ros.reports.paper_views.steady_states import (
     find_steady_states,
     longest_states,
     predict_states,

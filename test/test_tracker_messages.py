@@ -349,7 +349,7 @@ def test_camera_info_is_a_lens(types):
 
 def test_no_distortion_is_none(types):
     lens = decode_camera_info(camera_info(types, distortion=(), distortion_model=''))
-    assert lens.distorted([[0.1, -0.2]]) == pytest.approx(np.array([[370.0, 138.0]]))
+    assert lens.distort([[0.1, -0.2]]) == pytest.approx(np.array([[370.0, 138.0]]))
 
 
 def region(types, **fields):

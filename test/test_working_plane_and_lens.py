@@ -62,11 +62,11 @@ def all_nan(points):
 def test_distorted_points_are_those_of_opencv(named):
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, 21), np.linspace(-0.4, 0.4, 21))
     normalized = np.column_stack([x.ravel(), y.ravel()])
-    assert np.abs(named.distorted(normalized) - by_opencv(named, normalized)).max() < 1e-9
+    assert np.abs(named.distort(normalized) - by_opencv(named, normalized)).max() < 1e-9
 
 
 def test_undistorted_points_come_back_by_opencv(named):
-    normalized = named.undistorted(PIXELS)
+    normalized = named.undistort(PIXELS)
     seen = np.isfinite(normalized[:, 0])
     assert seen.mean() > 0.99
     assert np.abs(by_opencv(named, normalized[seen]) - PIXELS[seen]).max() < 1e-9
@@ -78,15 +78,15 @@ def test_points_come_back_from_pixels(named):
     normalized = np.column_stack(
         [(radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()]
     )
-    assert np.abs(named.undistorted(named.distorted(normalized)) - normalized).max() < 1e-11
+    assert np.abs(named.undistort(named.distort(normalized)) - normalized).max() < 1e-11
 
 
 def test_strong_barrel_is_iterated_to_the_end():
     # OpenCV's five iterations leave .03 px at the edge of such an image.
     camera = lens([-0.35, 0.0, 0.0, 0.0])
     pixels = np.array([[60.0, 30.0], [600.0, 440.0], [322.5, 238.0], [150.0, 238.0]])
-    assert np.abs(camera.distorted(camera.undistorted(pixels)) - pixels).max() < 1e-9
-    assert camera.undistorted(pixels)[2].tolist() == [0.0, 0.0]
+    assert np.abs(camera.distort(camera.undistort(pixels)) - pixels).max() < 1e-9
+    assert camera.undistort(pixels)[2].tolist() == [0.0, 0.0]
 
 
 def test_the_fold_of_a_barrel_is_where_its_slope_is_zero():
@@ -98,7 +98,7 @@ def test_the_fold_of_a_barrel_is_where_its_slope_is_zero():
 def test_a_pole_of_the_rational_model_is_a_limit():
     camera = lens([0, 0, 0, 0, 0, -4.0, 0, 0], 'rational_polynomial')
     assert camera.limit <= 0.5 + 1e-9
-    assert all_nan(camera.distorted([[0.51, 0.0], [0.0, 2.0]]))
+    assert all_nan(camera.distort([[0.51, 0.0], [0.0, 2.0]]))
 
 
 def test_tangential_terms_alone_fold_on_one_side():
@@ -113,8 +113,8 @@ def test_a_distortion_that_nearly_folds_is_undone_on_both_sides():
     assert camera.limit > 100.0
     radius = np.linspace(0.0, 3.0, 500)
     normalized = np.column_stack([0.6 * radius, -0.8 * radius])
-    pixels = camera.distorted(normalized)
-    assert np.abs(camera.undistorted(pixels) - normalized).max() < 1e-9
+    pixels = camera.distort(normalized)
+    assert np.abs(camera.undistort(pixels) - normalized).max() < 1e-9
 
 
 def test_up_to_the_fold_is_seen_and_nothing_beyond():
@@ -123,13 +123,11 @@ def test_up_to_the_fold_is_seen_and_nothing_beyond():
     angle = np.linspace(0.0, 6.2, 50)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     center, focal = np.array([322.5, 238.0]), np.array([610.0, 605.0])
-    inside = camera.undistorted(center + focal * edge * 0.9999999 * ring)
+    inside = camera.undistort(center + focal * edge * 0.9999999 * ring)
     assert np.all(np.hypot(*inside.T) < camera.limit)
-    assert (
-        np.abs(camera.distorted(inside) - (center + focal * edge * 0.9999999 * ring)).max() < 1e-9
-    )
-    assert all_nan(camera.undistorted(center + focal * edge * 1.0000001 * ring))
-    assert all_nan(camera.undistorted(center + focal * edge * 50.0 * ring))
+    assert np.abs(camera.distort(inside) - (center + focal * edge * 0.9999999 * ring)).max() < 1e-9
+    assert all_nan(camera.undistort(center + focal * edge * 1.0000001 * ring))
+    assert all_nan(camera.undistort(center + focal * edge * 50.0 * ring))
 
 
 def test_points_beyond_the_fold_have_no_pixel():
@@ -139,44 +137,44 @@ def test_points_beyond_the_fold_have_no_pixel():
     assert np.all(
         (by_opencv(camera, normalized[1:3]) > 0) & (by_opencv(camera, normalized[1:3]) < 640)
     )
-    assert all_nan(camera.distorted(normalized))
+    assert all_nan(camera.distort(normalized))
 
 
 def test_what_is_no_number_has_no_place(named):
     bad = [[math.nan, 3.0], [3.0, math.nan], [math.inf, 0.0], [0.0, -math.inf], [1e300, 1e300]]
-    assert all_nan(named.undistorted(bad))
-    assert all_nan(named.distorted(bad))
+    assert all_nan(named.undistort(bad))
+    assert all_nan(named.distort(bad))
     assert all_nan(named.scale(bad))
-    assert np.isfinite(named.undistorted([*bad, [320.0, 240.0]])[-1]).all()
+    assert np.isfinite(named.undistort([*bad, [320.0, 240.0]])[-1]).all()
 
 
 def test_no_points_are_no_points(named):
-    assert named.undistorted(np.empty((0, 2))).shape == (0, 2)
-    assert named.distorted(np.empty((0, 2))).shape == (0, 2)
+    assert named.undistort(np.empty((0, 2))).shape == (0, 2)
+    assert named.distort(np.empty((0, 2))).shape == (0, 2)
 
 
 def test_given_points_are_left_alone(named):
     pixels = PIXELS.copy()
-    named.undistorted(pixels)
+    named.undistort(pixels)
     named.scale(pixels)
-    named.undistorted(PIXELS[::-1].T.copy(order='F').T)
+    named.undistort(PIXELS[::-1].T.copy(order='F').T)
     assert np.array_equal(pixels, PIXELS)
 
 
 @pytest.mark.parametrize('points', [[1.0, 2.0], [[1.0, 2.0, 3.0]], np.zeros((2, 2, 2))])
 def test_points_are_pairs(points):
     with pytest.raises(CameraError, match='pairs'):
-        lens().undistorted(points)
+        lens().undistort(points)
 
 
 def test_the_scale_is_that_of_neighbors(named):
-    normalized = named.undistorted([[400.0, 300.0], [100.0, 90.0], [322.5, 238.0]])
+    normalized = named.undistort([[400.0, 300.0], [100.0, 90.0], [322.5, 238.0]])
     step = 1e-4
     for point, scale in zip(normalized, named.scale(normalized), strict=True):
-        pixel = named.distorted([point])[0]
+        pixel = named.distort([point])[0]
         angle = np.linspace(0.0, np.pi, 400)
         ring = pixel + step * np.column_stack([np.cos(angle), np.sin(angle)])
-        far = np.hypot(*(named.undistorted(ring) - point).T).max() / step
+        far = np.hypot(*(named.undistort(ring) - point).T).max() / step
         assert scale == pytest.approx(far, rel=1e-4)
 
 
@@ -201,12 +199,12 @@ def test_a_pixel_has_one_place_whatever_the_polynomials(k, x, y):
 
 def one_place(camera, x, y):
     """Check that a point within the fold comes back from its pixel, and one beyond has none."""
-    pixel = camera.distorted([[x, y]])
+    pixel = camera.distort([[x, y]])
     if np.isnan(pixel[0, 0]):
         assert math.hypot(x, y) >= camera.limit * 0.999999
         return
-    again = camera.undistorted(pixel)
-    assert np.abs(camera.distorted(again) - pixel).max() <= 1e-9
+    again = camera.undistort(pixel)
+    assert np.abs(camera.distort(again) - pixel).max() <= 1e-9
     # Next to the fold a pixel moves little when its place moves much.
     assert np.abs(again - [[x, y]]).max() <= 1e-9 + 1e-8 * camera.scale([[x, y]])[0]
 
@@ -218,7 +216,7 @@ def one_place(camera, x, y):
 )
 def test_an_undistorted_pixel_is_always_a_solution(k, u, v):
     camera = lens(k)
-    normalized = camera.undistorted([[u, v]])
+    normalized = camera.undistort([[u, v]])
     assume(np.isfinite(normalized[0, 0]))
     assert np.hypot(*normalized[0]) < camera.limit
     assert np.abs(by_opencv(camera, normalized) - [[u, v]]).max() < 1e-8
@@ -255,7 +253,7 @@ def test_a_camera_that_cannot_be_is_refused(changes, sentence):
 
 
 def test_a_camera_without_distortion_needs_no_model():
-    assert lens(model='').undistorted([[322.5 + 610.0, 238.0]]).tolist() == [[1.0, 0.0]]
+    assert lens(model='').undistort([[322.5 + 610.0, 238.0]]).tolist() == [[1.0, 0.0]]
 
 
 @pytest.mark.parametrize('binning', [(0, 0), (1, 1)])
@@ -331,7 +329,7 @@ def test_points_of_the_plane_give_it_through_a_distorting_lens(name, count):
     points = np.vstack([corners, more])
     pixels = seen_by_opencv(name, points, camera)
     plane = plane_from_homography(camera, HomographyPlane(pixels=pixels, points=points))
-    targets = plane.points(camera.undistorted(seen_by_opencv(name, TARGETS, camera)))
+    targets = plane.points(camera.undistort(seen_by_opencv(name, TARGETS, camera)))
     assert np.abs(targets - TARGETS).max() < 1e-11
     assert np.abs(plane.normalized(TARGETS) - seen_by_opencv(name, TARGETS)).max() < 1e-10
 
@@ -343,8 +341,8 @@ def test_more_points_than_four_average_their_noise():
     noise = np.random.default_rng(5).normal(0.0, 0.2, points.shape)
     pixels = seen_by_opencv('oblique', points, camera) + noise
     plane = plane_from_homography(camera, HomographyPlane(pixels=pixels, points=points))
-    targets = plane.points(camera.undistorted(seen_by_opencv('oblique', TARGETS, camera)))
-    one_pixel = np.median(plane.scale(camera.undistorted(pixels))) / 610.0
+    targets = plane.points(camera.undistort(seen_by_opencv('oblique', TARGETS, camera)))
+    one_pixel = np.median(plane.scale(camera.undistort(pixels))) / 610.0
     assert np.hypot(*(targets - TARGETS).T).max() < 0.2 * one_pixel
 
 
@@ -470,7 +468,7 @@ def test_a_plane_fits_its_points_or_is_refused(pixels, data):
         )
     except CameraError:
         return
-    found = plane.points(camera.undistorted(pixels))
+    found = plane.points(camera.undistort(pixels))
     assert np.isfinite(found).all()
     assert np.hypot(*(found - points).T).max() < 0.05 * 0.3
 

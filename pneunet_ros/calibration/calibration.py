@@ -85,7 +85,7 @@ def calibrate(
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
         raise RequestError(f'the moment law must be one of {allowed}, not {kind}')
     check_runs(unloaded, loaded, frame, first=earlier is None, settings=settings)
-    unloaded = [run.unloaded() for run in unloaded]
+    unloaded = [run.without_load() for run in unloaded]
     runs = [*unloaded, *loaded]
     noise = estimate_noise(runs, frame.target_arclength, frame.sensors, settings.noise_estimate)
     frame = replace(frame, sensors=noise.noise, covariance=None)

@@ -121,7 +121,7 @@ class FitSequence:
         )
         return fit(
             parameters,
-            [run if most is None else run.thinned(most) for run in runs],
+            [run if most is None else run.thin(most) for run in runs],
             self.noise.noise,
             self.frame.target_arclength,
             start,

@@ -51,7 +51,7 @@ class ScaledPrior:
             self.mean[placement] = known.placement
         self.scale = np.linalg.cholesky(prior)
 
-    def unscaled(self, scaled: Array) -> tuple[Array, Array]:
+    def unscale(self, scaled: Array) -> tuple[Array, Array]:
         """Return parameters of the model and disturbances (m) of scaled unknowns."""
         values = self.mean + self.scale @ scaled
         return values[: self.size], values[self.size :]
@@ -97,7 +97,7 @@ class Posterior:
 
     def cost(self, scaled: Array, around: LinearizedPosterior) -> float:
         """Return the cost whitened as `around` is; ModelError where there is no such arm."""
-        values, disturbance = self.prior.unscaled(scaled)
+        values, disturbance = self.prior.unscale(scaled)
         arm = self.parameters.arm(values)
         cost = 0.5 * float(scaled @ scaled)
         for which, inputs in enumerate(inputs_of(arm, self.runs)):
@@ -108,7 +108,7 @@ class Posterior:
     def linearize(self, scaled: Array) -> LinearizedPosterior:
         """Return all runs linearized at scaled unknowns, put together."""
         prior, size = self.prior, self.prior.size
-        values, disturbance = prior.unscaled(scaled)
+        values, disturbance = prior.unscale(scaled)
         normal, gradient = np.zeros((scaled.size, scaled.size)), np.zeros(scaled.size)
         cost, runs = 0.5 * float(scaled @ scaled), []
         all_inputs = inputs_of(self.parameters.arm(values), self.runs)
@@ -206,7 +206,7 @@ def finalize(
     hessian = last.normal + np.eye(last.scaled.size)
     covariance = np.linalg.inv(hessian)
     scale, rows = prior.scale[:size, :size], prior.scale[: prior.shared]
-    values, disturbance = prior.unscaled(last.scaled)
+    values, disturbance = prior.unscale(last.scaled)
     # Disturbances integrated out, with their prior: what the data say of the model alone.
     rest = np.linalg.inv(hessian[size:, size:])
     cross = last.normal[:size, size:]

@@ -5,137 +5,139 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from pneunet_ros.core.settings import settings_changed, tuned
+from pneunet_ros.core.settings import settings_changed, tuning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreconditionSettings:
     """What recordings must hold to calibrate from, and what no arm does."""
 
-    fewest_frames: int = tuned(20, 'frames of a recording')
-    fewest_targets: int = tuned(4, 'targets seen somewhere in a recording')
-    smallest_span: float = tuned(1000.0, 'of pressure, over all unloaded recordings', unit='Pa')
-    smallest_motion: float = tuned(5e-4, 'of the tip', unit='m')
-    smallest_force: float = tuned(0.005, 'for a load', unit='N')
-    unloaded_force: float = tuned(0.02, 'more than the offset of a force sensor', unit='N')
-    largest_pressure: float = tuned(1e6, 'gauge', unit='Pa')
-    bending_motion: float = tuned(0.05, 'pressures that bend so much are no few Pa', unit='length')
-    largest_force: float = tuned(100.0, 'on an arm', unit='weight')
-    longest: float = tuned(1.3, 'from the clamp to a target', unit='length')
-    nearest: float = tuned(0.02, 'from the clamp to the last target', unit='length')
+    fewest_frames: int = tuning(20, 'frames of a recording')
+    fewest_targets: int = tuning(4, 'targets seen somewhere in a recording')
+    smallest_span: float = tuning(1000.0, 'of pressure, over all unloaded recordings', unit='Pa')
+    smallest_motion: float = tuning(5e-4, 'of the tip', unit='m')
+    smallest_force: float = tuning(0.005, 'for a load', unit='N')
+    unloaded_force: float = tuning(0.02, 'more than the offset of a force sensor', unit='N')
+    largest_pressure: float = tuning(1e6, 'gauge', unit='Pa')
+    bending_motion: float = tuning(
+        0.05, 'pressures that bend so much are no few Pa', unit='length'
+    )
+    largest_force: float = tuning(100.0, 'on an arm', unit='weight')
+    longest: float = tuning(1.3, 'from the clamp to a target', unit='length')
+    nearest: float = tuning(0.02, 'from the clamp to the last target', unit='length')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConsistencySettings:
     """When recordings are of one arm: unloaded and at one pressure it has one shape."""
 
-    same_pressure: float = tuned(0.01, 'how near', unit='largest pressure')
-    another_time: float = tuned(0.2, 'frames so far apart show the past', unit='recording')
-    fewest_pairs: int = tuned(5, 'pairs of frames at the same pressure')
-    two_arms: float = tuned(0.03, 'what two arms differ by at least', unit='length')
-    two_arms_unknown: float = tuned(0.06, 'where nothing shows what the past does', unit='length')
-    times_past: float = tuned(3.0, 'as much as the past does')
-    outlier: float = tuned(5.0, 'chi squared per coordinate of an outlier recording')
-    times_others: float = tuned(5.0, "of an outlier, over the others' median")
+    same_pressure: float = tuning(0.01, 'how near', unit='largest pressure')
+    another_time: float = tuning(0.2, 'frames so far apart show the past', unit='recording')
+    fewest_pairs: int = tuning(5, 'pairs of frames at the same pressure')
+    two_arms: float = tuning(0.03, 'what two arms differ by at least', unit='length')
+    two_arms_unknown: float = tuning(0.06, 'where nothing shows what the past does', unit='length')
+    times_past: float = tuning(3.0, 'as much as the past does')
+    outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
+    times_others: float = tuning(5.0, "of an outlier, over the others' median")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseEstimateSettings:
     """How the noise of recordings is found."""
 
-    fewest: int = tuned(20, 'values for an estimate, and frames of a run to take them from')
-    even: float = tuned(1.5, 'mean over targets, of an even motion', unit='sigma')
-    at_clamp: float = tuned(0.01, 'so near a target does not move with the arm', unit='length')
-    blocks: int = tuned(8, 'of a run, whose means show the drift of the camera')
-    smooth_degree: int = tuned(6, 'of the polynomial that a straight arm follows')
-    fewest_targets: int = tuned(12, 'for a placement')
-    straightest: float = tuned(0.1, 'share of the unloaded frames')
+    fewest: int = tuning(20, 'values for an estimate, and frames of a run to take them from')
+    even: float = tuning(1.5, 'mean over targets, of an even motion', unit='sigma')
+    at_clamp: float = tuning(0.01, 'so near a target does not move with the arm', unit='length')
+    blocks: int = tuning(8, 'of a run, whose means show the drift of the camera')
+    smooth_degree: int = tuning(6, 'of the polynomial that a straight arm follows')
+    fewest_targets: int = tuning(12, 'for a placement')
+    straightest: float = tuning(0.1, 'share of the unloaded frames')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentSettings:
     """The table of kappa_p0, what is believed of it, and how many frames a fit begins with."""
 
-    knots: int = tuned(11, 'of kappa_p0 along the arm')
-    row_distance: float = tuned(8000.0, 'between rows of kappa_p0, about', unit='Pa')
-    most_rows: int = tuned(10, 'of kappa_p0')
-    fewest_rows: int = tuned(2, 'of kappa_p0')
-    amplitude: float = tuned(5.0, 'kappa_p0 at the highest pressure', unit='1/length')
-    std: float = tuned(0.5, 'of its part that is not proportional to pressure', unit='1/length')
-    length_scale: float = tuned(0.18, 'over which kappa_p0 is smooth', unit='length')
-    uniform: float = tuned(1e3, 'length scale of what is the same all along', unit='length')
-    outliers: float = tuned(0.002, 'readings beyond the range at either end', unit='share')
-    first_frames: int = tuned(40, 'of every run, for the search before the fit to all')
-    compared_frames: int = tuned(60, 'of every run, where moment laws are compared')
-    first_stiffness: float = tuned(0.05, 'alpha where the search for it begins')
-    covariance_frames: int = tuned(24, "of every run, for the covariance's few columns")
+    knots: int = tuning(11, 'of kappa_p0 along the arm')
+    row_distance: float = tuning(8000.0, 'between rows of kappa_p0, about', unit='Pa')
+    most_rows: int = tuning(10, 'of kappa_p0')
+    fewest_rows: int = tuning(2, 'of kappa_p0')
+    amplitude: float = tuning(5.0, 'kappa_p0 at the highest pressure', unit='1/length')
+    std: float = tuning(0.5, 'of its part that is not proportional to pressure', unit='1/length')
+    length_scale: float = tuning(0.18, 'over which kappa_p0 is smooth', unit='length')
+    uniform: float = tuning(1e3, 'length scale of what is the same all along', unit='length')
+    outliers: float = tuning(0.002, 'readings beyond the range at either end', unit='share')
+    first_frames: int = tuning(40, 'of every run, for the search before the fit to all')
+    compared_frames: int = tuning(60, 'of every run, where moment laws are compared')
+    first_stiffness: float = tuning(0.05, 'alpha where the search for it begins')
+    covariance_frames: int = tuning(24, "of every run, for the covariance's few columns")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HyperparameterSettings:
     """The smoothness of kappa_p0 to choose from, by evidence."""
 
-    length_scales: tuple[float, ...] = tuned(
+    length_scales: tuple[float, ...] = tuning(
         (0.12, 0.18, 0.25, 0.35, 0.45, 0.55, 0.7, 0.9), 'along the arm', unit='length'
     )
-    stds: tuple[float, ...] = tuned(
+    stds: tuple[float, ...] = tuning(
         (0.003, 0.01, 0.03, 0.1, 0.3), 'part not proportional to pressure', unit='amplitude'
     )
-    amplitudes: tuple[float, ...] = tuned((0.4, 0.8, 1.6), 'amplitude', unit='largest kappa_p0')
+    amplitudes: tuple[float, ...] = tuning((0.4, 0.8, 1.6), 'amplitude', unit='largest kappa_p0')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MomentLawSettings:
     """What is believed of the piecewise linear law before any recording."""
 
-    split: float = tuned(0.12, 'l1 / l', source='literature: the paper knows 0.10 to 0.15')
-    split_std: float = tuned(0.05, 'of l1 / l')
-    split_trend_std: float = tuned(0.05, 'of l1 / l over the whole range of pressure')
-    split_wave_std: float = tuned(0.012, 'of a row of l1 / l beside the straight line')
-    split_scale: float = tuned(0.5, 'over which rows are alike', unit='range of pressure')
-    split_least: float = tuned(0.02, 'l1 / l')
-    split_most: float = tuned(0.9, 'l1 / l')
-    bow_std: float = tuned(0.03, 'of alpha, in the middle of the range')
+    split: float = tuning(0.12, 'l1 / l', source='literature: the paper knows 0.10 to 0.15')
+    split_std: float = tuning(0.05, 'of l1 / l')
+    split_trend_std: float = tuning(0.05, 'of l1 / l over the whole range of pressure')
+    split_wave_std: float = tuning(0.012, 'of a row of l1 / l beside the straight line')
+    split_scale: float = tuning(0.5, 'over which rows are alike', unit='range of pressure')
+    split_least: float = tuning(0.02, 'l1 / l')
+    split_most: float = tuning(0.9, 'l1 / l')
+    bow_std: float = tuning(0.03, 'of alpha, in the middle of the range')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapEstimationSettings:
     """When the search for the most probable parameters ends."""
 
-    most_steps: int = tuned(25, 'Gauss-Newton steps at most')
-    small_step: float = tuned(0.05, 'size of all that is fitted that ends it', unit='sigma')
-    nearly: float = tuned(10.0, 'left where no step helps any more: still a model', unit='sigma')
-    most_halvings: int = tuned(8, 'of a step, until it lowers the cost')
+    most_steps: int = tuning(25, 'Gauss-Newton steps at most')
+    small_step: float = tuning(0.05, 'size of all that is fitted that ends it', unit='sigma')
+    nearly: float = tuning(10.0, 'left where no step helps any more: still a model', unit='sigma')
+    most_halvings: int = tuning(8, 'of a step, until it lowers the cost')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifiabilitySettings:
     """What recordings have determined."""
 
-    well_known: float = tuned(0.5, 'of the sigma before the recordings: more was not determined')
-    confounded: float = tuned(0.95, 'correlation of two quantities that go together')
+    well_known: float = tuning(0.5, 'of the sigma before the recordings: more was not determined')
+    confounded: float = tuning(0.95, 'correlation of two quantities that go together')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SteadyStateSettings:
     """What a steady state of a run is, and which of them are holds."""
 
-    share_of_span: float = tuned(0.01, 'that a state may span', unit='largest reading')
-    noise_span: float = tuned(8.0, 'that readings of one value may span', unit='sigma')
-    hold_share: float = tuned(0.3, 'of the longest state, at least, for a hold')
-    fewest_holds: int = tuned(4, 'to look at holds alone')
-    covered: float = tuned(0.8, 'of the pressures, that holds must span')
+    share_of_span: float = tuning(0.01, 'that a state may span', unit='largest reading')
+    noise_span: float = tuning(8.0, 'that readings of one value may span', unit='sigma')
+    hold_share: float = tuning(0.3, 'of the longest state, at least, for a hold')
+    fewest_holds: int = tuning(4, 'to look at holds alone')
+    covered: float = tuning(0.8, 'of the pressures, that holds must span')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipForceSettings:
     """When the search for an end force ends, and when that force is determined."""
 
-    most_steps: int = tuned(30, 'Gauss-Newton steps at most')
-    small_step: float = tuned(1e-4, 'step that ends the search', unit='sigma of the force')
-    largest_step: float = tuned(0.1, 'of a component in one step', unit='N')
-    smallest_normal: float = tuned(1e-4, 'of a force not determined at all', unit='1/N^2')
-    largest_sigma: float = tuned(10.0, 'what is less certain is not determined', unit='N')
+    most_steps: int = tuning(30, 'Gauss-Newton steps at most')
+    small_step: float = tuning(1e-4, 'step that ends the search', unit='sigma of the force')
+    largest_step: float = tuning(0.1, 'of a component in one step', unit='N')
+    smallest_normal: float = tuning(1e-4, 'of a force not determined at all', unit='1/N^2')
+    largest_sigma: float = tuning(10.0, 'what is less certain is not determined', unit='N')
 
 
 PRECONDITIONS, CONSISTENCY = PreconditionSettings(), ConsistencySettings()
@@ -158,7 +160,7 @@ class CalibrationSettings:
     map_estimation: MapEstimationSettings = MAP_ESTIMATION
     identifiability: IdentifiabilitySettings = IDENTIFIABILITY
 
-    def changed(self) -> dict[str, Any]:
+    def not_default(self) -> dict[str, Any]:
         """Return what is not the default, by `Class.field`."""
         return settings_changed(*(getattr(self, item.name) for item in fields(self)))
 

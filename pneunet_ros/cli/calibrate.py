@@ -176,6 +176,6 @@ def provenance_of(arguments: Namespace, calibration: Calibration) -> dict[str, o
         'continued': None if arguments.earlier is None else arguments.earlier.name,
         'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),
         'coordinates': joint.dof,
-        'settings': calibration.settings.changed(),
+        'settings': calibration.settings.not_default(),
         'covariance_share': round(calibration.explained_variance, 4),
     }

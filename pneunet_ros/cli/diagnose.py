@@ -116,7 +116,7 @@ def run(arguments: Namespace) -> int:
         training, sentences = read_all(arguments.train, frame, arguments, bar)
         held_out, more = read_all(arguments.heldout, frame, arguments, bar)
         on_progress = progress_of(bar)
-        with simulating(arguments.scheduler) as executor:
+        with executor_for(arguments.scheduler) as executor:
             found = diagnose(
                 frame,
                 training,
@@ -147,7 +147,7 @@ def run(arguments: Namespace) -> int:
     return DONE if found.answer in CLEAR else NEGATIVE
 
 
-def simulating(scheduler: str | None) -> AbstractContextManager[Executor | None]:
+def executor_for(scheduler: str | None) -> AbstractContextManager[Executor | None]:
     """Return where clean data are simulated: here, as it takes less than starting a process."""
     return nullcontext() if scheduler is None else open_executor(scheduler=scheduler)
 

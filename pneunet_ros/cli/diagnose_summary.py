@@ -28,7 +28,7 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
     """Print the answer first, then what it rests on."""
     console.print(Text(diagnosis.sentence, style='bold'))
     console.print(f'({ANSWERS[diagnosis.answer]})')
-    console.print(drawn(error_table(diagnosis), 'Model error'))
+    console.print(rich_table(error_table(diagnosis), 'Model error'))
     if diagnosis.before.held_out is None:
         console.print('no recording was held out: the model error was not tested on one')
     else:
@@ -38,13 +38,13 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
         (evidence_table(diagnosis), 'Evidence'),
     ):
         if table.rows:
-            console.print(drawn(table, title))
+            console.print(rich_table(table, title))
     console.print(Text(where_text(diagnosis)))
     if diagnosis.alternatives:
         console.print(
             f'cannot be distinguished with these data: {", ".join(diagnosis.alternatives)}'
         )
-    console.print(drawn(detectable_table(diagnosis), 'Detection limits of these recordings'))
+    console.print(rich_table(detectable_table(diagnosis), 'Detection limits of these recordings'))
     console.print(undetectable_sentence(diagnosis))
     if diagnosis.proposal:
         console.print(Text(f'next recording: {diagnosis.proposal}'))
@@ -54,7 +54,7 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
         console.print(f'wrote {directory / name}')
 
 
-def drawn(table: Table, title: str) -> rich.table.Table:
+def rich_table(table: Table, title: str) -> rich.table.Table:
     """Return a table for the terminal, which is too narrow for meanings."""
     out = rich.table.Table(title=title, box=rich.box.SIMPLE_HEAD)
     shown = [place for place, name in enumerate(table.columns) if name != 'meaning']

@@ -1,6 +1,6 @@
 """Settings: numbers that decide, each with its meaning, its source and what is allowed.
 
-One frozen dataclass per algorithm holds its numbers as fields made by `tuned`; a result says by
+One frozen dataclass per algorithm holds its numbers as fields made by `tuning`; a result says by
 `settings_used` which were used, and by `settings_changed` which of them were not the default.
 """
 
@@ -28,7 +28,7 @@ def setting(
     return field(default=default, metadata=metadata)
 
 
-def tuned(default: Any, meaning: str, *, unit: str = '-', source: str = 'invented') -> Any:
+def tuning(default: Any, meaning: str, *, unit: str = '-', source: str = 'invented') -> Any:
     """Declare a number by which an algorithm decides.
 
     unit: SI unit, '-' for none, or what it is a share or a multiple of. source: where the number

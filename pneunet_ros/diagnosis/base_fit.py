@@ -54,7 +54,7 @@ def fit_base(
     noise = replace(noise, noise=with_camera_motion(noise.noise, least))
     frame = replace(frame, sensors=noise.noise, covariance=None)
     most = settings.first_frames
-    unloaded, loaded = ([run.thinned(most) for run in runs] for runs in (unloaded, loaded))
+    unloaded, loaded = ([run.thin(most) for run in runs] for runs in (unloaded, loaded))
     fits = FitSequence(frame, noise, training, on_progress, uniform=uniform, settings=calibration)
     fit = fits.first_experiment(unloaded)
     if loaded and frame.moment_law.kind in MOMENT_LAW_PARAMETERS:

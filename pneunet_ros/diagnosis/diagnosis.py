@@ -126,7 +126,7 @@ def linearize(
     point = LinearizationPoint(
         parameters=fit.parameters, values=fit.values, placement=fit.placement
     )
-    runs = [run.thinned(settings.base_fit.frames) for run in (*training, *held_out)]
+    runs = [run.thin(settings.base_fit.frames) for run in (*training, *held_out)]
     return Linearization(point, runs, len(training), base.noise.noise, settings.linearization)
 
 

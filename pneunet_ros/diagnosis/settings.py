@@ -8,133 +8,135 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BaseFitSettings:
     """The refit of the base model, and how much of the recordings is used."""
 
-    frames: int = tuned(48, 'frames of every run; neighbors differ by white noise alone')
-    first_frames: int = tuned(24, 'frames of every run for the fit of the base model')
-    fewest_uniform: int = tuned(3, 'least frames, for a model of constant curvature')
-    harmless_camera: float = tuned(5e-4, 'camera motion that is no finding', unit='length')
+    frames: int = tuning(48, 'frames of every run; neighbors differ by white noise alone')
+    first_frames: int = tuning(24, 'frames of every run for the fit of the base model')
+    fewest_uniform: int = tuning(3, 'least frames, for a model of constant curvature')
+    harmless_camera: float = tuning(5e-4, 'camera motion that is no finding', unit='length')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearizationSettings:
     """Recordings around a fit, and the generic fields that stand for departures of any kind."""
 
-    tolerance: float = tuned(0.001, 'rms of departures that are harmless', unit='length')
-    most_lost: float = tuned(0.02, 'share of frames that may have no equilibrium')
-    curvature_modes: int = tuned(4, 'Legendre polynomials of curvature along the arm')
-    stretch_modes: int = tuned(3, 'Legendre polynomials of stretch along the arm')
-    time_constants: tuple[float, ...] = tuned((0.3, 3.0, 30.0), 'of low-passes', unit='s')
-    unloading: float = tuned(0.02, 'distance to highest pressure so far', unit='pressure range')
-    windows: int = tuned(10, 'windows of time in every run')
-    window_modes: int = tuned(3, 'Legendre polynomials of curvature in every window')
+    tolerance: float = tuning(0.001, 'rms of departures that are harmless', unit='length')
+    most_lost: float = tuning(0.02, 'share of frames that may have no equilibrium')
+    curvature_modes: int = tuning(4, 'Legendre polynomials of curvature along the arm')
+    stretch_modes: int = tuning(3, 'Legendre polynomials of stretch along the arm')
+    time_constants: tuple[float, ...] = tuning((0.3, 3.0, 30.0), 'of low-passes', unit='s')
+    unloading: float = tuning(0.02, 'distance to highest pressure so far', unit='pressure range')
+    windows: int = tuning(10, 'windows of time in every run')
+    window_modes: int = tuning(3, 'Legendre polynomials of curvature in every window')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisSettings:
     """Where in its prior range an effect is tried."""
 
-    first_size: float = tuned(5e-4, 'size, where points are linear in it', unit='prior range')
-    first_sizes: tuple[float, ...] = tuned((0.05, 0.25, 0.8), 'sizes else', unit='prior range')
-    shapes: int = tuned(5, 'values of a shape parameter over its prior range')
-    shape_margin: float = tuned(10.0, 'factor by which a shape may leave its prior range')
+    first_size: float = tuning(5e-4, 'size, where points are linear in it', unit='prior range')
+    first_sizes: tuple[float, ...] = tuning((0.05, 0.25, 0.8), 'sizes else', unit='prior range')
+    shapes: int = tuning(5, 'values of a shape parameter over its prior range')
+    shape_margin: float = tuning(10.0, 'factor by which a shape may leave its prior range')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreTestSettings:
     """The score of each effect before it is fitted, and what would have been visible."""
 
-    draws: int = tuned(5000, 'simulations of the largest score of clean data')
-    nugget: float = tuned(1e-9, 'added variance, as directions of effects may be equal')
-    smallest_step: float = tuned(0.3, 'least step of effects with memory', unit='size tried')
-    largest_step: float = tuned(3.0, 'largest step of effects with memory', unit='size tried')
-    visible: float = tuned(25.0, 'chi squared that is visible: five sigma', source='convention')
-    prior_range: float = tuned(2.0, 'end of the prior range', unit='std', source='convention')
-    least_cosine: float = tuned(0.3, 'cosine of two effects from which it is reported')
-    same_class: float = tuned(0.98, 'cosine from which effects cannot be distinguished')
+    draws: int = tuning(5000, 'simulations of the largest score of clean data')
+    nugget: float = tuning(1e-9, 'added variance, as directions of effects may be equal')
+    smallest_step: float = tuning(0.3, 'least step of effects with memory', unit='size tried')
+    largest_step: float = tuning(3.0, 'largest step of effects with memory', unit='size tried')
+    visible: float = tuning(25.0, 'chi squared that is visible: five sigma', source='convention')
+    prior_range: float = tuning(2.0, 'end of the prior range', unit='std', source='convention')
+    least_cosine: float = tuning(0.3, 'cosine of two effects from which it is reported')
+    same_class: float = tuning(0.98, 'cosine from which effects cannot be distinguished')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LackOfFitSettings:
     """The tests whether anything is left to explain."""
 
-    level: float = tuned(0.002, 'probability of a false alarm in any of the tests')
-    least_seen: float = tuned(0.3, 'score variance from which a field is seen in the data')
-    field_size: float = tuned(1e-4, 'rms of fields of single targets and of windows', unit='m')
-    draws: int = tuned(2000, 'simulations of clean data')
-    placement_dof: int = tuned(20, 'values that placement_std is estimated from')
-    camera_dof: int = tuned(8, 'values that registration_std and drift_std are estimated from')
-    white_error: float = tuned(0.01, 'relative error of the std of white noise')
-    law_error: float = tuned(0.2, 'excess that the law of an effect may leave', unit='of the base')
+    level: float = tuning(0.002, 'probability of a false alarm in any of the tests')
+    least_seen: float = tuning(0.3, 'score variance from which a field is seen in the data')
+    field_size: float = tuning(1e-4, 'rms of fields of single targets and of windows', unit='m')
+    draws: int = tuning(2000, 'simulations of clean data')
+    placement_dof: int = tuning(20, 'values that placement_std is estimated from')
+    camera_dof: int = tuning(8, 'values that registration_std and drift_std are estimated from')
+    white_error: float = tuning(0.01, 'relative error of the std of white noise')
+    law_error: float = tuning(
+        0.2, 'excess that the law of an effect may leave', unit='of the base'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefitSettings:
     """The joint fit of effects and base model."""
 
-    rounds: int = tuned(5, 'most relinearizations')
-    most_steps: int = tuned(5, 'most Gauss-Newton steps in a round')
-    most_halvings: int = tuned(5, 'most halvings of a step')
-    least_gain: float = tuned(0.1, 'cost that a step must gain; below it has converged')
-    settled: float = tuned(0.5, 'change of cost from round to round; below it is settled')
+    rounds: int = tuning(5, 'most relinearizations')
+    most_steps: int = tuning(5, 'most Gauss-Newton steps in a round')
+    most_halvings: int = tuning(5, 'most halvings of a step')
+    least_gain: float = tuning(0.1, 'cost that a step must gain; below it has converged')
+    settled: float = tuning(0.5, 'change of cost from round to round; below it is settled')
     # The base takes up most of what gravity does: a coarser difference is bent by more than is
     # left, and taken for information.
-    difference: float = tuned(5e-4, 'step of numerical derivatives', unit='prior std')
+    difference: float = tuning(5e-4, 'step of numerical derivatives', unit='prior std')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SelectionSettings:
     """Forward selection of effects, and backward elimination."""
 
-    most_effects: int = tuned(3, 'effects that may be missing together')
-    shortlist: int = tuned(5, 'candidates that are fitted, in order of their score')
-    finalists: int = tuned(2, 'candidates that are fitted until settled')
-    near: float = tuned(0.3, 'gain that makes a finalist', unit='of the best')
-    worth_a_fit: float = tuned(4.0, 'score that is worth a fit', unit='chi squared')
-    least_gain: float = tuned(16.0, 'gain of an effect: four sigma', unit='chi squared')
-    finalist_gain: float = tuned(0.25, 'cost that a finalist gains at least', unit='least_gain')
-    least_evidence: float = tuned(3.0, 'evidence that counts', unit='log probability')
-    law_evidence: float = tuned(0.02, 'share of evidence that does not tell two laws apart')
-    next_gain: float = tuned(0.02, 'gain of an effect more', unit='of what is explained')
-    most_left: float = tuned(0.5, 'excess that an effect more may leave', unit='of that before')
-    hopeless: float = tuned(0.2, 'excess with two effects; above no third', unit='of the base')
-    plausible: float = tuned(4.0, 'distance of a size from its prior mean', unit='prior std')
+    most_effects: int = tuning(3, 'effects that may be missing together')
+    shortlist: int = tuning(5, 'candidates that are fitted, in order of their score')
+    finalists: int = tuning(2, 'candidates that are fitted until settled')
+    near: float = tuning(0.3, 'gain that makes a finalist', unit='of the best')
+    worth_a_fit: float = tuning(4.0, 'score that is worth a fit', unit='chi squared')
+    least_gain: float = tuning(16.0, 'gain of an effect: four sigma', unit='chi squared')
+    finalist_gain: float = tuning(0.25, 'cost that a finalist gains at least', unit='least_gain')
+    least_evidence: float = tuning(3.0, 'evidence that counts', unit='log probability')
+    law_evidence: float = tuning(0.02, 'share of evidence that does not tell two laws apart')
+    next_gain: float = tuning(0.02, 'gain of an effect more', unit='of what is explained')
+    most_left: float = tuning(0.5, 'excess that an effect more may leave', unit='of that before')
+    hopeless: float = tuning(0.2, 'excess with two effects; above no third', unit='of the base')
+    plausible: float = tuning(4.0, 'distance of a size from its prior mean', unit='prior std')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalizationSettings:
     """Shares of the misfit over arclength, pressure, force, time and direction."""
 
-    arclength_bins: int = tuned(5, 'bins along the arm')
-    pressure_bins: int = tuned(5, 'bins of chamber pressure')
-    force_bins: int = tuned(4, 'bins of the end force')
-    time_bins: int = tuned(4, 'bins of the time since the start of a recording')
-    moving: float = tuned(0.02, 'rate of pressure; below it holds', unit='pressure range/s')
-    trend: float = tuned(2.0, 'ratio of misfits that is called a difference')
-    floor: float = tuned(0.1, 'least misfit of a ratio', unit='mean misfit')
-    significant: float = tuned(1e-3, 'p-value', source='convention')
+    arclength_bins: int = tuning(5, 'bins along the arm')
+    pressure_bins: int = tuning(5, 'bins of chamber pressure')
+    force_bins: int = tuning(4, 'bins of the end force')
+    time_bins: int = tuning(4, 'bins of the time since the start of a recording')
+    moving: float = tuning(0.02, 'rate of pressure; below it holds', unit='pressure range/s')
+    trend: float = tuning(2.0, 'ratio of misfits that is called a difference')
+    floor: float = tuning(0.1, 'least misfit of a ratio', unit='mean misfit')
+    significant: float = tuning(1e-3, 'p-value', source='convention')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentDesignSettings:
     """Experiments that are tried out with the model."""
 
-    frames: int = tuned(60, 'frames of an experiment')
-    rate: float = tuned(20.0, 'rate of readings', unit='Hz')
-    usual_force: float = tuned(0.2, 'largest force, where none was recorded so far', unit='N')
+    frames: int = tuning(60, 'frames of an experiment')
+    rate: float = tuning(20.0, 'rate of readings', unit='Hz')
+    usual_force: float = tuning(0.2, 'largest force, where none was recorded so far', unit='N')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AugmentedModelSettings:
     """The base model fitted with the effects, and their standard errors."""
 
-    settled: float = tuned(0.3, 'step at which the fit has converged', unit='std of all')
-    law_worth: float = tuned(0.05, 'relative error of the plain law of an effect')
+    settled: float = tuning(0.3, 'step at which the fit has converged', unit='std of all')
+    law_worth: float = tuning(0.05, 'relative error of the plain law of an effect')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,7 +17,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import count_reason, match_stamps, stamp_fault, STARTS_ANEW
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
@@ -29,12 +29,12 @@ from pneunet_ros.measurement.predicted_targets import innovation, predict_target
 class ConsistencySettings:
     """The numbers by which measured targets are compared with estimates."""
 
-    estimates_kept: int = tuned(256, 'estimates that wait for frames, which come later')
-    periods: int = tuned(32, 'last readings, whose median distance is their period')
-    most_waiting: int = tuned(32, 'frames that wait for their reading')
-    fewest_frames: int = tuned(10, 'frames, before anything is claimed')
-    share: float = tuned(0.25, 'share of recent frames beyond the limit that is a disagreement')
-    quantile: float = tuned(
+    estimates_kept: int = tuning(256, 'estimates that wait for frames, which come later')
+    periods: int = tuning(32, 'last readings, whose median distance is their period')
+    most_waiting: int = tuning(32, 'frames that wait for their reading')
+    fewest_frames: int = tuning(10, 'frames, before anything is claimed')
+    share: float = tuning(0.25, 'share of recent frames beyond the limit that is a disagreement')
+    quantile: float = tuning(
         3.719,
         'one-sided quantile of 1e-4: how rarely the targets of a frame go beyond the limit',
         unit='sigma',

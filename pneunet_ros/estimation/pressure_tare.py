@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.readings import PressureReading
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.estimation.estimator import Estimator
 
 
@@ -14,10 +14,10 @@ from pneunet_ros.estimation.estimator import Estimator
 class TareSettings:
     """When the mean of readings is the zero of the sensor."""
 
-    fewest_readings: int = tuned(5, 'readings of the vented arm')
-    noise_band: float = tuned(10.0, 'largest less smallest reading, if noise', unit='sigma')
-    moved: float = tuned(0.01, 'the same, whatever the noise', unit='of the calibrated range')
-    largest: float = tuned(0.1, 'offset of a sensor', unit='of the calibrated range')
+    fewest_readings: int = tuning(5, 'readings of the vented arm')
+    noise_band: float = tuning(10.0, 'largest less smallest reading, if noise', unit='sigma')
+    moved: float = tuning(0.01, 'the same, whatever the noise', unit='of the calibrated range')
+    largest: float = tuning(0.1, 'offset of a sensor', unit='of the calibrated range')
 
 
 DEFAULTS = TareSettings()

@@ -9,7 +9,7 @@ from typing import Any
 from pneunet_ros.core.arrays import Array, table_array
 from pneunet_ros.core.errors import CameraError
 from pneunet_ros.core.units import quantities
-from pneunet_ros.files.yaml_file import given, YamlFile
+from pneunet_ros.files.yaml_file import or_default, YamlFile
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import (
     AdaptiveBand,
@@ -116,7 +116,7 @@ def lens_from_mapping(content: Any) -> Lens:
     return Lens(
         width=values['image_width'],
         height=values['image_height'],
-        model=given(values['distortion_model'], ''),
+        model=or_default(values['distortion_model'], ''),
         matrix=matrix.reshape(3, 3),
         distortion=data_of(values['distortion_coefficients'], 'distortion_coefficients'),
     )
@@ -125,4 +125,4 @@ def lens_from_mapping(content: Any) -> Lens:
 def data_of(content: Any, where: str) -> Array:
     """Return the numbers of a matrix in such a file: its `data`, row by row."""
     data = CALIBRATION_FILE.mapping(content, where).get('data')
-    return table_array(given(data, []), f'{where}.data', 1, CameraError)
+    return table_array(or_default(data, []), f'{where}.data', 1, CameraError)

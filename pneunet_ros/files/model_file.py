@@ -16,7 +16,7 @@ from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.files.atomic import atomic_output
-from pneunet_ros.files.yaml_file import given, YamlFile
+from pneunet_ros.files.yaml_file import or_default, YamlFile
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import law_fields, MOMENT_LAWS, MomentLaw
@@ -81,14 +81,14 @@ def arm_from_mapping(content: Any) -> Arm:
             for key, value in arm.items()
             if key != arm_keys[3]
         },
-        target_arclength=given(arm.get('target_arclength'), []),
+        target_arclength=or_default(arm.get('target_arclength'), []),
         intrinsic_curvature=IntrinsicCurvature(**curvature),
         moment_law=law_from_mapping(top['moment_law']),
-        effects=effects_from_mapping(given(top.get('effects'), {})),
+        effects=effects_from_mapping(or_default(top.get('effects'), {})),
         sensors=SensorNoise(**MODEL_FILE.numbers_of(SensorNoise, top['sensors'], 'sensors')),
         covariance=None if covariance is None else covariance_from_mapping(covariance),
-        sources=texts(given(top.get('sources'), {}), 'sources'),
-        provenance=tree(given(top.get('provenance'), {}), 'provenance'),
+        sources=texts(or_default(top.get('sources'), {}), 'sources'),
+        provenance=tree(or_default(top.get('provenance'), {}), 'provenance'),
     )
 
 
@@ -148,7 +148,9 @@ def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
     """Build the effects that the file names, with their parameters."""
     named = MODEL_FILE.block(content, 'effects', tuple(EFFECTS), set(EFFECTS))
     return tuple(
-        EFFECTS[name](**MODEL_FILE.numbers_of(EFFECTS[name], given(values, {}), f'effects.{name}'))
+        EFFECTS[name](
+            **MODEL_FILE.numbers_of(EFFECTS[name], or_default(values, {}), f'effects.{name}')
+        )
         for name, values in named.items()
     )
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from pneunet_ros.core.arrays import table_array
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.files.yaml_file import given, YamlFile
+from pneunet_ros.files.yaml_file import or_default, YamlFile
 from pneunet_ros.lab.lab_arm import LabArm, vary_arm
 from pneunet_ros.lab.lab_effect import LabEffect
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
@@ -67,17 +67,17 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
         arm = ARM_FILE.load(folder / arm, lambda content: arm_from_mapping(content, ''))
     else:
         arm = arm_from_mapping(arm, 'arm')
-    richness = FILE.number(given(top.get('richness'), 0.0), 'richness')
+    richness = FILE.number(or_default(top.get('richness'), 0.0), 'richness')
     return Scenario(
         name=text(top['name'], 'name'),
-        seed=whole(given(top.get('seed'), 0), 'seed'),
-        start=FILE.number(given(top.get('start'), 0.0), 'start'),
-        arm=vary_arm(arm, whole(given(top.get('arm_seed'), 0), 'arm_seed')),
-        effects=effects_from_mapping(given(top.get('effects'), {}), richness),
+        seed=whole(or_default(top.get('seed'), 0), 'seed'),
+        start=FILE.number(or_default(top.get('start'), 0.0), 'start'),
+        arm=vary_arm(arm, whole(or_default(top.get('arm_seed'), 0), 'arm_seed')),
+        effects=effects_from_mapping(or_default(top.get('effects'), {}), richness),
         protocol=protocol_from_mapping(top['protocol']),
-        noise=LabNoise(**FILE.numbers_of(LabNoise, given(top.get('noise'), {}), 'noise')),
-        rates=Rates(**FILE.numbers_of(Rates, given(top.get('rates'), {}), 'rates')),
-        detail=Detail(**FILE.numbers_of(Detail, given(top.get('detail'), {}), 'detail')),
+        noise=LabNoise(**FILE.numbers_of(LabNoise, or_default(top.get('noise'), {}), 'noise')),
+        rates=Rates(**FILE.numbers_of(Rates, or_default(top.get('rates'), {}), 'rates')),
+        detail=Detail(**FILE.numbers_of(Detail, or_default(top.get('detail'), {}), 'detail')),
     )
 
 
@@ -112,7 +112,7 @@ def effects_from_mapping(content: Any, richness: float) -> tuple[LabEffect, ...]
     built = []
     for name, parameters in effects.items():
         kind = ALL_EFFECTS[name]
-        numbers = FILE.numbers_of(kind, given(parameters, {}), f'effects.{name}')
+        numbers = FILE.numbers_of(kind, or_default(parameters, {}), f'effects.{name}')
         built.append(kind(**({'richness': richness} | numbers)))
     return tuple(built)
 

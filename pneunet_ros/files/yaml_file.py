@@ -161,6 +161,6 @@ def size_of(content: Any, known: dict[int, float]) -> float:
     return known[id(content)]
 
 
-def given(value: Any, otherwise: Any) -> Any:
+def or_default(value: Any, otherwise: Any) -> Any:
     """Return what a file says at a key, or what an empty place stands for."""
     return otherwise if value is None else value

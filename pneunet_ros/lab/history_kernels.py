@@ -10,7 +10,9 @@ from pneunet_ros.core.jit import kernel
 
 
 @kernel
-def lagging(time: Array, pressure: Array, start: float, filling: float, emptying: float) -> Array:
+def lag_pressure(
+    time: Array, pressure: Array, start: float, filling: float, emptying: float
+) -> Array:
     """Pressure (Pa) behind a line that fills and empties with these time constants (s).
 
     time (n,) s, pressure (n,) Pa before the line, start: behind it at time[0].
@@ -30,7 +32,7 @@ def lagging(time: Array, pressure: Array, start: float, filling: float, emptying
 
 
 @kernel
-def playing(pressure: Array, start: Array, half_widths: Array) -> Array:
+def play_pressure(pressure: Array, start: Array, half_widths: Array) -> Array:
     """Answers (n, plays) of play operators of these half widths (Pa) that begin at `start`."""
     answers = np.empty((pressure.size, start.size))
     for i in range(start.size):
@@ -42,7 +44,7 @@ def playing(pressure: Array, start: Array, half_widths: Array) -> Array:
 
 
 @kernel
-def relaxing(time: Array, wanted: Array, start: Array, constant: float) -> Array:
+def relax_curvature(time: Array, wanted: Array, start: Array, constant: float) -> Array:
     """Answers (n, columns) that follow `wanted` (n, columns) with a time constant (s)."""
     answers = np.empty(wanted.shape)
     answers[0] = start

@@ -14,7 +14,12 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import quantity
 from pneunet_ros.lab.chain import Chain
-from pneunet_ros.lab.history_kernels import lagging, largest_so_far, playing, relaxing
+from pneunet_ros.lab.history_kernels import (
+    lag_pressure,
+    largest_so_far,
+    play_pressure,
+    relax_curvature,
+)
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import Course, LabEffect, Past, relative_pressure
 
@@ -111,7 +116,7 @@ class LabPressureLag(LabEffect):
         start = past[0] if past else float(course.chamber[0])
         filling = self.time_constant * (1.0 - 0.25 * self.richness)
         emptying = self.time_constant * (1.0 + 0.25 * self.richness)
-        chamber = freeze(lagging(course.time, course.chamber, start, filling, emptying))
+        chamber = freeze(lag_pressure(course.time, course.chamber, start, filling, emptying))
         return course.with_chamber(chamber), (float(chamber[-1]),)
 
 
@@ -127,7 +132,7 @@ class LabHysteresis(LabEffect):
         spread = np.array([-1.0, 0.0, 1.0]) * min(0.6 * self.richness, 1.0)
         half = 0.5 * self.width * (1.0 + spread)
         start = np.array(past) if past else np.full(half.size, course.chamber[0])
-        answers = playing(course.chamber, freeze(start), freeze(half))
+        answers = play_pressure(course.chamber, freeze(start), freeze(half))
         return course.with_chamber(freeze(answers.mean(axis=1))), tuple(answers[-1].tolist())
 
 
@@ -145,7 +150,8 @@ class LabCreep(LabEffect):
         start = np.array(past).reshape(2, rows) if past else np.stack([wanted[0]] * 2)
         constants = self.time_constant, self.time_constant / 8.0
         slow, fast = (
-            relaxing(course.time, wanted, freeze(start[i].copy()), constants[i]) for i in (0, 1)
+            relax_curvature(course.time, wanted, freeze(start[i].copy()), constants[i])
+            for i in (0, 1)
         )
         share = 0.3 * self.richness
         late = (1.0 - share) * slow + share * fast

@@ -59,14 +59,14 @@ class RecordingData:
         if not (np.all(self.reading >= 0) and np.all(self.reading < readings)):
             raise RecordingError(f'{self.name}: a frame belongs to a reading that is not there')
 
-    def unloaded(self) -> RecordingData:
+    def without_load(self) -> RecordingData:
         """Return the run with nothing attached: what a force sensor read is its own error."""
         if not self.loaded:
             return self
         frames = len(self.stamp_ns)
         return replace(self, loaded=False, force=np.zeros((frames, 2)), moment=np.zeros(frames))
 
-    def thinned(self, most: int) -> RecordingData:
+    def thin(self, most: int) -> RecordingData:
         """Return the run with at most so many frames, evenly spread over it."""
         frames = len(self.stamp_ns)
         if frames <= most:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.measurement.dataset import RecordingData
 from scipy.ndimage import uniform_filter1d
 
@@ -14,8 +14,8 @@ from scipy.ndimage import uniform_filter1d
 class PressureFilterSettings:
     """How readings of pressure are smoothed and thinned."""
 
-    width: int = tuned(5, 'neighbors in a mean', unit='readings')
-    most_readings: int = tuned(400, 'of a run, beside those of its frames')
+    width: int = tuning(5, 'neighbors in a mean', unit='readings')
+    most_readings: int = tuning(400, 'of a run, beside those of its frames')
 
 
 PRESSURE_FILTER = PressureFilterSettings()

@@ -16,7 +16,7 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, History, Load, PressureScale, Terms
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import MomentLaw
-from pneunet_ros.model.parameter_path import Move, moved, unknown_quantity
+from pneunet_ros.model.parameter_path import Move, move_numbers, unknown_quantity
 from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
 from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, MOMENT_OFFSET, SECTION_WIDTH
 from pneunet_ros.solver.rod import Rods, RodTable
@@ -95,9 +95,9 @@ class Arm:
                 'intrinsic_curvature and moment_law have no pressure in common; '
                 'their pressure tables must overlap'
             )
-        object.__setattr__(self, 'table', self.tabulated())
+        object.__setattr__(self, 'table', self.build_table())
         if self.covariance is not None:
-            self.changed(dict.fromkeys(self.covariance.quantities, 0.0))  # do they all exist?
+            self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # do they all exist?
 
     def beyond_range(self, pressure: float) -> float:
         """How far a pressure is outside the calibrated range, as a share of it; 0 inside."""
@@ -152,7 +152,7 @@ class Arm:
             assert history is not None
             yield self.acting[place].history_terms(np.asarray(history[place]), self.scale)
 
-    def tabulated(self) -> RodTable:
+    def build_table(self) -> RodTable:
         """Every pressure at which curvature or law has a row, with the record of the rod there.
 
         The first and last row stand where extrapolation ends. Beyond its own table the law stays
@@ -199,7 +199,7 @@ class Arm:
             rotation=rotation,
         )
 
-    def changed(self, changes: Mapping[str, float]) -> Arm:
+    def with_changes(self, changes: Mapping[str, float]) -> Arm:
         """Return this arm with quantities of the model file moved; ModelError for an unknown one.
 
         changes: dotted path, such as `moment_law.rigidity.0.1` or `arm.length`, to an amount in
@@ -214,5 +214,5 @@ class Arm:
                 moves.append(Move(path=(first, *rest), amount=amount, name=name))
             else:
                 raise ModelError(unknown_quantity(name))
-        arm: Arm = moved(dataclasses.replace(self, covariance=None), moves)
+        arm: Arm = move_numbers(dataclasses.replace(self, covariance=None), moves)
         return arm

@@ -147,15 +147,15 @@ def solve_rod(
     chamber = float(rods.pressure[0])
     beyond = arm.beyond_range(chamber)
     if beyond > EXTRAPOLATION:
-        return failed(arm, load, arclength, out_of_range(arm, chamber), math.nan, 0)
+        return failed_shape(arm, load, arclength, out_of_range(arm, chamber), math.nan, 0)
     if not 1.0 + min(rods.sections[0, :, REST_STRAIN].tolist()) > settings.shortest:
         percent = 100.0 * settings.shortest
         sentence = f'rest strain shortens the arm to less than {percent:g} % of its length'
-        return failed(arm, load, arclength, sentence, math.nan, 0)
+        return failed_shape(arm, load, arclength, sentence, math.nan, 0)
     problem = BoundaryValueProblem(rods, (load.force_x, load.force_y), load.moment, settings)
     reason = problem.solve(start, quick)
     if reason:
-        return failed(arm, load, arclength, reason, problem.residual, problem.iterations)
+        return failed_shape(arm, load, arclength, reason, problem.residual, problem.iterations)
     values = np.empty((FIELD_COUNT, arclength.size))
     at_stations(problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values)
     freeze(values)
@@ -190,7 +190,7 @@ def solve_rod(
     )
 
 
-def failed(
+def failed_shape(
     arm: Arm, load: Load, arclength: Array, sentence: str, residual: float, iterations: int
 ) -> Shape:
     """Return the value of a solve that gave no shape."""

@@ -12,13 +12,13 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import (
     check_finite,
     DEFAULT_STATIONS,
-    failed,
+    failed_shape,
     linearize,
     solve_rod,
     station_arclength,
@@ -36,12 +36,12 @@ from scipy.optimize import least_squares
 class TipSearchSettings:
     """How the end force is searched that brings the tip to a place."""
 
-    determined: float = tuned(1e-4, 'least singular value of d tip / d force', unit='m/N')
-    rounding: float = tuned(1e-13, 'tip error where no step helps', unit='of the length')
-    arrived: float = tuned(1e-10, 'tip error of a solution', unit='of the length')
-    near: float = tuned(1e-3, 'tip error that blames the force', unit='of the length')
-    pulls: tuple[float, ...] = tuned((-1.5, 1.5, 5.0, 15.0, 50.0), 'first forces', unit='B / l^2')
-    most_trials: int = tuned(150, 'most trials from one initial guess')
+    determined: float = tuning(1e-4, 'least singular value of d tip / d force', unit='m/N')
+    rounding: float = tuning(1e-13, 'tip error where no step helps', unit='of the length')
+    arrived: float = tuning(1e-10, 'tip error of a solution', unit='of the length')
+    near: float = tuning(1e-3, 'tip error that blames the force', unit='of the length')
+    pulls: tuple[float, ...] = tuning((-1.5, 1.5, 5.0, 15.0, 50.0), 'first forces', unit='B / l^2')
+    most_trials: int = tuning(150, 'most trials from one initial guess')
 
 
 SEARCH = TipSearchSettings()
@@ -172,7 +172,7 @@ class TipSearch:
         else:
             return shape
         unknown = replace(self.load, force_x=math.nan, force_y=math.nan)
-        return failed(
+        return failed_shape(
             self.arm,
             unknown,
             shape.arclength,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.model.arm import Arm
 
 
@@ -14,10 +14,10 @@ from pneunet_ros.model.arm import Arm
 class DifferenceSettings:
     """The steps of central differences of the record of a rod."""
 
-    column_step: float = tuned(
+    column_step: float = tuning(
         0.01, 'step along a column of the covariance of the model', unit='sigma'
     )
-    pressure_step: float = tuned(
+    pressure_step: float = tuning(
         1e-5, 'step of the chamber pressure', unit='of the calibrated range'
     )
 
@@ -37,7 +37,7 @@ def neighbors(
     for side, sign in enumerate((-1.0, 1.0)):
         try:
             step = {name: sign * settings.column_step * std for name, std in column.items()}
-            sides[side] = arm.changed(step)
+            sides[side] = arm.with_changes(step)
             distance += settings.column_step
         except ModelError as error:
             reason = error

@@ -33,7 +33,7 @@ class Move:
         return Move(path=self.path[1:], amount=self.amount, name=self.name)
 
 
-def moved(owner: Any, moves: Sequence[Move]) -> Any:
+def move_numbers(owner: Any, moves: Sequence[Move]) -> Any:
     """Return a copy of `owner` in which the numbers at these paths are larger by their amounts."""
     if not moves:
         return owner
@@ -43,7 +43,7 @@ def moved(owner: Any, moves: Sequence[Move]) -> Any:
             raise ModelError(unknown_quantity(here.name))
         return float(owner) + sum(move.amount for move in moves)
     if isinstance(owner, np.ndarray):
-        return moved_table(owner, moves)
+        return move_cells(owner, moves)
     by_key: dict[str, list[Move]] = {}
     for move in moves:
         by_key.setdefault(move.path[0], []).append(move.inside())
@@ -56,12 +56,12 @@ def moved(owner: Any, moves: Sequence[Move]) -> Any:
         if key not in known:
             raise ModelError(unknown_quantity(inside[0].name))
     if isinstance(owner, tuple):
-        return tuple(moved(effect, by_key.get(effect.name, [])) for effect in owner)
-    changes = {key: moved(getattr(owner, key), inside) for key, inside in by_key.items()}
+        return tuple(move_numbers(effect, by_key.get(effect.name, [])) for effect in owner)
+    changes = {key: move_numbers(getattr(owner, key), inside) for key, inside in by_key.items()}
     return dataclasses.replace(owner, **changes)
 
 
-def moved_table(table: Array, moves: Sequence[Move]) -> Array:
+def move_cells(table: Array, moves: Sequence[Move]) -> Array:
     """Return a copy of a table in which the cells at these paths are larger."""
     copy = np.array(table)
     for move in moves:

@@ -113,7 +113,7 @@ def texts(values: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def counted(what: str, counts: Mapping[str, int]) -> dict[str, str]:
+def count_texts(what: str, counts: Mapping[str, int]) -> dict[str, str]:
     """Return a count and, below it, its parts by reason."""
     parts = {f'{what}/{reason}': str(count) for reason, count in counts.items()}
     return {what: str(sum(counts.values())), **parts}

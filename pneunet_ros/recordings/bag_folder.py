@@ -29,7 +29,7 @@ def mcap_files(path: Path) -> list[Path]:
             f'{path} is a folder without {METADATA} (it holds {loose}): name an .mcap file '
             'itself, or complete the folder with `ros2 bag reindex`'
         )
-    names, storage, compression = FILE.load(path / METADATA, _described)
+    names, storage, compression = FILE.load(path / METADATA, _describe_folder)
     if storage != 'mcap' or compression.lower() not in ('', 'none'):
         raise RecordingError(
             f'{path} is stored as {storage} {compression}: turn it into plain mcap with '
@@ -38,7 +38,7 @@ def mcap_files(path: Path) -> list[Path]:
     return [path / name for name in names]
 
 
-def _described(content: Any) -> tuple[list[str], str, str]:
+def _describe_folder(content: Any) -> tuple[list[str], str, str]:
     """Return the names of the files, how they are stored, and how they are compressed."""
     where = 'rosbag2_bagfile_information'
     bag = FILE.mapping(FILE.mapping(content, '').get(where), where)

@@ -129,7 +129,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
     checked_rate(rate)
     if not path.is_file():
         raise RecordingError(f'{path} does not exist: a video file is needed')
-    video = _opened(path)
+    video = _open_video(path)
     own, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
     readable, _ = video.read()
     video.release()
@@ -141,7 +141,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
     frames = round(count) if math.isfinite(count) and count >= 1.0 else 1
 
     def items() -> Iterator[StreamItem]:
-        video = _opened(path)
+        video = _open_video(path)
         index = 0
         while True:
             readable, pixels = video.read()
@@ -160,7 +160,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
     return _stream('video', path, items, camera_info, frames, used)
 
 
-def _opened(path: Path) -> cv2.VideoCapture:
+def _open_video(path: Path) -> cv2.VideoCapture:
     with silence():
         video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not video.isOpened():

@@ -98,7 +98,7 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
         lens = load_camera_info(Path(request.camera_info))
 
     def read(others: Collection[str]) -> Iterator[StreamItem]:
-        items = _recorded(recording, image_topic, info_topic, others)
+        items = _recorded_items(recording, image_topic, info_topic, others)
         return items if info_topic is not None else with_lens(items, lens)
 
     frames = recording.topic(image_topic).count
@@ -133,7 +133,7 @@ def find_info_topic(recording: Recording, image_topic: str, override: str | None
     return recording.find('camera_info', CAMERA_INFO_TYPE, override)
 
 
-def _recorded(
+def _recorded_items(
     recording: Recording, image_topic: str, info_topic: str | None, others: Collection[str]
 ) -> Iterator[StreamItem]:
     """Yield the messages of these topics; what cannot be decoded is an item that says so."""

@@ -78,7 +78,7 @@ def store_for(type_name: str, definition: str) -> Typestore:
             f'{LARGEST_DEFINITION} characters'
         )
     try:
-        types = _parsed(definition, type_name)
+        types = _parse(definition, type_name)
         if all(store.fielddefs.get(name, ((), ()))[1] == types[name][1] for name in types):
             return store
         if sum(map(_code_length, types.values())) > LONGEST_ARRAYS:
@@ -102,11 +102,11 @@ def store_for(type_name: str, definition: str) -> Typestore:
         ) from error
 
 
-def _parsed(definition: str, type_name: str) -> dict[str, Any]:
+def _parse(definition: str, type_name: str) -> dict[str, Any]:
     """Parse a definition and those it depends on, which stand behind it."""
     if not definition.startswith(IDL_HEAD):
         return dict(get_types_from_msg(definition, type_name))
-    if _nested(definition):
+    if _is_nested(definition):
         raise RecordingError(
             f'the definition of {type_name} in the recording has parentheses in parentheses'
         )
@@ -116,7 +116,7 @@ def _parsed(definition: str, type_name: str) -> dict[str, Any]:
     return types
 
 
-def _nested(definition: str) -> bool:
+def _is_nested(definition: str) -> bool:
     """Whether there are parentheses in parentheses, beside those in texts."""
     return '((' in re.sub(r'[^()]', '', re.sub(r'"(?:\\"|[^"])*"', '', definition))
 

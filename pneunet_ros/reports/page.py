@@ -7,7 +7,7 @@ from typing import Any
 import jinja2
 
 
-def rendered(template: str, **content: Any) -> str:
+def render_page(template: str, **content: Any) -> str:
     """Return the page; what stands in the content is text, whatever it looks like."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader('pneunet_ros.reports'),

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportSettings:
     """What figures and tables call significant, certain enough to show, or a turn of pressure."""
 
-    share_p_value: float = tuned(0.01, 'below it a share of the misfit stands out')
-    linearity_sigmas: float = tuned(3.0, 'a larger departure from a straight line is no chance')
-    rigidity_error: float = tuned(0.3, 'largest relative error of a slope that is shown')
-    similar_cosine: float = tuned(0.5, 'from it two effects are listed as similar')
-    turn_share: float = tuned(0.02, 'pressure has turned when so far back', unit='of the largest')
-    turn_sigmas: float = tuned(6.0, 'and at least so far', unit='sigma of a pressure reading')
-    loop_start: float = tuned(0.3, 'middle of the arm over which loops average', unit='s / l')
-    loop_stop: float = tuned(0.8, 'its end', unit='s / l')
+    share_p_value: float = tuning(0.01, 'below it a share of the misfit stands out')
+    linearity_sigmas: float = tuning(3.0, 'a larger departure from a straight line is no chance')
+    rigidity_error: float = tuning(0.3, 'largest relative error of a slope that is shown')
+    similar_cosine: float = tuning(0.5, 'from it two effects are listed as similar')
+    turn_share: float = tuning(0.02, 'pressure has turned when so far back', unit='of the largest')
+    turn_sigmas: float = tuning(6.0, 'and at least so far', unit='sigma of a pressure reading')
+    loop_start: float = tuning(0.3, 'middle of the arm over which loops average', unit='s / l')
+    loop_stop: float = tuning(0.8, 'its end', unit='s / l')
 
 
 REPORT_SETTINGS = ReportSettings()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 
 ACCEPTED = 1e-10  # rad; residual that still counts as equilibrium where rounding stops Newton
 FEWEST_PANELS = 6.0  # per length of the rod: the intrinsic curvature has detail of this size
@@ -22,21 +22,23 @@ DESCENT_ITERATIONS, DESCENT_HALVINGS = 60, 12
 class SolverSettings:
     """How the rod is meshed and brought to equilibrium."""
 
-    tolerance: float = tuned(1e-13, 'residual Newton aims at', unit='rad')
-    iterations: int = tuned(25, 'most Newton steps on one mesh')
-    decay_per_panel: float = tuned(0.8, 'longest panel', unit='decay lengths sqrt(B/F)')
-    turn_per_panel: float = tuned(0.5, 'largest rotation over a panel', unit='rad')
-    finest_detail: float = tuned(1e-6, 'last Legendre term of a fine mesh', unit='of the length')
-    most_panels: int = tuned(400, 'panels of the finest mesh')
-    shortest: float = tuned(0.05, 'least stretch that rest strain may leave')
-    first_load_step: float = tuned(0.05, 'first step of load continuation', unit='of the load')
-    least_load_step: float = tuned(1e-4, 'step at which continuation gives up', unit='of the load')
-    load_step_iterations: int = tuned(10, 'most Newton steps at one load')
-    easy_iterations: int = tuned(4, 'Newton steps after which the load step grows')
-    load_step_growth: float = tuned(1.5, 'growth of an easy load step')
-    frame_iterations: int = tuned(12, 'most Newton steps from the frame before')
-    batch_iterations: int = tuned(8, 'Newton steps of a batch')
-    batch_tolerance: float = tuned(1e-11, 'sum of residuals a batch aims at', unit='rad')
+    tolerance: float = tuning(1e-13, 'residual Newton aims at', unit='rad')
+    iterations: int = tuning(25, 'most Newton steps on one mesh')
+    decay_per_panel: float = tuning(0.8, 'longest panel', unit='decay lengths sqrt(B/F)')
+    turn_per_panel: float = tuning(0.5, 'largest rotation over a panel', unit='rad')
+    finest_detail: float = tuning(1e-6, 'last Legendre term of a fine mesh', unit='of the length')
+    most_panels: int = tuning(400, 'panels of the finest mesh')
+    shortest: float = tuning(0.05, 'least stretch that rest strain may leave')
+    first_load_step: float = tuning(0.05, 'first step of load continuation', unit='of the load')
+    least_load_step: float = tuning(
+        1e-4, 'step at which continuation gives up', unit='of the load'
+    )
+    load_step_iterations: int = tuning(10, 'most Newton steps at one load')
+    easy_iterations: int = tuning(4, 'Newton steps after which the load step grows')
+    load_step_growth: float = tuning(1.5, 'growth of an easy load step')
+    frame_iterations: int = tuning(12, 'most Newton steps from the frame before')
+    batch_iterations: int = tuning(8, 'Newton steps of a batch')
+    batch_tolerance: float = tuning(1e-11, 'sum of residuals a batch aims at', unit='rad')
 
 
 SOLVER = SolverSettings()

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
     BeamSearchSettings,
@@ -36,9 +36,9 @@ LEAST_TARGETS = 4  # that are seen, for a row to be one
 class AssociationSettings:
     """When blobs are a row of targets."""
 
-    most_blobs: int = tuned(400, 'blobs among which a row is looked for, at most')
-    least_share: float = tuned(0.4, 'of the targets must be seen for a row to be one')
-    alike: float = tuned(0.5, 'share of blobs that two readings of one row have in common')
+    most_blobs: int = tuning(400, 'blobs among which a row is looked for, at most')
+    least_share: float = tuning(0.4, 'of the targets must be seen for a row to be one')
+    alike: float = tuning(0.5, 'share of blobs that two readings of one row have in common')
 
 
 ASSOCIATION = AssociationSettings()

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import inlined, kernel
-from pneunet_ros.core.settings import numbers_type, tuned
+from pneunet_ros.core.settings import numbers_type, tuning
 
 Indices = npt.NDArray[np.int64]
 
@@ -27,25 +27,25 @@ COST, X, Y, HEADING, BENDING, SCALE, SIZE, LAST = range(8)
 class BeamSearchSettings:
     """What a row of targets looks like, and how many rows are tried."""
 
-    along: float = tuned(0.35, 'a target off its place along the row, at most', unit='spacing')
-    across: float = tuned(0.35, 'the same, across', unit='spacing')
-    along_std: float = tuned(0.12, 'one sigma of that along the row', unit='spacing')
-    across_std: float = tuned(0.15, 'the same, across', unit='spacing')
-    gap_along: float = tuned(0.1, 'of what a gap bends: further off along the row')
-    bend: float = tuned(0.08, 'further off after a gap', unit='spacing x (gap^2 - 1)')
-    stretch: float = tuned(0.25, 'longest and shortest spacing of a stretched arm, off 1')
-    larger: float = tuned(0.9, 'difference of logarithmic areas in a row, at most')
-    size_std: float = tuned(0.35, 'one sigma of that')
-    memory: float = tuned(0.7, 'weight of the row so far in its spacing and its size')
-    missing: float = tuned(9.0, 'cost of a target that is not seen')
-    dearest: float = tuned(0.2, 'share of targets missing in a row found anywhere, at most')
-    alike: float = tuned(1.5, 'cost of a blob beyond the end, below which the row goes on')
-    gap_misfit: float = tuned(0.35, 'length of a gap against its targets', unit='spacing')
-    longest_gap: int = tuned(7, 'from one target that is seen to the next')
-    first_gap: int = tuned(2, 'the same, where the scale is not known')
-    kept: int = tuned(12, 'rows kept at each step')
-    neighbors: int = tuned(6, 'of a blob, one of which is the next target')
-    seen: float = tuned(0.8, 'share of the targets seen in a row found anywhere, at least')
+    along: float = tuning(0.35, 'a target off its place along the row, at most', unit='spacing')
+    across: float = tuning(0.35, 'the same, across', unit='spacing')
+    along_std: float = tuning(0.12, 'one sigma of that along the row', unit='spacing')
+    across_std: float = tuning(0.15, 'the same, across', unit='spacing')
+    gap_along: float = tuning(0.1, 'of what a gap bends: further off along the row')
+    bend: float = tuning(0.08, 'further off after a gap', unit='spacing x (gap^2 - 1)')
+    stretch: float = tuning(0.25, 'longest and shortest spacing of a stretched arm, off 1')
+    larger: float = tuning(0.9, 'difference of logarithmic areas in a row, at most')
+    size_std: float = tuning(0.35, 'one sigma of that')
+    memory: float = tuning(0.7, 'weight of the row so far in its spacing and its size')
+    missing: float = tuning(9.0, 'cost of a target that is not seen')
+    dearest: float = tuning(0.2, 'share of targets missing in a row found anywhere, at most')
+    alike: float = tuning(1.5, 'cost of a blob beyond the end, below which the row goes on')
+    gap_misfit: float = tuning(0.35, 'length of a gap against its targets', unit='spacing')
+    longest_gap: int = tuning(7, 'from one target that is seen to the next')
+    first_gap: int = tuning(2, 'the same, where the scale is not known')
+    kept: int = tuning(12, 'rows kept at each step')
+    neighbors: int = tuning(6, 'of a blob, one of which is the next target')
+    seen: float = tuning(0.8, 'share of the targets seen in a row found anywhere, at least')
 
 
 BeamSearchNumbers = numbers_type(BeamSearchSettings, 'BeamSearchNumbers')

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.image import Bytes, Image
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, GreyBand
 from pneunet_ros.vision.centroid import (
     ANGLE,
@@ -40,13 +40,13 @@ from pneunet_ros.vision.centroid import (
 class BlobSettings:
     """How bright areas are told from what is behind them."""
 
-    most: int = tuned(1000, 'areas of an image that are measured')
-    least_contrast: float = tuned(
+    most: int = tuning(1000, 'areas of an image that are measured')
+    least_contrast: float = tuning(
         4.0, 'between a blob and its background where the band is fixed', unit='grey level'
     )
-    window: int = tuned(24, 'half side of the window of the background, at least', unit='px')
-    window_share: float = tuned(2.0, 'the same, in diameters of the largest blob')
-    samples: int = tuned(9, 'pixels from the middle of that window to its side')
+    window: int = tuning(24, 'half side of the window of the background, at least', unit='px')
+    window_share: float = tuning(2.0, 'the same, in diameters of the largest blob')
+    samples: int = tuning(9, 'pixels from the middle of that window to its side')
 
 
 BLOBS = BlobSettings()

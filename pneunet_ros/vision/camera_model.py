@@ -72,16 +72,16 @@ class Lens:
         object.__setattr__(self, 'coefficients', freeze(coefficients))
         object.__setattr__(self, 'limit', fold_radius(coefficients[4:]))
 
-    def distorted(self, normalized: npt.ArrayLike) -> Array:
+    def distort(self, normalized: npt.ArrayLike) -> Array:
         """Return pixels (n, 2) of normalized points (n, 2); NaN beyond the fold."""
         points = own_pairs(normalized)
         distort_points(points, self.coefficients, self.limit)
         return points
 
-    def undistorted(self, pixels: npt.ArrayLike) -> Array:
+    def undistort(self, pixels: npt.ArrayLike) -> Array:
         """Return normalized points (n, 2) of pixels (n, 2), NaN where there is none.
 
-        Iterated until `distorted` gives the pixel again to 1e-9 px. There is none for pixels that
+        Iterated until `distort` gives the pixel again to 1e-9 px. There is none for pixels that
         no point within the fold of the distortion falls on.
         """
         points = own_pairs(pixels)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.camera_settings import AreaLimits
 
 Integers = npt.NDArray[np.int64]
@@ -35,17 +35,17 @@ PIXEL = 1.0 / 12.0  # px^2, second moment of a pixel, which is a square
 class CentroidSettings:
     """How a blob is measured."""
 
-    gap: int = tuned(3, 'between a blob and the ring of its background', unit='px')
-    ring: int = tuned(3, 'thickness of that ring', unit='px', source='measured')
-    fewest: int = tuned(16, 'pixels of the ring that tell anything', unit='px')
-    growth: int = tuned(3, 'of a blob from the level of white to half height', unit='px')
-    clip: float = tuned(4.0, 'off the background: a bright neighbor', unit='grey level')
-    clip_scatter: float = tuned(3.0, 'the same, in scatters, added')
-    edge_share: float = tuned(
+    gap: int = tuning(3, 'between a blob and the ring of its background', unit='px')
+    ring: int = tuning(3, 'thickness of that ring', unit='px', source='measured')
+    fewest: int = tuning(16, 'pixels of the ring that tell anything', unit='px')
+    growth: int = tuning(3, 'of a blob from the level of white to half height', unit='px')
+    clip: float = tuning(4.0, 'off the background: a bright neighbor', unit='grey level')
+    clip_scatter: float = tuning(3.0, 'the same, in scatters, added')
+    edge_share: float = tuning(
         0.65, 'half the thickness of the weighed edge, of its width', source='measured'
     )
-    edge_margin: float = tuned(0.5, 'the same, added', unit='px', source='measured')
-    widest_edge: float = tuned(4.0, 'width of a blurred edge, at most', unit='px')
+    edge_margin: float = tuning(0.5, 'the same, added', unit='px', source='measured')
+    widest_edge: float = tuning(4.0, 'width of a blurred edge, at most', unit='px')
 
 
 CENTROID = CentroidSettings()

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from scipy.optimize import minimize
@@ -26,12 +26,14 @@ FINE_STATIONS = 449
 class PriorSettings:
     """Of which shapes a prior is learned."""
 
-    smoother: float = tuned(1.75, 'length scale of shapes that are smoother', unit='learned')
-    splits: int = tuned(5, 'places of l1 over which the covariance is averaged')
-    learning_std: float = tuned(2e-4, 'noise: a tenth of a pixel', unit='length')
-    pressures: int = tuned(6, 'shares of the calibrated range at which shapes are taken')
-    pull: float = tuned(2.0, 'end force, as in Table 1', unit='weight', source='literature: paper')
-    turns: tuple[float, ...] = tuned(
+    smoother: float = tuning(1.75, 'length scale of shapes that are smoother', unit='learned')
+    splits: int = tuning(5, 'places of l1 over which the covariance is averaged')
+    learning_std: float = tuning(2e-4, 'noise: a tenth of a pixel', unit='length')
+    pressures: int = tuning(6, 'shares of the calibrated range at which shapes are taken')
+    pull: float = tuning(
+        2.0, 'end force, as in Table 1', unit='weight', source='literature: paper'
+    )
+    turns: tuple[float, ...] = tuning(
         (0.0, 0.25, 0.5), 'direction of the pull', unit='angle of the unloaded tip'
     )
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import inlined, kernel
-from pneunet_ros.core.settings import numbers_type, tuned
+from pneunet_ros.core.settings import numbers_type, tuning
 
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -23,23 +23,23 @@ Mask = npt.NDArray[np.bool_]
 class GatingSettings:
     """Which blobs are believed to be targets of a row."""
 
-    off_curve: float = tuned(0.09, 'off the curve through its neighbors', unit='spacing')
-    beyond: float = tuned(
+    off_curve: float = tuning(0.09, 'off the curve through its neighbors', unit='spacing')
+    beyond: float = tuning(
         4.5, 'error of a place on an arc through three others, over theirs', source='1, 3, 3, 1'
     )
-    farthest: float = tuned(2.5, 'from an end of a row found anew to the next', unit='spacing')
-    shortest: float = tuned(0.7, 'distance of neighbors over that along the arm, at least')
-    longest: float = tuned(1.3, 'the same, at most')
-    compared: int = tuned(3, 'neighbors on each side whose distance is looked at')
-    largest_loss: float = tuned(0.87, 'area over usual, compared with neighbors, at least')
-    largest_growth: float = tuned(1.2, 'the same, at most')
-    longer: float = tuned(1.35, 'elongation over that of neighbors, at most')
-    smallest: float = tuned(0.7, 'area over what it has been, at least')
-    largest: float = tuned(1.6, 'the same, at most')
-    first_growth: float = tuned(1.1, 'area over most, of a target not seen before, at most')
-    alone_between: float = tuned(0.06, 'a target moves alone, at most', unit='spacing')
-    alone_beyond: float = tuned(0.15, 'the same, at the end of what is seen', unit='spacing')
-    steps: float = tuned(2.0, 'of neighbors, by which one at the end moved more, at most')
+    farthest: float = tuning(2.5, 'from an end of a row found anew to the next', unit='spacing')
+    shortest: float = tuning(0.7, 'distance of neighbors over that along the arm, at least')
+    longest: float = tuning(1.3, 'the same, at most')
+    compared: int = tuning(3, 'neighbors on each side whose distance is looked at')
+    largest_loss: float = tuning(0.87, 'area over usual, compared with neighbors, at least')
+    largest_growth: float = tuning(1.2, 'the same, at most')
+    longer: float = tuning(1.35, 'elongation over that of neighbors, at most')
+    smallest: float = tuning(0.7, 'area over what it has been, at least')
+    largest: float = tuning(1.6, 'the same, at most')
+    first_growth: float = tuning(1.1, 'area over most, of a target not seen before, at most')
+    alone_between: float = tuning(0.06, 'a target moves alone, at most', unit='spacing')
+    alone_beyond: float = tuning(0.15, 'the same, at the end of what is seen', unit='spacing')
+    steps: float = tuning(2.0, 'of neighbors, by which one at the end moved more, at most')
 
 
 GatingNumbers = numbers_type(GatingSettings, 'GatingNumbers')

@@ -43,7 +43,7 @@ def draw(image: Image, tracking: Tracking, curve: Array | None = None) -> Bytes:
 
 def curve_in_image(curve: MeasuredCurve, plane: Plane, lens: Lens) -> Array:
     """Return where a curve of the working plane lies in the image, (n, 2) px; NaN where out."""
-    return lens.distorted(plane.normalized(np.column_stack([curve.x, curve.y])))
+    return lens.distort(plane.normalized(np.column_stack([curve.x, curve.y])))
 
 
 def headline(tracking: Tracking) -> str:

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.association import rows_anywhere, share_of_blobs, TargetRow
 from pneunet_ros.vision.gating import consistent_spacing, GATING
 from pneunet_ros.vision.working_plane import Plane, plane_from_rest
@@ -23,9 +23,9 @@ RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
 class RestPlaneSettings:
     """When an arm is at rest."""
 
-    still: float = tuned(0.1, 'off the average so far, at most', unit='spacing')
-    near_clamp: float = tuned(1.5, 'from clamp_pixel to the first target', unit='spacing')
-    seen: float = tuned(0.8, 'share of the targets, at least')
+    still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
+    near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')
+    seen: float = tuning(0.8, 'share of the targets, at least')
 
 
 REST_PLANE = RestPlaneSettings()

@@ -12,7 +12,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.core.settings import tuned
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.vision.association import (
     ASSOCIATION,
@@ -42,13 +42,13 @@ from pneunet_ros.vision.working_plane import Plane
 class RowTrackerSettings:
     """How a row is followed from frame to frame."""
 
-    area_gain: float = tuned(0.1, 'share of a new area in the area that is expected next')
-    reach_again: float = tuned(0.3, 'a lost target off where others say', unit='spacing')
-    most_passes: int = tuned(3, 'over a frame, while lost targets are found again')
-    near_clamp: int = tuned(4, 'targets that can hardly move, but with the camera')
-    off_along: float = tuned(0.1, 'off their place by stretch, more with each', unit='spacing')
-    off_aside: float = tuned(0.5, 'off their place by bending, more with each', unit='spacing')
-    longest_prediction: float = tuned(0.1, 'for which velocities tell anything', unit='s')
+    area_gain: float = tuning(0.1, 'share of a new area in the area that is expected next')
+    reach_again: float = tuning(0.3, 'a lost target off where others say', unit='spacing')
+    most_passes: int = tuning(3, 'over a frame, while lost targets are found again')
+    near_clamp: int = tuning(4, 'targets that can hardly move, but with the camera')
+    off_along: float = tuning(0.1, 'off their place by stretch, more with each', unit='spacing')
+    off_aside: float = tuning(0.5, 'off their place by bending, more with each', unit='spacing')
+    longest_prediction: float = tuning(0.1, 'for which velocities tell anything', unit='s')
 
 
 ROW_TRACKER = RowTrackerSettings()
@@ -132,7 +132,7 @@ def search_row(view: View) -> ObservedRow | Failure:
     blobs = candidate_blobs(view.image, view.settings)
     if isinstance(blobs, Failure):
         return blobs
-    points = view.plane.points(view.lens.undistorted(np.column_stack([blobs.u, blobs.v])))
+    points = view.plane.points(view.lens.undistort(np.column_stack([blobs.u, blobs.v])))
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
     row = row_from_clamp(points[usable], blobs.area[usable], view.arclength, view.clamp_angle)
     targets, least = view.arclength.size, least_seen(view.arclength.size)
@@ -157,7 +157,7 @@ def search_at_rest(
     if isinstance(blobs, Failure):
         return blobs
     pixels = np.column_stack([blobs.u, blobs.v])
-    points = lens.undistorted(pixels)
+    points = lens.undistort(pixels)
     usable = np.isfinite(points[:, 0])
     row = row_at_rest(
         points[usable],
@@ -253,7 +253,7 @@ def gate_row(
         off[~last.seen] = np.nan
         table[consistent_motion(off, last.spacing, gating)[1]] = np.nan
         farthest = math.inf
-    normalized = view.lens.undistorted(table[:, :2])
+    normalized = view.lens.undistort(table[:, :2])
     points = view.plane.points(normalized)
     points[~consistent_size(table[:, AREA], usual, table[:, MAJOR] / table[:, MINOR], gating)] = (
         np.nan
@@ -272,7 +272,7 @@ def expected_pixels(view: View, points: Array, gating: GatingSettings = GATING) 
     """
     x, y = np.ascontiguousarray(points.T)
     expected = np.column_stack(expected_points(x, y, view.arclength, gating))
-    return view.lens.distorted(view.plane.normalized(expected))
+    return view.lens.distort(view.plane.normalized(expected))
 
 
 def is_at_clamp(

@@ -29,7 +29,7 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import CameraError, RequestError
 from pneunet_ros.core.jit import kernel
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.core.settings import numbers_type, tuned
+from pneunet_ros.core.settings import numbers_type, tuning
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import DEFAULT_STATIONS, station_arclength
 from pneunet_ros.vision.curvature_prior import (
@@ -50,12 +50,12 @@ KEPT_OPERATORS = 256
 class SmootherSettings:
     """How noise and stretch are told from curvature."""
 
-    least_std: float = tuned(1e-5, 'noise below this is not believed', unit='length')
-    stretch_share: float = tuned(0.01, "variation of the stretch over the angle's")
-    level_ratio: float = tuned(1.5, 'between levels of noise that are tried')
-    largest_noise: float = tuned(0.1, 'noise, at most', unit='mean distance of targets')
-    far_worse: float = tuned(20.0, 'in -2 log likelihood: no more noise than this is tried')
-    least_weight: float = tuned(1e-3, 'a prior less probable than this takes no part')
+    least_std: float = tuning(1e-5, 'noise below this is not believed', unit='length')
+    stretch_share: float = tuning(0.01, "variation of the stretch over the angle's")
+    level_ratio: float = tuning(1.5, 'between levels of noise that are tried')
+    largest_noise: float = tuning(0.1, 'noise, at most', unit='mean distance of targets')
+    far_worse: float = tuning(20.0, 'in -2 log likelihood: no more noise than this is tried')
+    least_weight: float = tuning(1e-3, 'a prior less probable than this takes no part')
 
 
 SmootherNumbers = numbers_type(SmootherSettings, 'SmootherNumbers')
@@ -230,8 +230,8 @@ def operator_for(
         slope=slope,
         modes=modes,
         mode_variances=np.maximum(variances, 0.0),
-        theta_rows=transposed((theta - (slope @ line)[:, None]) @ modes),
-        curvature_rows=transposed(curvature @ modes),
+        theta_rows=transpose_rows((theta - (slope @ line)[:, None]) @ modes),
+        curvature_rows=transpose_rows(curvature @ modes),
         prior_variance=np.stack([of.variance[rows] for of in covariances]),
         points=points,
         target_points=np.searchsorted(points, places).astype(np.int64),
@@ -243,7 +243,7 @@ def operator_for(
     return operator
 
 
-def transposed(rows: Array) -> Array:
+def transpose_rows(rows: Array) -> Array:
     """Return matrices with rows and columns exchanged, also in memory: loops run along points."""
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
 

@@ -162,7 +162,7 @@ def plane_from_homography(lens: Lens, plane: HomographyPlane) -> Plane:
     Raises CameraError where points are not those of one plane in front of the camera, or do not
     determine it: four of them must be apart, and no three of these four on a line.
     """
-    normalized = lens.undistorted(plane.pixels)
+    normalized = lens.undistort(plane.pixels)
     unseen = np.flatnonzero(np.isnan(normalized[:, 0]))
     if unseen.size:
         raise CameraError(

@@ -204,7 +204,11 @@ class Peer:
         self.take_all()
         known = len(self.statuses)
         assert self.spin_until(lambda: len(self.statuses) > known)
-        new = self.statuses[-1:] if self.reported is None else self.statuses[self.reported :]
+        new = (
+            self.statuses[-1:]
+            if self.reported is None
+            else self.statuses[min(self.reported, known) :]
+        )
         self.reported = len(self.statuses)
         values = {item.key: item.value for item in new[-1].values}
         level = max(status.level[0] for status in new)

@@ -83,7 +83,7 @@ def design(effect: str = '', day: int = 0) -> Linearization:
     point = LinearizationPoint(
         parameters=fit.parameters, values=fit.values, placement=fit.placement
     )
-    runs = [run.thinned(FRAMES) for run in recorded(effect, day)]
+    runs = [run.thin(FRAMES) for run in recorded(effect, day)]
     return Linearization(point, runs, len(TRAINING), noise())
 
 

@@ -133,4 +133,4 @@ def noisy() -> tuple[list[RecordingData], list[RecordingData]]:
 @cache
 def lab_run(name: str, frames: int = 60) -> RecordingData:
     """Return a thinned recording of a shipped scenario of the virtual lab."""
-    return run_of(simulate(load_scenario(share_path(f'scenarios/{name}.yaml')))).thinned(frames)
+    return run_of(simulate(load_scenario(share_path(f'scenarios/{name}.yaml')))).thin(frames)

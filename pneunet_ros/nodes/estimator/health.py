@@ -9,7 +9,7 @@ from pneunet_ros.estimation.consistency import ConsistencyState, Disagreement
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.nodes.health import age, counted, InputHealth, Level, Report, texts
+from pneunet_ros.nodes.health import age, count_texts, InputHealth, Level, Report, texts
 
 NOTHING_WATCHED = ConsistencyState()
 
@@ -110,7 +110,7 @@ class EstimatorHealth(InputHealth):
             'latency_p99_s': self.latency(99.0),
             'warnings': '; '.join(estimate.warnings) if estimate else None,
         }
-        return texts(values) | counted('rejected', state.rejected)
+        return texts(values) | count_texts('rejected', state.rejected)
 
     def _watch_values(
         self, watch: ConsistencyState, found: Disagreement | None, now: float
@@ -123,4 +123,4 @@ class EstimatorHealth(InputHealth):
             'targets_age_s': age(self._targets_at, now),
             'targets_matched': watch.matched,
         }
-        return texts(values) | counted('targets_unmatched', watch.unmatched)
+        return texts(values) | count_texts('targets_unmatched', watch.unmatched)

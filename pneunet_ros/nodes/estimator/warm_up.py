@@ -31,8 +31,8 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
             moment=0.0,
             frame_id=estimator.settings.frame_id,
         ),
-        PressureReading(stamp_ns=1, pressure=sensed(estimator, middle)),
-        PressureReading(stamp_ns=2, pressure=sensed(estimator, middle + 0.01 * (high - low))),
+        PressureReading(stamp_ns=1, pressure=reading_at(estimator, middle)),
+        PressureReading(stamp_ns=2, pressure=reading_at(estimator, middle + 0.01 * (high - low))),
     )
     state, outcome = EstimatorState(), None
     for reading in readings:
@@ -47,7 +47,7 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
     return ''
 
 
-def sensed(estimator: Estimator, pressure: float) -> float:
+def reading_at(estimator: Estimator, pressure: float) -> float:
     """Return what the sensor reports at a gauge pressure (Pa)."""
     settings = estimator.settings
     absolute = settings.pressure_reference == 'absolute'

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.units import millimeters
-from pneunet_ros.nodes.health import counted, InputHealth, Level, Report, texts
+from pneunet_ros.nodes.health import count_texts, InputHealth, Level, Report, texts
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 
@@ -98,8 +98,8 @@ class TrackerHealth(InputHealth):
         }
         return (
             texts(values)
-            | counted('unexplained', state.unexplained)
-            | counted('rejected', state.rejected)
+            | count_texts('unexplained', state.unexplained)
+            | count_texts('rejected', state.rejected)
         )
 
 
@@ -108,7 +108,7 @@ def _scale(state: TrackerState) -> float | None:
     lens, plane = state.lens, state.plane
     if lens is None or plane is None:
         return None
-    middle = lens.undistorted([[0.5 * (lens.width - 1), 0.5 * (lens.height - 1)]])
+    middle = lens.undistort([[0.5 * (lens.width - 1), 0.5 * (lens.height - 1)]])
     return millimeters(float(plane.scale(middle)[0] * lens.scale(middle)[0]))
 
 

@@ -23,7 +23,7 @@ from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, targets
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
 from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
-from pneunet_ros.nodes.health import counted, Level, Report, texts
+from pneunet_ros.nodes.health import count_texts, Level, Report, texts
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES
 from pneunet_ros.nodes.topics import input_qos, output_qos, publisher, subscription
 from pneunet_ros.nodes.virtual_arm.configuration import (
@@ -226,7 +226,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         if self.trouble is not None:
             level, message = Level.ERROR, self.trouble.sentence
         self.readings, self.reported, self.trouble = 0, now, None
-        numbers = texts(values) | counted('rejected', self.rejected)
+        numbers = texts(values) | count_texts('rejected', self.rejected)
         self.publish_report('arm', Report(level=level, message=message, values=numbers))
 
     def forget(self) -> str:

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.moment_curvature import moment_view, MomentView
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.steady_states import (
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.progress import OnProgress
+from pneunet_ros.measurement.linearization import FittedRun
+from pneunet_ros.reports.paper_views.moment_curvature import moment_view, MomentView
+from pneunet_ros.reports.paper_views.steady_states import (
     find_steady_states,
     longest_states,
     SteadyState,
     thin,
 )
-from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.progress import OnProgress
-from pneunet_ros.measurement.linearization import FittedRun
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.reports.style import PressureColors
 from pneunet_ros.vision.smoother import FEWEST_TARGETS, Smoother, smoother_for

@@ -34,7 +34,7 @@ def estimated_forces(data: FigureData) -> EstimatedForces:
     """Estimate the end force of some frames of every loaded run, both ways."""
     arm, loaded = data.calibration.arm, data.loaded
     most = max(FRAMES // len(loaded), 2)
-    runs = [item.run.thinned(most) for item in loaded]
+    runs = [item.run.thin(most) for item in loaded]
     parts: list[list[EndForces]] = [[], []]
     for place, run in enumerate(runs):
         for way, (_, tip_only, _) in enumerate(WAYS):

@@ -7,13 +7,13 @@ from typing import Any
 
 from matplotlib.axes import Axes
 import numpy as np
-from pneunet_ros.calibration.moment_curvature import law_view, LawView, Line, MomentView
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.calibration.figure_data import FigureData, nearest_view
 from pneunet_ros.reports.calibration.shape_figures import load_label, run_label
 from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.paper_views.moment_curvature import law_view, LawView, Line, MomentView
 from pneunet_ros.reports.style import (
     BAND_SIGMAS,
     draw_band,

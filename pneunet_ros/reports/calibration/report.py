@@ -23,7 +23,7 @@ from pneunet_ros.reports.calibration.tables import (
     Row,
 )
 from pneunet_ros.reports.figure import Pictures
-from pneunet_ros.reports.page import rendered
+from pneunet_ros.reports.page import render_page
 
 PAGE = 'index.html'
 TEMPLATE = 'calibration_report.html.jinja'
@@ -59,7 +59,7 @@ def report_page(
 ) -> str:
     """Return the page, pictures inside."""
     rows = number_rows(calibration)
-    return rendered(
+    return render_page(
         TEMPLATE,
         arm=calibration.arm,
         summary=summary(calibration, rows),

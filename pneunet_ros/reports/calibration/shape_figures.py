@@ -5,12 +5,12 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 import numpy as np
-from pneunet_ros.calibration.moment_curvature import curvature_std, MomentView
-from pneunet_ros.calibration.steady_states import predict_states, SteadyState
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.reports.calibration.figure_data import FigureData, stations_of
 from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.paper_views.moment_curvature import curvature_std, MomentView
+from pneunet_ros.reports.paper_views.steady_states import predict_states, SteadyState
 from pneunet_ros.reports.style import (
     as_shapes,
     Color,

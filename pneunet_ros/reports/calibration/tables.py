@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.linearity import intrinsic_linearity
 from pneunet_ros.calibration.settings import IDENTIFIABILITY
 from pneunet_ros.core.units import kilopascals, quantities
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.reports.paper_views.linearity import intrinsic_linearity
 
 CURVATURE, RIGIDITY = 'intrinsic_curvature.curvature', 'moment_law.rigidity'
 # What the noise is shown in: SI unit -> unit for people, how many of it.

@@ -7,13 +7,17 @@ from collections.abc import Sequence
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 import numpy as np
-from pneunet_ros.calibration.linearity import change_linearity, intrinsic_linearity, Linearity
-from pneunet_ros.calibration.sensitivity import FACTORS, Variation, variations
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.reports.calibration.figure_data import FigureData, nearest_view
 from pneunet_ros.reports.calibration.shape_figures import load_label, run_label
 from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.paper_views.linearity import (
+    change_linearity,
+    intrinsic_linearity,
+    Linearity,
+)
+from pneunet_ros.reports.paper_views.sensitivity import FACTORS, Variation, variations
 from pneunet_ros.reports.settings import ReportSettings
 from pneunet_ros.reports.style import (
     as_shapes,

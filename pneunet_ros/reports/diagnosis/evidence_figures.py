@@ -6,14 +6,14 @@ import math
 
 from matplotlib.axes import Axes
 import numpy as np
-from pneunet_ros.calibration.moment_curvature import law_view
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.result import Evaluation, Evidence
 from pneunet_ros.reports.calibration.moment_figures import add_stiffness_axis, draw_rigidity
 from pneunet_ros.reports.diagnosis.figure_data import AFTER, BEFORE, FigureData
-from pneunet_ros.reports.diagnosis.tables import added_effects, ranked
-from pneunet_ros.reports.diagnosis.words import rounded
+from pneunet_ros.reports.diagnosis.tables import added_effects, rank_evidence
+from pneunet_ros.reports.diagnosis.words import round_value
 from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.paper_views.moment_curvature import law_view
 from pneunet_ros.reports.style import legend, panels, PressureColors, THIRD
 
 MOST_HYPOTHESES = 12
@@ -22,7 +22,7 @@ CURVES = 3  # pressures at which kappa_p0 is drawn
 
 def evidence(data: FigureData) -> Picture | None:
     """How much better the recordings are explained by every effect that was fitted."""
-    fitted = [item for item in ranked(data.diagnosis) if not math.isnan(item.evidence)]
+    fitted = [item for item in rank_evidence(data.diagnosis) if not math.isnan(item.evidence)]
     shown = fitted[:MOST_HYPOTHESES][::-1]
     if not shown:
         return None
@@ -53,7 +53,7 @@ def draw_evidence(axes: Axes, shown: list[Evidence], values: list[float]) -> Non
     places = np.arange(len(shown))
     colors = [THIRD if item.adequate else '#b5b5b5' for item in shown]
     bars = axes.barh(places, values, 0.65, color=colors)
-    axes.bar_label(bars, labels=[rounded(value) for value in values], fontsize=8, padding=3)
+    axes.bar_label(bars, labels=[round_value(value) for value in values], fontsize=8, padding=3)
     # Sizes differ by orders of magnitude, and may be negative.
     axes.set_xscale('symlog', linthresh=10.0)
     axes.axvline(0.0, color='0.4', linewidth=0.9)

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 import numpy as np
-from pneunet_ros.calibration.moment_curvature import moment_view
-from pneunet_ros.calibration.steady_states import arm_points, average
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.result import Evaluation
 from pneunet_ros.reports.calibration.figure_data import smoother_of
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.paper_views.moment_curvature import moment_view
+from pneunet_ros.reports.paper_views.steady_states import arm_points, average
 from pneunet_ros.reports.settings import ReportSettings
 from pneunet_ros.reports.style import (
     draw_dots,

@@ -23,7 +23,7 @@ from pneunet_ros.reports.diagnosis.tables import (
     where_text,
 )
 from pneunet_ros.reports.figure import Pictures
-from pneunet_ros.reports.page import rendered
+from pneunet_ros.reports.page import render_page
 from pneunet_ros.reports.settings import REPORT_SETTINGS
 
 TEMPLATE = 'diagnosis_report.html.jinja'
@@ -31,7 +31,7 @@ TEMPLATE = 'diagnosis_report.html.jinja'
 
 def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[str, Any]) -> str:
     """Return the page, pictures inside."""
-    return rendered(
+    return render_page(
         TEMPLATE,
         diagnosis=diagnosis,
         arm=diagnosis.before.arm,

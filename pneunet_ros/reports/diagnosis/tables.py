@@ -11,7 +11,7 @@ from pneunet_ros.core.units import millimeters, quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Evidence, Misfit, Shift
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.reports.calibration.tables import meaning_of
-from pneunet_ros.reports.diagnosis.words import p_value_text, rounded, unit_text, with_error
+from pneunet_ros.reports.diagnosis.words import p_value_text, round_value, unit_text, with_error
 
 ANSWERS = {
     'none': 'none: the residuals are consistent with noise',
@@ -82,7 +82,7 @@ def effect_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def ranked(diagnosis: Diagnosis) -> list[Evidence]:
+def rank_evidence(diagnosis: Diagnosis) -> list[Evidence]:
     """Return what was tried, strongest first; then what was not worth a fit, by its score."""
     fitted = [item for item in diagnosis.evidence if not math.isnan(item.evidence)]
     rest = [item for item in diagnosis.evidence if math.isnan(item.evidence)]
@@ -105,12 +105,12 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
         rows=tuple(
             (
                 ' + '.join(item.effects),
-                rounded(item.chi_squared),
-                'not fitted' if math.isnan(item.evidence) else rounded(item.evidence),
+                round_value(item.chi_squared),
+                'not fitted' if math.isnan(item.evidence) else round_value(item.evidence),
                 '' if math.isnan(item.evidence) else 'yes' if item.adequate else 'no',
                 ', '.join(item.alike),
             )
-            for item in ranked(diagnosis)
+            for item in rank_evidence(diagnosis)
         ),
         numbers=(1, 2),
     )
@@ -200,7 +200,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     """Return the detection limit of each effect, and its usual sizes."""
     rows = []
     for name, item in diagnosis.detectable.items():
-        parameter = declared(name, item.parameter)
+        parameter = parameter_field(name, item.parameter)
         low, high = parameter.metadata['prior']
         unit = unit_text(item.unit)
         # Of a stiffness that is infinite when nothing is missing, less is more.
@@ -231,7 +231,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     )
 
 
-def declared(effect: str, parameter: str) -> dataclasses.Field[Any]:
+def parameter_field(effect: str, parameter: str) -> dataclasses.Field[Any]:
     """Return the declaration of a parameter of an effect."""
     return next(item for item in quantities(EFFECTS[effect]) if item.name == parameter)
 

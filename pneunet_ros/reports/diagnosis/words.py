@@ -35,6 +35,6 @@ def unit_text(unit: str) -> str:
     return '' if unit == '-' else f' {unit}'
 
 
-def rounded(value: float) -> str:
+def round_value(value: float) -> str:
     """Write a number without more digits than matter."""
     return f'{value:.0f}' if abs(value) >= 10.0 else f'{value:.1f}'

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pneunet_ros.calibration.moment_curvature import curvature_weights, MomentView
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.reports.paper_views.moment_curvature import curvature_weights, MomentView
 
 PLACES = (0.2, 0.4, 0.6, 0.8)  # s / l, as in the paper
 FEWEST = 3  # values, for a straight line that can be wrong

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.steady_states import SteadyState
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw, MomentLaw, PiecewiseLinearLaw
 from pneunet_ros.model.shape import Shape
+from pneunet_ros.reports.paper_views.steady_states import SteadyState
 
 FACTORS = (0.8, 0.9, 1.0, 1.1, 1.2)
 SPLITS = (0.05, 0.075, 0.1, 0.125, 0.15)  # l1 / l

@@ -15,10 +15,10 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.steady_states import SteadyState
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.reports.paper_views.steady_states import SteadyState
 from pneunet_ros.solver.columns import LOADS, RIGIDITY, START
 from pneunet_ros.vision.smoother import Smoother
 from scipy.interpolate import CubicSpline
