@@ -18,8 +18,9 @@ from pathlib import Path
 import sys
 import tempfile
 
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
+    os.environ.setdefault('OMP_NUM_THREADS', '1')
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from blind.record import Record
 from blind.running import one_trial

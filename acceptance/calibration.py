@@ -23,8 +23,9 @@ import platform
 import sys
 import time
 
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
+    os.environ.setdefault('OMP_NUM_THREADS', '1')
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
 from pneunet_ros import load_model
