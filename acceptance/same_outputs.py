@@ -7,8 +7,9 @@
 Recorded: replays of all shipped recordings and of one with effects, a tracking, predictions, a
 calibration and a diagnosis of `bags/lab_day`, and the same of a simulated arm with creep. All
 commands run in the folder of this checkout, so that both packages are given the same files.
-Compared is every number of every message, model and JSON output; words are compared too, and
-differences in them are listed but do not fail, as words may be improved.
+Compared is every number of every message, model and JSON output, relative to the largest of its
+array; words are compared too, and differences in them are listed but do not fail, as words may be
+improved, nor do entries that are new.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 import json
+import math
 import os
 from pathlib import Path
 import subprocess
@@ -119,36 +121,38 @@ def leaves(content: Any, path: str = '') -> Iterator[tuple[str, Any]]:
         yield path, content
 
 
-def message_numbers(message: Any) -> Iterator[float | str]:
-    """Yield all numbers and words of a message, the bytes of a point cloud as they are."""
-    if isinstance(message, np.ndarray):
-        yield from message.ravel().tolist()
+def message_leaves(message: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yield (field and place, number or word) of a message; a point cloud by its columns."""
+    if hasattr(message, 'point_step'):
+        yield from message_leaves(message.header, f'{path}.header')
+        for name, column in columns_of(message).items():
+            yield from leaves(column.tolist(), f'{path}.{name}')
+    elif isinstance(message, np.ndarray):
+        yield from leaves(message.tolist(), path)
     elif isinstance(message, (list, tuple)):
-        for item in message:
-            yield from message_numbers(item)
+        for place, item in enumerate(message):
+            yield from message_leaves(item, f'{path}.{place}')
     elif hasattr(message, '__dataclass_fields__'):
         for name in message.__dataclass_fields__:
             if name != '__msgtype__':
-                yield from message_numbers(getattr(message, name))
+                yield from message_leaves(getattr(message, name), f'{path}.{name}')
     else:
-        yield message
+        yield path, message
 
 
-def points_of(message: Any) -> Any:
-    """Return the numbers of a point cloud; anything else as it is."""
-    if not hasattr(message, 'point_step'):
-        return message
+def columns_of(cloud: Any) -> dict[str, Any]:
+    """Return the fields of a point cloud, an array each."""
     types = {1: 'i1', 2: 'u1', 3: '<i2', 4: '<u2', 5: '<i4', 6: '<u4', 7: '<f4', 8: '<f8'}
     layout = np.dtype(
         {
-            'names': [item.name for item in message.fields],
-            'formats': [types[item.datatype] for item in message.fields],
-            'offsets': [item.offset for item in message.fields],
-            'itemsize': message.point_step,
+            'names': [item.name for item in cloud.fields],
+            'formats': [types[item.datatype] for item in cloud.fields],
+            'offsets': [item.offset for item in cloud.fields],
+            'itemsize': cloud.point_step,
         }
     )
-    table = np.frombuffer(message.data, dtype=layout)
-    return [message.header, *(table[name].astype(float) for name in layout.names or ())]
+    table = np.frombuffer(cloud.data, dtype=layout)
+    return {name: table[name].astype(float) for name in layout.names or ()}
 
 
 def recording_leaves(path: Path) -> Iterator[tuple[str, Any]]:
@@ -156,10 +160,9 @@ def recording_leaves(path: Path) -> Iterator[tuple[str, Any]]:
     store = get_typestore(Stores.ROS2_JAZZY)
     with AnyReader([path], default_typestore=store) as reader:
         for count, (connection, stamp, raw) in enumerate(reader.messages()):
-            message = points_of(reader.deserialize(raw, connection.msgtype))
-            yield f'{connection.topic}.{count}', stamp
-            for place, value in enumerate(message_numbers(message)):
-                yield f'{connection.topic}.{count}.{place}', value
+            yield f'{connection.topic}.{count}.log_time', stamp
+            message = reader.deserialize(raw, connection.msgtype)
+            yield from message_leaves(message, f'{connection.topic}.{count}')
 
 
 def file_leaves(path: Path, folder: Path) -> list[tuple[str, Any]]:
@@ -171,14 +174,29 @@ def file_leaves(path: Path, folder: Path) -> list[tuple[str, Any]]:
     return [item for item in leaves(content) if not any(word in item[0] for word in UNSTABLE)]
 
 
-def apart(one: Any, other: Any) -> float | None:
-    """Return how far two numbers are apart, relative to the larger; None: words that differ."""
-    numbers = (int, float)
-    if not isinstance(one, numbers) or not isinstance(other, numbers):
-        return 0.0 if one == other else None
-    if one == other or (one != one and other != other):
+def array_of(path: str) -> str:
+    """Return the array a number stands in: one near zero counts by the size of the others."""
+    head, _, last = path.rpartition('.')
+    return head if last.isdecimal() else path
+
+
+def sizes_of(items: list[tuple[str, Any]]) -> dict[str, float]:
+    """Return the largest number of every array."""
+    sizes: dict[str, float] = {}
+    for path, value in items:
+        if isinstance(value, (int, float)) and math.isfinite(value):
+            key = array_of(path)
+            sizes[key] = max(sizes.get(key, 0.0), abs(value))
+    return sizes
+
+
+def difference(old: Any, new: Any, size: float) -> float | None:
+    """Return how far two numbers are apart, relative to their array; None: words that differ."""
+    if not isinstance(old, (int, float)) or not isinstance(new, (int, float)):
+        return 0.0 if old == new else None
+    if old == new or (old != old and new != new):
         return 0.0
-    return abs(one - other) / max(abs(one), abs(other))
+    return abs(old - new) / max(abs(old), abs(new), size)
 
 
 def compare(before: Path, after: Path, relative: float) -> bool:
@@ -189,22 +207,21 @@ def compare(before: Path, after: Path, relative: float) -> bool:
         if path.suffix not in ('.mcap', '.json', '.yaml') or name.name == 'all_effects.yaml':
             continue
         old, new = file_leaves(path, before), file_leaves(after / name, after)
-        places = [item[0] for item in old] == [item[0] for item in new]
-        worst, where, words = 0.0, '', []
-        known = dict(new)
+        known, sizes, worst, where, words = dict(new), sizes_of(old), 0.0, '', []
+        added, lost = sorted(known.keys() - dict(old)), sorted(dict(old).keys() - known)
         for place, value in old:
-            far = apart(value, known.get(place))
+            far = difference(value, known.get(place), sizes.get(array_of(place), 0.0))
             if far is None:
                 words.append(place)
             elif far > worst:
                 worst, where = far, place
-        right = worst <= relative and places
+        right = worst <= relative and not lost
         good &= right
         verdict = 'same' if right else 'DIFFERENT'
         print(f'{verdict}  {name}: {len(old)} values, largest difference {worst:.2g} {where}')
-        if not places:
-            lost = sorted(set(dict(old)) ^ set(known))
-            print(f'    entries in one alone: {", ".join(lost[:8])}')
+        for what, entries in (('lost', lost), ('new', added)):
+            if entries:
+                print(f'    {what}: {len(entries)}, such as {", ".join(entries[:3])}')
         for place in words[:8]:
             print(f'    words: {place}: {dict(old)[place]!r} -> {known.get(place)!r}')
     return good

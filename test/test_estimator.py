@@ -522,6 +522,20 @@ def test_a_column_of_the_model_adds_what_one_sigma_of_it_does():
     np.testing.assert_allclose(both - sensors, np.outer(moved, moved), rtol=1e-3)
 
 
+def test_the_free_end_is_as_sure_as_the_tip_also_where_the_arm_is_straight_and_free():
+    # The sensitivity at stations was once a difference, whose step lost its way at rest.
+    state = EstimatorState()
+    for count in range(8):
+        at, value = 1.0 + 0.1 * count, max(1000.0 - 250.0 * count, 0.0)
+        state, _ = PLAIN.step(state, wrench(at, force=(0.0, 0.0), moment=0.0))
+        state, estimate = PLAIN.step(state, pressure(at, value))
+        variances = [estimate.std_x[-1] ** 2, estimate.std_y[-1] ** 2]
+        tip = np.diag(estimate.tip_covariance)[:2]
+        np.testing.assert_allclose(variances, tip, rtol=1e-9, atol=1e-16)
+        assert np.all(np.diff(estimate.std_y) >= 0.0)
+        assert estimate.std_curvature.max() < 2.0
+
+
 def test_the_variance_of_a_message_counts_instead_of_the_models():
     def covariance_with(variance: float):
         return last(PLAIN, wrench(1), pressure(1, variance=variance)).tip_covariance
