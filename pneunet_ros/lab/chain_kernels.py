@@ -11,6 +11,7 @@ the end force beside and beyond the free end m.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -65,15 +66,26 @@ def joint(
     return before * e1 + after * e2, 0.5 * (m1 + m2), 1.0 / (before / k1 + after / k2)
 
 
+class ChainFrame(NamedTuple):
+    """The chain in one frame.
+
+    turning (n + 1,) rad of the unloaded joints and factor (n + 1,) of their rigidity, rest (n,)
+    strain and line (n, 2) N of the elements; load = rigidities (2), l1, force (2), moment;
+    numbers as above.
+    """
+
+    turning: Array
+    factor: Array
+    rest: Array
+    line: Array
+    load: Array
+    numbers: Array
+
+
 @kernel
 def energy_of(
     angles: Array,
-    turning: Array,
-    factor: Array,
-    rest: Array,
-    line: Array,
-    load: Array,
-    numbers: Array,
+    frame: ChainFrame,
     share: float,
     gradient: Array,
     diagonal: Array,
@@ -81,10 +93,9 @@ def energy_of(
 ) -> float:
     """Energy (J) of the chain; fills its gradient and tridiagonal matrix of second derivatives.
 
-    angles (n + 2,), turning (n + 1,) rad of the unloaded joints and factor (n + 1,) of their
-    rigidity, rest (n,) strain and line (n, 2) N of the elements; load = rigidities (2), l1, force
-    (2), moment; share: of all loads.
+    angles (n + 2,); share: of all loads.
     """
+    turning, factor, rest, line, load, numbers = frame
     count = rest.shape[0]
     h, axial, growth = numbers[0], numbers[4], numbers[5]
     force_x, force_y, end_moment = share * load[3], share * load[4], share * load[5]
@@ -138,17 +149,7 @@ def energy_of(
 
 
 @kernel
-def settle(
-    angles: Array,
-    turning: Array,
-    factor: Array,
-    rest: Array,
-    line: Array,
-    load: Array,
-    numbers: Array,
-    share: float,
-    work: Array,
-) -> float:
+def settle(angles: Array, frame: ChainFrame, share: float, work: Array) -> float:
     """Move the angles, in place, to where the energy is least; returns the last step in rad.
 
     work (5, n + 2) is scratch. A step is taken as far as it lowers the energy; where the matrix is
@@ -156,10 +157,9 @@ def settle(
     """
     size = angles.shape[0]
     gradient, diagonal, beside, step, trial = work[0], work[1], work[2], work[3], work[4]
-    energy = energy_of(
-        angles, turning, factor, rest, line, load, numbers, share, gradient, diagonal, beside
-    )
-    floor = 1e-3 * min(load[0], load[1]) / (numbers[0] * rest.shape[0])
+    energy = energy_of(angles, frame, share, gradient, diagonal, beside)
+    load = frame.load
+    floor = 1e-3 * min(load[0], load[1]) / (frame.numbers[0] * frame.rest.shape[0])
     largest = math.inf
     for _ in range(MOST_STEPS):
         diagonal[0] = max(abs(diagonal[0]), floor)
@@ -183,19 +183,7 @@ def settle(
         for _halving in range(20):
             for i in range(size):
                 trial[i] = angles[i] + reach * step[i]
-            lowered = energy_of(
-                trial,
-                turning,
-                factor,
-                rest,
-                line,
-                load,
-                numbers,
-                share,
-                gradient,
-                diagonal,
-                beside,
-            )
+            lowered = energy_of(trial, frame, share, gradient, diagonal, beside)
             # What a very small step does to the energy cannot be told from rounding.
             if largest < NEAR or lowered <= energy + 1e-14 * abs(energy):
                 break
@@ -228,21 +216,20 @@ def equilibria(
     work = np.empty((5, size))
     for f in range(frames):
         now = angles[f]
+        frame = ChainFrame(turning[f], factor[f], rest[f], line[f], loads[f], numbers)
         if f > 0 or begun:
             if f > 0:
                 for i in range(size):
                     now[i] = angles[f - 1, i]
             if numbers[2] <= 0.0:
                 now[0] = numbers[1]
-            left = settle(
-                now, turning[f], factor[f], rest[f], line[f], loads[f], numbers, 1.0, work
-            )
+            left = settle(now, frame, 1.0, work)
             if left < SETTLED:
                 continue
         now[0] = numbers[1]
         for i in range(size - 1):
             now[i + 1] = now[i] + turning[f, i]
-        left = settle(now, turning[f], factor[f], rest[f], line[f], loads[f], numbers, 1.0, work)
+        left = settle(now, frame, 1.0, work)
         if left < SETTLED:
             continue
         now[0] = numbers[1]
@@ -250,9 +237,7 @@ def equilibria(
             now[i + 1] = now[i] + turning[f, i]
         for k in range(LOAD_STEPS):
             share = (k + 1.0) / LOAD_STEPS
-            left = settle(
-                now, turning[f], factor[f], rest[f], line[f], loads[f], numbers, share, work
-            )
+            left = settle(now, frame, share, work)
         if not left < SETTLED:
             return f
     return frames

@@ -67,15 +67,14 @@ class Sensitivity:
 
     def fields(self, arclength: Array) -> Array:
         """Return x, y, theta, curvature, intrinsic curvature, moment (6, n) at arclengths (m)."""
-        out = np.empty((6, arclength.size))
+        out = np.empty((FIELD_COUNT, arclength.size))
         solution = self.solution
         at_stations(solution.panels, solution.nodes, self.knots, self.rotation, arclength, out)
         return out
 
     def stations(self, arclength: Array) -> Array:
         """Return the changes (causes, 6, n) of the same, at increasing material arclengths (m)."""
-        out = np.empty((self.tip.shape[0], 6, arclength.size))
-        station_changes(
+        changes: Array = station_changes(
             self.solution.panels,
             self.solution.nodes,
             self.knots,
@@ -84,9 +83,8 @@ class Sensitivity:
             self.rotation_changes,
             self.node_changes,
             arclength,
-            out,
         )
-        return out
+        return changes
 
 
 def solve(

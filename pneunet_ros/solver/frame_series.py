@@ -128,7 +128,7 @@ def linearize_frames(
         frames.stable[rod] = sensitivities(
             panels, ends, nodes[rod], changes, end_changes, node_changes, tip_changes
         )
-        station_changes(
+        out[rod] = station_changes(
             panels,
             nodes[rod],
             rods.knots,
@@ -137,5 +137,4 @@ def linearize_frames(
             rotation_changes,
             node_changes,
             frames.arclength,
-            out[rod],
         )

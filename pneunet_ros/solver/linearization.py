@@ -264,9 +264,8 @@ def station_changes(
     rotation_changes: Array,
     node_changes: Array,
     arclength: Array,
-    out: Array,
-) -> None:
-    """Change of x, y, theta, kappa, kappa0, M at stations, into out (causes, 6, stations).
+) -> Array:
+    """Change of x, y, theta, kappa, kappa0, M at stations, (causes, 6, stations).
 
     The causes are those of `sensitivity.sensitivities`: F1, F2, M and the further ones, for which
     panel_changes and rotation_changes are given. It is the derivative of `at_stations`.
@@ -284,7 +283,7 @@ def station_changes(
         (stations, col.STATION_WIDTH)
     )  # of a station: v, slopes of the four series in v, the law
     places, distances = np.empty(stations, dtype=np.int64), np.empty(stations)
-    out[:] = 0.0
+    out = np.zeros((causes, col.FIELD_COUNT, stations))
     first, following, reached = 0, 0, 0
     before = 0.0  # length of the panel before
     for p in range(count):
@@ -420,3 +419,4 @@ def station_changes(
                     joints[field, cause] += AT_END[j] * inner[field, j]
                 joints[field, cause] += missing[field]
         before = h
+    return out

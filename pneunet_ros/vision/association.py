@@ -17,6 +17,7 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
     BeamSearchSettings,
+    BlobColumns,
     continues_beyond,
     grow_row,
     grow_seeded_rows,
@@ -76,7 +77,8 @@ def row_from_clamp(
     start = np.zeros(LAST + 1)
     start[HEADING], start[SCALE], start[SIZE], start[LAST] = clamp_angle, 1.0, math.nan, NOTHING
     chosen = np.full(arclength.size, NOTHING)
-    cost = grow_row(x, y, sizes, arclength, start, search.longest_gap, math.inf, chosen, search)
+    blobs = BlobColumns(x, y, sizes)
+    cost = grow_row(blobs, arclength, start, search.longest_gap, math.inf, chosen, search)
     truncate_row(x, y, arclength, clamp_angle, chosen, search)
     if chosen[-1] >= 0 and continues_beyond(x, y, sizes, arclength, chosen, search):
         chosen[:] = NOTHING  # the camera has moved, or these are other dots

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import astuple, dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -119,11 +120,17 @@ def _lengthen(
     )
 
 
+class BlobColumns(NamedTuple):
+    """Blobs in the working plane: x, y and logarithm of the size, (blobs,) each."""
+
+    x: Array
+    y: Array
+    sizes: Array
+
+
 @kernel
 def grow_row(
-    x: Array,
-    y: Array,
-    sizes: Array,
+    blobs: BlobColumns,
     arclength: Array,
     start: Array,
     longest_gap: int,
@@ -136,6 +143,7 @@ def grow_row(
     start: what is known of the row, as named above. `chosen` becomes the best row; the cost is
     infinite where it would be above `dearest`.
     """
+    x, y, sizes = blobs
     targets = arclength.size
     rows = np.zeros((search.kept, LAST + 1))
     paths = np.full((search.kept, targets), NOTHING)
@@ -291,7 +299,7 @@ def grow_seeded_rows(
     x: Array, y: Array, sizes: Array, arclength: Array, search: BeamSearchSettings
 ) -> tuple[npt.NDArray[np.int64], Array]:
     """Grow a row from every blob and each of its neighbors; rows (seeds, targets) and costs."""
-    targets = arclength.size
+    targets, blobs = arclength.size, BlobColumns(x, y, sizes)
     seeds = x.size * search.neighbors
     rows = np.full((seeds, targets), NOTHING)
     costs = np.full(seeds, math.inf)
@@ -314,9 +322,7 @@ def grow_seeded_rows(
             start[HEADING] = math.atan2(y[neighbor] - y[blob], x[neighbor] - x[blob])
             start[SCALE] = chord / (arclength[1] - arclength[0])
             start[SIZE] = 0.5 * (sizes[blob] + sizes[neighbor])
-            cost = grow_row(
-                x, y, sizes, arclength, start, search.first_gap, dearest, rows[seed], search
-            )
+            cost = grow_row(blobs, arclength, start, search.first_gap, dearest, rows[seed], search)
             seen = np.sum(rows[seed] >= 0)
             if rows[seed, -1] < 0 or rows[seed, 2] < 0 or seen < search.seen * targets:
                 continue
