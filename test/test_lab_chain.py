@@ -6,7 +6,7 @@ import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain import Chain, free_shape, middle_joints
-from pneunet_ros.lab.chain_kernels import energy_of, joint
+from pneunet_ros.lab.chain_kernels import ChainFrame, energy_of, joint
 import pytest
 from support.example_arms import paper_arm, TABLE_1
 from support.lab_pairs import lab_arm_of
@@ -80,7 +80,8 @@ def test_derivatives_of_the_energy_are_those_by_differences():
 
     def energy(at):
         parts = np.empty((3, count + 2))
-        value = energy_of(at, turning, factor, rest, line, load, numbers, 1.0, *parts)
+        frame = ChainFrame(turning, factor, rest, line, load, numbers)
+        value = energy_of(at, frame, 1.0, *parts)
         return value, parts
 
     _, (gradient, diagonal, beside) = energy(angles)
@@ -113,9 +114,9 @@ def test_any_load_after_any_other_ends_at_rest():
     for frame in range(200):
         parts = np.empty((3, 98))
         load = np.array([*many.rigidity[frame], many.split[frame], *force[frame], 0.0])
-        angles, turning = found.angles[frame], many.turning[frame]
-        of_frame = many.stiffer[frame], many.rest[frame], many.line[frame]
-        energy_of(angles, turning, *of_frame, load, numbers, 1.0, *parts)
+        tables = (many.turning, many.stiffer, many.rest, many.line)
+        of_frame = ChainFrame(*(table[frame] for table in tables), load, numbers)
+        energy_of(found.angles[frame], of_frame, 1.0, *parts)
         assert np.abs(parts[0]).max() < 1e-10  # N m
 
 
