@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pneunet_ros.calibration.settings import CALIBRATION, EXPERIMENTS, MAP_ESTIMATION
+from pneunet_ros.core.settings import settings_changed
 
 
 def test_what_is_not_the_default_is_said():
-    assert CALIBRATION.not_default() == {}
+    assert settings_changed(CALIBRATION) == {}
     changed = replace(
         CALIBRATION,
         experiments=replace(EXPERIMENTS, knots=7),
         map_estimation=replace(MAP_ESTIMATION, small_step=0.1),
     )
-    assert changed.not_default() == {
+    assert settings_changed(changed) == {
         'ExperimentSettings.knots': 7,
         'MapEstimationSettings.small_step': 0.1,
     }

@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CONSISTENCY, ConsistencySettings
+from pneunet_ros.calibration.settings import CONSISTENCY, SameArmSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.units import millimeters
@@ -18,7 +18,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 def check_same_arm(
     unloaded: Sequence[RecordingData],
     length: float,
-    known: ConsistencySettings = CONSISTENCY,
+    known: SameArmSettings = CONSISTENCY,
 ) -> None:
     """Raise RecordingError, naming the two, where unloaded recordings are of different arms.
 
@@ -43,7 +43,7 @@ def check_same_arm(
 
 
 def tip_distance(
-    one: RecordingData, other: RecordingData, top: float, known: ConsistencySettings
+    one: RecordingData, other: RecordingData, top: float, known: SameArmSettings
 ) -> float | None:
     """Return how far apart (m) the last target is at the same pressure; None: never the same.
 
@@ -73,7 +73,7 @@ def times(run: RecordingData) -> npt.NDArray[np.float64]:
     return np.asarray((run.stamp_ns - run.stamp_ns[0]) / span, np.float64)
 
 
-def outlier_recordings(fit: Fit, known: ConsistencySettings = CONSISTENCY) -> list[str]:
+def outlier_recordings(fit: Fit, known: SameArmSettings = CONSISTENCY) -> list[str]:
     """Return a sentence on each recording that the model says far worse than the others."""
     chi = np.array([float(item.whitened.sum()) / max(int(item.dof.sum()), 1) for item in fit.runs])
     notes = []

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
-from pneunet_ros.core.settings import settings_changed, tuning
+from pneunet_ros.core.settings import tuning
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +27,7 @@ class PreconditionSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ConsistencySettings:
+class SameArmSettings:
     """When recordings are of one arm: unloaded and at one pressure it has one shape."""
 
     same_pressure: float = tuning(0.01, 'how near', unit='largest pressure')
@@ -140,7 +139,7 @@ class TipForceSettings:
     largest_sigma: float = tuning(10.0, 'what is less certain is not determined', unit='N')
 
 
-PRECONDITIONS, CONSISTENCY = PreconditionSettings(), ConsistencySettings()
+PRECONDITIONS, CONSISTENCY = PreconditionSettings(), SameArmSettings()
 NOISE_ESTIMATE, EXPERIMENTS = NoiseEstimateSettings(), ExperimentSettings()
 HYPERPARAMETERS, MOMENT_LAW = HyperparameterSettings(), MomentLawSettings()
 MAP_ESTIMATION, IDENTIFIABILITY = MapEstimationSettings(), IdentifiabilitySettings()
@@ -152,17 +151,13 @@ class CalibrationSettings:
     """All numbers by which `calibrate` decides."""
 
     preconditions: PreconditionSettings = PRECONDITIONS
-    consistency: ConsistencySettings = CONSISTENCY
+    consistency: SameArmSettings = CONSISTENCY
     noise_estimate: NoiseEstimateSettings = NOISE_ESTIMATE
     experiments: ExperimentSettings = EXPERIMENTS
     hyperparameters: HyperparameterSettings = HYPERPARAMETERS
     moment_law: MomentLawSettings = MOMENT_LAW
     map_estimation: MapEstimationSettings = MAP_ESTIMATION
     identifiability: IdentifiabilitySettings = IDENTIFIABILITY
-
-    def not_default(self) -> dict[str, Any]:
-        """Return what is not the default, by `Class.field`."""
-        return settings_changed(*(getattr(self, item.name) for item in fields(self)))
 
 
 CALIBRATION = CalibrationSettings()

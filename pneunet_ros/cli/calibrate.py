@@ -28,6 +28,7 @@ from pneunet_ros.cli.verb import (
     topics_of,
 )
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.settings import settings_changed
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.measurement.dataset import RecordingData
@@ -176,6 +177,6 @@ def provenance_of(arguments: Namespace, calibration: Calibration) -> dict[str, o
         'continued': None if arguments.earlier is None else arguments.earlier.name,
         'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),
         'coordinates': joint.dof,
-        'settings': calibration.settings.not_default(),
+        'settings': settings_changed(calibration.settings),
         'covariance_share': round(calibration.explained_variance, 4),
     }

@@ -47,12 +47,19 @@ def numbers_type(settings: type, name: str) -> Any:
 
 
 def settings_used(*owners: Any) -> dict[str, Any]:
-    """Return every number by which these settings decide, by `Class.field`."""
-    return {
-        f'{type(owner).__name__}.{item.name}': getattr(owner, item.name)
-        for owner in owners
-        for item in dataclasses.fields(owner)
-    }
+    """Return every number by which these settings decide, by `Class.field`.
+
+    Settings inside settings are opened: theirs is the class that declares the number.
+    """
+    used: dict[str, Any] = {}
+    for owner in owners:
+        for item in dataclasses.fields(owner):
+            value = getattr(owner, item.name)
+            if dataclasses.is_dataclass(value):
+                used |= settings_used(value)
+            else:
+                used[f'{type(owner).__name__}.{item.name}'] = value
+    return used
 
 
 def settings_changed(*owners: Any) -> dict[str, Any]:

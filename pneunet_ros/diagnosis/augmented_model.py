@@ -9,20 +9,17 @@ import numpy as np
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import MapEstimationSettings
 from pneunet_ros.diagnosis.hypothesis import Coordinate
 from pneunet_ros.diagnosis.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
-from pneunet_ros.diagnosis.settings import AugmentedModelSettings, DEFAULTS
+from pneunet_ros.diagnosis.settings import AugmentedModelSettings, DEFAULTS, DiagnosisSettings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 
 STATIONS = (0.2, 0.5, 0.8)  # s / l, where shifts of kappa_p0 are shown
 
 
-def fit_with_effects(
-    refit: Refit, settings: AugmentedModelSettings = DEFAULTS.augmented_model
-) -> Fit:
+def fit_with_effects(refit: Refit, settings: DiagnosisSettings = DEFAULTS) -> Fit:
     """Fit the base to the training runs, with the effects held as they were refitted."""
     linearization, point = refit.linearization, refit.point
     return fit(
@@ -31,14 +28,16 @@ def fit_with_effects(
         linearization.noise,
         point.arm.target_arclength,
         point.values,
-        settings=MapEstimationSettings(small_step=settings.settled),
+        settings=replace(
+            settings.calibration.map_estimation, small_step=settings.augmented_model.settled
+        ),
     )
 
 
-def augment_model(refit: Refit, base: Fit) -> Arm:
+def augment_model(refit: Refit, base: Fit, settings: DiagnosisSettings = DEFAULTS) -> Arm:
     """Return the arm, with a covariance of base and effects together."""
     arm, count = base.arm, len(refit.numbers)
-    covariance, _ = low_rank(base, MOST_COLUMNS - count)
+    covariance, _ = low_rank(base, MOST_COLUMNS - count, settings.calibration.experiments)
     if not count:
         return replace(arm, covariance=covariance)
     names, change = base.parameters.quantities()

@@ -11,7 +11,7 @@ from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
 from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import CALIBRATION, PRECONDITIONS
+from pneunet_ros.calibration.settings import CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.settings import BaseFitSettings, DEFAULTS
@@ -34,6 +34,7 @@ def fit_base(
     training: Sequence[RecordingData],
     on_progress: OnProgress,
     settings: BaseFitSettings = DEFAULTS.base_fit,
+    calibration: CalibrationSettings = DEFAULTS.calibration,
 ) -> BaseFit:
     """Fit; RequestError and RecordingError where the recordings are not fit for it."""
     unloaded = [run for run in training if not run.loaded]
@@ -44,12 +45,13 @@ def fit_base(
             'by pressure alone'
         )
     uniform = has_uniform_curvature(frame)
-    calibration = CALIBRATION
     if uniform:
-        fewer = replace(PRECONDITIONS, fewest_frames=settings.fewest_uniform)
-        calibration = replace(CALIBRATION, preconditions=fewer)
+        fewer = replace(calibration.preconditions, fewest_frames=settings.fewest_uniform)
+        calibration = replace(calibration, preconditions=fewer)
     check_runs(unloaded, loaded, frame, settings=calibration)
-    noise = estimate_noise(training, frame.target_arclength, frame.sensors)
+    noise = estimate_noise(
+        training, frame.target_arclength, frame.sensors, calibration.noise_estimate
+    )
     least = settings.harmless_camera * frame.length
     noise = replace(noise, noise=with_camera_motion(noise.noise, least))
     frame = replace(frame, sensors=noise.noise, covariance=None)

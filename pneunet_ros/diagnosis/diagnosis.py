@@ -38,7 +38,6 @@ from pneunet_ros.diagnosis.result import (
 from pneunet_ros.diagnosis.score_test import Candidate, detection_limits, effect_cosines
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection, Trial
 from pneunet_ros.diagnosis.settings import (
-    AugmentedModelSettings,
     DEFAULTS,
     DiagnosisSettings,
     SelectionSettings,
@@ -94,7 +93,7 @@ def diagnose(
         ModelError: the model has no shape in most of the recordings.
 
     """
-    base = fit_base(model, training, on_progress, settings.base_fit)
+    base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
     asked = hypotheses(known, settings.hypothesis)
@@ -142,9 +141,9 @@ def conclude(
     settings, added = selection.settings, verdict.trial is not first
     runs, noise = selection.linearization.runs, selection.linearization.noise
     candidates, level = selection.score_candidates(first), settings.lack_of_fit.level
-    before = after = evaluate(first, runs, recordings, settings.augmented_model)
+    before = after = evaluate(first, runs, recordings, settings)
     if added:
-        after = evaluate(verdict.trial, runs, recordings, settings.augmented_model)
+        after = evaluate(verdict.trial, runs, recordings, settings)
     floor = noise_floor(after.arm, recordings[1] or recordings[0], noise)
     frames, frames_after = (
         collect_frames(trial.refit, settings.localization) for trial in (first, verdict.trial)
@@ -234,14 +233,14 @@ def evaluate(
     trial: Trial,
     thinned: Sequence[RecordingData],
     recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]],
-    settings: AugmentedModelSettings,
+    settings: DiagnosisSettings,
 ) -> Evaluation:
     """Evaluate the model of a trial on training and held-out recordings.
 
     thinned: the runs of the trial, of which chi squared is known already.
     """
     fit = fit_with_effects(trial.refit, settings)
-    arm = augment_model(trial.refit, fit)
+    arm = augment_model(trial.refit, fit, settings)
     training, held_out = recordings
     count = len(training)
     every = scores(arm, [*training, *held_out])

@@ -20,7 +20,7 @@ from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from scipy.signal import lfilter
 
-PAST = 'past 3 s'  # the regressor of stretch and rotation that has a memory
+PAST = 'past'  # stands for the past over `LinearizationSettings.field_memory`
 STRETCH_REGRESSORS = ('1', 'p', 'p^2', 't', PAST, 'F1', 'F2')
 ROTATION_REGRESSORS = ('1', 'p', 't', PAST, 'F1', 'F2')
 SINGLE_REGRESSORS = ('p', 'F1', 'F2')
@@ -69,7 +69,7 @@ class Regressors:
                 'p': pressure,
                 'p^2': pressure**2,
                 't': 2.0 * time - 1.0,
-                **{f'past {m:g} s': high_pass(run, m) / span for m in settings.time_constants},
+                **{past_name(m): high_pass(run, m) / span for m in settings.time_constants},
                 'F1': f1,
                 'F2': f2,
                 'p F1': pressure * f1,
@@ -93,6 +93,11 @@ class Regressors:
     def columns(self, which: int, names: Sequence[str]) -> Array:
         """Return the regressors of these names in a run, (frames, n)."""
         return self.values[which][:, [self.names.index(name) for name in names]]
+
+
+def past_name(time_constant: float) -> str:
+    """Return the name of the regressor that is the past over a time (s)."""
+    return f'past {time_constant:g} s'
 
 
 def high_pass(run: RecordingData, time_constant: float) -> Array:
@@ -151,12 +156,13 @@ def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) ->
     stretch = stretch_fields(regressors.arclength, theta, settings.stretch_modes)
     # About the clamp: the way from there, turned by a right angle.
     rotation = np.concatenate([-stretch[:, targets:, :1], stretch[:, :targets, :1]], axis=1)
-    names, parts = [], []
-    for label, shapes, functions in (
+    names, parts, past = [], [], past_name(settings.field_memory)
+    for label, shapes, regressor_names in (
         ('curvature', curvature, regressors.names[1:]),
         ('stretch', stretch, STRETCH_REGRESSORS),
         ('rotation', rotation, ROTATION_REGRESSORS),
     ):
+        functions = [past if name == PAST else name for name in regressor_names]
         parts.append(products(shapes, regressors.columns(which, functions)))
         pairs = itertools.product(range(shapes.shape[2]), functions)
         names += [f'{label} {mode} x {function}' for mode, function in pairs]

@@ -102,7 +102,7 @@ class Linearization:
         self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
         # What acted does not depend on the base model: one table for all points.
         self.known_inputs = {} if known_inputs is None else known_inputs
-        self.smoothed = [smooth_pressure(run) for run in self.runs]
+        self.smoothed = [smooth_pressure(run, settings.pressure_filter) for run in self.runs]
         self.pressure_noise = [
             run.frame_pressure - smooth.frame_pressure
             for run, smooth in zip(self.runs, self.smoothed, strict=True)

@@ -5,10 +5,12 @@ Where no source is given a number is invented; blind trials were made with all o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
+from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.pressure_filter import PRESSURE_FILTER, PressureFilterSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,9 +32,16 @@ class LinearizationSettings:
     curvature_modes: int = tuning(4, 'Legendre polynomials of curvature along the arm')
     stretch_modes: int = tuning(3, 'Legendre polynomials of stretch along the arm')
     time_constants: tuple[float, ...] = tuning((0.3, 3.0, 30.0), 'of low-passes', unit='s')
+    field_memory: float = tuning(3.0, 'the one of them whose past bends and stretches', unit='s')
     unloading: float = tuning(0.02, 'distance to highest pressure so far', unit='pressure range')
     windows: int = tuning(10, 'windows of time in every run')
     window_modes: int = tuning(3, 'Legendre polynomials of curvature in every window')
+    pressure_filter: PressureFilterSettings = PRESSURE_FILTER
+
+    def __post_init__(self) -> None:
+        """Refuse a memory of the fields that is no time constant."""
+        if self.field_memory not in self.time_constants:
+            raise RequestError(f'field_memory must be one of {self.time_constants} s')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,6 +152,7 @@ class AugmentedModelSettings:
 class DiagnosisSettings:
     """The settings of all algorithms of a diagnosis."""
 
+    calibration: CalibrationSettings = CALIBRATION
     base_fit: BaseFitSettings = BaseFitSettings()
     linearization: LinearizationSettings = LinearizationSettings()
     hypothesis: HypothesisSettings = HypothesisSettings()
@@ -153,11 +163,6 @@ class DiagnosisSettings:
     localization: LocalizationSettings = LocalizationSettings()
     experiment_design: ExperimentDesignSettings = ExperimentDesignSettings()
     augmented_model: AugmentedModelSettings = AugmentedModelSettings()
-
-    @property
-    def parts(self) -> tuple[Any, ...]:
-        """The settings of each algorithm."""
-        return tuple(getattr(self, item.name) for item in fields(self))
 
 
 DEFAULTS = DiagnosisSettings()

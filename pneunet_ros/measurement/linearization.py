@@ -39,7 +39,7 @@ class FittedRun:
 
     points (frames, 2, targets) m: the model alone, as measured; disturbance (frames, 2, targets)
     m: what placement and camera add; fields (frames, 6, targets) as of
-    `solver.stations.at_stations`; whitened (frames,) the squared whitened residual and dof
+    `solver.interpolation.at_stations`; whitened (frames,) the squared whitened residual and dof
     (frames,) the number of its coordinates.
     Frames that have no equilibrium (`solved` False) count nothing.
     """

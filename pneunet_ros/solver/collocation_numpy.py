@@ -1,8 +1,8 @@
 """Newton's method of `collocation` in plain numpy: one dense matrix, solved with pivoting.
 
-It is the solver where there is no numba, and for a start before the kernels are compiled; the
-other kernels then run as plain Python, which is fast enough for rods of a few panels. It shares no
-arithmetic with the compiled one, and so is also its cross-check.
+It is the solver where there is no numba, and is meant for a start before the kernels are compiled,
+which still waits for them today. The other kernels then run as plain Python, fast enough for rods
+of a few panels. It shares no arithmetic with the compiled one, and so is also its cross-check.
 """
 
 from __future__ import annotations

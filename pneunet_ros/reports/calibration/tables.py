@@ -32,6 +32,7 @@ class Row:
     std: float
     prior_std: float
     unit_stiffness: float = 0.0
+    well_known: float = IDENTIFIABILITY.well_known
 
     @property
     def bending_stiffness(self) -> str:
@@ -42,7 +43,7 @@ class Row:
     @property
     def determined(self) -> bool:
         """Whether the recordings told much more than was believed before."""
-        return self.std <= IDENTIFIABILITY.well_known * self.prior_std
+        return self.std <= self.well_known * self.prior_std
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +72,7 @@ def number_rows(calibration: Calibration) -> tuple[Row, ...]:
             std=std,
             prior_std=prior,
             unit_stiffness=scale if name.startswith(RIGIDITY) else 0.0,
+            well_known=calibration.settings.identifiability.well_known,
         )
         for name, value, std, prior in zip(
             names, values.tolist(), stds.tolist(), priors.tolist(), strict=True

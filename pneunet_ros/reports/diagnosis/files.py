@@ -58,7 +58,7 @@ def write_diagnosis(
 
 def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
-    before, after, settings = diagnosis.before, diagnosis.after, diagnosis.settings.parts
+    before, after, settings = diagnosis.before, diagnosis.after, diagnosis.settings
     content = {
         'answer': diagnosis.answer,
         'sentence': diagnosis.sentence,
@@ -96,7 +96,7 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
         'notes': diagnosis.notes,
         **provenance,
         'seed': diagnosis.seed,
-        'settings': {'used': settings_used(*settings), 'not_default': settings_changed(*settings)},
+        'settings': {'used': settings_used(settings), 'not_default': settings_changed(settings)},
     }
     plain_content: dict[str, Any] = plain(content)
     return plain_content
@@ -129,6 +129,7 @@ def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any
         'source': f'pneunet diagnose {provenance["versions"]["pneunet_ros"]}',
         'answer': diagnosis.answer,
         'added': added,
+        'settings': settings_changed(diagnosis.settings),
         'valid': valid_range(runs),
         **provenance,
     }
