@@ -54,11 +54,17 @@ class Estimator:
         object.__setattr__(self, 'table', PerturbationTable(arm=self.arm))
 
     def step(self, state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Outcome]:
-        """Take one reading; returns the state after it, and what came of it.
+        """Take one reading: Eq 4 gives the shape, its linearization the covariance.
 
-        A pressure reading (Pa) gives a ShapeEstimate or a Refusal, an end wrench (N, N m) None or
-        a Refusal. Nothing is raised for what a reading holds. Equation 4 of the paper gives the
-        shape, its linearization the covariance.
+        Args:
+            state: what is remembered of earlier readings; it is not changed.
+            reading: a pressure (Pa) or an end wrench (N, N m), stamped by its message's header.
+
+        Returns:
+            The state for the next reading, and what came of this one: of a pressure a
+            ShapeEstimate or a Refusal, of a wrench None or a Refusal. Nothing is raised for what
+            a reading holds.
+
         """
         state, refusal, note = admit(state, reading)
         if refusal is None:

@@ -41,12 +41,33 @@ MODEL_FILE = YamlFile(kind='model file', error=ModelError, number_name='a number
 
 
 def load_model(path: str | Path) -> Arm:
-    """Read a model file; ModelError names the file, the key and what is allowed there."""
+    """Read a calibrated arm from a model file (YAML, SI).
+
+    Args:
+        path: of the file; what it holds is in docs/model.md.
+
+    Returns:
+        The arm.
+
+    Raises:
+        ModelError: names the file, the key and what is allowed there.
+
+    """
     return MODEL_FILE.load(path, arm_from_mapping)
 
 
 def save_model(arm: Arm, path: str | Path, overwrite: bool = False) -> None:
-    """Write a model file, whole or not at all; an existing file is refused without `overwrite`."""
+    """Write a calibrated arm to a model file, whole or not at all.
+
+    Args:
+        arm: the arm.
+        path: of the file.
+        overwrite: replace a file that is there.
+
+    Raises:
+        PneunetError: the file is there already, or cannot be written.
+
+    """
     yaml = YAML(typ='safe', pure=True)
     yaml.default_flow_style = None
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]

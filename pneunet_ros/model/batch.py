@@ -70,11 +70,23 @@ def solve_many(
 ) -> Shapes:
     """Predict the shapes of one arm at many pressures and end loads, near a known shape.
 
-    pressure (n,) Pa, in the chamber; force (n, 2) N and moment (n,) or one, N m, at the free end
-    in the base frame. These are the true loads: sensing effects do not enter. start: a converged
-    shape near them. history: as in `Arm.rods`; None is an arm at rest. Returns Shapes of n rods
-    at `stations` equally spaced stations. Raises RequestError for values of another shape, NaN or
-    infinity, or a start without solution. The equations are Eq 4, as in `solve`.
+    Args:
+        arm: the calibrated arm.
+        pressure: in the chamber, (n,) Pa gauge.
+        force: F1, F2 on the free end, (n, 2) N, in the base frame. Loads are the true ones:
+            sensing effects do not enter.
+        moment: on the free end, (n,) or one for all, N m.
+        start: a converged shape near them all.
+        stations: how many equally spaced places along the arm each shape has.
+        history: as of `Arm.rods`; None is an arm that has rested for ever.
+        settings: the numbers by which the solver decides.
+
+    Returns:
+        The shapes of n rods; NaN where there is none. Eq 4, as in `solve`.
+
+    Raises:
+        RequestError: arrays of another shape, NaN, infinity, or a start without solution.
+
     """
     pressure = np.atleast_1d(np.asarray(pressure, dtype=np.float64))
     loads = np.empty((pressure.size, LOADS))

@@ -95,11 +95,22 @@ def solve(
     start: Shape | None = None,
     stations: int = DEFAULT_STATIONS,
 ) -> Shape:
-    """Predict the shape of the arm at a gauge pressure (Pa) under end force (N) and moment (N m).
+    """Predict the shape of the arm in equilibrium under pressure and end load (Eqs 2-4 and 10).
 
-    `start` is a neighboring shape whose branch is followed; without it the shape grows from the
-    unloaded arm. Returns a Shape at `stations` equally spaced stations. Raises RequestError for a
-    value that is no finite number.
+    Args:
+        arm: the calibrated arm, from `load_model`.
+        pressure: what the sensor reads, held steady; Pa gauge.
+        force: F1, F2 on the free end as the sensor reads them, N, in the base frame.
+        moment: on the free end, about z of the base frame, N m.
+        start: a neighboring shape whose branch is followed; None grows it from the unloaded arm.
+        stations: how many equally spaced places along the arm the shape has.
+
+    Returns:
+        The shape; where none was found its arrays are NaN and `status` says why.
+
+    Raises:
+        RequestError: a value is no finite number.
+
     """
     check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
     load = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))

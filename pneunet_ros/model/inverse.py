@@ -57,12 +57,24 @@ def solve_tip(
     stations: int = DEFAULT_STATIONS,
     settings: TipSearchSettings = SEARCH,
 ) -> Shape:
-    """Find end force (N) and shape from the pressure (Pa, gauge) and the position of the tip (m).
+    """Find the end force and the shape from pressure and the position of the tip (Figure 9 (b)).
 
-    `moment` (N m) is the end moment, which must be known; `start` a neighboring shape whose branch
-    is followed. The result's `force` is the force that the surroundings apply; where the tip does
-    not determine it, the result is a failed Shape that says so. Raises RequestError for values
-    that are no finite number.
+    Args:
+        arm: the calibrated arm.
+        pressure: what the sensor reads, held steady; Pa gauge.
+        tip: x, y of the free end, m, in the base frame.
+        moment: on the free end, which must be known; N m.
+        start: a neighboring shape whose branch is followed.
+        stations: how many equally spaced places along the arm the shape has.
+        settings: the numbers by which the search decides.
+
+    Returns:
+        The shape; its `force` is what the surroundings apply. Where the tip does not determine
+        the force, it is a failed shape whose `status` says so.
+
+    Raises:
+        RequestError: a value is no finite number.
+
     """
     check_finite(pressure=pressure, tip_x=tip[0], tip_y=tip[1], moment=moment)
     load = arm.sense(Load(pressure=pressure, moment=moment))

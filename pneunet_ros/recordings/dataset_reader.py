@@ -30,14 +30,24 @@ def read_run(
     overrides: Mapping[str, str] = _NO_OVERRIDES,
     settings: EstimatorSettings = _AS_SHIPPED,
 ) -> tuple[RecordingData, tuple[str, ...]]:
-    """Return a recording of pressure, end wrench and targets, and sentences on what is left out.
+    """Read pressure, end wrench and targets of a recording, as calibration and diagnosis take it.
 
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
     within half a median period; frames without one, and those in which no target was seen, are
     left out. Without a topic of it, or with `wrench_required` false, nothing was attached.
 
-    targets: how many the arm has. overrides: full topic name by last name. Raises RecordingError
-    where a topic is missing or not what it must be, or where no frame is left.
+    Args:
+        path: of an .mcap file or a rosbag2 folder.
+        targets: how many the arm has.
+        overrides: full topic name by last name.
+        settings: what readings mean: sign and yaw of the wrench, gauge or absolute pressure.
+
+    Returns:
+        The recording (Pa gauge; N, N m, m in the base frame), and sentences on what is left out.
+
+    Raises:
+        RecordingError: a topic is missing or not what it must be, or no frame is left.
+
     """
     recording = open_recording(path)
     sensors: list[Sensor[Any]] = [
