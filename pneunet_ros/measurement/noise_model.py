@@ -33,7 +33,12 @@ def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
 
 def target_std(noise: SensorNoise) -> float:
     """Return one sigma (m) of a target by itself: white noise and its painted place."""
-    return max(float(np.hypot(noise.target_std, noise.placement_std)), SMALLEST_STD)
+    return float(target_stds(noise, np.array(noise.target_std)))
+
+
+def target_stds(noise: SensorNoise, white: Array) -> Array:
+    """Return one sigma (m) of targets of this white noise each, with their painted places."""
+    return np.maximum(np.hypot(white, noise.placement_std), SMALLEST_STD)
 
 
 def camera_errors(std: float, targets: int) -> Array:

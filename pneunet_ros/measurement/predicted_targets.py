@@ -14,11 +14,10 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.measurement.covariance import chi_squared
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.noise_model import camera_errors, target_stds
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.model.uncertainty import SensorNoise
-
-SMALLEST_STD = 1e-7  # m, of a target; stands for zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -82,14 +81,12 @@ def innovation(
     if not targets:
         return None
     residual = np.stack([sightings.x - predicted.x, sightings.y - predicted.y])[:, seen]
-    white = np.fmax(sightings.std[seen], noise.target_std)
-    std = np.maximum(np.hypot(white, noise.placement_std), SMALLEST_STD)
-    camera = np.zeros((2, 2, targets))
-    camera[0, 0] = camera[1, 1] = np.hypot(noise.registration_std, noise.drift_std)
-    errors = np.moveaxis(np.concatenate([predicted.errors[:, :, seen], camera]), 0, 2)
+    std = target_stds(noise, np.fmax(sightings.std[seen], noise.target_std))
+    camera = camera_errors(float(np.hypot(noise.registration_std, noise.drift_std)), targets)
+    moved = predicted.errors[:, :, seen].reshape(-1, 2 * targets).T
+    errors = np.concatenate([moved, camera], axis=1)
+    of_target = errors.reshape(2, targets, -1).transpose(1, 0, 2)
     at_targets = np.full(seen.size, np.nan)
-    own = chi_squared(residual.T, std[:, None], errors.transpose(1, 0, 2))
-    at_targets[seen] = 0.5 * own
-    both = np.tile(std, 2)
-    total = chi_squared(residual.ravel(), both, errors.reshape(2 * targets, -1))
+    at_targets[seen] = 0.5 * chi_squared(residual.T, std[:, None], of_target)
+    total = chi_squared(residual.ravel(), np.tile(std, 2), errors)
     return Innovation(coordinates=2 * targets, chi_square=float(total), at_targets=at_targets)
