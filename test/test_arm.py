@@ -45,8 +45,8 @@ def test_the_record_of_a_bare_arm_is_its_law_and_its_curvature():
     others = [CUBIC, AXIAL_COMPLIANCE, REST_STRAIN, LOAD_X, LOAD_Y]
     assert not rods.sections[:, :, others].any()
     assert not rods.clamp.any()
-    turning = arm.intrinsic_curvature.turning_of(pressure, arm.length)
-    assert rods.rotation == pytest.approx(turning, rel=1e-12, abs=1e-15)
+    rotation = arm.intrinsic_curvature.rotation_of(pressure, arm.length)
+    assert rods.rotation == pytest.approx(rotation, rel=1e-12, abs=1e-15)
     assert rods.knots == pytest.approx(arm.length * arm.intrinsic_curvature.arclength)
 
 
@@ -130,8 +130,8 @@ def test_beyond_the_range_curvature_goes_on_and_the_law_stays():
     for inside, beyond in ((0.0, -3.2e3), (66e3, 69.2e3)):
         edge, rods = arm.rods(np.array([inside])), arm.rods(np.array([beyond]))
         assert rods.sections == pytest.approx(edge.sections, rel=1e-12, abs=1e-20)
-        turning = arm.intrinsic_curvature.turning_of(np.array([beyond]), arm.length)
-        assert rods.rotation == pytest.approx(turning, rel=1e-12, abs=1e-12)
+        rotation = arm.intrinsic_curvature.rotation_of(np.array([beyond]), arm.length)
+        assert rods.rotation == pytest.approx(rotation, rel=1e-12, abs=1e-12)
         assert solve(arm, beyond, (0.15, 0.1)).stable
 
 
@@ -261,7 +261,7 @@ def test_quantities_are_moved_together():
         'effects.gravity.mass',
         'effects.hysteresis.width',
         'sensors',
-        'intrinsic_curvature.turning.0.0.0',
+        'intrinsic_curvature.rotation.0.0.0',
         '',
         '.',
     ],

@@ -16,7 +16,7 @@ from matplotlib.image import imread
 import numpy as np
 from pneunet_ros import __version__, load_model, solve
 from pneunet_ros.cli.main import main, VERBS
-from pneunet_ros.cli.predict import uncertain
+from pneunet_ros.cli.predict import estimate_uncertainty
 from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import quantities
@@ -257,8 +257,8 @@ def test_predict_is_as_sure_of_a_force_wrongly_sensed_as_of_the_true_one(monkeyp
     askew = replace(ARM, effects=(TurnedForce(),))
     shape = solve(askew, 31e3, (0.175, 0.07))
     assert shape.force[0] < 0.15
-    estimate = uncertain(Estimator(arm=askew), shape, 31e3)
-    true = uncertain(Estimator(arm=ARM), shape, 31e3)
+    estimate = estimate_uncertainty(Estimator(arm=askew), shape, 31e3)
+    true = estimate_uncertainty(Estimator(arm=ARM), shape, 31e3)
     assert estimate.shape.force == pytest.approx(shape.force)
     np.testing.assert_allclose(estimate.jacobian, true.jacobian, rtol=1e-9)
     np.testing.assert_allclose(estimate.tip_covariance, true.tip_covariance, rtol=1e-9)

@@ -34,7 +34,7 @@ from pneunet_ros.measurement.predicted_targets import (
     predict_targets,
     PredictedTargets,
 )
-from pneunet_ros.messages.consistency import watched_message
+from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.readings import targets_message
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
@@ -69,29 +69,29 @@ def events(run: RecordingData) -> Iterator[Event]:
         yield sightings(stamp, run.x[index], run.y[index], std=USUAL.target_std)
 
 
-class Watched:
-    """An estimator and a watch that are told one thing after the other."""
+class Monitored:
+    """An estimator and a consistency monitor that are told one thing after the other."""
 
     def __init__(self, arm: Arm = KNOWN, **settings) -> None:
         self.estimator = Estimator(arm=arm, settings=EstimatorSettings(**settings))
-        self.state, self.watch = EstimatorState(), ConsistencyState()
+        self.state, self.consistency = EstimatorState(), ConsistencyState()
         self.said = []
         self.estimate = None
 
     def tell(self, *told: Event):
         for event in told:
-            running = self.watch.running
+            running = self.consistency.running
             if isinstance(event, TargetSightings):
-                self.watch, refusal = take_targets(self.watch, self.estimator, event)
+                self.consistency, refusal = take_targets(self.consistency, self.estimator, event)
                 assert refusal is None
             else:
                 self.state, outcome = self.estimator.step(self.state, event)
                 if isinstance(event, PressureReading):
                     assert isinstance(outcome, ShapeEstimate)
                     self.estimate = outcome
-                    self.watch = take_estimate(self.watch, self.estimator, outcome)
-            if self.watch.running is not running:
-                self.said.append(self.watch.disagreement())
+                    self.consistency = take_estimate(self.consistency, self.estimator, outcome)
+            if self.consistency.running is not running:
+                self.said.append(self.consistency.disagreement())
         return self
 
     def predict(self) -> PredictedTargets:
@@ -111,20 +111,20 @@ def seen_of(truth: Arm, seed: int = 0, noise: SensorNoise | None = USUAL) -> Rec
 @pytest.fixture(scope='module')
 def quiet():
     """Watch clean recordings with noise of every kind, each with targets painted anew."""
-    return [Watched().tell(*events(seen_of(KNOWN, seed))) for seed in range(5)]
+    return [Monitored().tell(*events(seen_of(KNOWN, seed))) for seed in range(5)]
 
 
 def test_noise_of_every_kind_is_no_disagreement(quiet):
-    for watch in quiet:
-        assert watch.watch.matched == FRAMES
-        assert not watch.watch.unmatched
-        assert len(watch.found) == FRAMES - USED.fewest_frames + 1
-        assert not any(item.beyond for item in watch.found)
-        assert all(item.rms < item.limit for item in watch.found)
+    for monitored in quiet:
+        assert monitored.consistency.matched == FRAMES
+        assert not monitored.consistency.unmatched
+        assert len(monitored.found) == FRAMES - USED.fewest_frames + 1
+        assert not any(item.beyond for item in monitored.found)
+        assert all(item.rms < item.limit for item in monitored.found)
 
 
 def test_noise_of_the_right_size_is_one(quiet):
-    squares = [watch.found[-1].rms ** 2 for watch in quiet]
+    squares = [monitored.found[-1].rms ** 2 for monitored in quiet]
     assert np.mean(squares) == pytest.approx(1.0, abs=0.15)
 
 
@@ -137,7 +137,7 @@ def test_noise_taken_for_white_alarms_without_reason():
     alarms = 0
     for seed in range(4):
         alarms += any(
-            item.beyond for item in Watched(white).tell(*events(seen_of(KNOWN, seed))).found
+            item.beyond for item in Monitored(white).tell(*events(seen_of(KNOWN, seed))).found
         )
     assert alarms >= 3
 
@@ -151,13 +151,13 @@ def test_a_missing_effect_is_told_of(effect, force):
     truth = replace(KNOWN, effects=(effect,))
     run = made(truth, UP_AND_DOWN, force, noise=USUAL)
     loaded = force is not None
-    watch = Watched(wrench_required=loaded).tell(*events(run))
-    worst = max(watch.found, key=lambda item: item.rms)
+    monitored = Monitored(wrench_required=loaded).tell(*events(run))
+    worst = max(monitored.found, key=lambda item: item.rms)
     assert worst.beyond
     assert worst.rms > 1.5 * worst.limit
     assert 'run pneunet diagnose' in worst.sentence
     assert f'{worst.rms:.3g} x' in worst.sentence
-    known = Watched(truth, wrench_required=loaded).tell(*events(run))
+    known = Monitored(truth, wrench_required=loaded).tell(*events(run))
     assert not any(item.beyond for item in known.found)
 
 
@@ -165,7 +165,7 @@ def test_the_worst_station_is_where_a_target_was_moved():
     run = seen_of(KNOWN)
     x = run.x.copy()
     x[:, 7] += 2e-3
-    last = Watched().tell(*events(replace(run, x=x))).found[-1]
+    last = Monitored().tell(*events(replace(run, x=x))).found[-1]
     assert last.beyond
     assert (last.target, last.arclength) == (7, KNOWN.target_arclength[7])
 
@@ -174,22 +174,22 @@ def test_one_bad_frame_is_no_disagreement():
     run = seen_of(KNOWN)
     x = run.x.copy()
     x[30] += 0.02
-    watch = Watched().tell(*events(replace(run, x=x)))
-    worst = max(watch.found, key=lambda item: item.rms)
+    monitored = Monitored().tell(*events(replace(run, x=x)))
+    worst = max(monitored.found, key=lambda item: item.rms)
     assert worst.rms > worst.limit
-    assert not any(item.beyond for item in watch.found)
+    assert not any(item.beyond for item in monitored.found)
 
 
 # What a frame is compared with
 
 
 def test_targets_are_expected_where_the_model_has_them():
-    watch = Watched()
+    monitored = Monitored()
     run = seen_of(KNOWN, noise=None)
     for index, event in enumerate(events(run)):
-        watch.tell(event)
+        monitored.tell(event)
         if isinstance(event, PressureReading):
-            expected = watch.predict()
+            expected = monitored.predict()
             np.testing.assert_allclose(expected.x, run.x[index // 3], atol=1e-9)
             np.testing.assert_allclose(expected.y, run.y[index // 3], atol=1e-9)
 
@@ -201,11 +201,11 @@ def test_errors_are_what_readings_do_to_targets(effects):
     arm = replace(KNOWN, effects=effects)
 
     def at(pressure=30e3, force_x=0.1):
-        watch = Watched(arm).tell(
+        monitored = Monitored(arm).tell(
             WrenchReading(stamp_ns=1, force_x=force_x, force_y=0.1, moment=0.0, frame_id=BASE),
             PressureReading(stamp_ns=1, pressure=pressure),
         )
-        return watch.predict()
+        return monitored.predict()
 
     errors = at().errors
     for source, changed in ((0, {'force_x': 0.1 + 1e-3}), (3, {'pressure': 30e3 + 60.0})):
@@ -219,10 +219,10 @@ def test_an_uncertain_camera_is_an_error_of_the_model():
     covariance = ModelCovariance(
         quantities=('effects.camera_scale.factor',), factor=np.array([[0.01]])
     )
-    watch = Watched(replace(KNOWN, effects=effects, covariance=covariance)).tell(
+    monitored = Monitored(replace(KNOWN, effects=effects, covariance=covariance)).tell(
         *list(events(seen_of(KNOWN)))[:2]
     )
-    expected = watch.predict()
+    expected = monitored.predict()
     np.testing.assert_allclose(expected.errors[-1], 0.01 * np.stack([expected.x, expected.y]),
                                atol=1e-9)  # fmt: skip
 
@@ -260,12 +260,12 @@ def test_the_limit_is_the_quantile_of_chi_square(coordinates):
 # Which frames are compared
 
 
-def unloaded(*stamps_ms: float) -> Watched:
+def unloaded(*stamps_ms: float) -> Monitored:
     """Give an unloaded arm pressure readings at these times."""
-    watch = Watched(wrench_required=False)
+    monitored = Monitored(wrench_required=False)
     for stamp in stamps_ms:
-        watch.tell(PressureReading(stamp_ns=round(stamp * 1e6), pressure=20e3))
-    return watch
+        monitored.tell(PressureReading(stamp_ns=round(stamp * 1e6), pressure=20e3))
+    return monitored
 
 
 def frame(stamp_ms: float) -> TargetSightings:
@@ -273,66 +273,69 @@ def frame(stamp_ms: float) -> TargetSightings:
 
 
 def test_a_frame_belongs_to_a_reading_within_half_a_period():
-    watch = unloaded(1000, 1010, 1020, 1060, 1070, 1080)
-    watch.tell(frame(1014), frame(1024), frame(1032))
-    assert (watch.watch.matched, dict(watch.watch.unmatched)) == (2, {'no_estimate': 1})
+    monitored = unloaded(1000, 1010, 1020, 1060, 1070, 1080)
+    monitored.tell(frame(1014), frame(1024), frame(1032))
+    assert (monitored.consistency.matched, dict(monitored.consistency.unmatched)) == (
+        2,
+        {'no_estimate': 1},
+    )
 
 
 def test_a_frame_waits_for_its_reading():
-    watch = unloaded(1000, 1010, 1020).tell(frame(1029))
-    assert watch.watch.matched == 0
-    watch.tell(PressureReading(stamp_ns=1_030_000_000, pressure=20e3))
-    assert watch.watch.matched == 1
-    assert not watch.watch.waiting
-    assert not watch.watch.unmatched
+    monitored = unloaded(1000, 1010, 1020).tell(frame(1029))
+    assert monitored.consistency.matched == 0
+    monitored.tell(PressureReading(stamp_ns=1_030_000_000, pressure=20e3))
+    assert monitored.consistency.matched == 1
+    assert not monitored.consistency.waiting
+    assert not monitored.consistency.unmatched
 
 
 def test_frames_of_a_clock_that_is_ahead_do_not_pile_up():
-    watch = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(50)))
-    assert len(watch.watch.waiting) == USED.most_waiting
-    assert dict(watch.watch.unmatched) == {'no_estimate': 50 - USED.most_waiting}
+    monitored = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(50)))
+    assert len(monitored.consistency.waiting) == USED.most_waiting
+    assert dict(monitored.consistency.unmatched) == {'no_estimate': 50 - USED.most_waiting}
 
 
 def test_without_estimates_nothing_is_compared():
-    watch = Watched().tell(frame(1000), frame(1010))
-    assert watch.watch.running is None
-    assert watch.watch.disagreement() is None
+    monitored = Monitored().tell(frame(1000), frame(1010))
+    assert monitored.consistency.running is None
+    assert monitored.consistency.disagreement() is None
 
 
 def test_missing_targets_are_left_out():
     run = seen_of(KNOWN)
     x, y = run.x.copy(), run.y.copy()
     x[10:20, 15:], x[20:30] = np.nan, np.nan
-    watch = Watched().tell(*events(replace(run, x=x, y=y)))
-    assert dict(watch.watch.unmatched) == {'not_seen': 10}
-    assert watch.watch.matched == FRAMES - 10
-    assert not any(item.beyond for item in watch.found)
+    monitored = Monitored().tell(*events(replace(run, x=x, y=y)))
+    assert dict(monitored.consistency.unmatched) == {'not_seen': 10}
+    assert monitored.consistency.matched == FRAMES - 10
+    assert not any(item.beyond for item in monitored.found)
 
 
 def test_after_a_silence_the_mean_starts_anew():
     told = list(events(seen_of(KNOWN)))
-    watch = Watched(watch_time=1.0).tell(*told[: 3 * 20])
-    assert watch.watch.running.frames == 20
+    monitored = Monitored(watch_time=1.0).tell(*told[: 3 * 20])
+    assert monitored.consistency.running.frames == 20
     kept = [item for item in told[3 * 20 :] if not isinstance(item, TargetSightings)]
     silence = 2 * 1_000_000_000 // PERIOD
-    watch.tell(*kept[: 2 * silence], *told[3 * (20 + silence) :][:3])
-    assert watch.watch.running.frames == 1
-    assert watch.watch.disagreement() is None
+    monitored.tell(*kept[: 2 * silence], *told[3 * (20 + silence) :][:3])
+    assert monitored.consistency.running.frames == 1
+    assert monitored.consistency.disagreement() is None
 
 
-def test_an_estimator_that_starts_anew_is_watched_anew():
+def test_an_estimator_that_starts_anew_is_monitored_anew():
     told = list(events(seen_of(KNOWN)))
-    watch = Watched().tell(*told).tell(*told[:3])
-    assert watch.state.resets == 1
-    assert watch.watch.matched == FRAMES + 1
-    assert watch.watch.running.frames == 1
+    monitored = Monitored().tell(*told).tell(*told[:3])
+    assert monitored.state.resets == 1
+    assert monitored.consistency.matched == FRAMES + 1
+    assert monitored.consistency.running.frames == 1
 
 
 def test_nothing_is_changed_in_place():
     told = list(events(seen_of(KNOWN)))
-    watch = Watched().tell(*told[: 3 * 20])
-    kept, before = watch.watch, watch.watch.disagreement()
-    watch.tell(*told[3 * 20 :])
+    monitored = Monitored().tell(*told[: 3 * 20])
+    kept, before = monitored.consistency, monitored.consistency.disagreement()
+    monitored.tell(*told[3 * 20 :])
     assert kept.disagreement() == before
 
 
@@ -349,28 +352,30 @@ def message(frame_id: str = BASE, targets: int = 23, stamp_ns: int = 1_000_000_0
     [(message(frame_id='camera'), "frame 'camera'"), (message(targets=3), '3 points'), (None, '')],
 )
 def test_a_message_that_is_not_of_this_arm_is_refused(wrong, words):
-    watch, refusal = watched_message(ConsistencyState(), Watched().estimator, wrong)
+    consistency, refusal = take_targets_message(ConsistencyState(), Monitored().estimator, wrong)
     assert refusal.reason == 'unreadable'
     assert words in refusal.sentence
     assert not refusal.error
-    assert dict(watch.unmatched) == {'unreadable': 1}
+    assert dict(consistency.unmatched) == {'unreadable': 1}
 
 
 @pytest.mark.parametrize(
     ('stamp_ns', 'reason'), [(0, 'no_stamp'), (10**9, 'duplicate'), (10**9 - 1, 'older')]
 )
 def test_a_frame_out_of_order_is_refused(stamp_ns, reason):
-    estimator = Watched().estimator
-    watch, refusal = watched_message(ConsistencyState(), estimator, message())
+    estimator = Monitored().estimator
+    consistency, refusal = take_targets_message(ConsistencyState(), estimator, message())
     assert refusal is None
-    watch, refusal = watched_message(watch, estimator, message(stamp_ns=stamp_ns))
+    consistency, refusal = take_targets_message(consistency, estimator, message(stamp_ns=stamp_ns))
     assert refusal.reason == reason
-    assert dict(watch.unmatched) == {reason: 1}
+    assert dict(consistency.unmatched) == {reason: 1}
 
 
 def test_a_model_without_targets_has_nothing_to_compare():
     bare = replace(KNOWN, target_arclength=np.zeros(0))
-    watch, refusal = watched_message(ConsistencyState(), Watched(bare).estimator, message())
+    consistency, refusal = take_targets_message(
+        ConsistencyState(), Monitored(bare).estimator, message()
+    )
     assert refusal is None
-    assert not watch.unmatched
-    assert not watch.waiting
+    assert not consistency.unmatched
+    assert not consistency.waiting

@@ -9,7 +9,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.readings import PRESSURE
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.recordings.recorded_series import nearest, Series
+from pneunet_ros.recordings.recorded_series import nearest, ReadingSeries
 import pytest
 from support.recorded_datasets import MS, pressure, readings, record, START, targets, wrench
 
@@ -183,7 +183,7 @@ def test_a_truncated_recording_is_read_as_far_as_it_goes(tmp_path):
 
 
 def test_nearest_is_within_half_a_period():
-    series = Series(
+    series = ReadingSeries(
         sensor=PRESSURE,
         topic='/p',
         stamp_ns=np.array([100, 200, 300, 1000]),

@@ -30,7 +30,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.model.equilibrium import (
-    linearize,
+    linearize_shape,
     solve,
     solve_rod,
     station_arclength,
@@ -303,7 +303,7 @@ def test_solving_anew_agrees_with_the_linear_response(parameter, company):
     rods, per_pascal = with_pressure_change(arm, chamber, history)
     before, after = (side.rods(rods.pressure, up_and_down(side)[0]) for side in (less, more))
     changes = join_perturbations(per_pascal, Perturbation.between(before, after, 2 * h))
-    response = linearize(shape.solution, rods, changes)
+    response = linearize_shape(shape.solution, rods, changes)
     # Through what a reading means and the chamber pressure; and through the record of the rod.
     through = [*((causes(more) - causes(less)) / (2 * h)), 1.0]
     linear = np.tensordot(through, response.stations(shape.arclength), axes=1)
@@ -497,7 +497,7 @@ def test_creep_leaves_part_of_the_intrinsic_curvature_behind():
 def test_softening_begins_below_the_largest_pressure_and_ends_there():
     arm = paper_arm((Softening(loss=0.3),))
     top, history = arm.pressure_range[1], arm.initial_history(20e3)
-    virgin = paper_arm()
+    unconditioned = paper_arm()
     for pressure, largest in [
         (20e3, None),
         (50e3, None),
@@ -514,7 +514,7 @@ def test_softening_begins_below_the_largest_pressure_and_ends_there():
         assert chamber == pressure
         found = arm.rods(np.array([pressure]), history).sections[0, :, RIGIDITY]
         factor = 1.0 if largest is None else 1.0 - 0.3 * largest / top
-        base = virgin.rods(np.array([pressure])).sections[0, :, RIGIDITY]
+        base = unconditioned.rods(np.array([pressure])).sections[0, :, RIGIDITY]
         np.testing.assert_allclose(found, factor * base, rtol=1e-14)
 
 

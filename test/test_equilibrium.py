@@ -18,7 +18,7 @@ from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.model.equilibrium import (
-    linearize,
+    linearize_shape,
     solve_rod,
     tip_jacobian,
 )
@@ -309,7 +309,7 @@ def test_the_stations_answer_as_full_solves_do(arm):
     pressure, force, moment = 45e3, (0.15, 0.15), 2e-4
     start = solve(arm, pressure, force, moment)
     rods, change = with_pressure_change(arm, pressure)
-    response = linearize(start.solution, rods, change)
+    response = linearize_shape(start.solution, rods, change)
     stations = response.stations(start.arclength)
     expected = differences(
         arm, pressure, force, moment, start,
@@ -336,7 +336,7 @@ def test_the_stations_change_as_moved_panels_and_nodes_do(arm):
     sides = (arm.with_changes(dict.fromkeys(names, sign * 1e-3)) for sign in (-1, 1))
     before, after = (side.rods(np.array([45e3])) for side in sides)
     change = join_perturbations(change, Perturbation.between(before, after, 2e-3))
-    found = linearize(shape.solution, rods, change)
+    found = linearize_shape(shape.solution, rods, change)
     at = np.delete(shape.arclength, 14)  # the joint of two panels, which moves with l1
     for cause, changes in enumerate(found.stations(at)):
         step = 1e-5 / np.abs(found.node_changes[cause, :, 0]).max()
@@ -430,7 +430,7 @@ def test_a_change_of_the_record_moves_random_rods_as_full_solves_do(seed):
     pressure = np.array([case.pressure])
     before, after = (side.rods(pressure) for side in sides)
     change = Perturbation.between(before, after, 2.0)
-    tip = linearize(shape.solution, case.arm.rods(pressure), change).tip[-1]
+    tip = linearize_shape(shape.solution, case.arm.rods(pressure), change).tip[-1]
     load = Load(
         pressure=case.pressure, force_x=case.force[0], force_y=case.force[1], moment=case.moment
     )

@@ -1,4 +1,4 @@
-"""The gap in meters: what is closed of it, and the floor that noise puts under it."""
+"""The model error in meters: what is removed of it, and the floor that noise puts under it."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.softening import Softening
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
-from pneunet_ros.model.equilibrium import linearize, solve_rod
+from pneunet_ros.model.equilibrium import linearize_shape, solve_rod
 from pneunet_ros.solver.columns import CURVATURE, RIGIDITY, START, THETA, X, Y
 import pytest
 from support.example_arms import ALL_MECHANICS, paper_arm, TABLE_1
@@ -63,7 +63,7 @@ def test_points_answer_to_loads_as_a_single_solve_does():
         f1, f2, moment = inputs.loads[frame].tolist()
         load = Load(pressure=rods.pressure[0], force_x=f1, force_y=f2, moment=moment)
         shape = solve_rod(arm, rods, load, None, arm.target_arclength)
-        single = linearize(shape.solution, rods).stations(arm.target_arclength)
+        single = linearize_shape(shape.solution, rods).stations(arm.target_arclength)
         assert answer[frame, :3] == pytest.approx(single, rel=1e-5, abs=1e-5)
 
 

@@ -56,10 +56,10 @@ def test_few_columns_are_a_line_a_parabola_a_cubic(columns):
     assert few.at(0.5, s) == pytest.approx(s ** (columns - 1), abs=1e-14)
 
 
-def test_turning_is_the_integral_of_curvature():
+def test_rotation_is_the_integral_of_curvature():
     curvature = paper_arm().intrinsic_curvature
     pressure = np.array([12e3, 55e3, 64e3])
-    pieces = curvature.turning_of(pressure, LENGTH)
+    pieces = curvature.rotation_of(pressure, LENGTH)
     knots = LENGTH * curvature.arclength
     points, weights = np.polynomial.legendre.leggauss(6)
     for p, row in zip(pressure, pieces, strict=True):

@@ -150,13 +150,13 @@ def test_an_arm_remembers_what_was_done_to_it():
         simulate(later, again.memory)
 
 
-def test_virgin_and_softened_arm_differ_below_the_largest_pressure_alone():
+def test_unconditioned_and_softened_arm_differ_below_the_largest_pressure_alone():
     recording = simulate(scenario((lab_effect('softening', SIZES['softening']),), frames=10.0))
     bare = simulate(scenario((), frames=10.0))
     moved = np.abs(recording.x - bare.x).max(axis=1)
-    virgin = np.maximum.accumulate(bare.truth.pressure) == bare.truth.pressure
-    assert moved[virgin].max() < 1e-9
-    assert np.median(moved[~virgin]) > 1e-4
+    unconditioned = np.maximum.accumulate(bare.truth.pressure) == bare.truth.pressure
+    assert moved[unconditioned].max() < 1e-9
+    assert np.median(moved[~unconditioned]) > 1e-4
 
 
 @pytest.mark.parametrize(

@@ -87,8 +87,8 @@ def test_parameters_are_those_of_the_code(node, parameters):
 def test_diagnostics_of_the_estimator_are_those_of_the_code():
     health = EstimatorHealth('/pressure', 0.0)
     health.took_pressure(random_estimate(3), 0.1, 0.001)
-    state, watch = EstimatorState(rejected=COUNTS), ConsistencyState(unmatched=COUNTS)
-    report = health.report(state, EstimatorSettings(), 0.2, watch)
+    state, consistency = EstimatorState(rejected=COUNTS), ConsistencyState(unmatched=COUNTS)
+    report = health.report(state, EstimatorSettings(), 0.2, consistency)
     assert sorted(values('estimator')) == sorted(['model', *report.values])
 
 

@@ -219,7 +219,7 @@ def test_the_tracker_tells_of_what_was_refused_once(error, level):
     health, state = TrackerHealth('/image', 100.0), TrackerState()
     refusal = Refusal(stamp_ns=0, reason='r', sentence='a jpeg is cut off', error=error)
     frames(health, 1, 100.1)
-    health.refused(refusal)
+    health.note_refusal(refusal)
     report = health.report(state, 101.0)
     assert (report.level, report.message) == (level, 'a jpeg is cut off')
     assert health.report(state, 102.0).level == Level.OK

@@ -24,7 +24,7 @@ PASTS = (Hysteresis(width=3e3), Creep(amplitude=0.2, time_constant=1.5), Softeni
 KINDS = tuple(MOMENT_LAW_PARAMETERS)
 
 
-def law_unknowns(kind: str):
+def law_parameters(kind: str):
     arm = paper_arm()
     return MOMENT_LAW_PARAMETERS[kind](
         stiffness=1.5e-4, low=LOW, high=HIGH, length=arm.length, weight=arm.weight
@@ -37,7 +37,7 @@ def parameters(kind: str | None, effects=(), rows: int = 4, knots: int = 6) -> P
         pressure=np.linspace(LOW, HIGH, rows),
         arclength=np.linspace(0.0, 1.0, knots),
         hyperparameters=SMOOTHNESS,
-        law=None if kind is None else law_unknowns(kind),
+        law=None if kind is None else law_parameters(kind),
     )
 
 
@@ -105,8 +105,8 @@ def test_quantities_are_the_numbers_of_the_model(kind):
 
 
 def test_every_number_of_the_law_that_may_move_is_named():
-    names, _ = law_unknowns('piecewise_linear').quantities()
-    law = law_unknowns('piecewise_linear').law(law_unknowns('piecewise_linear').mean)
+    names, _ = law_parameters('piecewise_linear').quantities()
+    law = law_parameters('piecewise_linear').law(law_parameters('piecewise_linear').mean)
     assert len(names) == law.rigidity.size + law.split.size
 
 
@@ -122,7 +122,7 @@ def test_the_prior_is_positive_definite_and_of_the_size_said(kind):
 
 
 def test_the_prior_of_the_law_leaves_it_free():
-    some = law_unknowns('piecewise_linear')
+    some = law_parameters('piecewise_linear')
     alpha = 1.5e-4 / (0.17 * 0.112**2)
     _, change = some.quantities()
     rows = some.rows.size
@@ -155,7 +155,7 @@ def test_what_is_known_takes_the_place_of_the_prior():
     assert np.array_equal(known.mean[: free.cells], mean)
     assert np.array_equal(known.prior[: free.cells, : free.cells], covariance)
     assert not known.prior[: free.cells, free.cells :].any()
-    law = law_unknowns('piecewise_linear')
+    law = law_parameters('piecewise_linear')
     assert np.array_equal(known.mean[free.cells :], law.mean)
     assert np.array_equal(known.prior[free.cells :, free.cells :], law.prior)
 

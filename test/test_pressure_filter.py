@@ -1,4 +1,4 @@
-"""Pressure readings made calm: less noise, the same pressure, and frames that find their own."""
+"""Filtered pressure readings: less noise, the same pressure, and frames that find their own."""
 
 from __future__ import annotations
 

@@ -245,7 +245,7 @@ def with_targets(moved=0.0, count=23):
 
 
 def watched_replay(folder, said, settings=None):
-    """Replay with what is watched; returns the tally and the recording written."""
+    """Replay with the consistency monitor; returns the tally and the recording written."""
     record(folder / 'in.mcap', said)
     recording = open_recording(folder / 'in.mcap')
     estimator = Estimator(arm=ESTIMATOR.arm, settings=settings or EstimatorSettings())
@@ -261,7 +261,7 @@ def watched_replay(folder, said, settings=None):
 
 def test_targets_where_they_must_be_are_no_news(tmp_path):
     tally, written = watched_replay(tmp_path, with_targets())
-    assert tally.watch.matched == 40
+    assert tally.consistency.matched == 40
     assert tally.disagreement.rms < 0.2
     assert not tally.disagreement.beyond
     source = open_recording(tmp_path / 'in.mcap')
@@ -278,7 +278,7 @@ def test_targets_of_another_arm_are_refused_and_the_replay_goes_on(tmp_path):
     tally, _ = watched_replay(tmp_path, with_targets(count=3))
     assert tally.refusal.reason == 'unreadable'
     assert '3 points' in tally.refusal.sentence
-    assert dict(tally.watch.unmatched) == {'unreadable': 40}
+    assert dict(tally.consistency.unmatched) == {'unreadable': 40}
     assert tally.state.estimates == 40
 
 

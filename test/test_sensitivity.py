@@ -17,7 +17,7 @@ SECTION = {'width': 0.015, 'thickness': 0.003, 'height': 0.012, 't1': 0.002, 't2
 
 @pytest.fixture(scope='module')
 def steady_state():
-    """Return a loaded stance."""
+    """Return a loaded steady state."""
     fit = calibration().joint
     return find_steady_states(fit.runs[2], fit.arm)[-6]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.steady_estimates import held_estimates
+from pneunet_ros.estimation.steady_estimates import steady_estimates
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.offline.replay import input_topics, steps
 from pneunet_ros.recordings.recording import open_recording
@@ -38,7 +38,7 @@ def test_the_holds_of_table_1_are_its_rows_up_and_down_again():
         for step in steps(recording, estimator, topics)
         if isinstance(step.outcome, ShapeEstimate)
     ]
-    holds = held_estimates(estimates)
+    holds = steady_estimates(estimates)
     loads = [(hold.shape.pressure / 1000, *hold.shape.force) for hold in holds]
     assert len(loads) == 29
     for load, row in zip(loads, TABLE_1 + TABLE_1[-2::-1], strict=True):
@@ -48,18 +48,18 @@ def test_the_holds_of_table_1_are_its_rows_up_and_down_again():
 
 def test_a_hold_is_its_last_estimate():
     estimates = stream(1, 1, 1, 1, 2)
-    assert held_estimates(estimates) == [estimates[3]]
+    assert steady_estimates(estimates) == [estimates[3]]
 
 
 def test_the_last_hold_needs_nothing_after_it():
     estimates = stream(2, 1, 1, 1, 1)
-    assert held_estimates(estimates) == [estimates[-1]]
+    assert steady_estimates(estimates) == [estimates[-1]]
 
 
 def test_a_stretch_shorter_than_asked_for_is_no_hold():
     estimates = stream(1, 1, 1, 2, 2)
-    assert held_estimates(estimates) == []
-    assert held_estimates(estimates, shortest=1.0) == [estimates[2]]
+    assert steady_estimates(estimates) == []
+    assert steady_estimates(estimates, shortest=1.0) == [estimates[2]]
 
 
 @pytest.mark.parametrize(
@@ -70,8 +70,8 @@ def test_any_change_of_the_load_ends_a_hold(change):
     changed = [
         replace(estimate, shape=replace(estimate.shape, **change)) for estimate in estimates[4:]
     ]
-    assert held_estimates(estimates[:4] + changed) == [estimates[3], changed[-1]]
+    assert steady_estimates(estimates[:4] + changed) == [estimates[3], changed[-1]]
 
 
 def test_without_estimates_there_are_no_holds():
-    assert held_estimates([]) == []
+    assert steady_estimates([]) == []

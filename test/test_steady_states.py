@@ -1,4 +1,4 @@
-"""Stances: the holds of a staircase are found, averaged, and freed of what the camera adds."""
+"""Steady states: holds of a staircase are found, averaged, freed of what the camera adds."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from support.small_calibration import ARM, calibration, FRAMES, NOISE, TOP
 
 @pytest.fixture(scope='module')
 def stairs():
-    """Return the stances of the staircase."""
+    """Return the steady states of the staircase."""
     fit = calibration(with_load=False).joint
     return find_steady_states(fit.runs[1], fit.arm)
 
 
-def test_every_step_is_one_stance(stairs):
+def test_every_step_is_one_steady_state(stairs):
     assert [steady_state.frames for steady_state in stairs] == [4] * (FRAMES // 4)
     steps = np.linspace(0.0, TOP, FRAMES // 4)
     found = np.array([steady_state.pressure for steady_state in stairs])
@@ -31,14 +31,14 @@ def test_every_step_is_one_stance(stairs):
     assert {steady_state.run for steady_state in stairs} == {'bags/stairs.mcap'}
 
 
-def test_a_ramp_is_many_short_stances():
+def test_a_ramp_is_many_short_steady_states():
     fit = calibration(with_load=False).joint
     assert (
         max(steady_state.frames for steady_state in find_steady_states(fit.runs[0], fit.arm)) == 1
     )
 
 
-def test_a_change_of_force_ends_a_stance():
+def test_a_change_of_force_ends_a_steady_state():
     fit = calibration().joint
     assert len(find_steady_states(fit.runs[3], fit.arm)) > FRAMES // 3  # a sweep at one pressure
 
@@ -96,6 +96,6 @@ def test_the_way_between_holds_is_left_out(stairs):
     assert longest_states([]) == []
 
 
-def test_no_stance_is_predicted_to_nothing():
+def test_no_steady_state_is_predicted_to_nothing():
     assert predict_states(ARM, [], np.zeros(3)).shape == (0, 6, 3)
     assert thin([], 4) == []

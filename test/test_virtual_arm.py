@@ -108,7 +108,7 @@ def connected(node):
 
 @pytest.fixture
 def peer(connected):
-    """Return the peer of a virgin arm."""
+    """Return the peer of an unconditioned arm."""
     assert connected.trigger('reset').success
     return connected
 

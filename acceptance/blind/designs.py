@@ -2,7 +2,7 @@
 
 Protocols are the same in all trials of a design, so that what was simulated for a design serves
 them all; arms, effects and noise differ. Recordings follow each other after a pause; the arm is
-virgin in the first and remembers from then on.
+unconditioned in the first and remembers from then on.
 """
 
 from __future__ import annotations

@@ -226,7 +226,7 @@ def lines(story: Story) -> list[str]:
             else:
                 words.append('     -           -    ')
         out.append(' '.join(words).rstrip())
-    return [*out, '', *sentences(story), '', *hidden(story)]
+    return [*out, '', *sentences(story), '', *biased_parameters(story)]
 
 
 def sentences(story: Story) -> list[str]:
@@ -260,8 +260,8 @@ def sentences(story: Story) -> list[str]:
     return out
 
 
-def hidden(story: Story) -> list[str]:
-    """Return what calibration had been hiding, beside the truth: alpha2 and l1 / l."""
+def biased_parameters(story: Story) -> list[str]:
+    """Return the parameters biased by the missing effect, beside the truth: alpha2 and l1 / l."""
     lab, after = story.recorded.scenario.arm, story.diagnosis.after.arm.moment_law
     assert isinstance(after, PiecewiseLinearLaw)
     out = []

@@ -22,7 +22,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.steady_estimates import held_estimates
+from pneunet_ros.estimation.steady_estimates import steady_estimates
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.offline.replay import input_topics, record_steps, Step
 from pneunet_ros.recordings.recording import open_recording
@@ -67,7 +67,7 @@ def run(arguments: Namespace) -> int:
                 estimates.append(step.outcome)
 
         record_steps(writer, recording, estimator, topics, on_progress)
-        holds = first_of_each_pressure(held_estimates(estimates))
+        holds = first_of_each_pressure(steady_estimates(estimates))
         from pneunet_ros.reports.demo_plot import draw_holds
 
         title = f"Table 1 of the paper (pressures and end forces) through '{arm.name}'"

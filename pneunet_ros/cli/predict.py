@@ -87,7 +87,7 @@ def run(arguments: Namespace) -> int:
     estimate = None
     if shape.converged:
         settings = EstimatorSettings(stations=arguments.stations)
-        estimate = uncertain(Estimator(arm=arm, settings=settings), shape, pressure)
+        estimate = estimate_uncertainty(Estimator(arm=arm, settings=settings), shape, pressure)
     if arguments.json:
         print_json(content(shape, estimate))
     else:
@@ -95,7 +95,9 @@ def run(arguments: Namespace) -> int:
     return DONE if shape.converged else NEGATIVE
 
 
-def uncertain(estimator: Estimator, shape: Shape, pressure: float) -> ShapeEstimate | None:
+def estimate_uncertainty(
+    estimator: Estimator, shape: Shape, pressure: float
+) -> ShapeEstimate | None:
     """Return the answer as the estimator gives it, with Jacobian and covariance."""
     state = EstimatorState(solution=shape.solution)
     along, across, moment = wrench_read(estimator, shape, pressure)
@@ -111,9 +113,9 @@ def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[flo
     """Return F1, F2 and M that sensors show under the true load; all sensing is affine."""
     nothing = true_load(estimator.arm, (0.0, 0.0, 0.0, pressure))[:3]
     units = np.eye(3).tolist()
-    answers = [true_load(estimator.arm, (*unit, pressure))[:3] - nothing for unit in units]
+    responses = [true_load(estimator.arm, (*unit, pressure))[:3] - nothing for unit in units]
     true = np.array([*shape.force, shape.end_moment])
-    read: list[float] = np.linalg.solve(np.transpose(answers), true - nothing).tolist()
+    read: list[float] = np.linalg.solve(np.transpose(responses), true - nothing).tolist()
     return read
 
 

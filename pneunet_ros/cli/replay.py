@@ -112,7 +112,7 @@ def run(arguments: Namespace) -> int:
         'rejected': {} if state is None else dict(state.rejected),
         'resets': 0 if state is None else state.resets,
         'worst_residual': tally.worst_residual,
-        'watch': None if targets is None else watch_summary(tally),
+        'watch': None if targets is None else consistency_summary(tally),
         'seconds': seconds,
         'sentences': list(recording.sentences),
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
@@ -124,12 +124,12 @@ def run(arguments: Namespace) -> int:
     return DONE if summary['estimates'] else NEGATIVE
 
 
-def watch_summary(tally: Tally) -> dict[str, object]:
+def consistency_summary(tally: Tally) -> dict[str, object]:
     """Return how the targets agreed with the estimates, where they did so worst."""
     worst = tally.disagreement
     return {
-        'targets_matched': tally.watch.matched,
-        'targets_unmatched': dict(tally.watch.unmatched),
+        'targets_matched': tally.consistency.matched,
+        'targets_unmatched': dict(tally.consistency.unmatched),
         'worst': None if worst is None else dataclasses.asdict(worst),
     }
 

@@ -67,13 +67,13 @@ class Creep(Effect):
             rate = (pressure - before) / seconds
             start = before
             for stop in stops:
-                self.settle(weights, start, stop, (stop - start) / rate, scale.rows)
+                self.advance_weights(weights, start, stop, (stop - start) / rate, scale.rows)
                 start = stop
             rest = seconds if start == before else (pressure - start) / rate
-            self.settle(weights, start, pressure, rest, scale.rows)
+            self.advance_weights(weights, start, pressure, rest, scale.rows)
         return (pressure, *weights), pressure
 
-    def settle(
+    def advance_weights(
         self,
         weights: list[float],
         start: float,

@@ -24,7 +24,7 @@ from pneunet_ros.measurement.noise_jacobian import noise_jacobian, propagate_cov
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.equilibrium import (
     jacobian_of,
-    linearize,
+    linearize_shape,
     out_of_range,
     solve_rod,
     station_arclength,
@@ -125,7 +125,7 @@ class Estimator:
             notes.append('pressure beyond the calibrated range: extrapolated')
         if shape.stable is False:
             notes.append('the equilibrium is unstable under dead load')
-        sensitivity = linearize(shape.solution, rods, changes)
+        sensitivity = linearize_shape(shape.solution, rods, changes)
         noise = noise_jacobian(self.table, sensed, self.reading_std(reading))
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
         stations = sensitivity.stations(self.arclength)

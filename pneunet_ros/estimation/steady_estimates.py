@@ -9,7 +9,7 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.measurement.steady_states import held_spans, SHORTEST_HOLD
 
 
-def held_estimates(
+def steady_estimates(
     estimates: Iterable[ShapeEstimate], shortest: float = SHORTEST_HOLD
 ) -> list[ShapeEstimate]:
     """Return the last estimate of every stretch of at least `shortest` s of constant load."""

@@ -70,9 +70,9 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
     richness = FILE.number(or_default(top.get('richness'), 0.0), 'richness')
     return Scenario(
         name=text(top['name'], 'name'),
-        seed=whole(or_default(top.get('seed'), 0), 'seed'),
+        seed=whole_number(or_default(top.get('seed'), 0), 'seed'),
         start=FILE.number(or_default(top.get('start'), 0.0), 'start'),
-        arm=vary_arm(arm, whole(or_default(top.get('arm_seed'), 0), 'arm_seed')),
+        arm=vary_arm(arm, whole_number(or_default(top.get('arm_seed'), 0), 'arm_seed')),
         effects=effects_from_mapping(or_default(top.get('effects'), {}), richness),
         protocol=protocol_from_mapping(top['protocol']),
         noise=LabNoise(**FILE.numbers_of(LabNoise, or_default(top.get('noise'), {}), 'noise')),
@@ -158,7 +158,7 @@ def text(value: Any, where: str) -> str:
     return value
 
 
-def whole(value: Any, where: str) -> int:
+def whole_number(value: Any, where: str) -> int:
     """Return a whole number of the file that can be a seed."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
         raise RequestError(f'{where} must be a whole number from 0 on, not {value!r}')

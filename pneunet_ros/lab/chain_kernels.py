@@ -25,7 +25,9 @@ LOAD_STEPS = 24  # of the way back from the unloaded arm
 
 
 @kernel
-def bent(d: float, rigidity: float, cubic: float, quintic: float) -> tuple[float, float, float]:
+def bending_moment(
+    d: float, rigidity: float, cubic: float, quintic: float
+) -> tuple[float, float, float]:
     """Energy per length (N), moment (N m) and stiffness (N m^2) at a curvature d beyond rest."""
     q = d * d
     energy = rigidity * q * (0.5 + q * (0.25 * cubic + q * quintic / 6.0))
@@ -51,16 +53,16 @@ def joint(
     if after <= 0.0 or before <= 0.0:
         span = before if after <= 0.0 else after
         rigidity = first if after <= 0.0 else second
-        energy, moment, stiffness = bent(turn / span, rigidity, cubic, quintic)
+        energy, moment, stiffness = bending_moment(turn / span, rigidity, cubic, quintic)
         return span * energy, moment, stiffness / span
     d = turn * second / (before * second + after * first)
-    e1, m1, k1 = bent(d, first, cubic, quintic)
-    e2, m2, k2 = bent((turn - before * d) / after, second, cubic, quintic)
+    e1, m1, k1 = bending_moment(d, first, cubic, quintic)
+    e2, m2, k2 = bending_moment((turn - before * d) / after, second, cubic, quintic)
     for _ in range(30):
         step = (m1 - m2) / (k1 + k2 * before / after)
         d -= step
-        e1, m1, k1 = bent(d, first, cubic, quintic)
-        e2, m2, k2 = bent((turn - before * d) / after, second, cubic, quintic)
+        e1, m1, k1 = bending_moment(d, first, cubic, quintic)
+        e2, m2, k2 = bending_moment((turn - before * d) / after, second, cubic, quintic)
         if abs(step) <= 1e-13 * (1.0 + abs(d)):
             break
     return before * e1 + after * e2, 0.5 * (m1 + m2), 1.0 / (before / k1 + after / k2)

@@ -22,8 +22,8 @@ def noise_jacobian(
 
     reading: pressure (Pa) and wrench (N, N m) as the sensors have them; std: of F1, F2, M and the
     pressure. Returns (sources, causes), both in the order F1, F2, M, pressure, columns of the
-    model's covariance; the causes are those of `model.equilibrium.linearize`. An effect of sensing
-    changes what an error of a reading means, and a column what a reading means.
+    model's covariance; the causes are those of `model.equilibrium.linearize_shape`. An effect of
+    sensing changes what an error of a reading means, and a column what a reading means.
     """
     columns = table.distance.size - 1
     size = PRESSURE + 1 + columns

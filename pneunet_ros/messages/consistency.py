@@ -1,4 +1,4 @@
-"""From messages of `targets` to the watch: the same lines live and in a replay."""
+"""From messages of `targets` to the consistency monitor: the same lines live and in a replay."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.readings import decode_targets
 
 
-def watched_message(
+def take_targets_message(
     state: ConsistencyState, estimator: Estimator, message: Any
 ) -> tuple[ConsistencyState, Refusal | None]:
     """Take a message of targets, or say why it cannot be compared with anything.

@@ -167,7 +167,7 @@ class Arm:
         base = law.sections(known, self.length, self.weight)
         sections = np.zeros((rows.size, base.shape[1], SECTION_WIDTH))
         sections[:, :, : MOMENT_OFFSET + 1] = base
-        rotation = self.intrinsic_curvature.turning_of(rows, self.length)
+        rotation = self.intrinsic_curvature.rotation_of(rows, self.length)
         return RodTable(
             pressure=frozen_array(rows),
             sections=frozen_array(sections),
@@ -188,7 +188,7 @@ class Arm:
         for terms in self.terms(pressure, history):
             terms.add_to(sections, clamp)
             if terms.row_weights is not None:
-                mixture = self.intrinsic_curvature.mixed_turning(terms.row_weights, self.length)
+                mixture = self.intrinsic_curvature.mixed_rotation(terms.row_weights, self.length)
                 rotation = terms.mix_rows(rotation, mixture)
         return Rods(
             length=self.length,

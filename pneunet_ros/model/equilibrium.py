@@ -53,7 +53,7 @@ class Sensitivity:
 
     tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
     The others are what `stations` needs: the solution with its changes per cause (causes, panels +
-    1, 6), the changes of its panels and of the table of turning per further cause, and the table.
+    1, 6), the changes of its panels and of the table of rotation per further cause, and the table.
     """
 
     tip: Array
@@ -247,7 +247,7 @@ def is_stable(solution: SolverNodes) -> bool:
     return linearized_ends(solution, NO_PANELS, NO_ENDS)[2]
 
 
-def linearize(
+def linearize_shape(
     solution: SolverNodes, rods: Rods, changes: Perturbation | None = None
 ) -> Sensitivity:
     """Linearize a solved rod: its answer to the loads and to changes of its record."""
@@ -296,7 +296,7 @@ def tip_jacobian(arm: Arm, shape: Shape) -> Array:
     rested = arm.initial_history(shape.pressure)
     history, chamber = arm.actuate(rested, 0.0, shape.pressure)
     rods, change = with_pressure_change(arm, chamber, history)
-    return jacobian_of(arm, linearize(shape.solution, rods, change), history)
+    return jacobian_of(arm, linearize_shape(shape.solution, rods, change), history)
 
 
 def jacobian_of(arm: Arm, sensitivity: Sensitivity, history: tuple[History, ...]) -> Array:

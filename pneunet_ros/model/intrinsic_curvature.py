@@ -23,7 +23,7 @@ class IntrinsicCurvature:
     """Table of kappa_p0: linear in p between rows, C2 cubic spline (not-a-knot) in s.
 
     pressure (rows,) Pa; arclength (columns,) as s / l from 0 to 1; curvature (rows, columns) 1/m.
-    `turning` (rows, columns - 1, 5) holds the antiderivative in s / l, piece by piece, as
+    `rotation` (rows, columns - 1, 5) holds the antiderivative in s / l, piece by piece, as
     ascending powers of the distance from the piece's start: the angle that the unloaded arm has
     turned, per unit length.
     """
@@ -31,7 +31,7 @@ class IntrinsicCurvature:
     pressure: Array
     arclength: Array
     curvature: Array
-    turning: Array = field(init=False, repr=False)
+    rotation: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the table and integrate it."""
@@ -50,26 +50,26 @@ class IntrinsicCurvature:
             )
         spline = CubicSpline(arclength, curvature, axis=1)
         integral = spline.antiderivative()
-        turning = np.moveaxis(integral.c[::-1], (0, 1, 2), (2, 1, 0))
+        rotation = np.moveaxis(integral.c[::-1], (0, 1, 2), (2, 1, 0))
         object.__setattr__(self, 'pressure', pressure)
         object.__setattr__(self, 'arclength', arclength)
         object.__setattr__(self, 'curvature', curvature)
-        object.__setattr__(self, 'turning', frozen_array(turning))
+        object.__setattr__(self, 'rotation', frozen_array(rotation))
 
-    def turning_of(self, pressure: Array, length: float) -> Array:
-        """Pieces of the turning angle over arclength in m; (pressures, columns - 1, 5)."""
+    def rotation_of(self, pressure: Array, length: float) -> Array:
+        """Pieces of the rotation over arclength in m; (pressures, columns - 1, 5)."""
         row, weight = pressure_rows(self.pressure, pressure)
         weight = weight[:, None, None]
-        per_length = (1.0 - weight) * self.turning[row] + weight * self.turning[row + 1]
+        per_length = (1.0 - weight) * self.rotation[row] + weight * self.rotation[row + 1]
         return over_meters(per_length, length)
 
-    def mixed_turning(self, weights: Array, length: float) -> Array:
+    def mixed_rotation(self, weights: Array, length: float) -> Array:
         """Pieces of mixtures of the rows, weights (n, rows) or (rows,), over arclength in m.
 
         (n, columns - 1, 5), n = 1 for one mixture.
         """
-        rows = self.turning.reshape(self.pressure.size, -1)
-        mixed = (weights @ rows).reshape(-1, *self.turning.shape[1:])
+        rows = self.rotation.reshape(self.pressure.size, -1)
+        mixed = (weights @ rows).reshape(-1, *self.rotation.shape[1:])
         return over_meters(mixed, length)
 
     def at(self, pressure: float, arclength: npt.ArrayLike) -> Array:
@@ -80,6 +80,6 @@ class IntrinsicCurvature:
 
 
 def over_meters(per_length: Array, length: float) -> Array:
-    """Return turning (..., 5) over arclength in m from that over s / l, per unit length."""
+    """Return rotation (..., 5) over arclength in m from that over s / l, per unit length."""
     # kappa = sum c_k u^(k-1) k with u = s / l, so theta = l sum c_k (s / l)^k
     return per_length * (length ** (1.0 - np.arange(5.0)))

@@ -19,7 +19,7 @@ from pneunet_ros.model.equilibrium import (
     check_finite,
     DEFAULT_STATIONS,
     failed_shape,
-    linearize,
+    linearize_shape,
     solve_rod,
     station_arclength,
     steady_pressure,
@@ -197,5 +197,5 @@ class TipSearch:
 def force_jacobian(rods: Rods, shape: Shape) -> Array:
     """d(x, y) of the tip / d(F1, F2), (2, 2) m/N."""
     assert shape.solution is not None
-    tip: Array = linearize(shape.solution, rods).tip
+    tip: Array = linearize_shape(shape.solution, rods).tip
     return tip[:2, :2].T

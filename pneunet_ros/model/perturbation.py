@@ -82,7 +82,7 @@ class PerturbationTable:
         rows = reduce(np.union1d, (side.table.pressure for side in sides), arm.table.pressure)
         clamp = np.zeros((len(sides), CLAMP_WIDTH))
         terms = [effect.terms(rows) for effect in arm.effects]
-        changing = tuple(place for place, item in enumerate(terms) if by_pressure(item))
+        changing = tuple(place for place, item in enumerate(terms) if depends_on_pressure(item))
         sections, rotation = [], []
         for place, side in enumerate(sides):
             records = side.table.at(rows)
@@ -105,10 +105,10 @@ class PerturbationTable:
             'clamp': clamp,
             'table': stacked,
             'row_rotation': np.array(
-                [over_meters(side.intrinsic_curvature.turning, side.length) for side in sides]
+                [over_meters(side.intrinsic_curvature.rotation, side.length) for side in sides]
             ),
             'changing': changing,
-            'alike': runs_alike(sides, changing),
+            'alike': group_equal_terms(sides, changing),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -166,12 +166,14 @@ class PerturbationTable:
         return sections, clamp, rotation
 
 
-def by_pressure(terms: Terms) -> bool:
+def depends_on_pressure(terms: Terms) -> bool:
     """Whether what an effect adds depends on the pressure."""
     return any(isinstance(getattr(terms, item.name), np.ndarray) for item in fields(terms))
 
 
-def runs_alike(arms: tuple[Arm, ...], changing: tuple[int, ...]) -> tuple[tuple[slice, Arm], ...]:
+def group_equal_terms(
+    arms: tuple[Arm, ...], changing: tuple[int, ...]
+) -> tuple[tuple[slice, Arm], ...]:
     """Return runs of arms in which effects by pressure or history are the same."""
     runs: list[tuple[slice, Arm]] = []
     if not (arms and (changing or arms[0].history_dependent)):

@@ -51,7 +51,7 @@ class InputHealth:
     def take(self, outcome: object, now: float) -> None:
         """Note a result of the input, or why there is none."""
         if isinstance(outcome, Refusal):
-            self.refused(outcome)
+            self.note_refusal(outcome)
             if not outcome.error:
                 return
         else:
@@ -59,7 +59,7 @@ class InputHealth:
         self._stopped = outcome if isinstance(outcome, Refusal) else None
         self._input_at = now
 
-    def refused(self, refusal: Refusal) -> None:
+    def note_refusal(self, refusal: Refusal) -> None:
         """Note a message that was refused."""
         self._problems[refusal.reason] = refusal
 

@@ -30,7 +30,7 @@ from pneunet_ros.recordings.recorded_series import (
     find_series,
     nearest,
     read_series,
-    Series,
+    ReadingSeries,
 )
 from pneunet_ros.recordings.recording import open_recording, Recording
 
@@ -58,7 +58,7 @@ def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
     """
     recording = open_recording(path)
     sentences = [*recording.sentences]
-    series: dict[str, Series] = {}
+    series: dict[str, ReadingSeries] = {}
     for sensor in SENSORS:
         try:
             topic = find_series(recording, sensor, request.overrides, required=False)
@@ -84,7 +84,7 @@ def check_recording(path: Any, request: CheckRequest) -> dict[str, Any]:
     }
 
 
-def topics_of(recording: Recording, series: Mapping[str, Series]) -> list[dict[str, Any]]:
+def topics_of(recording: Recording, series: Mapping[str, ReadingSeries]) -> list[dict[str, Any]]:
     """Return type, count, rate (Hz), jitter and gaps of every topic.
 
     Times are those of the header for readings, and of the log for all else.
@@ -120,7 +120,7 @@ def timing(stamp_ns: Stamps) -> dict[str, Any]:
     }
 
 
-def sync(series: Mapping[str, Series], name: str) -> dict[str, Any]:
+def sync(series: Mapping[str, ReadingSeries], name: str) -> dict[str, Any]:
     """Return how the stamps of a topic lie to those of the pressure.
 
     share: of them that have a pressure reading within half its period. offset: median time (s) to
@@ -135,7 +135,7 @@ def sync(series: Mapping[str, Series], name: str) -> dict[str, Any]:
     }
 
 
-def ranges(series: Mapping[str, Series]) -> dict[str, Any]:
+def ranges(series: Mapping[str, ReadingSeries]) -> dict[str, Any]:
     """Return smallest and largest reading, and in how many frames each target was seen."""
     found: dict[str, Any] = {}
     for item in series.values():
@@ -154,7 +154,7 @@ def limits(values: Array) -> list[float]:
     return [float(np.nanmin(values)), float(np.nanmax(values))]
 
 
-def holds(series: Mapping[str, Series], arm: Arm) -> list[dict[str, float]]:
+def holds(series: Mapping[str, ReadingSeries], arm: Arm) -> list[dict[str, float]]:
     """Return the stretches in which pressure and end load stand still, as far as noise tells."""
     if PRESSURE.name not in series:
         return []
@@ -178,7 +178,7 @@ def holds(series: Mapping[str, Series], arm: Arm) -> list[dict[str, float]]:
     ]
 
 
-def doubts(series: Mapping[str, Series], request: CheckRequest) -> list[str]:
+def doubts(series: Mapping[str, ReadingSeries], request: CheckRequest) -> list[str]:
     """Return sentences about pressures that do not look like gauge pressures of this arm."""
     if PRESSURE.name not in series:
         return []
@@ -231,7 +231,7 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         there = {topic.type for topic in recording.topics}
         if 'image_raw' not in overrides and not there & set(IMAGE_TYPES.values()):
             raise RecordingError('there are no images')
-        topic = recording.find_any(IMAGE_TYPES, overrides.get('image_raw'))
+        topic = recording.find_any(IMAGE_TYPES, overrides.get('image_raw'), label='with images')
         find_info_topic(recording, topic, overrides.get('camera_info'))
         return ''
 

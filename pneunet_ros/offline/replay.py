@@ -14,7 +14,7 @@ from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.builders import Output, UNREADABLE
-from pneunet_ros.messages.consistency import watched_message
+from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
@@ -28,13 +28,13 @@ from pneunet_ros.recordings.recording_writer import RecordingWriter
 class Step:
     """One recorded message with what the estimator made of it and remembers afterwards.
 
-    watch: what is remembered of measured targets.
+    consistency: what is remembered of measured targets.
     """
 
     message: RecordedMessage
     outcome: Outcome
     state: EstimatorState
-    watch: ConsistencyState = field(default_factory=ConsistencyState)
+    consistency: ConsistencyState = field(default_factory=ConsistencyState)
 
 
 def input_topics(
@@ -59,7 +59,7 @@ def input_topics(
 def targets_topic(
     recording: Recording, estimator: Estimator, overrides: Mapping[str, str]
 ) -> str | None:
-    """Return the topic of targets to watch; None where there is none, or it is not asked for.
+    """Return the topic of targets to compare; None where there is none, or it is not asked for.
 
     Raises RecordingError where there are two candidates.
     """
@@ -78,12 +78,12 @@ def steps(
 
     targets: a topic of targets, to be compared with the estimates.
     """
-    state, watch = EstimatorState(), ConsistencyState()
+    state, consistency = EstimatorState(), ConsistencyState()
     for message in recording.messages([*topics, *([] if targets is None else [targets])]):
         outcome: Outcome
         if message.topic == targets:
-            watch, outcome = watched_message(watch, estimator, message.message)
-            yield Step(message=message, outcome=outcome, state=state, watch=watch)
+            consistency, outcome = take_targets_message(consistency, estimator, message.message)
+            yield Step(message=message, outcome=outcome, state=state, consistency=consistency)
             continue
         try:
             reading = topics[message.topic].decode(message.message)
@@ -95,8 +95,8 @@ def steps(
         else:
             state, outcome = estimator.step(state, reading)
             if targets is not None and isinstance(reading, PressureReading):
-                watch = take_estimate(watch, estimator, outcome)
-        yield Step(message=message, outcome=outcome, state=state, watch=watch)
+                consistency = take_estimate(consistency, estimator, outcome)
+        yield Step(message=message, outcome=outcome, state=state, consistency=consistency)
 
 
 def estimate_topic(pressure_topic: str, name: str) -> str:
@@ -149,7 +149,7 @@ class Tally:
     last: ShapeEstimate | None = None
     worst_residual: float = 0.0
     refusal: Refusal | None = None
-    watch: ConsistencyState = field(default_factory=ConsistencyState)
+    consistency: ConsistencyState = field(default_factory=ConsistencyState)
     disagreement: Disagreement | None = None
 
     def count(self, step: Step, pressure_topic: str) -> None:
@@ -157,19 +157,19 @@ class Tally:
         self.messages += 1
         self.state = step.state
         self.pressures += step.message.topic == pressure_topic
-        self.compare(step.watch)
+        self.compare(step.consistency)
         if isinstance(step.outcome, Refusal):
             self.refusal = step.outcome
         elif step.outcome is not None:
             self.last = step.outcome
             self.worst_residual = max(self.worst_residual, step.outcome.shape.residual)
 
-    def compare(self, watch: ConsistencyState) -> None:
+    def compare(self, consistency: ConsistencyState) -> None:
         """Keep the largest disagreement there was, one that is more than noise before all."""
-        if watch.running is not self.watch.running:
-            found = watch.disagreement()
+        if consistency.running is not self.consistency.running:
+            found = consistency.disagreement()
             if found is not None and (
                 self.disagreement is None or found.exceeds(self.disagreement)
             ):
                 self.disagreement = found
-        self.watch = watch
+        self.consistency = consistency

@@ -9,14 +9,14 @@ import numpy.typing as npt
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.messages.readings import SENSORS, TARGETS
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
-from pneunet_ros.recordings.recorded_series import Series
+from pneunet_ros.recordings.recorded_series import ReadingSeries
 from pneunet_ros.recordings.recording_writer import RecordingWriter
 from pneunet_ros.tables.reading_table import ReadingTable
 
 NAMESPACE = '/pneunet'
 
 
-def tabulate(series: Mapping[str, Series], more: npt.ArrayLike = ()) -> ReadingTable:
+def tabulate(series: Mapping[str, ReadingSeries], more: npt.ArrayLike = ()) -> ReadingTable:
     """Return the table of these series: a row for every stamp of any, and for those in `more`."""
     stamps = [np.asarray(more, dtype=np.int64), *(item.stamp_ns for item in series.values())]
     stamp_ns = np.unique(np.concatenate(stamps))

@@ -17,7 +17,7 @@ from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS
-from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, Series
+from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
 from pneunet_ros.recordings.recording import open_recording
 
 _AS_SHIPPED = EstimatorSettings()
@@ -95,7 +95,10 @@ def read_run(
 
 
 def _match(
-    sentences: list[str], frames: Series, readings: Series, keep: npt.NDArray[np.bool_]
+    sentences: list[str],
+    frames: ReadingSeries,
+    readings: ReadingSeries,
+    keep: npt.NDArray[np.bool_],
 ) -> tuple[Stamps, npt.NDArray[np.bool_]]:
     """Return the reading nearest to each frame, and which frames are still kept."""
     found, matched = nearest(frames.stamp_ns, readings)
@@ -105,7 +108,7 @@ def _match(
 
 
 def _say_left_out(
-    sentences: list[str], frames: Series, left_out: npt.NDArray[np.bool_], why: str
+    sentences: list[str], frames: ReadingSeries, left_out: npt.NDArray[np.bool_], why: str
 ) -> None:
     count = int(np.count_nonzero(left_out))
     if count:

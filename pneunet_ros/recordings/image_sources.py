@@ -87,7 +87,9 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
         raise RequestError(
             f'--rate is for videos and folders of images; {path} has its own stamps'
         )
-    image_topic = recording.find_any(IMAGE_TYPES, request.topics.get('image_raw'))
+    image_topic = recording.find_any(
+        IMAGE_TYPES, request.topics.get('image_raw'), label='with images'
+    )
     info_topic = None
     lens: Lens | None = None
     if request.camera_info is None:

@@ -30,7 +30,7 @@ REASONS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Series:
+class ReadingSeries:
     """The usable readings of a sensor: stamps (readings,) that increase, and a row for each.
 
     values (readings, *sensor.row_shape): pressure (readings, 1) Pa gauge; end_wrench (readings, 3)
@@ -91,7 +91,7 @@ def read_series(
     topics: Mapping[str, str],
     settings: EstimatorSettings,
     targets: int | None = None,
-) -> dict[str, Series]:
+) -> dict[str, ReadingSeries]:
     """Return the series of these topics, full names by the names of SENSORS, in one pass.
 
     targets: how many there must be (None: as many as in the first message). Raises RecordingError
@@ -124,7 +124,7 @@ def read_series(
 
 def _in_order(
     sensor: Sensor[Any], topic: str, stamps: Sequence[int], rows: Sequence[Array], unreadable: int
-) -> Series:
+) -> ReadingSeries:
     """Keep the readings that may follow one another, by the rules of the estimator.
 
     Where time jumps back by more than a second, the longest stretch between jumps is kept.
@@ -148,7 +148,7 @@ def _in_order(
     if jumped:
         counts[STARTS_ANEW] = jumped
     shape = rows[0].shape if rows else sensor.row_shape(0)
-    return Series(
+    return ReadingSeries(
         sensor=sensor,
         topic=topic,
         stamp_ns=np.array([stamps[index] for index in kept], dtype=np.int64),
@@ -157,7 +157,7 @@ def _in_order(
     )
 
 
-def nearest(stamp_ns: Stamps, series: Series) -> tuple[Stamps, npt.NDArray[np.bool_]]:
+def nearest(stamp_ns: Stamps, series: ReadingSeries) -> tuple[Stamps, npt.NDArray[np.bool_]]:
     """Return the index of the nearest reading to each stamp, and whether it belongs to it.
 
     It does within half the median period of the readings (one reading alone: with the very stamp).

@@ -85,11 +85,14 @@ class Recording:
         """Return the one topic of this type and last name, as `find_any` does."""
         return self.find_any({last_name: type_name}, override)
 
-    def find_any(self, types: Mapping[str, str], override: str | None = None) -> str:
+    def find_any(
+        self, types: Mapping[str, str], override: str | None = None, label: str | None = None
+    ) -> str:
         """Return the one topic that has one of these last names and its type.
 
         types: type by last name; `--topic` calls it by the first one. override: its full name, if
-        given, which then may have any of the types. Raises RecordingError that lists the
+        given, which then may have any of the types. label: what several candidates are called, as
+        'with images'; None: by their names and types. Raises RecordingError that lists the
         candidates when there are several, and the topics that are there when there is none.
         """
         option = f'--topic {next(iter(types))}='
@@ -106,8 +109,9 @@ class Recording:
         if len(found) == 1:
             return found[0]
         if found:
+            called = label or f'{names} of type {kinds}'
             raise RecordingError(
-                f'{self.path} has {len(found)} topics {names} of type {kinds}: '
+                f'{self.path} has {len(found)} topics {called}: '
                 f'{", ".join(found)}; choose one as in {option}{found[0]}'
             )
         raise RecordingError(

@@ -102,13 +102,13 @@ class EstimatorConfiguration:
         new, old = self.estimator, before.estimator
         if new.arm is not old.arm:
             return state.fresh()
-        if wrench_meaning(new.settings) != wrench_meaning(old.settings):
+        if select_wrench_settings(new.settings) != select_wrench_settings(old.settings):
             return replace(state, wrench=None)
         return state
 
 
-def same_meaning(new: EstimatorConfiguration, old: EstimatorConfiguration) -> bool:
-    """Whether estimates of two configurations can be watched as one."""
+def share_arm_and_settings(new: EstimatorConfiguration, old: EstimatorConfiguration) -> bool:
+    """Whether two configurations give the same estimates of the same readings."""
     return new.estimator.arm is old.estimator.arm and (
         new.estimator.settings == old.estimator.settings
     )
@@ -130,6 +130,6 @@ def configured_estimator(
     return EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))
 
 
-def wrench_meaning(settings: EstimatorSettings) -> tuple[int, float, str]:
+def select_wrench_settings(settings: EstimatorSettings) -> tuple[int, float, str]:
     """Return the settings by which a wrench message is taken."""
     return settings.wrench_sign, settings.wrench_yaw, settings.wrench_frame

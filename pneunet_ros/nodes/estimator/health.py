@@ -11,7 +11,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.nodes.health import age, count_texts, InputHealth, Level, Report, texts
 
-NOTHING_WATCHED = ConsistencyState()
+NO_CONSISTENCY = ConsistencyState()
 
 
 class EstimatorHealth(InputHealth):
@@ -44,32 +44,34 @@ class EstimatorHealth(InputHealth):
         if refusal is None:
             self._wrench_at = now
         else:
-            self.refused(refusal)
+            self.note_refusal(refusal)
 
-    def compared_targets(self, now: float) -> None:
+    def note_comparison(self, now: float) -> None:
         """Note that a frame of targets was compared with an estimate."""
         self._targets_at = now
 
     def disagreement(
-        self, settings: EstimatorSettings, watch: ConsistencyState, now: float
+        self, settings: EstimatorSettings, consistency: ConsistencyState, now: float
     ) -> Disagreement | None:
         """Return how far targets are from estimates; None where nothing was compared lately."""
         if self._targets_at is None or now - self._targets_at > settings.watch_time:
             return None
-        return watch.disagreement()
+        return consistency.disagreement()
 
     def report(
         self,
         state: EstimatorState,
         settings: EstimatorSettings,
         now: float,
-        watch: ConsistencyState = NOTHING_WATCHED,
+        consistency: ConsistencyState = NO_CONSISTENCY,
     ) -> Report:
         """Sum up the time since the last report, and begin the next one."""
-        found = self.disagreement(settings, watch, now)
+        found = self.disagreement(settings, consistency, now)
         level, message = self._verdict(settings.input_timeout, now, found)
         offset = {'pressure_offset_pa': f'{settings.pressure_offset:.6g}'}
-        values = offset | self._values(state, now) | self._watch_values(watch, found, now)
+        values = (
+            offset | self._values(state, now) | self._consistency_values(consistency, found, now)
+        )
         self.begin_next(now)
         self._warnings = {}
         return Report(level=level, message=message, values=values)
@@ -112,8 +114,8 @@ class EstimatorHealth(InputHealth):
         }
         return texts(values) | count_texts('rejected', state.rejected)
 
-    def _watch_values(
-        self, watch: ConsistencyState, found: Disagreement | None, now: float
+    def _consistency_values(
+        self, consistency: ConsistencyState, found: Disagreement | None, now: float
     ) -> dict[str, str]:
         values: dict[str, Any] = {
             'disagreement': found.rms if found else None,
@@ -121,6 +123,6 @@ class EstimatorHealth(InputHealth):
             'worst_target': found.target if found else None,
             'worst_station_m': found.arclength if found else None,
             'targets_age_s': age(self._targets_at, now),
-            'targets_matched': watch.matched,
+            'targets_matched': consistency.matched,
         }
-        return texts(values) | count_texts('targets_unmatched', watch.unmatched)
+        return texts(values) | count_texts('targets_unmatched', consistency.unmatched)

@@ -19,7 +19,7 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.pressure_tare import pressure_zero
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.builders import UNREADABLE
-from pneunet_ros.messages.consistency import watched_message
+from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes import process
@@ -28,7 +28,7 @@ from pneunet_ros.nodes.estimator.configuration import (
     configured_estimator,
     EstimatorConfiguration,
     PARAMETERS,
-    same_meaning,
+    share_arm_and_settings,
 )
 from pneunet_ros.nodes.estimator.health import EstimatorHealth
 from pneunet_ros.nodes.estimator.publisher import EstimatePublisher
@@ -57,7 +57,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('estimator', PARAMETERS, configured_estimator)
         self.state = EstimatorState()
-        self.watch = ConsistencyState()
+        self.consistency = ConsistencyState()
         self.recent: deque[PressureReading] = deque(maxlen=ZERO_READINGS)
 
         settings = self.configuration.estimator.settings
@@ -120,7 +120,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.health.took_pressure(outcome, end, end - begin)
         estimator = self.configuration.estimator
         if estimator.settings.watch_targets:
-            self.note_watch(take_estimate(self.watch, estimator, outcome))
+            self.note_consistency(take_estimate(self.consistency, estimator, outcome))
         self.note_reset(resets)
         if isinstance(outcome, Refusal):
             self.log_refusal(outcome)
@@ -130,23 +130,25 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
 
     def take_targets(self, message: Any) -> None:
         """Take a frame of measured targets and compare it with the estimates."""
-        watch, refusal = watched_message(self.watch, self.configuration.estimator, message)
-        self.note_watch(watch)
+        consistency, refusal = take_targets_message(
+            self.consistency, self.configuration.estimator, message
+        )
+        self.note_consistency(consistency)
         if refusal is not None:
-            self.health.refused(refusal)
+            self.health.note_refusal(refusal)
             self.log_refusal(refusal)
 
-    def note_watch(self, watch: ConsistencyState) -> None:
+    def note_consistency(self, consistency: ConsistencyState) -> None:
         """Keep what is known of targets, and when a frame was last compared."""
-        if watch.running is not self.watch.running:
-            self.health.compared_targets(time.monotonic())
-        self.watch = watch
+        if consistency.running is not self.consistency.running:
+            self.health.note_comparison(time.monotonic())
+        self.consistency = consistency
 
     def refuse_message(self, error: MessageError) -> None:
         """Count a message that could not be decoded."""
         refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
         self.state = self.state.count_rejected(UNREADABLE)
-        self.health.refused(refusal)
+        self.health.note_refusal(refusal)
         self.log_refusal(refusal)
 
     def note_reset(self, resets: int) -> None:
@@ -160,9 +162,9 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         """Publish how the estimator is doing."""
         now = time.monotonic()
         settings = self.configuration.estimator.settings
-        report = self.health.report(self.state, settings, now, self.watch)
+        report = self.health.report(self.state, settings, now, self.consistency)
         self.publish_report('shape', report)
-        found = self.health.disagreement(settings, self.watch, now)
+        found = self.health.disagreement(settings, self.consistency, now)
         if found is not None and found.beyond:
             self.log.warn('disagreement', found.sentence, now)
         if self.health.silence(now) > settings.input_timeout:
@@ -170,7 +172,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
 
     def forget(self) -> str:
         """Forget all readings."""
-        self.state, self.watch = self.state.fresh(), self.watch.fresh()
+        self.state, self.consistency = self.state.fresh(), self.consistency.fresh()
         self.recent.clear()
         return 'the estimator starts anew'
 
@@ -195,8 +197,8 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
     def take_over(self, configuration: EstimatorConfiguration) -> None:
         """Keep what remains valid of the state, and use the new rate."""
         self.state = configuration.take_over(self.state, self.configuration)
-        if not same_meaning(configuration, self.configuration):
-            self.watch = self.watch.fresh()
+        if not share_arm_and_settings(configuration, self.configuration):
+            self.consistency = self.consistency.fresh()
         self.outputs.centerline_rate = configuration.node.centerline_rate
 
 

@@ -143,7 +143,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
             stamp_ns=0, reason=reason, sentence=str(error), error=reason == WRONG_CAMERA_INFO
         )
         self.state = self.state.counting(reason)
-        self.health.refused(refusal)
+        self.health.note_refusal(refusal)
         self.log_refusal(refusal)
 
     def follow(self) -> None:

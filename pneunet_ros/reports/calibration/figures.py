@@ -8,10 +8,10 @@ from pneunet_ros.reports.calibration.figure_data import figure_data, FigureData
 from pneunet_ros.reports.calibration.force_figures import end_forces
 from pneunet_ros.reports.calibration.moment_figures import law, moments, one_moment
 from pneunet_ros.reports.calibration.residual_figures import (
+    draw_residuals_by_frame,
+    draw_residuals_by_run,
+    draw_residuals_by_target,
     law_comparison,
-    over_frames,
-    over_runs,
-    over_targets,
 )
 from pneunet_ros.reports.calibration.shape_figures import (
     free_shapes,
@@ -34,9 +34,9 @@ FIGURES: Figures[FigureData] = {
         linearity,
     ),
     'residuals': (
-        over_frames,
-        over_targets,
-        over_runs,
+        draw_residuals_by_frame,
+        draw_residuals_by_target,
+        draw_residuals_by_run,
         law_comparison,
     ),
 }

@@ -83,7 +83,7 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
     residuals = [item.residual[item.solved] for item in fit.runs]
     squares = np.concatenate([values[np.isfinite(values)] ** 2 for values in residuals])
     missing = sum(int(np.count_nonzero(~item.solved)) for item in fit.runs)
-    answers = [
+    summary_rows = [
         ('Recordings', f'{len(runs) - loaded} unloaded, {loaded} loaded; {frames} frames'),
         ('Pressures', f'{low:.1f} to {high:.1f} kPa'),
         ('Moment law', f'{arm.moment_law.kind}'),
@@ -98,12 +98,14 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
     ]
     if loaded:
         first = f'{free.status}, chi squared per coordinate {free.chi_squared / free.dof:.3f}'
-        answers.insert(4, ('Fit of the unloaded recordings alone', first))
+        summary_rows.insert(4, ('Fit of the unloaded recordings alone', first))
     if missing:
-        answers.append(('Frames without an equilibrium', f'{missing} of {frames}, not counted'))
+        summary_rows.append(
+            ('Frames without an equilibrium', f'{missing} of {frames}, not counted')
+        )
     if calibration.laws:
         best = min(calibration.laws, key=lambda item: item.rms)
-        answers.append(
+        summary_rows.append(
             ('Best on recordings left out', f'{best.kind}, {millimeters(best.rms):.3f} mm rms')
         )
-    return answers
+    return summary_rows

@@ -28,7 +28,7 @@ SMOOTHED = 15  # frames of the running mean
 LAW_COLORS = (FIRST, '#d1a13d', SECOND)
 
 
-def over_frames(data: FigureData) -> Picture:
+def draw_residuals_by_frame(data: FigureData) -> Picture:
     """Whitened residuals of every frame, run after run."""
     figure, (axes,) = panels(1, height=3.8)
     start, edges = 0, []
@@ -81,7 +81,7 @@ def running_mean(values: Array) -> Array:
     return np.asarray(np.convolve(values, kernel, mode='same') / weight)
 
 
-def over_targets(data: FigureData) -> Picture:
+def draw_residuals_by_target(data: FigureData) -> Picture:
     """Placement found, and the mean residual that is left, per target."""
     fit, noise = data.calibration.joint, data.calibration.noise.noise
     share = data.calibration.arm.target_arclength / data.calibration.arm.length
@@ -137,7 +137,7 @@ def mean_residuals(fit: Fit) -> Array:
     return np.asarray(total / np.where(count > 0, count, np.nan))
 
 
-def over_runs(data: FigureData) -> Picture:
+def draw_residuals_by_run(data: FigureData) -> Picture:
     """Root mean square residual of every recording beside the noise."""
     runs = data.calibration.joint.runs
     figure, (sizes, whitened) = panels(2, height=3.8)

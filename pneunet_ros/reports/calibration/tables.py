@@ -66,7 +66,7 @@ def number_rows(calibration: Calibration) -> tuple[Row, ...]:
     scale = calibration.arm.weight * calibration.arm.length**2
     return tuple(
         Row(
-            meaning=meaning_of(name, calibration.arm),
+            meaning=describe_quantity(name, calibration.arm),
             name=name,
             value=value,
             std=std,
@@ -85,7 +85,7 @@ def law_rows(rows: tuple[Row, ...]) -> tuple[Row, ...]:
     return tuple(row for row in rows if row.name.startswith('moment_law.'))
 
 
-def meaning_of(name: str, arm: Arm) -> str:
+def describe_quantity(name: str, arm: Arm) -> str:
     """Say what a dotted name is, in the paper's words."""
     first, second, *place = name.split('.')
     if f'{first}.{second}' == CURVATURE:

@@ -10,7 +10,7 @@ from typing import Any
 from pneunet_ros.core.units import millimeters, quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Evidence, Misfit, Shift
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.reports.calibration.tables import meaning_of
+from pneunet_ros.reports.calibration.tables import describe_quantity
 from pneunet_ros.reports.diagnosis.words import p_value_text, round_value, unit_text, with_error
 
 ANSWERS = {
@@ -176,7 +176,7 @@ def shift_table(diagnosis: Diagnosis, most: int = MOST_SHIFTS) -> Table:
         ),
         rows=tuple(
             (
-                meaning_of(name, diagnosis.after.arm),
+                describe_quantity(name, diagnosis.after.arm),
                 f'{item.before:.4g}',
                 f'{item.after:.4g}',
                 f'{item.std:.2g}',
