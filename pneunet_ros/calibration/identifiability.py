@@ -37,7 +37,9 @@ def undetermined_quantities(
         and not same_quantity(names[i], names[j])
     ]
     for one, other, value in pairs:
-        notes.append(f'{one} and {other} cannot be told apart here (correlation {value:.3f})')
+        notes.append(
+            f'{one} and {other} cannot be distinguished with these data (correlation {value:.3f})'
+        )
     if not fit.converged:
         notes.append(f'the fit has not converged: {fit.status}')
     elif fit.status != 'converged':

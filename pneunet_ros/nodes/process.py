@@ -48,6 +48,8 @@ def run_together(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except PneunetError as error:
+        if signal.getsignal(_SIGNALS[0]) is _ignore:
+            return DONE  # a signal came, of which ROS has made an error of whatever it cut off
         print(error, file=sys.stderr)
         return WRONG_REQUEST
     finally:
