@@ -11,7 +11,7 @@ from pneunet_ros.vision.association import (
     rows_anywhere,
     share_of_blobs,
 )
-from pneunet_ros.vision.gating import consistent_spacing, GATING
+from pneunet_ros.vision.gating import consistent_spacing, GATING, gating_numbers
 import pytest
 from support.target_rows import arc, ARCLENGTH, away_from, Mixture, SPACING
 
@@ -21,7 +21,9 @@ TARGETS = np.arange(ARCLENGTH.size)
 def believed(mixture, row):
     """Return who is in a row, after the check that follows the search."""
     points = np.where(row.chosen[:, None] >= 0, mixture.points[row.chosen], np.nan)
-    seen = consistent_spacing(*np.ascontiguousarray(points.T), ARCLENGTH, GATING.farthest, GATING)
+    seen = consistent_spacing(
+        *np.ascontiguousarray(points.T), ARCLENGTH, GATING.farthest, gating_numbers(GATING)
+    )
     return np.where(seen, mixture.named(row.chosen), -1)
 
 
@@ -75,7 +77,7 @@ def test_spots_without_a_row_are_no_row(count):
         row = row_from_clamp(points, areas, ARCLENGTH, 0.0)
         found = np.where(row.chosen[:, None] >= 0, points[row.chosen], np.nan)
         seen = consistent_spacing(
-            *np.ascontiguousarray(found.T), ARCLENGTH, GATING.farthest, GATING
+            *np.ascontiguousarray(found.T), ARCLENGTH, GATING.farthest, gating_numbers(GATING)
         )
         assert np.count_nonzero(seen) < least_seen(TARGETS.size)
         assert all(row.seen <= TARGETS.size for row in rows_anywhere(points, areas, ARCLENGTH))

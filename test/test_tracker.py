@@ -11,15 +11,24 @@ from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.image import ENCODINGS
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.lab.renderer import Renderer
 from pneunet_ros.lab.scene import Dots, Scene
+from pneunet_ros.vision.association import AssociationSettings
+from pneunet_ros.vision.beam_search import BeamSearchSettings
+from pneunet_ros.vision.blobs import BlobSettings
 from pneunet_ros.vision.camera_settings import (
     CameraSettings,
     FixedBand,
     HomographyPlane,
     PosePlane,
 )
+from pneunet_ros.vision.centroid import CentroidSettings
+from pneunet_ros.vision.curvature_prior import PriorSettings
+from pneunet_ros.vision.gating import GatingSettings
+from pneunet_ros.vision.settings import RestPlaneSettings, RowTrackerSettings, VisionSettings
+from pneunet_ros.vision.smoother import SmootherSettings
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 import pytest
 from scipy.spatial.transform import Rotation
@@ -144,7 +153,7 @@ def test_a_plane_known_by_points_needs_no_rest():
     outcome = film.show(grey)
     assert outcome.sightings.seen == TARGETS
     assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 1e-4
-    assert film.tracker.started_anew(film.state).plane is not None
+    assert film.tracker.reset(film.state).plane is not None
 
 
 def test_a_camera_with_a_known_pose_needs_no_rest():
@@ -387,3 +396,57 @@ def test_a_row_of_other_dots_beside_the_arm_is_no_arm():
     outcome, truth = film.rest()
     assert outcome.sightings.seen == TARGETS
     assert np.abs(outcome.sightings.u - truth.centroid_u).max() < 0.5
+
+
+BLIND = {
+    'blobs': BlobSettings(most=1),
+    'centroid': CentroidSettings(fewest=10**6),
+    'association': AssociationSettings(most_blobs=1),
+    'beam_search': BeamSearchSettings(larger=-1.0),
+    'gating': GatingSettings(smallest=1.5),
+    'row_tracker': RowTrackerSettings(off_along=-1.0),
+}
+
+
+@pytest.mark.parametrize(
+    ('part', 'known'),
+    [
+        *((part, False) for part in BLIND),
+        *((part, True) for part in ('centroid', 'gating', 'row_tracker')),
+    ],
+)
+def test_each_setting_reaches_the_step_it_belongs_to(watching, part, known):
+    tracker = Tracker(ARM, CameraSettings(), VisionSettings(**{part: BLIND[part]}))
+    image = as_image(watching.picture(25e3)[0], stamp_ns=watching.stamp_ns + FRAME_NS)
+    state = watching.state if known else replace(watching.state, row=None)
+    assert watching.tracker.step(state, image)[1].sightings.seen == TARGETS
+    assert nothing_seen(tracker.step(state, image)[1])
+
+
+def test_settings_of_following_rest_and_curve_reach_them(watching):
+    grey, _ = watching.picture(25e3)
+    image = as_image(grey, stamp_ns=watching.stamp_ns + FRAME_NS)
+    vision = VisionSettings(
+        centroid=CentroidSettings(edge_share=0.4),
+        smoother=SmootherSettings(least_std=1e-2),
+        prior=PriorSettings(smoother=3.0),
+        rest_plane=RestPlaneSettings(seen=1.1),
+    )
+    tracker = Tracker(ARM, CameraSettings(), vision)
+    usual = watching.tracker.step(watching.state, image)[1]
+    other = tracker.step(watching.state, image)[1]
+    assert other.sightings.seen == usual.sightings.seen
+    assert not np.array_equal(other.sightings.u, usual.sightings.u)
+    assert other.curve.std_curvature.max() > 1.5 * usual.curve.std_curvature.max()
+    length = watching.tracker.smoother.priors[-1].length_scale
+    longer = tracker.smoother.priors[-1].length_scale
+    assert longer == pytest.approx(3.0 / PriorSettings().smoother * length)
+    _, resting = tracker.step(TrackerState(lens=watching.lens), image)
+    assert resting.reason == 'no_row'
+
+
+def test_what_the_settings_were_can_be_said():
+    assert settings_changed(*VisionSettings().parts) == {}
+    vision = VisionSettings(gating=GatingSettings(smallest=0.6))
+    assert settings_changed(*vision.parts) == {'GatingSettings.smallest': 0.6}
+    assert settings_used(*vision.parts)['BeamSearchSettings.kept'] == BeamSearchSettings().kept

@@ -487,12 +487,12 @@ def test_a_new_start_knows_the_camera_whatever_the_plane_comes_from(method):
     for index, picture in enumerate(FILM[:2]):
         image = decode_image(filmed.image_message(filmed.stamp_of(index), picture))
         state, _ = tracker.step(state, image)
-    state = tracker.started_anew(state)
+    state = tracker.reset(state)
     assert state.lens is before.lens
     assert (state.plane is None) == (before.plane is None) == (method == 'rest')
     assert (state.row, state.stamp_ns, state.rest.frames) == (None, None, 0)
     assert (state.frames, state.resets) == (2, 1)
-    assert tracker.started_anew(TrackerState()).lens is None
+    assert tracker.reset(TrackerState()).lens is None
 
 
 NOTHING_IS_COMPILED_LATE = """

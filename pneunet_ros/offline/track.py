@@ -52,7 +52,7 @@ def track_steps(
                 sentence=str(item.reading),
                 error=False,
             )
-            state = state.counting(UNREADABLE)
+            state = state.count_rejected(UNREADABLE)
         elif item.reading is not None:
             state, outcome = tracker.step(state, item.reading)
         frame = item.topic == stream.image_topic

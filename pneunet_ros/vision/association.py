@@ -16,6 +16,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
+    beam_search_numbers,
     BeamSearchSettings,
     BlobColumns,
     continues_beyond,
@@ -30,14 +31,13 @@ from pneunet_ros.vision.beam_search import (
     truncate_row,
 )
 
-LEAST_TARGETS = 4  # that are seen, for a row to be one
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssociationSettings:
     """When blobs are a row of targets."""
 
     most_blobs: int = tuning(400, 'blobs among which a row is looked for, at most')
+    least_targets: int = tuning(4, 'must be seen for a row to be one')
     least_share: float = tuning(0.4, 'of the targets must be seen for a row to be one')
     alike: float = tuning(0.5, 'share of blobs that two readings of one row have in common')
 
@@ -59,7 +59,7 @@ class TargetRow(NamedTuple):
 
 def least_seen(targets: int, settings: AssociationSettings = ASSOCIATION) -> int:
     """Return how many of so many targets must be seen for a row to be one."""
-    return min(targets, max(LEAST_TARGETS, math.ceil(settings.least_share * targets)))
+    return min(targets, max(settings.least_targets, math.ceil(settings.least_share * targets)))
 
 
 def row_from_clamp(
@@ -74,13 +74,14 @@ def row_from_clamp(
     areas (blobs,) px^2; arclength (targets,) m. A row that goes on beyond the last target is none.
     """
     x, y, sizes = _columns(points, areas)
+    numbers = beam_search_numbers(search)
     start = np.zeros(LAST + 1)
     start[HEADING], start[SCALE], start[SIZE], start[LAST] = clamp_angle, 1.0, math.nan, NOTHING
     chosen = np.full(arclength.size, NOTHING)
     blobs = BlobColumns(x, y, sizes)
-    cost = grow_row(blobs, arclength, start, search.longest_gap, math.inf, chosen, search)
-    truncate_row(x, y, arclength, clamp_angle, chosen, search)
-    if chosen[-1] >= 0 and continues_beyond(x, y, sizes, arclength, chosen, search):
+    cost = grow_row(blobs, arclength, start, search.longest_gap, math.inf, chosen, numbers)
+    truncate_row(x, y, arclength, clamp_angle, chosen, numbers)
+    if chosen[-1] >= 0 and continues_beyond(x, y, sizes, arclength, chosen, numbers):
         chosen[:] = NOTHING  # the camera has moved, or these are other dots
     return TargetRow(chosen, cost)
 
@@ -102,7 +103,7 @@ def rows_anywhere(
     targets = arclength.size
     if x.size < targets:
         return []
-    chosen, costs = grow_seeded_rows(x, y, sizes, arclength, search)
+    chosen, costs = grow_seeded_rows(x, y, sizes, arclength, beam_search_numbers(search))
     order = np.argsort(costs, kind='stable')
     rows: list[TargetRow] = []
     for place in order[np.isfinite(costs[order])].tolist():

@@ -7,8 +7,9 @@ best rows so far are kept at each step.
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass
+import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -50,7 +51,13 @@ class BeamSearchSettings:
 
 
 BeamSearchNumbers = numbers_type(BeamSearchSettings, 'BeamSearchNumbers')
-BEAM_SEARCH: BeamSearchSettings = BeamSearchNumbers(*astuple(BeamSearchSettings()))
+BEAM_SEARCH = BeamSearchSettings()
+
+
+@functools.lru_cache
+def beam_search_numbers(settings: BeamSearchSettings) -> Any:
+    """Return settings as kernels take them."""
+    return BeamSearchNumbers(*astuple(settings))
 
 
 @inlined

@@ -46,6 +46,8 @@ class BlobSettings:
     )
     window: int = tuning(24, 'half side of the window of the background, at least', unit='px')
     window_share: float = tuning(2.0, 'the same, in diameters of the largest blob')
+    margin: int = tuning(8, 'added to the longest possible blob', unit='px')
+    least_box: float = tuning(0.5, 'area of the box around a blob', unit='smallest area')
     samples: int = tuning(9, 'pixels from the middle of that window to its side')
 
 
@@ -93,8 +95,9 @@ class Components:
     seeds: Integers
     level: Integers
     look: Look
+    centroid: CentroidSettings
 
-    def measure(self, chosen: Integers, settings: CentroidSettings = CENTROID) -> Blobs:
+    def measure(self, chosen: Integers) -> Blobs:
         """Measure the areas with these indices; those that cannot be targets are left out."""
         rows = [np.empty((0, COLUMNS))]
         boxes, seeds, level = self.boxes[chosen], self.seeds[chosen], self.level[chosen]
@@ -102,9 +105,9 @@ class Components:
         sizes = np.ceil(np.log2(np.maximum(boxes[:, 2:].max(1), 16)))
         for size in np.unique(sizes):
             alike = sizes == size
-            crops = cut_crops(self.grey, boxes[alike], seeds[alike], level[alike], settings)
+            crops = cut_crops(self.grey, boxes[alike], seeds[alike], level[alike], self.centroid)
             with np.errstate(invalid='ignore', divide='ignore'):
-                rows.append(measure_crops(crops, level[alike], self.look, settings))
+                rows.append(measure_crops(crops, level[alike], self.look, self.centroid))
         table = np.concatenate(rows)
         return Blobs(freeze(table[np.isfinite(table[:, U])].T.copy()))
 
@@ -128,7 +131,11 @@ class Components:
 
 
 def find_components(
-    image: Image, band: GreyBand, limits: AreaLimits, settings: BlobSettings = BLOBS
+    image: Image,
+    band: GreyBand,
+    limits: AreaLimits,
+    settings: BlobSettings = BLOBS,
+    centroid: CentroidSettings = CENTROID,
 ) -> Components:
     """Find the connected white areas of an image."""
     grey = image.grey()
@@ -144,8 +151,10 @@ def find_components(
     outer = [contour for at, contour in enumerate(contours) if links[0, at, 3] < 0]
     boxes = np.array([cv2.boundingRect(contour) for contour in outer], np.int64).reshape(-1, 4)
     seeds = np.array([contour[0, 0] for contour in outer], np.int64).reshape(-1, 2)
-    longest = math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation)) + 8
-    possible = (boxes[:, 2:].max(1) <= longest) & (boxes[:, 2:].prod(1) >= 0.5 * limits.smallest)
+    longest = math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation))
+    longest += settings.margin
+    least = settings.least_box * limits.smallest
+    possible = (boxes[:, 2:].max(1) <= longest) & (boxes[:, 2:].prod(1) >= least)
     boxes, seeds = boxes[possible], seeds[possible]
     return Components(
         grey=grey,
@@ -153,6 +162,7 @@ def find_components(
         seeds=seeds,
         level=level[seeds[:, 1], seeds[:, 0]].astype(np.int64),
         look=Look(limits=limits, brightest=brightest, contrast=contrast),
+        centroid=centroid,
     )
 
 
@@ -172,10 +182,14 @@ def level_of_white(
 
 
 def find_blobs(
-    image: Image, band: GreyBand, limits: AreaLimits, settings: BlobSettings = BLOBS
+    image: Image,
+    band: GreyBand,
+    limits: AreaLimits,
+    settings: BlobSettings = BLOBS,
+    centroid: CentroidSettings = CENTROID,
 ) -> Blobs:
     """Return all blobs of an image that are within the limits, but for those it cuts off."""
-    components = find_components(image, band, limits, settings)
+    components = find_components(image, band, limits, settings, centroid)
     count = len(components.boxes)
     if count > settings.most:
         return Blobs(np.empty((COLUMNS, 0)), crowded=True)

@@ -36,14 +36,18 @@ class PriorSettings:
     turns: tuple[float, ...] = tuning(
         (0.0, 0.25, 0.5), 'direction of the pull', unit='angle of the unloaded tip'
     )
+    start: tuple[float, float, float] = tuning(
+        (1.5, 0.4, 0.15), 'std, length_scale, break_std first tried', unit='length or 1/length'
+    )
+    bounds: tuple[tuple[float, float], ...] = tuning(
+        ((0.3, 100.0), (0.1, 3.0), (0.01, 10.0)), 'of the same', unit='length or 1/length'
+    )
 
 
 PRIOR = PriorSettings()
 
-# What is learnt; where the search starts and ends, in lengths of the arm or their inverse.
+# What is learnt, and the power of the arm's length that is its unit.
 _LEARNT = ('std', 'length_scale', 'break_std')
-_START = np.log([1.5, 0.4, 0.15])
-_BOUNDS = np.log([(0.3, 100.0), (0.1, 3.0), (0.01, 10.0)])
 _POWERS = np.array([-1.0, 1.0, -1.0])
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
@@ -136,9 +140,10 @@ def learn_prior(
         return CurvaturePrior(**named, splits=splits)
 
     asked = 3 if splits.size else 2
+    start, bounds = np.log(settings.start), np.log(settings.bounds)
     if not bent:
-        return prior_of(_START[:asked])
-    nodes, weights = prior_of(_START).nodes(targets)
+        return prior_of(start[:asked])
+    nodes, weights = prior_of(start).nodes(targets)
     integral = line_free.T @ twice_integrated(targets, nodes, weights)
 
     def misfit(logarithms: Array) -> float:
@@ -149,7 +154,7 @@ def learn_prior(
         return float(np.sum(squares / variance) + len(seen) * np.sum(np.log(variance)))
 
     found = minimize(
-        misfit, _START[:asked], method='L-BFGS-B', jac='3-point', bounds=_BOUNDS[:asked]
+        misfit, start[:asked], method='L-BFGS-B', jac='3-point', bounds=bounds[:asked]
     )
     return prior_of(found.x)
 

@@ -7,7 +7,9 @@ not seen. All functions are pure and work on the whole row.
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass
+import functools
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +32,9 @@ class GatingSettings:
     farthest: float = tuning(2.5, 'from an end of a row found anew to the next', unit='spacing')
     shortest: float = tuning(0.7, 'distance of neighbors over that along the arm, at least')
     longest: float = tuning(1.3, 'the same, at most')
+    shorter: float = tuning(
+        0.1, 'less than that for targets further apart: a chord', unit='length beyond one spacing'
+    )
     compared: int = tuning(3, 'neighbors on each side whose distance is looked at')
     largest_loss: float = tuning(0.87, 'area over usual, compared with neighbors, at least')
     largest_growth: float = tuning(1.2, 'the same, at most')
@@ -43,7 +48,13 @@ class GatingSettings:
 
 
 GatingNumbers = numbers_type(GatingSettings, 'GatingNumbers')
-GATING: GatingSettings = GatingNumbers(*astuple(GatingSettings()))
+GATING = GatingSettings()
+
+
+@functools.lru_cache
+def gating_numbers(settings: GatingSettings) -> Any:
+    """Return settings as kernels take them."""
+    return GatingNumbers(*astuple(settings))
 
 
 @kernel
@@ -96,8 +107,9 @@ def _wrong_distances(
         along = abs(arclength[target] - arclength[other])
         distance = math.hypot(x[target] - x[other], y[target] - y[other])
         known += 1
-        if distance > gating.longest * along or distance < gating.shortest * along - 0.1 * (
-            along - spacing
+        if (
+            distance > gating.longest * along
+            or distance < gating.shortest * along - gating.shorter * (along - spacing)
         ):
             wrong += 1
     return 2.0 if known == 0 else 2.0 * wrong / known

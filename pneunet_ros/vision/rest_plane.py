@@ -11,24 +11,12 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.association import rows_anywhere, share_of_blobs, TargetRow
-from pneunet_ros.vision.gating import consistent_spacing, GATING
+from pneunet_ros.vision.gating import consistent_spacing, gating_numbers
+from pneunet_ros.vision.settings import RestPlaneSettings, VISION, VisionSettings
 from pneunet_ros.vision.working_plane import Plane, plane_from_rest
 
 RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RestPlaneSettings:
-    """When an arm is at rest."""
-
-    still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
-    near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')
-    seen: float = tuning(0.8, 'share of the targets, at least')
-
-
-REST_PLANE = RestPlaneSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,7 +27,7 @@ class RestAverage:
     ends: Array = field(default_factory=lambda: np.zeros((2, 2)))
 
     def with_frame(
-        self, ends: Array, spacing: float, settings: RestPlaneSettings = REST_PLANE
+        self, ends: Array, spacing: float, settings: RestPlaneSettings = VISION.rest_plane
     ) -> RestAverage:
         """Return the average with one more frame (2, 2); it begins anew where the arm moved."""
         if self.frames and np.hypot(*(ends - self.ends).T).max() > settings.still * spacing:
@@ -69,7 +57,7 @@ def row_at_rest(
     arclength: Array,
     clamp_pixel: tuple[float, float] | None,
     straightness: float,
-    settings: RestPlaneSettings = REST_PLANE,
+    vision: VisionSettings = VISION,
 ) -> TargetRow | Failure:
     """Find the straight row of targets among blobs, first target at the clamp.
 
@@ -78,10 +66,11 @@ def row_at_rest(
     distance from the line between the ends, of its length.
     """
     count = arclength.size
-    rows = rows_anywhere(points, areas, arclength)
-    rows = [row for row in rows if _is_regular(row_points(row, points), arclength, settings)]
+    rows = rows_anywhere(points, areas, arclength, vision.association, vision.beam_search)
+    rows = [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
     if clamp_pixel is not None and rows:
-        rows = [row for row in rows if _begins_at(row_points(row, pixels), clamp_pixel, settings)]
+        near = vision.rest_plane.near_clamp
+        rows = [row for row in rows if _begins_at(row_points(row, pixels), clamp_pixel, near)]
         if not rows:
             return Failure(
                 reason='wrong_clamp',
@@ -127,21 +116,21 @@ def row_points(row: TargetRow, points: Array) -> Array:
     return np.asarray(found)
 
 
-def _is_regular(points: Array, arclength: Array, settings: RestPlaneSettings) -> bool:
+def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool:
     """Whether enough targets of a row, both ends among them, lie on a smooth line (targets, 2)."""
     length = float(arclength[-1] - arclength[0])
     size = math.hypot(*(points[-1] - points[0]))
     if not size > 0.0:
         return False
     x, y = np.ascontiguousarray(points.T) * (length / size)
-    seen = consistent_spacing(x, y, arclength, GATING.farthest, GATING)
-    return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= settings.seen * arclength.size)
+    gating = gating_numbers(vision.gating)
+    seen = consistent_spacing(x, y, arclength, gating.farthest, gating)
+    least = vision.rest_plane.seen * arclength.size
+    return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= least)
 
 
-def _begins_at(
-    pixels: Array, clamp_pixel: tuple[float, float], settings: RestPlaneSettings
-) -> bool:
-    """Whether the first target of a row (targets, 2) is at the clamp."""
+def _begins_at(pixels: Array, clamp_pixel: tuple[float, float], near: float) -> bool:
+    """Whether the first target of a row (targets, 2) is at the clamp, to `near` spacings."""
     steps = np.hypot(*np.diff(pixels, axis=0).T)
     away = math.hypot(*(pixels[0] - np.array(clamp_pixel)))
-    return bool(away <= settings.near_clamp * np.nanmedian(steps))
+    return bool(away <= near * np.nanmedian(steps))

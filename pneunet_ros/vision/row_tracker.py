@@ -12,14 +12,8 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.readings import TargetSightings
-from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.vision.association import (
-    ASSOCIATION,
-    least_seen,
-    LEAST_TARGETS,
-    row_from_clamp,
-)
+from pneunet_ros.vision.association import least_seen, row_from_clamp
 from pneunet_ros.vision.blobs import Blobs, find_blobs, find_components
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import CameraSettings
@@ -29,29 +23,13 @@ from pneunet_ros.vision.gating import (
     consistent_size,
     consistent_spacing,
     expected_points,
-    GATING,
-    GatingSettings,
+    gating_numbers,
     initial_area,
     Mask,
 )
 from pneunet_ros.vision.rest_plane import Failure, row_at_rest, row_points
+from pneunet_ros.vision.settings import VisionSettings
 from pneunet_ros.vision.working_plane import Plane
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RowTrackerSettings:
-    """How a row is followed from frame to frame."""
-
-    area_gain: float = tuning(0.1, 'share of a new area in the area that is expected next')
-    reach_again: float = tuning(0.3, 'a lost target off where others say', unit='spacing')
-    most_passes: int = tuning(3, 'over a frame, while lost targets are found again')
-    near_clamp: int = tuning(4, 'targets that can hardly move, but with the camera')
-    off_along: float = tuning(0.1, 'off their place by stretch, more with each', unit='spacing')
-    off_aside: float = tuning(0.5, 'off their place by bending, more with each', unit='spacing')
-    longest_prediction: float = tuning(0.1, 'for which velocities tell anything', unit='s')
-
-
-ROW_TRACKER = RowTrackerSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,10 +48,13 @@ class TrackedRow:
     seen: Mask
     spacing: float
 
-    def predict(self, stamp_ns: int, settings: RowTrackerSettings = ROW_TRACKER) -> Array:
-        """Return where the targets are expected at a stamp, (targets, 2) px."""
+    def predict(self, stamp_ns: int, longest: float) -> Array:
+        """Return where the targets are expected at a stamp, (targets, 2) px.
+
+        longest: how long (s) their velocities tell anything.
+        """
         seconds = seconds_between(self.stamp_ns, stamp_ns)
-        return np.asarray(self.pixels + min(seconds, settings.longest_prediction) * self.velocity)
+        return np.asarray(self.pixels + min(seconds, longest) * self.velocity)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,15 +81,17 @@ class View:
     arclength: Array
     clamp_angle: float
     settings: CameraSettings
+    vision: VisionSettings
 
 
-def follow_row(
-    view: View, last: TrackedRow, settings: RowTrackerSettings = ROW_TRACKER
-) -> tuple[ObservedRow, TrackedRow] | None:
+def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] | None:
     """Find the row near where it must be by now, and what comes next; None where it is lost."""
-    camera, count = view.settings, view.arclength.size
-    components = find_components(view.image, camera.grey_band, camera.area)
-    predicted = last.predict(view.image.stamp_ns)
+    camera, vision, count = view.settings, view.vision, view.arclength.size
+    settings = vision.row_tracker
+    components = find_components(
+        view.image, camera.grey_band, camera.area, vision.blobs, vision.centroid
+    )
+    predicted = last.predict(view.image.stamp_ns, settings.longest_prediction)
     nearest = components.nearest(predicted, camera.gate * last.spacing)
     row = gate_row(view, nearest, last.area, last)
     for _ in range(settings.most_passes):
@@ -122,24 +105,28 @@ def follow_row(
         if more.seen <= row.seen:
             break
         row = more
-    if row.seen < LEAST_TARGETS or not is_at_clamp(row.points, view.arclength, view.clamp_angle):
+    if row.seen < vision.association.least_targets or not is_at_clamp(view, row.points):
         return None
     return row, next_row(view, row, last)
 
 
 def search_row(view: View) -> ObservedRow | Failure:
     """Find the row that starts at the clamp among all blobs of the frame."""
-    blobs = candidate_blobs(view.image, view.settings)
+    vision = view.vision
+    blobs = candidate_blobs(view.image, view.settings, vision)
     if isinstance(blobs, Failure):
         return blobs
     points = view.plane.points(view.lens.undistort(np.column_stack([blobs.u, blobs.v])))
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
-    row = row_from_clamp(points[usable], blobs.area[usable], view.arclength, view.clamp_angle)
-    targets, least = view.arclength.size, least_seen(view.arclength.size)
+    row = row_from_clamp(
+        points[usable], blobs.area[usable], view.arclength, view.clamp_angle, vision.beam_search
+    )
+    targets = view.arclength.size
+    least = least_seen(targets, vision.association)
     table, chosen = np.full((targets, COLUMNS), np.nan), row.chosen >= 0
     table[chosen] = blobs.table.T[usable[row.chosen[chosen]]]
-    found = gate_row(view, table, initial_area(table[:, AREA]))
-    if found.seen < least or not is_at_clamp(found.points, view.arclength, view.clamp_angle):
+    found = gate_row(view, table, initial_area(table[:, AREA], vision.gating))
+    if found.seen < least or not is_at_clamp(view, found.points):
         return Failure(
             reason='no_row',
             sentence=f'only {found.seen} of {targets} targets stand in a row from the clamp, '
@@ -150,10 +137,10 @@ def search_row(view: View) -> ObservedRow | Failure:
 
 
 def search_at_rest(
-    image: Image, lens: Lens, arclength: Array, settings: CameraSettings
+    image: Image, lens: Lens, arclength: Array, settings: CameraSettings, vision: VisionSettings
 ) -> Array | Failure:
     """Find first and last target of the straight arm, normalized (2, 2)."""
-    blobs = candidate_blobs(image, settings)
+    blobs = candidate_blobs(image, settings, vision)
     if isinstance(blobs, Failure):
         return blobs
     pixels = np.column_stack([blobs.u, blobs.v])
@@ -166,19 +153,23 @@ def search_at_rest(
         arclength,
         settings.clamp_pixel,
         settings.rest_straightness,
+        vision,
     )
     if isinstance(row, Failure):
         return row
     return row_points(row, points[usable])[[0, -1]]
 
 
-def candidate_blobs(image: Image, settings: CameraSettings) -> Blobs | Failure:
+def candidate_blobs(
+    image: Image, settings: CameraSettings, vision: VisionSettings
+) -> Blobs | Failure:
     """Return the blobs of a frame that can be targets, or why there are none to look at."""
-    blobs = find_blobs(image, settings.grey_band, settings.area)
-    if blobs.crowded or len(blobs) > ASSOCIATION.most_blobs:
+    blobs = find_blobs(image, settings.grey_band, settings.area, vision.blobs, vision.centroid)
+    most = vision.association.most_blobs
+    if blobs.crowded or len(blobs) > most:
         return Failure(
             reason='too_many_areas',
-            sentence=f'more than {ASSOCIATION.most_blobs} bright areas could be targets: narrow '
+            sentence=f'more than {most} bright areas could be targets: narrow '
             'grey_band or area, or darken the background',
         )
     if len(blobs) == 0:
@@ -196,23 +187,21 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
         stamp_ns=view.image.stamp_ns - 1,
         pixels=row.table[:, :2],
         velocity=np.zeros((len(row.table), 2)),
-        area=initial_area(row.table[:, AREA]),
+        area=initial_area(row.table[:, AREA], view.vision.gating),
         seen=np.zeros(len(row.table), np.bool_),
         spacing=math.nan,
     )
     return next_row(view, row, nowhere)
 
 
-def next_row(
-    view: View, row: ObservedRow, last: TrackedRow, settings: RowTrackerSettings = ROW_TRACKER
-) -> TrackedRow:
+def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     """Return what the next frame starts from.
 
     Targets that are not seen are where the others say, and move as those next to them.
     """
     arclength, seen = view.arclength, np.isfinite(row.table[:, U])
     pixels, area = row.table[:, :2].copy(), last.area.copy()
-    area[seen] += settings.area_gain * (row.table[seen, AREA] - area[seen])
+    area[seen] += view.vision.row_tracker.area_gain * (row.table[seen, AREA] - area[seen])
     if not seen.all():
         pixels[~seen] = expected_pixels(view, row.points)[~seen]
     velocity = np.zeros_like(pixels)
@@ -239,7 +228,6 @@ def gate_row(
     table: Array,
     usual: Array,
     last: TrackedRow | None = None,
-    gating: GatingSettings = GATING,
 ) -> ObservedRow:
     """Return the blobs of a table that are believed to be targets.
 
@@ -247,9 +235,12 @@ def gate_row(
     last row must have moved as their neighbors; without one the ends of the row must be near the
     other targets.
     """
-    table, farthest = table.copy(), gating.farthest
+    table, gating = table.copy(), view.vision.gating
+    farthest = gating.farthest
     if last is not None:
-        off = table[:, :2] - last.predict(view.image.stamp_ns)
+        off = table[:, :2] - last.predict(
+            view.image.stamp_ns, view.vision.row_tracker.longest_prediction
+        )
         off[~last.seen] = np.nan
         table[consistent_motion(off, last.spacing, gating)[1]] = np.nan
         farthest = math.inf
@@ -259,29 +250,26 @@ def gate_row(
         np.nan
     )
     x, y = np.ascontiguousarray(points.T)
-    seen = consistent_spacing(x, y, view.arclength, farthest, gating)
+    seen = consistent_spacing(x, y, view.arclength, farthest, gating_numbers(gating))
     std = table[:, STD] * view.lens.scale(normalized) * view.plane.scale(normalized)
     table[~seen] = points[~seen] = std[~seen] = np.nan
     return ObservedRow(table=table, points=points, std=std, seen=int(np.count_nonzero(seen)))
 
 
-def expected_pixels(view: View, points: Array, gating: GatingSettings = GATING) -> Array:
+def expected_pixels(view: View, points: Array) -> Array:
     """Return where all targets are expected by those that are seen, (targets, 2) px.
 
     points (targets, 2) m in base, NaN where a target is not seen.
     """
     x, y = np.ascontiguousarray(points.T)
+    gating = gating_numbers(view.vision.gating)
     expected = np.column_stack(expected_points(x, y, view.arclength, gating))
     return view.lens.distort(view.plane.normalized(expected))
 
 
-def is_at_clamp(
-    points: Array,
-    arclength: Array,
-    clamp_angle: float,
-    settings: RowTrackerSettings = ROW_TRACKER,
-) -> bool:
+def is_at_clamp(view: View, points: Array) -> bool:
     """Whether the first target that is seen, if it is near the clamp, is where it must be."""
+    settings, arclength, clamp_angle = view.vision.row_tracker, view.arclength, view.clamp_angle
     seen = np.flatnonzero(np.isfinite(points[: settings.near_clamp, 0]))
     if not seen.size:
         return True

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import astuple, dataclass, field
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,8 @@ from pneunet_ros.vision.curvature_prior import (
     CurvaturePrior,
     learn_priors,
     once_integrated,
+    PRIOR,
+    PriorSettings,
     twice_integrated,
     without_line,
 )
@@ -59,7 +61,13 @@ class SmootherSettings:
 
 
 SmootherNumbers = numbers_type(SmootherSettings, 'SmootherNumbers')
-SMOOTHER: SmootherSettings = SmootherNumbers(*astuple(SmootherSettings()))
+SMOOTHER = SmootherSettings()
+
+
+@functools.lru_cache
+def smoother_numbers(settings: SmootherSettings) -> Any:
+    """Return settings as kernels take them."""
+    return SmootherNumbers(*astuple(settings))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -156,8 +164,9 @@ class Smoother:
         least = math.hypot(self.settings.least_std * self.length, self.placement_std)
         origin = float(self.target_arclength[0]) if seen[0] else math.nan
         out = np.empty((5, operator.arclength.size))
+        numbers = smoother_numbers(self.settings)
         rms = smooth_targets(
-            sightings.x, sightings.y, sightings.std, operator, least, origin, self.settings, out
+            sightings.x, sightings.y, sightings.std, operator, least, origin, numbers, out
         )
         if not math.isfinite(rms):
             return None
@@ -248,7 +257,12 @@ def transpose_rows(rows: Array) -> Array:
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 
-def smoother_for(arm: Arm, stations: int = DEFAULT_STATIONS) -> Smoother:
+def smoother_for(
+    arm: Arm,
+    stations: int = DEFAULT_STATIONS,
+    settings: SmootherSettings = SMOOTHER,
+    prior: PriorSettings = PRIOR,
+) -> Smoother:
     """Return the smoother of this arm, at so many equally spaced stations; learns its prior.
 
     Raises CameraError when the model file names too few targets.
@@ -261,9 +275,10 @@ def smoother_for(arm: Arm, stations: int = DEFAULT_STATIONS) -> Smoother:
     return Smoother(
         target_arclength=arm.target_arclength,
         stations=station_arclength(arm.length, stations),
-        priors=learn_priors(arm),
+        priors=learn_priors(arm, prior),
         length=arm.length,
         placement_std=arm.sensors.placement_std,
+        settings=settings,
     )
 
 

@@ -14,7 +14,6 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
 from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.vision.association import LEAST_TARGETS
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import CameraSettings, HomographyPlane, PosePlane
 from pneunet_ros.vision.rest_plane import Failure, RestAverage, RESTING
@@ -27,6 +26,7 @@ from pneunet_ros.vision.row_tracker import (
     TrackedRow,
     View,
 )
+from pneunet_ros.vision.settings import VISION, VisionSettings
 from pneunet_ros.vision.smoother import MeasuredCurve, smoother_for
 from pneunet_ros.vision.working_plane import Plane, plane_from_homography, plane_from_pose
 
@@ -77,7 +77,7 @@ class TrackerState:
             rejected=self.rejected,
         )
 
-    def seeing(self, row: TrackedRow) -> TrackerState:
+    def with_row(self, row: TrackedRow) -> TrackerState:
         """Count one more frame that shows the arm."""
         return replace(
             self,
@@ -87,7 +87,7 @@ class TrackerState:
             explained=self.explained + 1,
         )
 
-    def counting(self, reason: str) -> TrackerState:
+    def count_rejected(self, reason: str) -> TrackerState:
         """Count one more image that was not looked at."""
         return replace(self, rejected=count_reason(self.rejected, reason))
 
@@ -96,7 +96,8 @@ class Tracker:
     """Finds the targets of an arm in the images of a camera, and measures its centerline.
 
     arm: its `target_arclength` (targets,) m says how many targets there are and how they are
-    spaced; settings: the content of camera.yaml. Results are in `pneunet_base`: origin at the
+    spaced; settings: the content of camera.yaml; vision: the
+    numbers by which each step decides. Results are in `pneunet_base`: origin at the
     clamp, x along the straight arm, y in the bending plane; m, rad. Where each white dot is in
     the image is measured by `centroid`, who is who by `association`, the curve (Eq 1) by
     `smoother`.
@@ -104,17 +105,19 @@ class Tracker:
     Raises ModelError for an arm with fewer than four targets.
     """
 
-    def __init__(self, arm: Arm, settings: CameraSettings) -> None:
+    def __init__(
+        self, arm: Arm, settings: CameraSettings, vision: VisionSettings = VISION
+    ) -> None:
         """Learn what is needed once: how the arm bends, and how its targets are spaced."""
-        count = arm.target_arclength.size
-        if count < LEAST_TARGETS:
+        count, least = arm.target_arclength.size, vision.association.least_targets
+        if count < least:
             raise ModelError(
-                f'{arm.name}: tracking needs {LEAST_TARGETS} targets or more in '
+                f'{arm.name}: tracking needs {least} targets or more in '
                 f'arm.target_arclength, not {count}'
             )
-        self.arm, self.settings = arm, settings
+        self.arm, self.settings, self.vision = arm, settings, vision
         self.arclength = arm.target_arclength
-        self.smoother = smoother_for(arm)
+        self.smoother = smoother_for(arm, settings=vision.smoother, prior=vision.prior)
 
     def step(
         self, state: TrackerState, reading: Image | Lens
@@ -130,7 +133,7 @@ class Tracker:
             return self._with_lens(state, reading), None
         state, refusal = self._admitted(state, reading)
         if refusal is not None:
-            return state.counting(refusal.reason), refusal
+            return state.count_rejected(refusal.reason), refusal
         state, failure = self._at_rest(state, reading)
         if failure is not None:
             return self._unexplained(state, reading, failure)
@@ -142,6 +145,7 @@ class Tracker:
             arclength=self.arclength,
             clamp_angle=self.arm.clamp_angle,
             settings=self.settings,
+            vision=self.vision,
         )
         followed = None if state.row is None else follow_row(view, state.row)
         if followed is None:
@@ -151,21 +155,23 @@ class Tracker:
             followed = observed, start_row(view, observed)
         observed, row = followed
         targets = target_sightings(view, observed)
-        return state.seeing(row), Tracking(sightings=targets, curve=self.smoother.smooth(targets))
+        return state.with_row(row), Tracking(
+            sightings=targets, curve=self.smoother.smooth(targets)
+        )
 
     def _at_rest(self, state: TrackerState, image: Image) -> tuple[TrackerState, Failure | None]:
         """Get the working plane from the arm at rest, unless it is known."""
         if state.plane is not None:
             return state, None
         assert state.lens is not None
-        found = search_at_rest(image, state.lens, self.arclength, self.settings)
+        found = search_at_rest(image, state.lens, self.arclength, self.settings, self.vision)
         if isinstance(found, Failure):
             return state, found
         length = self.arclength[-1] - self.arclength[0]
         spacing = float(
             np.min(np.diff(self.arclength)) / length * np.hypot(*(found[1] - found[0]))
         )
-        rest = state.rest.with_frame(found, spacing)
+        rest = state.rest.with_frame(found, spacing, self.vision.rest_plane)
         wanted = self.settings.rest_frames
         if rest.frames >= wanted:
             return replace(state, rest=rest, plane=rest.plane(self.arclength)), None
@@ -190,7 +196,7 @@ class Tracker:
             sentence=failure.sentence,
         )
 
-    def started_anew(self, state: TrackerState) -> TrackerState:
+    def reset(self, state: TrackerState) -> TrackerState:
         """Return a state that knows the camera, and nothing of the arm."""
         return self._through(state.fresh(), state.lens)
 
@@ -216,7 +222,7 @@ class Tracker:
         """Whether an image can be looked at; it may start everything anew."""
         reason, sentence = stamp_fault('image', state.stamp_ns, image.stamp_ns)
         if reason == STARTS_ANEW:
-            state, reason = self.started_anew(state), ''
+            state, reason = self.reset(state), ''
         error = False
         if not reason and state.lens is None:
             reason, error = 'no_camera_info', True

@@ -142,7 +142,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         refusal = Refusal(
             stamp_ns=0, reason=reason, sentence=str(error), error=reason == WRONG_CAMERA_INFO
         )
-        self.state = self.state.counting(reason)
+        self.state = self.state.count_rejected(reason)
         self.health.refused(refusal)
         self.log_refusal(refusal)
 
@@ -161,13 +161,13 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
 
     def forget(self) -> str:
         """Forget all images; what is known of the camera remains."""
-        self.state = self.configuration.tracker.started_anew(self.state)
+        self.state = self.configuration.tracker.reset(self.state)
         return 'the tracker starts anew'
 
     def take_over(self, configuration: TrackerConfiguration) -> None:
         """Start anew if anything is another one; what is known of the camera remains."""
         if configuration.tracker is not self.configuration.tracker:
-            self.state = configuration.tracker.started_anew(self.state)
+            self.state = configuration.tracker.reset(self.state)
 
 
 def main() -> int:

@@ -27,7 +27,7 @@ def warm_up(tracker: Tracker, serializer: MessageSerializer) -> str:
         clamp_pixel=None,
         rest_frames=1,
     )
-    drawn = Tracker(tracker.arm, resting)
+    drawn = Tracker(tracker.arm, resting, tracker.vision)
     image, lens = drawn_arm(drawn.arm.target_arclength, resting)
     state, _ = drawn.step(TrackerState(), lens)
     outcome = None

@@ -1,0 +1,60 @@
+"""All numbers by which a tracker decides, together; a frame is looked at with one set of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.vision.association import ASSOCIATION, AssociationSettings
+from pneunet_ros.vision.beam_search import BEAM_SEARCH, BeamSearchSettings
+from pneunet_ros.vision.blobs import BLOBS, BlobSettings
+from pneunet_ros.vision.centroid import CENTROID, CentroidSettings
+from pneunet_ros.vision.curvature_prior import PRIOR, PriorSettings
+from pneunet_ros.vision.gating import GATING, GatingSettings
+from pneunet_ros.vision.smoother import SMOOTHER, SmootherSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowTrackerSettings:
+    """How a row is followed from frame to frame."""
+
+    area_gain: float = tuning(0.1, 'share of a new area in the area that is expected next')
+    reach_again: float = tuning(0.3, 'a lost target off where others say', unit='spacing')
+    most_passes: int = tuning(3, 'over a frame, while lost targets are found again')
+    near_clamp: int = tuning(4, 'targets that can hardly move, but with the camera')
+    off_along: float = tuning(0.1, 'off their place by stretch, more with each', unit='spacing')
+    off_aside: float = tuning(0.5, 'off their place by bending, more with each', unit='spacing')
+    longest_prediction: float = tuning(0.1, 'for which velocities tell anything', unit='s')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RestPlaneSettings:
+    """When an arm is at rest."""
+
+    still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
+    near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')
+    seen: float = tuning(0.8, 'share of the targets, at least')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VisionSettings:
+    """The settings of each step from an image to the measured curve."""
+
+    blobs: BlobSettings = BLOBS
+    centroid: CentroidSettings = CENTROID
+    association: AssociationSettings = ASSOCIATION
+    beam_search: BeamSearchSettings = BEAM_SEARCH
+    gating: GatingSettings = GATING
+    row_tracker: RowTrackerSettings = RowTrackerSettings()
+    rest_plane: RestPlaneSettings = RestPlaneSettings()
+    smoother: SmootherSettings = SMOOTHER
+    prior: PriorSettings = PRIOR
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """The settings of all steps, as `settings_used` takes them."""
+        return tuple(getattr(self, item.name) for item in fields(self))
+
+
+VISION = VisionSettings()
