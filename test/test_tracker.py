@@ -433,14 +433,14 @@ def test_settings_of_following_rest_and_curve_reach_them(watching):
         rest_plane=RestPlaneSettings(seen=1.1),
     )
     tracker = Tracker(ARM, CameraSettings(), vision)
-    (_, usual), (_, other) = (
-        each.step(watching.state, image) for each in (watching.tracker, tracker)
-    )
+    usual = watching.tracker.step(watching.state, image)[1]
+    other = tracker.step(watching.state, image)[1]
     assert other.sightings.seen == usual.sightings.seen
     assert not np.array_equal(other.sightings.u, usual.sightings.u)
     assert other.curve.std_curvature.max() > 1.5 * usual.curve.std_curvature.max()
-    lengths = [each.smoother.priors[-1].length_scale for each in (watching.tracker, tracker)]
-    assert lengths[1] == pytest.approx(3.0 / PriorSettings().smoother * lengths[0])
+    length = watching.tracker.smoother.priors[-1].length_scale
+    longer = tracker.smoother.priors[-1].length_scale
+    assert longer == pytest.approx(3.0 / PriorSettings().smoother * length)
     _, resting = tracker.step(TrackerState(lens=watching.lens), image)
     assert resting.reason == 'no_row'
 
