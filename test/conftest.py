@@ -32,6 +32,10 @@ os.environ['ROS_DOMAIN_ID'] = str(own_domain())
 os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='pneunet_ros_log_')
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ['MPLBACKEND'] = 'Agg'
+THREADS = {
+    name: os.environ.get(name)
+    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+}
 
 # The first example may compile a kernel, so no deadline. CI draws the same examples every time.
 hypothesis.settings.register_profile('local', deadline=None)
@@ -67,6 +71,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker('lengthy')
         if without_ros and item.get_closest_marker('ros'):
             item.add_marker(pytest.mark.skip(reason="no rclpy here: pip install '.[ros]'"))
+
+
+@pytest.fixture(autouse=True, scope='module')
+def own_threads() -> None:
+    """Give nodes and commands the threads of linear algebra that this process has.
+
+    With others the last digits differ: what one test sets must not reach the processes of another.
+    """
+    for name, value in THREADS.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 @pytest.fixture(scope='session')

@@ -9,8 +9,9 @@ import argparse
 import os
 from pathlib import Path
 
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
+    os.environ.setdefault('OMP_NUM_THREADS', '1')
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from extensible_arm_story import Forces, lines, Story, told, Z_95
 from matplotlib.axes import Axes
