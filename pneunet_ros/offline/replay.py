@@ -141,7 +141,7 @@ def record_steps(
 
 @dataclass(slots=True)
 class Tally:
-    """What a replay came to, counted step by step."""
+    """What a replay came to, counted step by step; warned: how many estimates by warning."""
 
     messages: int = 0
     pressures: int = 0
@@ -151,6 +151,7 @@ class Tally:
     refusal: Refusal | None = None
     consistency: ConsistencyState = field(default_factory=ConsistencyState)
     disagreement: Disagreement | None = None
+    warned: dict[str, int] = field(default_factory=dict)
 
     def count(self, step: Step, pressure_topic: str) -> None:
         """Take one step into account."""
@@ -163,6 +164,8 @@ class Tally:
         elif step.outcome is not None:
             self.last = step.outcome
             self.worst_residual = max(self.worst_residual, step.outcome.shape.residual)
+            for warning in step.outcome.warnings:
+                self.warned[warning] = self.warned.get(warning, 0) + 1
 
     def compare(self, consistency: ConsistencyState) -> None:
         """Keep the largest disagreement there was, one that is more than noise before all."""
