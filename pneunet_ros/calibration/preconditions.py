@@ -40,11 +40,7 @@ def check_runs(
         check_targets(run, arm, known)
         check_units(run, arm, known)
     for run in unloaded:
-        if run.loaded and float(np.max(np.hypot(*run.force.T))) > known.unloaded_force:
-            raise RecordingError(
-                f'{run.name} was given as unloaded, but its end force reaches '
-                f'{np.max(np.hypot(*run.force.T)):.3g} N; name it after --loaded'
-            )
+        check_unloaded(run, known)
     for run in loaded:
         if not run.loaded or float(np.max(np.hypot(*run.force.T))) < known.smallest_force:
             raise RecordingError(
@@ -82,6 +78,16 @@ def check_runs(
         raise RecordingError(
             f'{names}: the targets hardly move although the '
             'pressure changes; do the target topic and the pressure belong together?'
+        )
+
+
+def check_unloaded(run: RecordingData, known: PreconditionSettings = PRECONDITIONS) -> None:
+    """Raise RecordingError where a recording that was given as unloaded has an end force."""
+    if run.loaded and float(np.max(np.hypot(*run.force.T))) > known.unloaded_force:
+        raise RecordingError(
+            f'{run.name} was given as unloaded, but its end force reaches '
+            f'{np.max(np.hypot(*run.force.T)):.3g} N; take it from --unloaded (calibrate: name it '
+            'after --loaded)'
         )
 
 

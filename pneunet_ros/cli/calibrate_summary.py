@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -54,8 +55,10 @@ def numbers_of(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def show(calibration: Calibration, summary: dict[str, Any], console: Console) -> None:
-    """Print the summary for people."""
+def show(
+    calibration: Calibration, summary: dict[str, Any], sentences: Sequence[str], console: Console
+) -> None:
+    """Print the summary for people; sentences: on the recordings."""
     table = Table(title='Recordings')
     for column in ('recording', 'load', 'frames', 'rms (mm)', 'chi2 per coordinate'):
         table.add_column(column, justify='left' if column in ('recording', 'load') else 'right')
@@ -80,7 +83,7 @@ def show(calibration: Calibration, summary: dict[str, Any], console: Console) ->
         for item in summary['laws']:
             table.add_row(item['kind'], f'{millimeters(item["rms"]):.3f}')
         console.print(table)
-    for sentence in (*summary['left_out'], *summary['notes']):
+    for sentence in (*sentences, *summary['notes']):
         console.print(f'note: {sentence}')
     if summary['output'] is None:
         console.print(f'no model was written: {summary["status"]}')
