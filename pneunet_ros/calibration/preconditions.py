@@ -36,6 +36,13 @@ def check_runs(
             'no unloaded recording: the curvature kappa_p0 comes from an arm without end load; '
             'name such recordings after --unloaded'
         )
+    frames = sum(len(run.stamp_ns) for run in (*unloaded, *loaded))
+    if first and frames < known.fewest_frames:
+        raise RecordingError(
+            f'{", ".join(run.name for run in (*unloaded, *loaded))}: {frames} frames with targets '
+            f'and a pressure; at least {known.fewest_frames} are needed, of all recordings '
+            'together'
+        )
     for run in (*unloaded, *loaded):
         check_targets(run, arm, known)
         check_units(run, arm, known)
@@ -94,16 +101,11 @@ def check_unloaded(run: RecordingData, known: PreconditionSettings = PRECONDITIO
 def check_targets(
     run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS
 ) -> None:
-    """Raise RecordingError where a recording has too few targets or too few frames."""
+    """Raise RecordingError where a recording has too few targets or others."""
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
             'recordings of different arms cannot be calibrated together (see --arm)'
-        )
-    if len(run.stamp_ns) < known.fewest_frames:
-        raise RecordingError(
-            f'{run.name} has {len(run.stamp_ns)} frames with targets and a pressure; '
-            f'at least {known.fewest_frames} are needed'
         )
     if np.count_nonzero(run.seen.any(axis=0)) < min(known.fewest_targets, run.x.shape[1]):
         raise RecordingError(f'{run.name} shows fewer than {known.fewest_targets} targets')
