@@ -49,9 +49,8 @@ def fit_sentence(fit: Fit, settings: ReportSettings) -> str:
     if not fit.converged:
         return f'No model: the fit did not settle ({fit.status}).'
     rms = residual_rms(fit)
-    size = (
-        f'{millimeters(rms):.2g} mm rms per coordinate, {rms / fit.arm.length:.2%} of the length'
-    )
+    share = 100.0 * rms / fit.arm.length
+    size = f'{millimeters(rms):.2g} mm rms per coordinate, {share:.2g} % of the length'
     times = noise_ratio(fit)
     if times <= settings.as_noise:
         return f'The model fits: {size}, as good as the noise.'
