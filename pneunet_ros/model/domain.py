@@ -15,6 +15,7 @@ from pneunet_ros.core.settings import tuning
 from scipy.optimize import nnls
 
 MOST_LOADS = 64  # rows of `domain.end_load`: each costs time at every reading
+ROUNDING = 1e-9  # of a load: what arithmetic leaves of a distance that is none
 MOMENT, PRESSURE = 2, 3  # columns of `domain.end_load`, after F1 and F2
 
 
@@ -79,6 +80,11 @@ class Domain:
         object.__setattr__(self, 'end_load', loads)
 
     @property
+    def unloaded(self) -> Array:
+        """The loads (2, 4) of the unloaded arm at the lowest and the highest pressure."""
+        return unloaded(self.pressure)
+
+    @property
     def largest_force(self) -> float:
         """The largest end force seen, N."""
         return float(np.max(np.hypot(*self.end_load[:, :MOMENT].T)))
@@ -124,8 +130,8 @@ class LoadHull:
         """
         way = self.way_out(load)
         distance = float(np.linalg.norm(way))
-        if distance <= 0.0:
-            return 0.0, way
+        if distance <= ROUNDING * float(np.max(np.abs(load * self.scale))):
+            return 0.0, 0.0 * way
         left = 1.0 - float(np.linalg.norm(way * noise * self.scale)) / distance**2
         if left <= 0.0:
             return 0.0, 0.0 * way
