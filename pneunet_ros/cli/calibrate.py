@@ -94,7 +94,10 @@ def run(arguments: Namespace) -> int:
     """Read, fit, write."""
     started = time.perf_counter()
     frame = load_model(arguments.arm or arguments.earlier or share_path(PAPER_ARM))
-    earlier = None if arguments.earlier is None else load_knowledge(arguments.earlier)
+    earlier = None
+    if arguments.earlier is not None:
+        earlier = load_knowledge(arguments.earlier)
+        frame = replace(frame, domain=load_model(arguments.earlier).domain)
     check_outputs(arguments)
     with written_together(), progress_bar(shown=not arguments.json) as bar:
         read = read_experiments((arguments.unloaded, arguments.loaded), frame, arguments, bar)
