@@ -221,7 +221,7 @@ class FitSequence:
                 f'the calibration to be continued has the moment law {earlier.kind}'
             )
         law = None
-        if earlier.kind or loaded:
+        if kind is not None and (earlier.kind or loaded):
             stiffness = earlier.stiffness or self.first_stiffness
             law = self.law(kind, stiffness, (earlier.low, earlier.high))
         return self.fit('all that is new', runs, self.wide, law, earlier=earlier)

@@ -40,4 +40,4 @@ def departure_prior(parameters: Parameters, values: Array, known: ResolutionSett
     mean = values[: parameters.cells].reshape(parameters.pressure.size, -1).mean(axis=1)
     rest = known.nonuniform_rest / parameters.frame.length
     over = known.nonuniform**2 * np.outer(mean, mean) + rest**2
-    return np.kron(over, correlation(parameters.arclength, known.nonuniform_scale))
+    return np.asarray(np.kron(over, correlation(parameters.arclength, known.nonuniform_scale)))
