@@ -120,6 +120,11 @@ def solve(
     known = start.solution if start is not None else None
     arclength = station_arclength(arm.length, stations)
     shape = solve_rod(arm, arm.rods(np.array([chamber])), load, known, arclength)
+    return with_position(arm, shape, load, chamber)
+
+
+def with_position(arm: Arm, shape: Shape, load: Load, chamber: float) -> Shape:
+    """Return a shape that says where its load, at a chamber pressure (Pa), stands to the domain."""
     position = locate_load(arm, load, chamber)
     if not (shape.converged and position.words):
         return shape
