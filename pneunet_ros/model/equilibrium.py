@@ -166,7 +166,9 @@ def solve_rod(
     if reason:
         return failed_shape(arm, load, arclength, reason, problem.residual, problem.iterations)
     values = np.empty((FIELD_COUNT, arclength.size))
-    at_stations(problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values)
+    missed = at_stations(
+        problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values
+    )
     freeze(values)
     solution = problem.solution()
     stable = None
@@ -191,7 +193,7 @@ def solve_rod(
         pressure=load.pressure,
         converged=True,
         status=', '.join(words),
-        residual=problem.residual,
+        residual=max(problem.residual, missed),
         iterations=problem.iterations,
         stable=stable,
         extrapolated=beyond > 0.0,
