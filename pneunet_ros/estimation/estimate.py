@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.model.equilibrium import Sensitivity
+from pneunet_ros.measurement.second_order import SecondOrder
 from pneunet_ros.model.shape import Shape
 
 
@@ -19,8 +19,8 @@ class ShapeEstimate:
     std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None where
     no wrench is needed; warnings: sentences about what limits the estimate.
 
-    sensitivity and noise (sources, causes), the noise input matrix: the linearization from which
-    covariance and standard deviations come, so that nobody has to linearize again.
+    noise (sources, causes), the noise input matrix, and second_order, with the linearization in
+    it: from these covariance and standard deviations come, so that nobody has to linearize again.
     """
 
     stamp_ns: int
@@ -33,8 +33,8 @@ class ShapeEstimate:
     std_curvature: Array
     wrench_age: float | None
     warnings: tuple[str, ...]
-    sensitivity: Sensitivity | None = None
     noise: Array | None = None
+    second_order: SecondOrder | None = None
 
 
 Outcome = ShapeEstimate | Refusal | None

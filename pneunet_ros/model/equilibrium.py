@@ -53,7 +53,7 @@ class Sensitivity:
 
     tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
     The others are what `stations` needs: the solution with its changes per cause (causes, panels +
-    1, 6), the changes of its panels and of the table of rotation per further cause, and the table.
+    1, 6), the changes of its panels, ends and table of rotation per further cause, and the table.
     """
 
     tip: Array
@@ -62,6 +62,7 @@ class Sensitivity:
     knots: Array
     rotation: Array
     panel_changes: Array
+    end_changes: Array
     rotation_changes: Array
     node_changes: Array
 
@@ -267,6 +268,7 @@ def linearize_shape(
         knots=rods.knots,
         rotation=rods.rotation[0],
         panel_changes=panels,
+        end_changes=ends,
         rotation_changes=rotation,
         node_changes=nodes,
     )

@@ -18,7 +18,7 @@ class Shape:
     `status` says why.
 
     `residual` is the largest violation of the rod equations in rad, at the Gauss points and
-    between them (there it is a bound, mostly ten times what the stations show). `stable` says
+    between them (there it is a bound, some 20 times what the stations show). `stable` says
     whether the equilibrium is a minimum of energy under dead load (None: not defined, negative
     rigidity); `extrapolated` that the pressure lies outside the calibrated range.
     """
