@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
-from pneunet_ros.calibration.noise_estimate import estimate_noise, second_differences
+from pneunet_ros.calibration.noise_estimate import estimate_noise, quiet_series, second_differences
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
 from support.example_arms import paper_arm
@@ -136,3 +136,13 @@ def test_readings_that_follow_a_restless_pressure_are_not_taken_for_noise():
     alike = [60.0 * random.standard_normal(160) for _ in range(6)]
     assert len(quiet_series(alike)) == 6
     assert quiet_series([np.arange(30.0)]) != []
+
+
+def test_neither_static_frames_nor_a_known_load_tell_of_noise_in_time():
+    some = runs(TRUE)
+    static = [replace(run, static=True) for run in some]
+    assert estimate_noise(static, PAPER.target_arclength, ASSUMED).noise == ASSUMED
+    known = [run.with_end_load(0.1, 0.0) if run.loaded else run for run in some]
+    found = estimate_noise(known, PAPER.target_arclength, ASSUMED).noise
+    assert (found.force_std, found.moment_std) == (ASSUMED.force_std, ASSUMED.moment_std)
+    assert found.target_std < 2.0 * TRUE.target_std

@@ -51,7 +51,11 @@ def summary_of(pairs: Sequence[Pair]) -> dict[str, Any]:
     for pair in pairs:
         blocks.setdefault(pair[0]['block'], []).append(pair)
     failed = [pair for pair in pairs if pair[1]['failed']]
-    library = [pair for name in ('single', 'pairs', 'confusable', 'rated_single', 'rated_pairs') for pair in blocks.get(name, [])]
+    library = [
+        pair
+        for name in ('single', 'pairs', 'confusable', 'rated_single', 'rated_pairs')
+        for pair in blocks.get(name, [])
+    ]
     result: dict[str, Any] = {
         'trials': len(pairs),
         'failed': sorted({f'{truth["key"]}: {answer["failed"]}' for truth, answer in failed}),

@@ -41,7 +41,10 @@ def filter_pressure(
     Between corners the readings lie on a straight line within their noise, std (Pa), so that a
     step, a turning point and all else that can be seen in the readings stays where it was; a step
     between two readings, and readings that noise does not explain, are kept as they are.
+    So are static frames.
     """
+    if run.static:
+        return run
     stamps = run.reading_stamp_ns
     seconds = (stamps - stamps[0]) / NANOSECONDS_PER_SECOND
     lines = Lines(seconds, run.pressure, max(std, settings.least_std), settings)
