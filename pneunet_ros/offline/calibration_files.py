@@ -10,7 +10,11 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.moment_law_parameters import MajidiParameters, MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.moment_law_parameters import (
+    MajidiParameters,
+    MOMENT_LAW_PARAMETERS,
+    PiecewiseParameters,
+)
 from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError
 from pneunet_ros.files.atomic import atomic_output
@@ -59,9 +63,10 @@ def described_arm(
             sources[f'moment_law.{key}'] = assumed if law.assumed else source
     elif law is not None:
         sources['moment_law'] = fitted
-        sources['moment_law.moment_offset'] = (
-            'fixed at zero: beside kappa_p0 it cannot be identified'
-        )
+        if isinstance(law, PiecewiseParameters):
+            sources['moment_law.moment_offset'] = (
+                'fixed at zero: beside kappa_p0 it cannot be identified'
+            )
     else:
         sources['moment_law'] = f'not fitted, there was no loaded recording; as in {frame.name}'
     for key, text in calibration.noise.sources.items():
