@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from pneunet_ros.calibration.consistency import describe_misfit, outlier_recordings
 from pneunet_ros.calibration.experiments import FitSequence, LawScore
 from pneunet_ros.calibration.identifiability import undetermined_quantities
@@ -25,6 +26,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import Domain, spanned_domain
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 
 
@@ -92,7 +94,8 @@ def calibrate(
     unloaded = [run.without_load() for run in unloaded]
     runs = [*unloaded, *loaded]
     noise = estimate_noise(runs, frame.target_arclength, frame.sensors, settings.noise_estimate)
-    frame = replace(frame, sensors=noise.noise, covariance=None)
+    known = frame.domain if earlier is not None else None
+    frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     resolution = resolve(frame, unloaded, loaded, settings.resolution)
     if resolution.constant_pressure and kind == PiecewiseLinearLaw.kind:
         raise RequestError(
@@ -118,7 +121,7 @@ def calibrate(
     covariance, explained_variance = low_rank(joint, settings=settings.experiments)
     outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(
-        arm=replace(joint.arm, covariance=covariance),
+        arm=replace(joint.arm, covariance=covariance, domain=domain_of(joint, known)),
         noise=noise,
         posterior=posterior,
         free=free,
@@ -134,3 +137,12 @@ def calibrate(
         ),
         settings=settings,
     )
+
+
+def domain_of(joint: Fit, known: Domain | None) -> Domain:
+    """Return what the recordings of a fit spanned, and what was known before."""
+    seen = [
+        np.column_stack([run.inputs.loads, run.inputs.pressure])[run.solved] for run in joint.runs
+    ]
+    loads = np.concatenate([*seen, *([] if known is None else [known.end_load, known.unloaded])])
+    return spanned_domain(loads, joint.arm.length, joint.arm.table_range)

@@ -134,7 +134,7 @@ class FitSequence:
             hyperparameters=hyperparameters,
             law=law,
             known=earlier,
-            shapes=self.shapes,
+            shapes=self.shapes if earlier is None else earlier.shapes or None,
         )
         return fit(
             parameters,
@@ -253,7 +253,7 @@ class FitSequence:
                 f'the calibration to be continued has the moment law {earlier.kind}'
             )
         law = None
-        if earlier.kind or loaded:
+        if kind is not None and (earlier.kind or loaded):
             stiffness = earlier.stiffness or self.first_stiffness
             law = self.law(kind, stiffness, (earlier.low, earlier.high))
         return self.fit('all that is new', runs, self.wide, law, earlier=earlier)

@@ -59,8 +59,8 @@ def resolve(
     notes = []
     if shapes == 1:
         notes.append(
-            f'the curvature along the arm is taken as constant: {count_of(targets, "target")}, '
-            f'{places(targets)}, tell no more'
+            'the curvature along the arm is taken as constant, as no more is seen than '
+            f'{count_of(targets, "target")}, {places(targets)}'
         )
     elif shapes < known.knots:
         notes.append(
@@ -82,9 +82,9 @@ def resolve(
     if loaded and (frames < known.law_frames or shapes < known.law_shapes or constant):
         law = LinearLaw.kind
         notes.append(
-            f'the moment law is one stiffness EI: {count_of(range(frames), "loaded frame")} of '
-            f'{count_of(targets, "target")} at {count_of(range(pressures), "pressure")} tell no '
-            'more (--law fits another)'
+            'the moment law is one stiffness EI, as no more is seen than '
+            f'{count_of(range(frames), "loaded frame")} of {count_of(targets, "target")} at '
+            f'{count_of(range(pressures), "pressure")} (--law fits another)'
         )
     return Resolution(
         shapes=shapes,

@@ -27,15 +27,13 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.diagnosis import diagnose
-from pneunet_ros.diagnosis.result import Answer
+from pneunet_ros.diagnosis.result import CLEAR
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 from pneunet_ros.offline.calibration_files import inputs_of
 from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
 from rich.progress import Progress
 import scipy
-
-CLEAR: tuple[Answer, ...] = ('none', 'named')  # answers that are no 'I cannot tell'
 
 
 def options(parser: ArgumentParser) -> None:
