@@ -20,7 +20,14 @@ def shipped_files():
 
 
 CLUSTER = ['distributed>=2024.2']
-TEST = [*CLUSTER, 'hypothesis>=6.98', 'pytest>=7.4']
+TEST = [
+    *CLUSTER,
+    'hypothesis>=6.98',
+    'pytest>=7.4',
+    # The photographs that they ship, on which pictures are composed.
+    'scikit-image>=0.22',
+    'scikit-learn>=1.4',
+]
 # The wheels of ROS 2 Jazzy exist for Linux on x86-64; elsewhere ROS comes from its own packages.
 WHEELS = 'sys_platform == "linux" and platform_machine == "x86_64" and python_version < "3.14"'
 
@@ -63,7 +70,6 @@ setup(
             'import-linter>=2.5',
             'mypy>=2.4,<2.5',
             'ruff>=0.17,<0.18',
-            'scikit-learn>=1.4',
             'setuptools>=68',
         ],
     },

@@ -111,7 +111,7 @@ class _Output:
         if not self.final.is_dir():
             os.replace(self.temporary, self.final)
             return
-        # A folder cannot be renamed onto a filled one: the old one steps aside, and back if need be.
+        # A folder cannot be renamed onto a filled one: the old one steps aside first.
         aside = self.scratch / REPLACED
         os.rename(self.final, aside)
         try:

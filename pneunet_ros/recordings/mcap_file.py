@@ -2,7 +2,7 @@
 
 Whole, unindexed (`fastwrite`) and cut-off files give the same description, so that whoever reads
 messages need not know which of them it is. Every checksum that there is, is held against what it
-covers: what is damaged is left out, and `McapFile.damage` says so. No length in a file is believed.
+covers: what is damaged is left out, and `McapFile.damage` says so. No length is believed.
 """
 
 from __future__ import annotations
