@@ -129,8 +129,10 @@ def run(arguments: Namespace) -> int:
 
 def consistency_summary(tally: Tally) -> dict[str, object]:
     """Return how the targets agreed with the estimates, where they did so worst."""
-    worst = tally.disagreement
+    worst, agreement = tally.disagreement, tally.agreement
     return {
+        'agreement': None if agreement is None else dataclasses.asdict(agreement),
+        'holds': None if agreement is None else agreement.holds,
         'targets_matched': tally.consistency.matched,
         'targets_unmatched': dict(tally.consistency.unmatched),
         'worst': None if worst is None else dataclasses.asdict(worst),
@@ -152,13 +154,9 @@ def show(summary: dict[str, object], tally: Tally) -> None:
         ', '.join(f'{count} {reason}' for reason, count in rejected.items()) or 'none',
     )
     table.add_row('worst residual', f'{summary["worst_residual"]:.1e} rad')
-    worst = tally.disagreement
-    if worst is not None:
-        table.add_row(
-            'measured targets',
-            f'at most {worst.rms:.3g} x their noise from the estimate '
-            f'(noise alone: less than {worst.limit:.3g})',
-        )
+    worst, agreement = tally.disagreement, tally.agreement
+    if agreement is not None:
+        table.add_row('measured targets', agreement.sentence)
     if tally.last is not None:
         x, y, _ = tally.last.shape.tip
         pressure = kilopascals(tally.last.shape.pressure)
