@@ -167,9 +167,7 @@ def conclude(
     return Diagnosis(
         answer=verdict.answer,
         sentence=describe_verdict(verdict, before.rms, after.rms),
-        effects=describe_effects(
-            verdict.trial.refit, verdict.probability, settings.augmented_model
-        ),
+        effects=describe_effects(verdict.trial.refit, verdict.probability),
         alternatives=verdict.alternatives,
         where=misfit_shares(frames),
         where_sentence=describe_misfit(frames),
