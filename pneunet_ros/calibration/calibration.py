@@ -93,9 +93,7 @@ def calibrate(
     noise = estimate_noise(runs, frame.target_arclength, frame.sensors, settings.noise_estimate)
     frame = replace(frame, sensors=noise.noise, covariance=None)
     resolution = resolve(frame, unloaded, loaded, settings.resolution)
-    fits = FitSequence(
-        frame, noise, runs, on_progress, resolution=resolution, settings=settings
-    )
+    fits = FitSequence(frame, noise, runs, on_progress, resolution=resolution, settings=settings)
     laws: tuple[LawScore, ...] = ()
     if earlier is not None:
         free = joint = fits.continue_from(earlier, runs, kind, bool(loaded))
