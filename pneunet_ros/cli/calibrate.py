@@ -26,9 +26,10 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.settings import settings_changed
 from pneunet_ros.core.share import share_path
+from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.model.moment_law import PiecewiseLinearLaw
+from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 from pneunet_ros.offline.calibration_files import (
     described_arm,
     inputs_of,
@@ -68,8 +69,8 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--law',
         choices=tuple(MOMENT_LAW_PARAMETERS),
-        default=PiecewiseLinearLaw.kind,
-        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10)',
+        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10; where the loaded '
+        f'frames are too few for it, {LinearLaw.kind})',
     )
     parser.add_argument(
         '--continue',
@@ -93,9 +94,12 @@ def run(arguments: Namespace) -> int:
     """Read, fit, write."""
     started = time.perf_counter()
     frame = load_model(arguments.arm or arguments.earlier or share_path(PAPER_ARM))
-    earlier = None if arguments.earlier is None else load_knowledge(arguments.earlier)
+    earlier = None
+    if arguments.earlier is not None:
+        earlier = load_knowledge(arguments.earlier)
+        frame = replace(frame, domain=load_model(arguments.earlier).domain)
     check_outputs(arguments)
-    with progress_bar(shown=not arguments.json) as bar:
+    with written_together(), progress_bar(shown=not arguments.json) as bar:
         read = read_experiments((arguments.unloaded, arguments.loaded), frame, arguments, bar)
         unloaded, loaded = read.groups
         if not unloaded:
