@@ -41,12 +41,16 @@ def estimate_noise(
     arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion;
     nor do static ones, which have no order in time.
     """
+    headings = [run for run in runs if run.heading is not None]
+    if headings and assumed.heading_std == 0.0:
+        assumed = replace(assumed, heading_std=known.heading)
     runs = [run for run in runs if len(run.stamp_ns) >= known.fewest and not run.static]
     loaded = [run for run in runs if run.loaded and not run.load_known]
     readings = {
         'pressure': [run.pressure for run in runs],
         'force': [values for run in loaded for values in run.force.T],
         'moment': [run.moment for run in loaded if np.any(run.moment != 0.0)],
+        'heading': [np.unwrap(run.heading) for run in runs if run.heading is not None],
     }
     found: dict[str, tuple[float | None, str]] = {
         f'{name}_std': (
@@ -68,6 +72,8 @@ def estimate_noise(
     noise, sources = assumed, {}
     for item in fields(SensorNoise):
         std, sentence = found[item.name]
+        if item.name == 'heading_std' and not headings:
+            continue
         if std is None:
             sources[item.name] = 'assumed; these recordings cannot tell'
             continue

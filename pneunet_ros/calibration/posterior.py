@@ -35,6 +35,10 @@ class PosteriorState(PriorState):
         size = self.values.size + self.placement.size
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
 
+    def has_tip(self, painted: int) -> bool:
+        """Whether the tip's pose was one target more than so many."""
+        return self.placement.size == 2 * (painted + 1)
+
 
 def posterior_of(fit: Fit, low: float, high: float) -> PosteriorState:
     """Return what a fit knows; low, high (Pa): the range of its moment law."""
