@@ -47,6 +47,7 @@ class NoiseEstimateSettings:
     """How the noise of recordings is found."""
 
     fewest: int = tuning(20, 'values for an estimate, and frames of a run to take them from')
+    restless: float = tuning(1.5, 'readings of a run that moves', unit='of the quietest run')
     even: float = tuning(1.5, 'mean over targets, of an even motion', unit='sigma')
     at_clamp: float = tuning(0.01, 'so near a target does not move with the arm', unit='length')
     blocks: int = tuning(8, 'of a run, whose means show the drift of the camera')

@@ -15,6 +15,7 @@ from pneunet_ros.core.settings import tuning
 from scipy.optimize import nnls
 
 MOST_LOADS = 64  # rows of `domain.end_load`: each costs time at every reading
+FAR = 1e9  # N; what lies further is no further
 ROUNDING = 1e-9  # of a load: what arithmetic leaves of a distance that is none
 MOMENT, PRESSURE = 2, 3  # columns of `domain.end_load`, after F1 and F2
 
@@ -114,7 +115,7 @@ class LoadHull:
         Zero inside. The nearest point solves least squares with weights that are not negative:
         Lawson & Hanson, Solving Least Squares Problems (1974), chapter 23.
         """
-        offsets = load * self.scale - self.points
+        offsets = np.clip(load * self.scale, -FAR, FAR) - self.points
         furthest = float(np.max(np.abs(offsets)))
         if furthest == 0.0:
             return np.zeros(4)
