@@ -81,7 +81,7 @@ def diagnose(
     Args:
         model: the arm, with the effects that are known already.
         training: recordings of pressure (Pa), end load (N, N m) and targets (m, base frame), at
-            least one of them without a load.
+            least one of them without a load. A measured pose of the tip is not used.
         held_out: others, in the same range of pressure and force; may be empty.
         seed: of the simulated clean data behind the thresholds.
         executor: where they are simulated; here if None.
@@ -98,6 +98,9 @@ def diagnose(
         ModelError: the model has no shape in most of the recordings.
 
     """
+    training, held_out = (
+        [run.without_tip_pose() for run in runs] for runs in (training, held_out)
+    )
     base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
     if not base.fit.converged:
         return unsettled(base.fit.status, seed, settings)
