@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from pneunet_ros import load_model, solve
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.cli import calibrate
+from pneunet_ros.cli import calibrate, experiments
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.core.share import share_path
@@ -203,7 +203,7 @@ def test_what_is_wrong_is_one_sentence(run, lab, arguments, sentence):
 
 @pytest.mark.parametrize('taken', ['model.yaml', 'model.knowledge.npz', 'report'])
 def test_nothing_is_overwritten_unasked(run, lab, taken, monkeypatch):
-    monkeypatch.setattr(calibrate, 'read_run', lambda *_: pytest.fail('read before it refused'))
+    monkeypatch.setattr(experiments, 'read_run', lambda *_: pytest.fail('read before it refused'))
     Path(taken).write_text('mine')
     code, _, err = run(*all_of(lab), '--output', 'model.yaml', '--report', 'report')
     assert code == 2

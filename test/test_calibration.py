@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.held_out import score
-from pneunet_ros.calibration.low_rank import run_jacobian
+from pneunet_ros.calibration.low_rank import shape_jacobian
 from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.readings import PressureReading
@@ -170,7 +170,7 @@ def test_few_columns_have_the_variance_of_the_shape():
     fit, covariance = found.joint, found.arm.covariance
     assert covariance.factor.shape[1] <= MOST_COLUMNS
     assert 0.8 < found.explained_variance <= 1.0
-    moved = np.concatenate([run_jacobian(fit, run, 24) for run in fit.runs])
+    moved = shape_jacobian(fit, 24)
     whole = np.einsum('pi,ij,pj->', moved, fit.covariance, moved)
     names, change = fit.parameters.quantities()
     assert covariance.quantities == names

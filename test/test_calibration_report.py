@@ -140,7 +140,7 @@ def test_an_earlier_report_is_replaced_only_when_asked(monkeypatch, tmp_path):
     with pytest.raises(RecordingError, match='--overwrite'):
         write_report(calibration(), tmp_path / 'out', provenance={'seed': 2})
     path = write_report(calibration(), tmp_path / 'out', provenance={'seed': 3}, overwrite=True)
-    assert '<th>seed</th><td><code>3</code>' in path.read_text(encoding='utf-8')
+    assert '>seed</th><td><code>3</code>' in path.read_text(encoding='utf-8')
     (tmp_path / 'out' / 'notes.txt').write_text('mine')
     with pytest.raises(RecordingError, match=r'notes\.txt'):
         write_report(calibration(), tmp_path / 'out', provenance={}, overwrite=True)

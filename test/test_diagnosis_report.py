@@ -81,12 +81,12 @@ def test_nothing_leaves_the_page(page):
 def test_all_files_are_there(written, page):
     folder, told = written
     pictures = sorted(item.name for item in folder.glob('figure_*.png'))
-    assert len(pictures) == 7
+    assert len(pictures) == sum(map(len, FIGURES.values()))
     assert sorted(item.name for item in folder.iterdir()) == sorted(
         [*pictures, MODEL, NUMBERS, PAGE]
     )
     assert page.count('data:image/png;base64,') == len(pictures)
-    assert told[-1] == ('pictures', 7, 7)
+    assert told[-1] == ('pictures', len(pictures), len(pictures))
 
 
 def test_the_answer_comes_first(page):
@@ -186,11 +186,11 @@ def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     data = FigureData(diagnosis=nothing, training=training, held_out=held_out)
     pictures = draw_figures(FIGURES, data, lambda *_: None)
     names = [item.name for of_part in pictures.values() for item in of_part]
-    assert names == ['01_model_error', '02_shapes', '04_shares']
+    assert names == ['01_errors', '02_model_error', '03_shapes', '05_shares']
     text = report_page(nothing, pictures, PROVENANCE)
     assert 'No effect was added' in text
     assert 'stays at' in error_sentence(nothing)
-    assert Page(text).tags.count('img') == 3
+    assert Page(text).tags.count('img') == 4
 
 
 def test_the_worst_frames_are_where_the_model_is_furthest_off():
@@ -198,8 +198,8 @@ def test_the_worst_frames_are_where_the_model_is_furthest_off():
     items = FigureData(diagnosis=found, training=training, held_out=held_out).errors()
     frames = worst_frames(items)
     assert len(frames) == 4
-    worst = max(items, key=lambda item: item.rms_before.max())
-    assert frames[0] == (worst, int(np.argmax(worst.rms_before)))
+    worst = max(items, key=lambda item: item.misfit.max())
+    assert frames[0] == (worst, int(np.argmax(worst.misfit)))
     assert {item.run.name for item, _ in frames} == {run.name for run in held_out}
     assert len({(item.run.name, frame) for item, frame in frames}) == 4
 

@@ -24,9 +24,11 @@ from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
+from support.example_arms import WIDE
 
 SECOND = 1_000_000_000
-ARM = load_model(share_path('config/paper_arm.yaml'))
+PAPER_ARM = load_model(share_path('config/paper_arm.yaml'))
+ARM = replace(PAPER_ARM, domain=WIDE)  # the domain has tests of its own
 PRESSURE, FORCE, MOMENT = 31e3, (0.175, 0.07), 2e-4
 NAMES = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
 
@@ -162,9 +164,15 @@ def test_the_frame_of_the_sensor_may_be_named(frame):
     assert estimate.shape.force == FORCE
 
 
-def test_a_wrench_that_names_no_frame_is_in_the_base_frame_unless_another_is_set():
-    assert isinstance(last(PLAIN, wrench(1, frame=''), pressure(1)), ShapeEstimate)
-    assert last(estimator_with(wrench_frame='tool0'), wrench(1, frame='')).reason == 'wrong_frame'
+def test_a_wrench_that_names_no_frame_is_refused():
+    for estimator, named in (
+        (PLAIN, 'it must be pneunet_base'),
+        (estimator_with(wrench_frame='tool0'), 'it must be pneunet_base or tool0'),
+    ):
+        refusal = last(estimator, wrench(1, frame=''))
+        assert (refusal.reason, refusal.error) == ('wrong_frame', True)
+        assert 'header.frame_id is empty' in refusal.sentence
+        assert refusal.sentence.endswith(named)
 
 
 @pytest.mark.parametrize('yaw', [0.7, -math.pi / 2])
@@ -593,7 +601,11 @@ def column_estimator() -> Estimator:
         pressure=[-50e3, 50e3], arclength=[0.0, 1.0], curvature=[[-10.0, -10.0], [10.0, 10.0]]
     )
     arm = replace(
-        ARM, intrinsic_curvature=bent, moment_law=LinearLaw(bending_stiffness=1e-3), effects=()
+        ARM,
+        intrinsic_curvature=bent,
+        moment_law=LinearLaw(bending_stiffness=1e-3),
+        effects=(),
+        domain=None,
     )
     return estimator_with(arm)
 

@@ -120,3 +120,23 @@ def test_rows_of_the_table_weigh_as_kappa_does():
     assert series.solve(arm, inputs).all()
     wanted = weights @ arm.intrinsic_curvature.curvature
     assert series.fields[:, 4] == pytest.approx(wanted, abs=1e-9)
+
+
+def test_static_frames_have_no_past():
+    arm = paper_arm(EFFECTS)
+    moving = made(arm, UP_AND_DOWN, FORCE)
+    static = replace(moving, static=True)
+    backwards = replace(
+        static, **{name: getattr(static, name)[::-1] for name in ('pressure', 'force', 'moment')}
+    )
+    whole, turned, after = inputs_of(arm, [static, backwards, moving])
+    np.testing.assert_array_equal(whole.pressure, turned.pressure[::-1])
+    np.testing.assert_array_equal(whole.loads, turned.loads[::-1])
+    for history, other in zip(whole.histories, turned.histories, strict=True):
+        np.testing.assert_array_equal(history, other[::-1])
+    # Rested at a pressure, the line is through and the play in its middle.
+    np.testing.assert_allclose(whole.pressure, 0.97 * UP_AND_DOWN, rtol=1e-12)
+    # And nothing of them is remembered.
+    (alone,) = inputs_of(arm, [moving])
+    np.testing.assert_array_equal(after.pressure, alone.pressure)
+    assert not np.allclose(after.pressure, whole.pressure, rtol=1e-3)

@@ -123,3 +123,13 @@ def test_numbers_are_kept_to_what_they_mean():
     for name in NAMES:
         value = getattr(found, name)
         assert value == float(f'{value:.3g}')
+
+
+def test_neither_static_frames_nor_a_known_load_tell_of_noise_in_time():
+    some = runs(TRUE)
+    static = [replace(run, static=True) for run in some]
+    assert estimate_noise(static, PAPER.target_arclength, ASSUMED).noise == ASSUMED
+    known = [run.with_end_load(0.1, 0.0) if run.loaded else run for run in some]
+    found = estimate_noise(known, PAPER.target_arclength, ASSUMED).noise
+    assert (found.force_std, found.moment_std) == (ASSUMED.force_std, ASSUMED.moment_std)
+    assert found.target_std < 2.0 * TRUE.target_std

@@ -9,20 +9,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from pneunet_ros.calibration.consistency import outlier_recordings
 from pneunet_ros.calibration.experiments import FitSequence, LawScore
 from pneunet_ros.calibration.identifiability import undetermined_quantities
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
+from pneunet_ros.calibration.nonuniformity import consider_nonuniformity
 from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
 from pneunet_ros.calibration.preconditions import check_runs
+from pneunet_ros.calibration.resolution import resolve
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import Domain, spanned_domain
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 
 
@@ -53,7 +57,7 @@ def calibrate(
     loaded: Sequence[RecordingData],
     frame: Arm,
     *,
-    kind: str = PiecewiseLinearLaw.kind,
+    kind: str | None = None,
     compare: bool = True,
     earlier: PosteriorState | None = None,
     on_progress: OnProgress = say_nothing,
@@ -67,7 +71,8 @@ def calibrate(
         loaded: recordings under end load, N and N m in the base frame; may be none.
         frame: an arm that gives length, weight, clamp, targets, effects, and what the recordings
             cannot tell; of a Majidi law also the section.
-        kind: the moment law to fit.
+        kind: the moment law to fit; None: the paper's, or one stiffness where the loaded frames
+            tell no more.
         compare: fit the other laws too, each time without one of the loaded recordings.
         earlier: go on from what another calibration knew, on its tables.
         on_progress: is told the stage, how far it is, and of how much (0: unknown).
@@ -81,36 +86,52 @@ def calibrate(
         RecordingError: the recordings do not fit the experiments.
 
     """
-    if kind not in MOMENT_LAW_PARAMETERS:
+    if kind is not None and kind not in MOMENT_LAW_PARAMETERS:
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
         raise RequestError(f'the moment law must be one of {allowed}, not {kind}')
     check_runs(unloaded, loaded, frame, first=earlier is None, settings=settings)
     unloaded = [run.without_load() for run in unloaded]
     runs = [*unloaded, *loaded]
     noise = estimate_noise(runs, frame.target_arclength, frame.sensors, settings.noise_estimate)
-    frame = replace(frame, sensors=noise.noise, covariance=None)
-    fits = FitSequence(frame, noise, runs, on_progress, settings=settings)
+    known = frame.domain if earlier is not None else None
+    frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
+    resolution = resolve(frame, unloaded, loaded, settings.resolution)
+    fits = FitSequence(frame, noise, runs, on_progress, resolution=resolution, settings=settings)
     laws: tuple[LawScore, ...] = ()
     if earlier is not None:
         free = joint = fits.continue_from(earlier, runs, kind, bool(loaded))
     else:
         free = joint = fits.first_experiment(unloaded)
     if loaded and earlier is None:
-        law = fits.law(kind, fits.stiffness(runs, free))
+        law = fits.law(kind or resolution.law, fits.stiffness(runs, free))
         joint = fits.joint(runs, free, law)
-        if compare and len(loaded) > 1:
+        if compare and len(loaded) > 1 and resolution.law == PiecewiseLinearLaw.kind:
             laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
+    posterior = posterior_of(joint, *fits.span(earlier))
+    joint = consider_nonuniformity(joint, settings.resolution)
     covariance, explained_variance = low_rank(joint, settings=settings.experiments)
-    span = earlier or fits
     outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(
-        arm=replace(joint.arm, covariance=covariance),
+        arm=replace(joint.arm, covariance=covariance, domain=domain_of(joint, known)),
         noise=noise,
-        posterior=posterior_of(joint, span.low, span.high),
+        posterior=posterior,
         free=free,
         joint=joint,
         laws=laws,
         explained_variance=explained_variance,
-        notes=(*undetermined_quantities(joint, settings.identifiability), *outliers),
+        notes=(
+            *resolution.notes,
+            *undetermined_quantities(joint, settings.identifiability),
+            *outliers,
+        ),
         settings=settings,
     )
+
+
+def domain_of(joint: Fit, known: Domain | None) -> Domain:
+    """Return what the recordings of a fit spanned, and what was known before."""
+    seen = [
+        np.column_stack([run.inputs.loads, run.inputs.pressure])[run.solved] for run in joint.runs
+    ]
+    loads = np.concatenate([*seen, *([] if known is None else [known.end_load, known.unloaded])])
+    return spanned_domain(loads, joint.arm.length, joint.arm.table_range)

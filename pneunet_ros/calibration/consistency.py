@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import itertools
 
 import numpy as np
-import numpy.typing as npt
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CONSISTENCY, SameArmSettings
 from pneunet_ros.core.arrays import Array
@@ -54,7 +53,7 @@ def tip_distance(
     pressures = np.subtract.outer(one.frame_pressure, other.frame_pressure)
     same = np.abs(pressures) < known.same_pressure * top
     if one is other:
-        same &= np.abs(np.subtract.outer(times(one), times(other))) > known.another_time
+        same &= np.abs(np.subtract.outer(one.progress, other.progress)) > known.another_time
     distance = np.hypot(*(first[:, :, None] - second[:, None, :]))[same]
     distance = distance[np.isfinite(distance)]
     return float(np.percentile(distance, 90.0)) if distance.size >= known.fewest_pairs else None
@@ -65,12 +64,6 @@ def chord(run: RecordingData) -> Array:
     ever = np.flatnonzero(run.seen.any(axis=0))
     first, last = ever[0], ever[-1]
     return np.stack([run.x[:, last] - run.x[:, first], run.y[:, last] - run.y[:, first]])
-
-
-def times(run: RecordingData) -> npt.NDArray[np.float64]:
-    """Return the time of every frame as a share of the run, 0 to 1."""
-    span = max(int(run.stamp_ns[-1] - run.stamp_ns[0]), 1)
-    return np.asarray((run.stamp_ns - run.stamp_ns[0]) / span, np.float64)
 
 
 def outlier_recordings(fit: Fit, known: SameArmSettings = CONSISTENCY) -> list[str]:

@@ -16,6 +16,7 @@ from pneunet_ros.calibration.moment_law_parameters import (
 from pneunet_ros.calibration.noise_estimate import NoiseEstimate
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.posterior import PosteriorState
+from pneunet_ros.calibration.resolution import Resolution
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.arrays import Array
@@ -44,7 +45,7 @@ class FitSequence:
     """The fits one after the other, each starting where the one before has ended.
 
     low, high (Pa): what the recordings span. uniform: kappa_p0 is the same all along the arm; that
-    is part of the model.
+    is part of the model. resolution: what the recordings can resolve; None: all that is fitted.
     """
 
     def __init__(
@@ -55,20 +56,32 @@ class FitSequence:
         on_progress: OnProgress,
         *,
         uniform: bool = False,
+        resolution: Resolution | None = None,
         settings: CalibrationSettings = CALIBRATION,
     ) -> None:
         """Take an arm that has all that is not fitted, and all recordings."""
-        self.frame, self.noise, self.on_progress, self.uniform = frame, noise, on_progress, uniform
+        self.frame, self.noise, self.on_progress = frame, noise, on_progress
         self.settings, known = settings, settings.experiments
-        # rounded to what a sensor tells
+        self.shapes = resolution.free_shapes if resolution is not None else None
+        self.uniform = uniform or self.shapes == 1
         pressures = np.concatenate([inputs.pressure for inputs in inputs_of(frame, runs)])
-        low, high = np.quantile(pressures, [known.outliers, 1.0 - known.outliers])
+        self.knots = np.linspace(0.0, 1.0, 2 if uniform else settings.resolution.knots)
+        if resolution is not None and resolution.constant_pressure:
+            self.low = self.high = float(np.median(pressures))
+            self.rows = np.array([self.low])
+            return
+        # rounded to what a sensor tells
+        ends = [known.outliers, 1.0 - known.outliers]
+        low, high = (float(np.quantile(pressures, end, method='nearest')) for end in ends)
         self.low = float(np.floor(low / 100.0) * 100.0)
         self.high = float(np.ceil(high / 100.0) * 100.0)
-        self.knots = np.linspace(0.0, 1.0, 2 if uniform else known.knots)
         count = round((self.high - self.low) / known.row_distance) + 1
         count = min(max(count, known.fewest_rows), known.most_rows)
         self.rows = np.linspace(self.low, self.high, count)
+
+    def span(self, earlier: PosteriorState | None) -> tuple[float, float]:
+        """Return the range of pressure (Pa) of the moment law."""
+        return (self.low, self.high) if earlier is None else (earlier.low, earlier.high)
 
     @property
     def wide(self) -> Hyperparameters:
@@ -118,6 +131,7 @@ class FitSequence:
             hyperparameters=hyperparameters,
             law=law,
             known=earlier,
+            shapes=self.shapes,
         )
         return fit(
             parameters,
@@ -187,7 +201,11 @@ class FitSequence:
         return tuple(results)
 
     def continue_from(
-        self, earlier: PosteriorState, runs: Sequence[RecordingData], kind: str, loaded: bool
+        self,
+        earlier: PosteriorState,
+        runs: Sequence[RecordingData],
+        kind: str | None,
+        loaded: bool,
     ) -> Fit:
         """Fit new recordings with what was known as the prior, on the tables there were."""
         beyond = EXTRAPOLATION * (earlier.high - earlier.low)
@@ -203,7 +221,7 @@ class FitSequence:
                 f'the calibration to be continued has the moment law {earlier.kind}'
             )
         law = None
-        if earlier.kind or loaded:
+        if kind is not None and (earlier.kind or loaded):
             stiffness = earlier.stiffness or self.first_stiffness
             law = self.law(kind, stiffness, (earlier.low, earlier.high))
         return self.fit('all that is new', runs, self.wide, law, earlier=earlier)

@@ -7,6 +7,7 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import EXPERIMENTS, ExperimentSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.linearization import FittedRun, parameter_jacobian
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 
@@ -20,10 +21,12 @@ def low_rank(
 
     Of the factor Q of the full covariance those directions are kept in which the targets of the
     fitted frames move most, `most` of them, enlarged so that the variance in total is that of all.
+    Where targets show less than the table of kappa_p0 holds, all of the arm counts, also at the
+    pressures of the table.
     """
     factor = np.linalg.cholesky(fit.covariance + 1e-12 * np.diag(np.diag(fit.covariance)))
-    jacobians = [run_jacobian(fit, run, settings.covariance_frames) for run in fit.runs]
-    moved = np.concatenate(jacobians) @ factor
+    count = settings.covariance_frames
+    moved = shape_jacobian(fit, count) @ factor
     _, sizes, turned = np.linalg.svd(moved, full_matrices=False)
     share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))
     columns = factor @ turned[:most].T / np.sqrt(share)
@@ -34,13 +37,31 @@ def low_rank(
     return ModelCovariance(quantities=names, factor=rounded), share
 
 
-def run_jacobian(fit: Fit, fitted: FittedRun, count: int) -> Array:
-    """Return how targets in so many frames of a run move per parameter, (points, parameters)."""
-    arm = fit.arm
+def shape_jacobian(fit: Fit, count: int) -> Array:
+    """Return how the arm moves per parameter in so many frames of every run, (points, parameters).
+
+    Its targets; where these are few, its knots too, and unloaded at the pressures of the table.
+    """
+    arm, parameters = fit.arm, fit.parameters
+    inputs = [run_inputs(run, count) for run in fit.runs]
+    places = arm.target_arclength
+    if parameters.shapes is not None:
+        places = np.union1d(places, arm.length * parameters.arclength)
+        rows = parameters.pressure
+        inputs.append(Inputs(pressure=rows, loads=np.zeros((rows.size, 3))))
+    return np.concatenate([jacobian_at(fit, item, places) for item in inputs])
+
+
+def run_inputs(fitted: FittedRun, count: int) -> Inputs:
+    """Return the inputs of so many frames of a run, evenly spread."""
     frames = np.unique(np.linspace(0, len(fitted.solved) - 1, count).astype(int))
-    inputs = fitted.inputs.subset(frames[fitted.solved[frames]])
-    model = ForwardModel(arm.target_arclength)
-    model.solve(arm, inputs)
+    return fitted.inputs.subset(frames[fitted.solved[frames]])
+
+
+def jacobian_at(fit: Fit, inputs: Inputs, places: Array) -> Array:
+    """Return how places (m) of the arm move per parameter, (points, parameters)."""
+    arm, model = fit.arm, ForwardModel(places)
+    solved = model.solve(arm, inputs).copy()
     by_input = model.point_jacobian(arm, inputs, fit.parameters.columns)
     jacobian = parameter_jacobian(fit.parameters, fit.values, by_input, inputs)
-    return jacobian.reshape(-1, fit.values.size)
+    return jacobian[solved].reshape(-1, fit.values.size)

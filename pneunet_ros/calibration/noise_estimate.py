@@ -38,10 +38,11 @@ def estimate_noise(
 ) -> NoiseEstimate:
     """Estimate all standard deviations; what the runs cannot tell is kept as `assumed`.
 
-    arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion.
+    arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion;
+    nor do static ones, which have no order in time.
     """
-    runs = [run for run in runs if len(run.stamp_ns) >= known.fewest]
-    loaded = [run for run in runs if run.loaded]
+    runs = [run for run in runs if len(run.stamp_ns) >= known.fewest and not run.static]
+    loaded = [run for run in runs if run.loaded and not run.load_known]
     readings = {
         'pressure': [run.pressure for run in runs],
         'force': [values for run in loaded for values in run.force.T],

@@ -12,6 +12,7 @@ from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.solver.columns import RIGIDITY
+from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 
 NUGGET = 3e-9  # of the variance of the prior, so that it can be inverted
@@ -50,6 +51,8 @@ class Parameters:
 
     `frame` is an arm that has everything else; without `law` the arm keeps its own. known: mean
     and covariance of the first unknowns from an earlier fit, in place of what is believed before.
+    shapes: how many numbers describe kappa_p0 along the arm at one pressure, 1 for a curvature
+    that is constant; the prior holds the knots to them. None: as many as there are knots.
     """
 
     frame: Arm
@@ -58,19 +61,13 @@ class Parameters:
     hyperparameters: Hyperparameters
     law: MomentLawParameters | None
     known: PriorState | None = None
+    shapes: int | None = None
     mean: Array = field(init=False)
     prior: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Put the prior together."""
-        rows, knots = self.pressure, self.arclength
-        distance = np.subtract.outer(knots, knots) / self.hyperparameters.length_scale
-        along = np.exp(-0.5 * distance**2)
-        top = np.max(np.abs(rows))
-        distance = np.subtract.outer(rows, rows) / (0.5 * np.ptp(rows))
-        over = self.hyperparameters.amplitude**2 * np.outer(rows, rows) / top**2
-        over = over + self.hyperparameters.std**2 * np.exp(-0.5 * distance**2)
-        field_prior = np.kron(over, along)
+        field_prior = np.kron(self.over_pressure, self.along_arm)
         field_prior += NUGGET * self.hyperparameters.amplitude**2 * np.eye(field_prior.shape[0])
         mean, prior = np.zeros(field_prior.shape[0]), field_prior
         if self.law is not None:
@@ -83,6 +80,24 @@ class Parameters:
             prior[:size, :size] = self.known.covariance[:size, :size]
         object.__setattr__(self, 'mean', frozen_array(mean))
         object.__setattr__(self, 'prior', frozen_array(prior))
+
+    @property
+    def over_pressure(self) -> Array:
+        """Prior covariance of kappa_p0 at one place, (rows, rows)."""
+        rows, known = self.pressure, self.hyperparameters
+        if rows.size == 1:
+            return np.full((1, 1), known.std**2)
+        distance = np.subtract.outer(rows, rows) / (0.5 * np.ptp(rows))
+        rising = known.amplitude**2 * np.outer(rows, rows) / np.max(np.abs(rows)) ** 2
+        return np.asarray(rising + known.std**2 * np.exp(-0.5 * distance**2))
+
+    @property
+    def along_arm(self) -> Array:
+        """Prior correlation of kappa_p0 at one pressure, (knots, knots)."""
+        if self.shapes is None:
+            return correlation(self.arclength, self.hyperparameters.length_scale)
+        places, basis = shape_basis(self.arclength, self.shapes)
+        return basis @ correlation(places, self.hyperparameters.length_scale) @ basis.T
 
     @property
     def cells(self) -> int:
@@ -140,3 +155,17 @@ class Parameters:
             return tuple(names), np.eye(self.cells)
         more, change = self.law.quantities()
         return (*names, *more), block_diag(np.eye(self.cells), change)
+
+
+def correlation(places: Array, length_scale: float) -> Array:
+    """Return the correlation of what is smooth over so much, (n, n)."""
+    distance = np.subtract.outer(places, places) / length_scale
+    return np.asarray(np.exp(-0.5 * distance**2))
+
+
+def shape_basis(knots: Array, shapes: int) -> tuple[Array, Array]:
+    """Return so many places s / l (n,) and the curve through values there, (knots, n)."""
+    if shapes == 1:
+        return np.array([0.5]), np.ones((knots.size, 1))
+    places = np.linspace(0.0, 1.0, shapes)
+    return places, np.asarray(CubicSpline(places, np.eye(shapes))(knots))

@@ -36,15 +36,18 @@ def check_runs(
             'no unloaded recording: the curvature kappa_p0 comes from an arm without end load; '
             'name such recordings after --unloaded'
         )
+    frames = sum(len(run.stamp_ns) for run in (*unloaded, *loaded))
+    if first and frames < known.fewest_frames:
+        raise RecordingError(
+            f'{", ".join(run.name for run in (*unloaded, *loaded))}: {frames} frames with targets '
+            f'and a pressure; at least {known.fewest_frames} are needed, of all recordings '
+            'together'
+        )
     for run in (*unloaded, *loaded):
         check_targets(run, arm, known)
         check_units(run, arm, known)
     for run in unloaded:
-        if run.loaded and float(np.max(np.hypot(*run.force.T))) > known.unloaded_force:
-            raise RecordingError(
-                f'{run.name} was given as unloaded, but its end force reaches '
-                f'{np.max(np.hypot(*run.force.T)):.3g} N; name it after --loaded'
-            )
+        check_unloaded(run, known)
     for run in loaded:
         if not run.loaded or float(np.max(np.hypot(*run.force.T))) < known.smallest_force:
             raise RecordingError(
@@ -85,19 +88,24 @@ def check_runs(
         )
 
 
+def check_unloaded(run: RecordingData, known: PreconditionSettings = PRECONDITIONS) -> None:
+    """Raise RecordingError where a recording that was given as unloaded has an end force."""
+    if run.loaded and float(np.max(np.hypot(*run.force.T))) > known.unloaded_force:
+        raise RecordingError(
+            f'{run.name} was given as unloaded, but its end force reaches '
+            f'{np.max(np.hypot(*run.force.T)):.3g} N; take it from --unloaded (calibrate: name it '
+            'after --loaded)'
+        )
+
+
 def check_targets(
     run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS
 ) -> None:
-    """Raise RecordingError where a recording has too few targets or too few frames."""
+    """Raise RecordingError where a recording has too few targets or others."""
     if run.x.shape[1] != arm.target_arclength.size:
         raise RecordingError(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
             'recordings of different arms cannot be calibrated together (see --arm)'
-        )
-    if len(run.stamp_ns) < known.fewest_frames:
-        raise RecordingError(
-            f'{run.name} has {len(run.stamp_ns)} frames with targets and a pressure; '
-            f'at least {known.fewest_frames} are needed'
         )
     if np.count_nonzero(run.seen.any(axis=0)) < min(known.fewest_targets, run.x.shape[1]):
         raise RecordingError(f'{run.name} shows fewer than {known.fewest_targets} targets')

@@ -11,7 +11,7 @@ from pneunet_ros.core.settings import tuning
 class PreconditionSettings:
     """What recordings must hold to calibrate from, and what no arm does."""
 
-    fewest_frames: int = tuning(20, 'frames of a recording')
+    fewest_frames: int = tuning(3, 'frames, of all recordings together')
     fewest_targets: int = tuning(4, 'targets seen somewhere in a recording')
     smallest_span: float = tuning(1000.0, 'of pressure, over all unloaded recordings', unit='Pa')
     smallest_motion: float = tuning(5e-4, 'of the tip', unit='m')
@@ -54,10 +54,33 @@ class NoiseEstimateSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ResolutionSettings:
+    """What recordings can resolve, and what is believed of the rest."""
+
+    knots: int = tuning(11, 'of kappa_p0 along the arm, at most')
+    apart: float = tuning(0.05, 'between targets that show two things', unit='length')
+    same_pressure: float = tuning(100.0, 'between pressures that are the same', unit='Pa')
+    noise_span: float = tuning(8.0, 'the same, by the noise of the sensor', unit='sigma')
+    few_pressures: int = tuning(6, 'fewer are said', source='invented')
+    law_frames: int = tuning(20, 'loaded frames to tell two sections of the arm apart')
+    law_shapes: int = tuning(3, 'the same, targets that stand apart')
+    nonuniform: float = tuning(
+        0.3,
+        'of kappa_p0 around its mean along the arm, one sigma, where no target shows it',
+        source="the shipped table of the paper's arm: 0.3",
+    )
+    nonuniform_rest: float = tuning(
+        0.05, 'the same, of the arm at rest', unit='1/length', source='invented'
+    )
+    nonuniform_scale: float = tuning(
+        0.3, 'over which it is smooth', unit='length', source="the paper's arm, about"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentSettings:
     """The table of kappa_p0, what is believed of it, and how many frames a fit begins with."""
 
-    knots: int = tuning(11, 'of kappa_p0 along the arm')
     row_distance: float = tuning(8000.0, 'between rows of kappa_p0, about', unit='Pa')
     most_rows: int = tuning(10, 'of kappa_p0')
     fewest_rows: int = tuning(2, 'of kappa_p0')
@@ -141,6 +164,7 @@ class TipForceSettings:
 
 PRECONDITIONS, CONSISTENCY = PreconditionSettings(), SameArmSettings()
 NOISE_ESTIMATE, EXPERIMENTS = NoiseEstimateSettings(), ExperimentSettings()
+RESOLUTION = ResolutionSettings()
 HYPERPARAMETERS, MOMENT_LAW = HyperparameterSettings(), MomentLawSettings()
 MAP_ESTIMATION, IDENTIFIABILITY = MapEstimationSettings(), IdentifiabilitySettings()
 STEADY_STATES, TIP_FORCE = SteadyStateSettings(), TipForceSettings()
@@ -153,6 +177,7 @@ class CalibrationSettings:
     preconditions: PreconditionSettings = PRECONDITIONS
     consistency: SameArmSettings = CONSISTENCY
     noise_estimate: NoiseEstimateSettings = NOISE_ESTIMATE
+    resolution: ResolutionSettings = RESOLUTION
     experiments: ExperimentSettings = EXPERIMENTS
     hyperparameters: HyperparameterSettings = HYPERPARAMETERS
     moment_law: MomentLawSettings = MOMENT_LAW

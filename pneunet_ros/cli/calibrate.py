@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 import time
@@ -12,28 +12,23 @@ from pneunet_ros import __version__
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.cli.calibrate_summary import numbers_of, show
+from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.cli.verb import (
     add_json,
     add_overwrite,
-    add_settings,
-    add_topics,
     DONE,
     NEGATIVE,
     output_console,
     PAPER_ARM,
     print_json,
     progress_bar,
-    SENSOR_SETTINGS,
-    settings_of,
-    topics_of,
 )
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.settings import settings_changed
 from pneunet_ros.core.share import share_path
+from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.messages.readings import SENSORS
-from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.offline.calibration_files import (
     described_arm,
@@ -42,15 +37,17 @@ from pneunet_ros.offline.calibration_files import (
     load_knowledge,
     save_knowledge,
 )
-from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.reports.calibration.report import write_report
-from rich.progress import Progress
 
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     for name, meaning in (
-        ('unloaded', 'recordings of the arm with nothing attached: experiment 1, kappa_p0(p, s)'),
+        (
+            'unloaded',
+            'recordings of the arm with nothing attached: experiment 1, kappa_p0(p, s) (default: '
+            'those after --loaded without `end_wrench`, or whose every wrench is noise)',
+        ),
         ('loaded', 'recordings under end load: experiment 2, the moment law'),
     ):
         parser.add_argument(
@@ -89,8 +86,7 @@ def options(parser: ArgumentParser) -> None:
         help='do not fit the other moment laws for comparison (about half the time)',
     )
     add_overwrite(parser)
-    add_topics(parser)
-    add_settings(parser, SENSOR_SETTINGS)
+    add_experiments(parser)
     add_json(parser)
 
 
@@ -98,11 +94,17 @@ def run(arguments: Namespace) -> int:
     """Read, fit, write."""
     started = time.perf_counter()
     frame = load_model(arguments.arm or arguments.earlier or share_path(PAPER_ARM))
-    earlier = None if arguments.earlier is None else load_knowledge(arguments.earlier)
+    earlier = None
+    if arguments.earlier is not None:
+        earlier = load_knowledge(arguments.earlier)
+        frame = replace(frame, domain=load_model(arguments.earlier).domain)
     check_outputs(arguments)
-    with progress_bar(shown=not arguments.json) as bar:
-        unloaded, sentences = read_all(arguments.unloaded, frame, arguments, bar)
-        loaded, more = read_all(arguments.loaded, frame, arguments, bar)
+    with written_together(), progress_bar(shown=not arguments.json) as bar:
+        read = read_experiments((arguments.unloaded, arguments.loaded), frame, arguments, bar)
+        unloaded, loaded = read.groups
+        if not unloaded:
+            unloaded = tuple(run for run in loaded if not run.loaded)
+            loaded = tuple(run for run in loaded if run.loaded)
         task = bar.add_task('fitting', total=None)
         calibration = calibrate(
             unloaded,
@@ -115,7 +117,8 @@ def run(arguments: Namespace) -> int:
                 task, description=f'fitting {stage}, step {step}'
             ),
         )
-        provenance = provenance_of(arguments, calibration)
+        roles = {'unloaded': unloaded, 'loaded': loaded}
+        provenance = provenance_of(arguments, calibration, roles)
         if calibration.joint.converged:
             name = arguments.name or arguments.output.stem
             arm = described_arm(calibration, name, frame, provenance)
@@ -130,16 +133,19 @@ def run(arguments: Namespace) -> int:
                 provenance=provenance,
                 overwrite=arguments.overwrite,
             )
-    summary = numbers_of(calibration) | {
-        'output': arguments.output if calibration.joint.converged else None,
-        'report': arguments.report,
-        'left_out': [*sentences, *more],
-        'seconds': time.perf_counter() - started,
-    }
+    summary = (
+        numbers_of(calibration)
+        | {
+            'output': arguments.output if calibration.joint.converged else None,
+            'report': arguments.report,
+            'seconds': time.perf_counter() - started,
+        }
+        | read.summary
+    )
     if arguments.json:
         print_json(summary | {'provenance': provenance})
     else:
-        show(calibration, summary, output_console())
+        show(calibration, summary, read.sentences, output_console())
     return DONE if calibration.joint.converged else NEGATIVE
 
 
@@ -153,26 +159,15 @@ def check_outputs(arguments: Namespace) -> None:
         raise RecordingError(f'{arguments.output} must end in .yaml: it becomes a model file')
 
 
-def read_all(
-    paths: Sequence[Path], frame: Arm, arguments: Namespace, bar: Progress
-) -> tuple[list[RecordingData], list[str]]:
-    """Read the recordings of one experiment, and the sentences on what was left out of them."""
-    runs, sentences = [], []
-    topics = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
-    for path in bar.track(paths, description='reading'):
-        run, left_out = read_run(path, frame.target_arclength.size, topics, settings_of(arguments))
-        runs.append(run)
-        sentences += [f'{path.name}: {sentence}' for sentence in left_out]
-    return runs, sentences
-
-
-def provenance_of(arguments: Namespace, calibration: Calibration) -> dict[str, object]:
+def provenance_of(
+    arguments: Namespace, calibration: Calibration, roles: Mapping[str, Sequence[RecordingData]]
+) -> dict[str, object]:
     """Return from what and how the model was made; nothing in it is random, so no seed."""
     joint = calibration.joint
-    roles = (('unloaded', arguments.unloaded), ('loaded', arguments.loaded))
+    paths = [(role, [Path(run.name) for run in runs]) for role, runs in roles.items()]
     return {
         'source': f'pneunet calibrate {__version__}',
-        'recordings': inputs_of(roles),
+        'recordings': inputs_of(paths),
         'arm': (arguments.arm or arguments.earlier or Path(PAPER_ARM)).name,
         'continued': None if arguments.earlier is None else arguments.earlier.name,
         'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),

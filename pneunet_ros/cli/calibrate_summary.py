@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,8 +12,10 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.reports.calibration import tables
 from pneunet_ros.reports.calibration.tables import law_rows, number_rows, Row
+from pneunet_ros.reports.calibration.verdict import verdict_of
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 
 def numbers_of(calibration: Calibration) -> dict[str, Any]:
@@ -20,6 +24,7 @@ def numbers_of(calibration: Calibration) -> dict[str, Any]:
     return {
         'status': joint.status,
         'converged': joint.converged,
+        'verdict': asdict(verdict_of(calibration)),
         'quantities': [
             {'name': row.name, 'value': row.value, 'std': row.std, 'prior_std': row.prior_std}
             for row in number_rows(calibration)
@@ -54,8 +59,13 @@ def numbers_of(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def show(calibration: Calibration, summary: dict[str, Any], console: Console) -> None:
-    """Print the summary for people."""
+def show(
+    calibration: Calibration, summary: dict[str, Any], sentences: Sequence[str], console: Console
+) -> None:
+    """Print the summary for people, the verdict first; sentences: on the recordings."""
+    verdict = verdict_of(calibration)
+    console.print(Text(verdict.fit, style='bold'))
+    console.print(Text(verdict.certainty))
     table = Table(title='Recordings')
     for column in ('recording', 'load', 'frames', 'rms (mm)', 'chi2 per coordinate'):
         table.add_column(column, justify='left' if column in ('recording', 'load') else 'right')
@@ -80,7 +90,7 @@ def show(calibration: Calibration, summary: dict[str, Any], console: Console) ->
         for item in summary['laws']:
             table.add_row(item['kind'], f'{millimeters(item["rms"]):.3f}')
         console.print(table)
-    for sentence in (*summary['left_out'], *summary['notes']):
+    for sentence in (*sentences, *summary['notes']):
         console.print(f'note: {sentence}')
     if summary['output'] is None:
         console.print(f'no model was written: {summary["status"]}')
@@ -88,6 +98,7 @@ def show(calibration: Calibration, summary: dict[str, Any], console: Console) ->
         console.print(f'wrote {summary["output"]}')
     if summary['report'] is not None:
         console.print(f'wrote {summary["report"]}/index.html')
+    console.print(Text(f'{verdict.next_step} {verdict.command}'))
 
 
 def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:

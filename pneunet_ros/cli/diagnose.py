@@ -11,34 +11,29 @@ import time
 
 import numpy as np
 from pneunet_ros import __version__
-from pneunet_ros.cli.calibrate import read_all
 from pneunet_ros.cli.diagnose_summary import show
+from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.cli.simulate import seed
 from pneunet_ros.cli.verb import (
     add_json,
     add_overwrite,
-    add_settings,
-    add_topics,
     DONE,
     NEGATIVE,
     output_console,
     print_json,
     progress_bar,
-    SENSOR_SETTINGS,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.diagnosis import diagnose
-from pneunet_ros.diagnosis.result import Answer
+from pneunet_ros.diagnosis.result import CLEAR
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 from pneunet_ros.offline.calibration_files import inputs_of
 from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
 from rich.progress import Progress
 import scipy
-
-CLEAR: tuple[Answer, ...] = ('none', 'named')  # answers that are no 'I cannot tell'
 
 
 def options(parser: ArgumentParser) -> None:
@@ -73,6 +68,15 @@ def options(parser: ArgumentParser) -> None:
         '(default: none, and then the answer is not tested on anything new)',
     )
     parser.add_argument(
+        '--unloaded',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='REC',
+        help='which of these recordings are of the arm with nothing attached (default: those '
+        'without `end_wrench`, and those whose every wrench is noise)',
+    )
+    parser.add_argument(
         '--output',
         type=Path,
         required=True,
@@ -92,8 +96,7 @@ def options(parser: ArgumentParser) -> None:
         help='simulate on the Dask cluster of this scheduler (default: here)',
     )
     add_overwrite(parser)
-    add_topics(parser)
-    add_settings(parser, SENSOR_SETTINGS)
+    add_experiments(parser)
     add_json(parser)
 
 
@@ -113,8 +116,8 @@ def run(arguments: Namespace) -> int:
         ) as folder,
         progress_bar(shown=not arguments.json) as bar,
     ):
-        training, sentences = read_all(arguments.train, frame, arguments, bar)
-        held_out, more = read_all(arguments.heldout, frame, arguments, bar)
+        read = read_experiments((arguments.train, arguments.heldout), frame, arguments, bar)
+        training, held_out = (list(group) for group in read.groups)
         on_progress = progress_of(bar)
         with executor_for(arguments.scheduler) as executor:
             found = diagnose(
@@ -140,10 +143,9 @@ def run(arguments: Namespace) -> int:
         )
     if arguments.json:
         seconds = time.perf_counter() - started
-        files = {'output': arguments.output, 'left_out': [*sentences, *more], 'seconds': seconds}
-        print_json(content | files)
+        print_json(content | {'output': arguments.output, 'seconds': seconds} | read.summary)
     else:
-        show(found, [*sentences, *more], arguments.output, output_console())
+        show(found, read.sentences, arguments.output, output_console())
     return DONE if found.answer in CLEAR else NEGATIVE
 
 

@@ -27,6 +27,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
+from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.track import record_tracking, track_steps, TrackStep, TrackTally
@@ -118,6 +119,7 @@ def run(arguments: Namespace) -> int:
     tally = TrackTally(targets=arm.target_arclength.size)
     sentences = stream.recording.sentences if stream.recording is not None else ()
     with ExitStack() as stack:
+        stack.enter_context(written_together())
         writer = None
         if arguments.output is not None:
             writer = stack.enter_context(

@@ -23,13 +23,19 @@ class PressureReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrenchReading:
-    """An end load reading: force (N) and moment about z (N m) in the frame `frame_id`."""
+    """An end load reading: force (N) and moment about z (N m) in the frame `frame_id`.
+
+    What is out of the plane stands last; NaN where it is not measured.
+    """
 
     stamp_ns: int
     force_x: float
     force_y: float
     moment: float
     frame_id: str
+    force_z: float = 0.0
+    moment_x: float = 0.0
+    moment_y: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

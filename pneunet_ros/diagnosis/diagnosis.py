@@ -18,7 +18,7 @@ from pneunet_ros.diagnosis.augmented_model import (
 from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base
 from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
-from pneunet_ros.diagnosis.hypothesis import hypotheses
+from pneunet_ros.diagnosis.hypothesis import hypotheses, Hypothesis
 from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.localization import (
@@ -99,7 +99,7 @@ def diagnose(
     asked = hypotheses(known, settings.hypothesis)
     selection = Selection(
         linearization=linearize(base, *recordings, settings),
-        hypotheses=tuple(item for item in asked if not item.confounded_with_pressure_scale),
+        hypotheses=considered_hypotheses(asked, training),
         seed=seed,
         on_progress=on_progress,
         map_function=map if executor is None else executor.map,
@@ -112,6 +112,18 @@ def diagnose(
     verdict = decide(selection, first, best, detectable)
     on_progress('evaluation before and after', 0, 0)
     return conclude(selection, first, best, verdict, detectable, recordings)
+
+
+def considered_hypotheses(
+    asked: Sequence[Hypothesis], training: Sequence[RecordingData]
+) -> tuple[Hypothesis, ...]:
+    """Return the effects that may be named: static frames tell nothing of one with a memory."""
+    static = all(run.static for run in training)
+    return tuple(
+        item
+        for item in asked
+        if not item.confounded_with_pressure_scale and not (static and item.has_memory)
+    )
 
 
 def linearize(

@@ -48,20 +48,28 @@ def distances(error: Array) -> Array:
 
 def noise_floor(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> float:
     """Return the rms (m) that a perfect model would have: white noise, placement, readings."""
-    squares, count = 0.0, 0
+    stds = [std[np.isfinite(std)] for std in noise_stds(arm, runs, noise)]
+    squares = np.concatenate(stds) ** 2
+    return float(np.sqrt(squares.mean())) if squares.size else 0.0
+
+
+def noise_stds(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> tuple[Array, ...]:
+    """Return one sigma (m) of every measured coordinate, for each run (frames, 2, targets).
+
+    White noise, painted place, and what the noise of force and pressure readings moves; NaN where
+    a target was not seen or a frame has no equilibrium.
+    """
+    stds = []
     for run, inputs in zip(runs, inputs_of(arm, runs), strict=True):
         model = ForwardModel(arm.target_arclength)
         seen = run.seen & model.solve(arm, inputs)[:, None]
         points = model.points.copy()
         by_load = model.load_jacobian(arm, inputs) * attached_std(noise, run)[:, None]
-        moved = np.sum(by_load**2, axis=2)
+        variance = np.sum(by_load**2, axis=2).reshape(points.shape) + target_std(noise) ** 2
         model.solve(arm, replace(inputs, pressure=inputs.pressure + noise.pressure_std))
-        moved += (model.points - points).reshape(moved.shape) ** 2
-        both = np.concatenate([seen, seen], axis=1)
-        squares += float(moved[both & np.isfinite(moved)].sum())
-        squares += int(both.sum()) * target_std(noise) ** 2
-        count += int(both.sum())
-    return float(np.sqrt(squares / max(count, 1)))
+        variance += (model.points - points) ** 2
+        stds.append(np.sqrt(np.where(seen[:, None], variance, np.nan)))
+    return tuple(stds)
 
 
 def removed_share(before: float, after: float, floor: float) -> float | None:

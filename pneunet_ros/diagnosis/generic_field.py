@@ -31,7 +31,7 @@ class Regressors:
     """What acts on the arm in every frame of all runs, scaled to about one: names and numbers.
 
     arclength (targets,) and knots (k,) s / l; values: per run (frames, n); progress: per run
-    (frames,) from 0 at its start to 1 at its end.
+    (frames,) from 0 at its start to 1 at its end. Static frames have no time and no past.
     """
 
     arclength: Array
@@ -50,17 +50,19 @@ class Regressors:
         settings: LinearizationSettings = DEFAULTS.linearization,
     ) -> Regressors:
         """Collect them; the highest pressure so far is carried on by the runs' stamps."""
-        low, high = arm.pressure_range
+        low, high = arm.table_range
         span = high - low
         load = max((float(np.abs(item.loads).max()) for item in all_inputs), default=0.0) or 1.0
         order = sorted(range(len(runs)), key=lambda which: int(runs[which].reading_stamp_ns[0]))
         highest, tables, progress = -np.inf, {}, {}
         for which in order:
             run, inputs = runs[which], all_inputs[which]
-            reached = np.maximum(np.maximum.accumulate(run.pressure), highest)
-            highest = float(reached[-1])
+            reached = run.pressure
+            if not run.static:
+                reached = np.maximum(np.maximum.accumulate(run.pressure), highest)
+                highest = float(reached[-1])
             below = (reached - run.pressure)[run.reading] > settings.unloading * span
-            time = (run.stamp_ns - run.stamp_ns[0]) / max(int(np.ptp(run.stamp_ns)), 1)
+            time = run.progress
             progress[which] = time
             pressure = (inputs.pressure - low) / span
             f1, f2 = inputs.loads[:, 0] / load, inputs.loads[:, 1] / load
@@ -68,7 +70,7 @@ class Regressors:
                 '1': np.ones_like(time),
                 'p': pressure,
                 'p^2': pressure**2,
-                't': 2.0 * time - 1.0,
+                't': np.zeros_like(time) if run.static else 2.0 * time - 1.0,
                 **{past_name(m): high_pass(run, m) / span for m in settings.time_constants},
                 'F1': f1,
                 'F2': f2,
@@ -101,7 +103,9 @@ def past_name(time_constant: float) -> str:
 
 
 def high_pass(run: RecordingData, time_constant: float) -> Array:
-    """Return pressure (Pa) less its first-order low-pass, at the frames."""
+    """Return pressure (Pa) less its first-order low-pass, at the frames; static ones rest."""
+    if run.static:
+        return np.zeros(len(run.stamp_ns))
     seconds = (run.reading_stamp_ns - run.reading_stamp_ns[0]) / NANOSECONDS_PER_SECOND
     step = max(float(np.median(np.diff(seconds))), 1e-3) if seconds.size > 1 else 1.0
     grid = np.arange(0.0, seconds[-1] + step, step)

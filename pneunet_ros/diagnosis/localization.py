@@ -61,15 +61,22 @@ def collect_frames(refit: Refit, settings: LocalizationSettings = DEFAULTS.local
         run, inputs = block.run, block.inputs
         values = (residual + columns[:, departures] @ sizes).reshape(len(run.stamp_ns), 2, -1)
         squares.append(np.where(run.seen, (values**2).sum(axis=1), np.nan))
-        time = (run.stamp_ns - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
-        speed = np.gradient(inputs.pressure, time) / span
-        direction = np.where(np.abs(speed) > settings.moving, np.sign(speed), np.nan)
+        time = direction = np.full(len(run.stamp_ns), np.nan)
+        if not run.static:
+            time = (run.stamp_ns - run.stamp_ns[0]) / NANOSECONDS_PER_SECOND
+            speed = np.gradient(inputs.pressure, time) / span
+            direction = np.where(np.abs(speed) > settings.moving, np.sign(speed), np.nan)
         axes.append((inputs.pressure, np.hypot(*inputs.loads[:, :2].T), time, direction))
-    pressure, force, time, direction = (np.concatenate(item) for item in zip(*axes, strict=True))
+    names: tuple[Axis, ...] = ('pressure', 'force', 'time', 'direction')
+    by_axis = [np.concatenate(item) for item in zip(*axes, strict=True)]
     return Frames(
         squares=np.concatenate(squares),
         arclength=linearization.point.arm.target_arclength / linearization.length,
-        axes={'pressure': pressure, 'force': force, 'time': time, 'direction': direction},
+        axes={
+            name: value
+            for name, value in zip(names, by_axis, strict=True)
+            if np.isfinite(value).any()
+        },
         settings=settings,
     )
 
@@ -142,6 +149,8 @@ def describe_misfit(frames: Frames) -> str:
     words = []
     names: dict[Axis, str] = {'force': 'the force', 'pressure': 'the pressure', 'time': 'time'}
     for axis, name in names.items():
+        if axis not in frames.axes:
+            continue
         ratio = end_ratio(frames, axis)
         verb = 'hardly depends on'
         if ratio > settings.trend:
@@ -151,7 +160,7 @@ def describe_misfit(frames: Frames) -> str:
         words.append(f'{verb} {name}')
     top = float(frames.arclength[int(np.nanargmax(target_means(frames.squares)))])
     words.append(f'is largest at {top:.2f} of the length')
-    if {FALLING, RISING} <= set(frames.axes['direction'].tolist()):
+    if {FALLING, RISING} <= set(frames.axes.get('direction', np.zeros(0)).tolist()):
         ratio = rising_to_falling_ratio(frames)
         differs = ratio > settings.trend or ratio < 1.0 / settings.trend
         words.append(

@@ -74,6 +74,18 @@ class Disagreement:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameInnovation:
+    """How far the targets of one frame were from their estimate.
+
+    rms: of the whitened difference, 1 where it is all noise; limit: what noise rarely exceeds.
+    """
+
+    stamp_ns: int
+    rms: float
+    limit: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunningInnovation:
     """Means over the frames of the last while, older ones counting less and less.
@@ -96,12 +108,16 @@ class RunningInnovation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConsistencyState:
-    """All that is remembered from one reading or frame to the next."""
+    """All that is remembered from one reading or frame to the next.
+
+    compared: the frames that the last step compared with their estimates.
+    """
 
     estimates: tuple[ShapeEstimate, ...] = ()
     frame_stamp_ns: int | None = None
     waiting: tuple[TargetSightings, ...] = ()
     running: RunningInnovation | None = None
+    compared: tuple[FrameInnovation, ...] = ()
     matched: int = 0
     unmatched: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
@@ -141,6 +157,7 @@ def take_estimate(
     settings: ConsistencySettings = DEFAULTS,
 ) -> ConsistencyState:
     """Take what became of a pressure reading, and compare the frames that have waited for it."""
+    state = replace(state, compared=())
     if not isinstance(outcome, ShapeEstimate):
         return state
     if state.estimates and outcome.stamp_ns <= state.estimates[-1].stamp_ns:
@@ -157,6 +174,7 @@ def take_targets(
     settings: ConsistencySettings = DEFAULTS,
 ) -> tuple[ConsistencyState, Refusal | None]:
     """Take a frame; returns why it cannot follow the one before, or None."""
+    state = replace(state, compared=())
     reason, sentence = stamp_fault('frame of targets', state.frame_stamp_ns, sightings.stamp_ns)
     if reason == STARTS_ANEW:
         state = state.fresh()
@@ -188,8 +206,9 @@ def compare_waiting(
         nearest, near = match_stamps(np.array([sightings.stamp_ns]), stamps, reach)
         if near[0]:
             estimate = state.estimates[nearest[0]]
-            running = add_frame(state.running, sightings, estimate, estimator, settings)
-            state = replace(state, running=running, matched=state.matched + 1)
+            running, frame = add_frame(state.running, sightings, estimate, estimator, settings)
+            compared = (*state.compared, frame)
+            state = replace(state, running=running, compared=compared, matched=state.matched + 1)
         elif sightings.stamp_ns > stamps[-1]:
             state = replace(state, waiting=(*state.waiting, sightings))
         else:
@@ -203,7 +222,7 @@ def add_frame(
     estimate: ShapeEstimate,
     estimator: Estimator,
     settings: ConsistencySettings,
-) -> RunningInnovation:
+) -> tuple[RunningInnovation, FrameInnovation]:
     """Take a frame into the running means; after a gap of `watch_time` they start anew."""
     assert estimate.sensitivity is not None and estimate.noise is not None
     predicted = predict_targets(estimator.table, estimate.sensitivity, estimate.noise)
@@ -211,10 +230,14 @@ def add_frame(
     assert frame is not None
     stamp_ns, time = sightings.stamp_ns, estimator.settings.watch_time
     chi_square = frame.chi_square / frame.coordinates
-    beyond = float(chi_square > chi_square_limit(frame.coordinates, settings.quantile))
+    most = chi_square_limit(frame.coordinates, settings.quantile)
+    by_itself = FrameInnovation(
+        stamp_ns=stamp_ns, rms=math.sqrt(chi_square), limit=math.sqrt(most)
+    )
+    beyond = float(chi_square > most)
     since = math.inf if before is None else seconds_between(before.stamp_ns, stamp_ns)
     if before is None or since > time:
-        return RunningInnovation(
+        running = RunningInnovation(
             stamp_ns=stamp_ns,
             weight=1.0,
             frames=1,
@@ -224,11 +247,12 @@ def add_frame(
             at_targets=freeze(frame.at_targets),
             arclength=estimator.arm.target_arclength,
         )
+        return running, by_itself
     weight = before.weight * math.exp(-since / time) + 1.0
     share = 1.0 / weight
     known = np.where(np.isnan(before.at_targets), frame.at_targets, before.at_targets)
     news = np.where(np.isnan(frame.at_targets), known, frame.at_targets)
-    return RunningInnovation(
+    running = RunningInnovation(
         stamp_ns=stamp_ns,
         weight=weight,
         frames=before.frames + 1,
@@ -238,6 +262,7 @@ def add_frame(
         at_targets=freeze(known + share * (news - known)),
         arclength=before.arclength,
     )
+    return running, by_itself
 
 
 def chi_square_limit(coordinates: float, quantile: float) -> float:

@@ -11,6 +11,7 @@ from zipfile import BadZipFile, ZipFile
 import zlib
 
 import numpy as np
+from pneunet_ros.files.regular_file import open_regular
 
 LARGEST_ARCHIVE = 100_000_000  # bytes, unpacked
 
@@ -35,7 +36,7 @@ DAMAGED_ARCHIVE = (
 
 def read_arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
     """Return these arrays of an archive; raises one of DAMAGED_ARCHIVE where that cannot be."""
-    with path.open('rb') as stream:
+    with open_regular(path) as stream:
         with ZipFile(stream) as archive:
             if sum(item.file_size for item in archive.infolist()) > LARGEST_ARCHIVE:
                 raise ValueError(f'it holds more than {LARGEST_ARCHIVE // 1_000_000} MB')

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.units import quantities
+from pneunet_ros.files.regular_file import open_regular
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import ConstructorError, SafeConstructor
 from ruamel.yaml.error import YAMLError
@@ -62,7 +63,7 @@ class YamlFile:
         """Build something from the content of a file; the error names the file and the key."""
         path = Path(path)
         try:
-            with path.open('rb') as stream:  # a device may have no end
+            with open_regular(path) as stream:
                 data = stream.read(LARGEST_FILE + 1)
             if len(data) > LARGEST_FILE:
                 raise self.error(
@@ -70,7 +71,8 @@ class YamlFile:
                 )
             text = data.decode('utf-8')
         except (OSError, ValueError) as error:
-            raise self.error(f'cannot read the {self.kind} {path}: {error}') from None
+            why = getattr(error, 'strerror', None) or error
+            raise self.error(f'cannot read the {self.kind} {path}: {why}') from None
         if depth_of(text) > DEEPEST:
             raise self.error(f'{path} is not valid YAML: more than {DEEPEST} brackets are open')
         try:

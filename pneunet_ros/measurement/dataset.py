@@ -8,7 +8,21 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.model.uncertainty import SensorNoise
+from scipy.stats import norm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdleSensorSettings:
+    """When a force sensor that was recorded had nothing to measure."""
+
+    reach: float = tuning(4.0, 'of an idle sensor', unit='sigma', source='convention')
+    chance: float = tuning(0.01, 'that noise alone reaches further in a long recording')
+
+
+IDLE_SENSOR = IdleSensorSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,7 +34,9 @@ class RecordingData:
     (frames,) the pressure reading that belongs to each. force (frames, 2) N and moment (frames,)
     N m are the end load at the frames in the base frame, as read; `loaded` is False where nothing
     was attached, and the load then exactly zero. x, y (frames, targets) m in the base frame, NaN
-    where a target was not seen. Raises RecordingError where these do not fit together.
+    where a target was not seen. static: frames are steady states in any order, their stamps mean
+    nothing. load_known: the load is a known constant, which no sensor has read. Raises
+    RecordingError where these do not fit together.
     """
 
     name: str
@@ -33,6 +49,8 @@ class RecordingData:
     moment: Array
     x: Array
     y: Array
+    static: bool = False
+    load_known: bool = False
 
     def __post_init__(self) -> None:
         """Check the shapes and the order of the stamps."""
@@ -64,7 +82,32 @@ class RecordingData:
         if not self.loaded:
             return self
         frames = len(self.stamp_ns)
-        return replace(self, loaded=False, force=np.zeros((frames, 2)), moment=np.zeros(frames))
+        return replace(
+            self,
+            loaded=False,
+            load_known=False,
+            force=np.zeros((frames, 2)),
+            moment=np.zeros(frames),
+        )
+
+    def with_end_load(self, force_x: float, force_y: float) -> RecordingData:
+        """Return the run under a known constant end load (N, base frame) that no sensor read."""
+        frames = len(self.stamp_ns)
+        force = np.tile([force_x, force_y], (frames, 1))
+        return replace(self, loaded=True, load_known=True, force=force, moment=np.zeros(frames))
+
+    def is_idle(self, noise: SensorNoise, settings: IdleSensorSettings = IDLE_SENSOR) -> bool:
+        """Whether every wrench is within the noise of the sensor: nothing was attached."""
+        reach = self.idle_reach(settings)
+        return not self.load_known and bool(
+            np.all(np.abs(self.force) <= reach * noise.force_std)
+            and np.all(np.abs(self.moment) <= reach * noise.moment_std)
+        )
+
+    def idle_reach(self, settings: IdleSensorSettings = IDLE_SENSOR) -> float:
+        """Return how far (sigma) the noise of an idle sensor reaches in a run of this length."""
+        values = 3 * len(self.stamp_ns)
+        return max(settings.reach, float(norm.isf(0.5 * settings.chance / values)))
 
     def thin(self, most: int) -> RecordingData:
         """Return the run with at most so many frames, evenly spread over it."""
@@ -82,6 +125,14 @@ class RecordingData:
     def points(self) -> Array:
         """Measured targets (frames, 2, targets) m, NaN where one was not seen."""
         return np.stack([self.x, self.y], axis=1)
+
+    @property
+    def progress(self) -> Array:
+        """How far into the run every frame is, (frames,) 0 to 1; of static frames their order."""
+        if self.static:
+            return freeze(np.linspace(0.0, 1.0, len(self.stamp_ns)))
+        span = max(int(self.stamp_ns[-1] - self.stamp_ns[0]), 1)
+        return freeze((self.stamp_ns - self.stamp_ns[0]) / span)
 
     @property
     def frame_pressure(self) -> Array:

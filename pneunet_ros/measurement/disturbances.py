@@ -77,7 +77,6 @@ def disturbance_jacobian(run: RecordingData, theta: Array) -> Array:
 
 def path_weights(run: RecordingData) -> Array:
     """Weight of each node of the camera's path at the frames of a run, (frames, PATH_NODES)."""
-    span = max(int(run.stamp_ns[-1] - run.stamp_ns[0]), 1)
-    at = (PATH_NODES - 1) * (run.stamp_ns - run.stamp_ns[0]) / span
+    at = (PATH_NODES - 1) * run.progress
     weights: Array = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(PATH_NODES)))
     return weights

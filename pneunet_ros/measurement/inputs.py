@@ -56,12 +56,13 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
     """Return what acted in each run; history is carried from one to the next by their stamps.
 
     The arm is taken to have rested at the first pressure before the first run, and to have held
-    still between two.
+    still between two. Static frames have no history: each is an equilibrium of its own.
     """
     if not arm.acting:
         return tuple(steady_inputs(arm, run) for run in runs)
-    order = sorted(range(len(runs)), key=lambda which: int(runs[which].reading_stamp_ns[0]))
-    all_inputs: dict[int, Inputs] = {}
+    all_inputs = {which: equilibria(arm, run) for which, run in enumerate(runs) if run.static}
+    moving = [which for which, run in enumerate(runs) if not run.static]
+    order = sorted(moving, key=lambda which: int(runs[which].reading_stamp_ns[0]))
     history: tuple[History, ...] | None = None
     before = 0
     for which in order:
@@ -87,6 +88,21 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
             ),
         )
     return tuple(all_inputs[which] for which in range(len(runs)))
+
+
+def equilibria(arm: Arm, run: RecordingData) -> Inputs:
+    """Return what acted in every frame of a run that had rested there."""
+    steady = steady_inputs(arm, run)
+    rested = []
+    for pressure in steady.pressure.tolist():
+        rested.append(arm.actuate(arm.initial_history(pressure), 0.0, pressure))
+    return replace(
+        steady,
+        pressure=np.array([chamber for _, chamber in rested]),
+        histories=tuple(
+            np.array([history[place] for history, _ in rested]) for place in range(len(arm.acting))
+        ),
+    )
 
 
 def steady_inputs(arm: Arm, run: RecordingData) -> Inputs:

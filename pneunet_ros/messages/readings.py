@@ -108,15 +108,18 @@ def decode_pressure(message: Any) -> PressureReading:
 
 
 def decode_wrench(message: Any) -> WrenchReading:
-    """Return the planar part of a WrenchStamped as it is; MessageError on another content."""
+    """Return the reading in a WrenchStamped as it is; MessageError on another content."""
     try:
-        force = message.wrench.force
+        force, torque = message.wrench.force, message.wrench.torque
         return WrenchReading(
             stamp_ns=nanoseconds(message.header.stamp),
             force_x=float(force.x),
             force_y=float(force.y),
-            moment=float(message.wrench.torque.z),
+            moment=float(torque.z),
             frame_id=str(message.header.frame_id),
+            force_z=float(force.z),
+            moment_x=float(torque.x),
+            moment_y=float(torque.y),
         )
     except UNFIT as error:
         raise MessageError(f'a message is no usable {WRENCH_TYPE}: {error}') from error

@@ -12,9 +12,10 @@ import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.moment_law_parameters import MajidiParameters, MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.posterior import PosteriorState
-from pneunet_ros.core.errors import ModelError, PneunetError
+from pneunet_ros.core.errors import ModelError, PneunetError, RecordingError
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
+from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.recordings.bag_folder import mcap_files
@@ -27,9 +28,12 @@ def file_hash(path: Path) -> str:
     """Return the SHA-256 of a recording: of its file, or of the MCAP files of a rosbag2 folder."""
     digest = hashlib.sha256()
     for file in mcap_files(path):
-        with file.open('rb') as stream:
-            while piece := stream.read(PIECE):
-                digest.update(piece)
+        try:
+            with open_regular(file) as stream:
+                while piece := stream.read(PIECE):
+                    digest.update(piece)
+        except OSError as error:
+            raise RecordingError(f'{file} cannot be read: {error.strerror}') from error
     return digest.hexdigest()
 
 

@@ -6,10 +6,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
-from pneunet_ros.estimation.consistency import ConsistencyState, Disagreement, take_estimate
+from pneunet_ros.estimation.consistency import (
+    ConsistencyState,
+    Disagreement,
+    FrameInnovation,
+    take_estimate,
+)
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
@@ -22,6 +28,8 @@ from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import RecordedMessage, Recording
 from pneunet_ros.recordings.recording_writer import RecordingWriter
+
+LARGEST_SHARE = 0.05  # of frames beyond noise of a model that holds: invented
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,9 +147,41 @@ def record_steps(
                 writer.write_raw(connection, message.log_time_ns, raw)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Agreement:
+    """Whether a model holds on a recording: measured targets beside predicted ones, in noise.
+
+    median: of the whitened rms of a frame, 1 where it is all noise; limit: what noise rarely
+    exceeds; beyond: share of frames beyond that.
+    """
+
+    frames: int
+    median: float
+    limit: float
+    beyond: float
+    most: float = LARGEST_SHARE
+
+    @property
+    def holds(self) -> bool:
+        """Whether noise explains nearly all frames."""
+        return self.median <= self.limit and self.beyond <= self.most
+
+    @property
+    def sentence(self) -> str:
+        """Say it to a person."""
+        verdict, advice = 'the model holds on this recording', ''
+        if not self.holds:
+            verdict, advice = 'the model does not hold on this recording', '; run pneunet diagnose'
+        return (
+            f'{verdict}: median {self.median:.2f} x the noise, more than noise explains in '
+            f'{100.0 * self.beyond:.0f} % of {self.frames} frames (it holds up to '
+            f'{100.0 * self.most:.0f} %){advice}'
+        )
+
+
 @dataclass(slots=True)
 class Tally:
-    """What a replay came to, counted step by step."""
+    """What a replay came to, counted step by step; warned: how many estimates by warning."""
 
     messages: int = 0
     pressures: int = 0
@@ -151,6 +191,8 @@ class Tally:
     refusal: Refusal | None = None
     consistency: ConsistencyState = field(default_factory=ConsistencyState)
     disagreement: Disagreement | None = None
+    compared: list[FrameInnovation] = field(default_factory=list)
+    warned: dict[str, int] = field(default_factory=dict)
 
     def count(self, step: Step, pressure_topic: str) -> None:
         """Take one step into account."""
@@ -163,9 +205,13 @@ class Tally:
         elif step.outcome is not None:
             self.last = step.outcome
             self.worst_residual = max(self.worst_residual, step.outcome.shape.residual)
+            for warning in step.outcome.warnings:
+                self.warned[warning] = self.warned.get(warning, 0) + 1
 
     def compare(self, consistency: ConsistencyState) -> None:
-        """Keep the largest disagreement there was, one that is more than noise before all."""
+        """Keep all frames, and the largest disagreement, one that is more than noise first."""
+        if consistency.compared is not self.consistency.compared:
+            self.compared += consistency.compared
         if consistency.running is not self.consistency.running:
             found = consistency.disagreement()
             if found is not None and (
@@ -173,3 +219,16 @@ class Tally:
             ):
                 self.disagreement = found
         self.consistency = consistency
+
+    @property
+    def agreement(self) -> Agreement | None:
+        """How measured and predicted targets agreed over the recording; None: none compared."""
+        if not self.compared:
+            return None
+        rms, limit = np.array([(frame.rms, frame.limit) for frame in self.compared]).T
+        return Agreement(
+            frames=len(self.compared),
+            median=float(np.median(rms)),
+            limit=float(np.median(limit)),
+            beyond=float(np.mean(rms > limit)),
+        )

@@ -11,6 +11,9 @@ from pneunet_ros.core.settings import tuning
 class ReportSettings:
     """What figures and tables call significant, certain enough to show, or a turn of pressure."""
 
+    as_noise: float = tuning(
+        1.2, 'up to it a residual over its noise is called as good as the noise', source='invented'
+    )
     share_p_value: float = tuning(0.01, 'below it a share of the misfit stands out')
     linearity_sigmas: float = tuning(3.0, 'a larger departure from a straight line is no chance')
     rigidity_error: float = tuning(0.3, 'largest relative error of a slope that is shown')

@@ -22,6 +22,7 @@ from pneunet_ros.reports.calibration.tables import (
     number_rows,
     Row,
 )
+from pneunet_ros.reports.calibration.verdict import residual_rms, verdict_of
 from pneunet_ros.reports.figure import Pictures
 from pneunet_ros.reports.page import render_page
 
@@ -62,6 +63,7 @@ def report_page(
     return render_page(
         TEMPLATE,
         arm=calibration.arm,
+        verdict=verdict_of(calibration),
         summary=summary(calibration, rows),
         notes=calibration.notes,
         pictures=pictures,
@@ -80,8 +82,6 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
     loaded = sum(run.loaded for run in runs)
     frames = sum(len(run.stamp_ns) for run in runs)
     low, high = (kilopascals(value) for value in arm.pressure_range)
-    residuals = [item.residual[item.solved] for item in fit.runs]
-    squares = np.concatenate([values[np.isfinite(values)] ** 2 for values in residuals])
     missing = sum(int(np.count_nonzero(~item.solved)) for item in fit.runs)
     summary_rows = [
         ('Recordings', f'{len(runs) - loaded} unloaded, {loaded} loaded; {frames} frames'),
@@ -89,7 +89,7 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
         ('Moment law', f'{arm.moment_law.kind}'),
         ('Fit', f'{fit.status} after {fit.steps} steps'),
         ('Chi squared per coordinate', f'{fit.chi_squared / fit.dof:.3f}; 1 is expected'),
-        ('Residual', f'{millimeters(float(np.sqrt(squares.mean()))):.3f} mm rms per coordinate'),
+        ('Residual', f'{millimeters(residual_rms(fit)):.3f} mm rms per coordinate'),
         ('Numbers determined', f'{sum(row.determined for row in rows)} of {len(rows)}'),
         (
             'Covariance in the model file',

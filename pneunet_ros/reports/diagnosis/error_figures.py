@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters, seconds_between
 from pneunet_ros.diagnosis.result import Diagnosis, Misfit
 from pneunet_ros.measurement.dataset import RecordingData
@@ -18,6 +19,7 @@ from pneunet_ros.reports.diagnosis.figure_data import (
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import (
     as_shapes,
+    BAND_SIGMAS,
     draw_bars,
     draw_dots,
     GREY,
@@ -30,7 +32,82 @@ from pneunet_ros.reports.style import (
 
 SHAPES_SHOWN = 4
 WIDTH = 0.38  # of a bar
+ARROW = 0.15  # of the length, about the longest error as it is drawn
+MAGNIFICATIONS = (1, 2, 5, 10, 25, 50, 100, 250)
 MOST_RECORDINGS = 8  # in a picture
+
+
+def errors_along_arm(data: FigureData) -> Picture | None:
+    """Errors as magnified arrows on measured shapes, and along the arm beside the noise."""
+    items = data.errors()
+    frames = worst_frames(items)
+    if not frames:
+        return None
+    figure, (left, right) = panels(2, height=5.0)
+    times = magnification(frames, data.diagnosis.before.arm.length)
+    for item, frame in frames:
+        draw_arrows(left, item, frame, times)
+    as_shapes(left, f'(a) errors in the worst frames, {times} times as large')
+    share = data.diagnosis.before.arm.target_arclength / data.diagnosis.before.arm.length
+    noise = along_arm([item.noise for item in items])
+    right.fill_between(
+        share, 0.0, noise, color=GREY, alpha=0.2, linewidth=0, label='noise alone, rms'
+    )
+    for color, label, style, errors in (
+        (BEFORE, 'before', '--s', [item.before for item in items]),
+        (AFTER, 'after', '-o', [item.after for item in items]),
+    ):
+        right.plot(share, along_arm(errors), style, color=color, markersize=3.6, label=label)
+    right.set(
+        title=f'(b) error along the arm, {data.tested_on} recordings',
+        xlabel='arclength s / l',
+        ylabel='rms per coordinate (mm)',
+        xlim=(-0.02, 1.02),
+    )
+    right.set_ylim(bottom=0.0)
+    for axes in (left, right):
+        legend(axes, loc='best')
+    return picture(
+        '01_errors',
+        'Where the model is off',
+        '(a) From each measured target (dots) to where the models have it, red before and blue '
+        'after, in the frames that noise explains least. (b) What all frames come to: the '
+        'grey band is what noise of targets, force and pressure alone leaves. Blue should stay '
+        'near it; red above it, and how it runs along the arm, is what was missing.',
+        figure,
+    )
+
+
+def magnification(frames: Sequence[tuple[RecordingErrors, int]], length: float) -> int:
+    """Return how much larger errors are drawn, so that the largest is as long as `ARROW`."""
+    largest = max(float(np.nanmax(np.abs(item.before[frame]))) for item, frame in frames)
+    fitting = [times for times in MAGNIFICATIONS if times * largest <= ARROW * length]
+    return max(fitting, default=MAGNIFICATIONS[0])
+
+
+def along_arm(errors: Sequence[Array]) -> Array:
+    """Return the rms (mm) per coordinate of each target over all frames, NaN where never known."""
+    values = np.concatenate(errors).swapaxes(0, 2).reshape(errors[0].shape[2], -1)
+    count = np.isfinite(values).sum(axis=1)
+    total = np.nansum(values**2, axis=1)
+    return millimeters(1.0) * np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def draw_arrows(axes: Axes, item: RecordingErrors, frame: int, times: float) -> None:
+    """Draw a frame's measured targets, and the errors of both models from there, mm."""
+    measured = millimeters(1.0) * item.run.points[frame]
+    for errors, color, label in ((item.before, BEFORE, 'before'), (item.after, AFTER, 'after')):
+        ends = measured - times * millimeters(1.0) * errors[frame]
+        gap = np.full_like(measured, np.nan)  # so that all are one line, and one of the legend
+        x, y = np.stack([measured, ends, gap], axis=2).reshape(2, -1)
+        known = label if label not in axes.get_legend_handles_labels()[1] else None
+        axes.plot(x, y, color=color, linewidth=1.2, label=known)
+    draw_dots(axes, measured[0], measured[1], 3.0, color=MEASURED, zorder=4)
+    last = np.flatnonzero(np.isfinite(measured[0]))
+    if last.size:
+        pressure = kilopascals(float(item.run.frame_pressure[frame]))
+        tip = tuple(measured[:, last[-1]].tolist())
+        axes.annotate(f'{pressure:.0f} kPa', tip, (5, 4), textcoords='offset points', fontsize=8)
 
 
 def model_error(data: FigureData) -> Picture:
@@ -67,7 +144,7 @@ def model_error(data: FigureData) -> Picture:
     overall.margins(y=0.45)
     legend(overall, loc='upper right')
     return picture(
-        '01_model_error',
+        '02_model_error',
         'Model error before and after',
         'How far measured targets are from predicted ones, registration of each recording '
         f'removed. Dashed: what noise alone would leave. {error_sentence(diagnosis)} Blue bars '
@@ -127,7 +204,6 @@ def shapes(data: FigureData) -> Picture | None:
         return None
     figure, axes = panels(len(frames), rows=2, height=6.6)
     share = diagnosis.before.arm.target_arclength / diagnosis.before.arm.length
-    floor = millimeters(diagnosis.noise_floor)
     for column, (item, frame) in enumerate(frames):
         top, below = axes[column], axes[len(frames) + column]
         draw_shapes(top, item, frame)
@@ -135,7 +211,8 @@ def shapes(data: FigureData) -> Picture | None:
         for errors, color, marker in ((item.before, BEFORE, 's'), (item.after, AFTER, 'o')):
             distance = millimeters(1.0) * np.hypot(errors[frame, 0], errors[frame, 1])
             below.plot(share, distance, color=color, marker=marker, markersize=3.2, linewidth=1.2)
-        below.axhspan(0.0, 2.0 * floor, color=GREY, alpha=0.15, linewidth=0)
+        band = BAND_SIGMAS * millimeters(1.0) * item.noise_distance[frame]
+        below.fill_between(share, 0.0, band, color=GREY, alpha=0.15, linewidth=0)
         below.set(xlabel='arclength s / l', xlim=(-0.02, 1.02))
     same_height(axes[len(frames) :], low=0.0)
     axes[len(frames)].set_ylabel('distance from measured (mm)')
@@ -143,22 +220,23 @@ def shapes(data: FigureData) -> Picture | None:
         panel.set_ylabel('')
     legend(axes[0], loc='best')
     return picture(
-        '02_shapes',
+        '03_shapes',
         'Measured shapes and both models',
-        f'Frames of {data.tested_on} recordings in which the model was furthest off, spread over '
+        f'Frames of {data.tested_on} recordings that noise explains least before, spread over '
         'them. Dots are measured targets, lines go through the predicted ones. Below, how '
-        'far each target is from its prediction; grey: twice the noise alone. The blue line '
-        'should pass through the dots and stay in the grey; the red one shows what was missing.',
+        'far each target is from its prediction; grey: two sigma of what noise of targets, force '
+        'and pressure moves in that frame. The blue line should pass through the dots and stay '
+        'in the grey; the red one shows what was missing.',
         figure,
     )
 
 
 def worst_frames(items: Sequence[RecordingErrors]) -> list[tuple[RecordingErrors, int]]:
-    """Return frames in which the model before is far off, the worst of every recording first.
+    """Return frames that noise explains least before, the worst of every recording first.
 
     Then, in turns, the worst that are at least a quarter of their recording away from those.
     """
-    sizes = [item.rms_before.copy() for item in items]
+    sizes = [item.misfit.copy() for item in items]
     frames: list[tuple[RecordingErrors, int]] = []
     for _ in range(SHAPES_SHOWN):
         of_turn = []
@@ -174,7 +252,7 @@ def worst_frames(items: Sequence[RecordingErrors]) -> list[tuple[RecordingErrors
 
 def draw_shapes(axes: Axes, item: RecordingErrors, frame: int) -> None:
     """Draw measured targets as dots and predicted ones as lines, mm."""
-    measured = millimeters(1.0) * item.measured[frame]
+    measured = millimeters(1.0) * item.run.points[frame]
     for errors, color, label in ((item.before, BEFORE, 'before'), (item.after, AFTER, 'after')):
         line = measured - millimeters(1.0) * errors[frame]
         known = np.isfinite(line[0])

@@ -16,17 +16,15 @@ from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.paper_views.moment_curvature import law_view
 from pneunet_ros.reports.style import legend, panels, PressureColors, THIRD
 
-MOST_HYPOTHESES = 12
 CURVES = 3  # pressures at which kappa_p0 is drawn
 
 
 def evidence(data: FigureData) -> Picture | None:
-    """How much better the recordings are explained by every effect that was fitted."""
-    fitted = [item for item in rank_evidence(data.diagnosis) if not math.isnan(item.evidence)]
-    shown = fitted[:MOST_HYPOTHESES][::-1]
+    """How much better the recordings are explained by every effect that was scored."""
+    shown = rank_evidence(data.diagnosis)[::-1]
     if not shown:
         return None
-    figure, axes = panels(2, height=1.6 + 0.36 * max(len(shown), 3))
+    figure, axes = panels(2, height=1.6 + 0.3 * max(len(shown), 3))
     for panel, values, title in (
         (axes[0], [item.chi_squared for item in shown], '(a) chi squared gets less by'),
         (axes[1], [item.evidence for item in shown], '(b) gain in recordings left out'),
@@ -37,23 +35,31 @@ def evidence(data: FigureData) -> Picture | None:
     axes[1].set_xlabel('log probability, recording left out after recording')
     axes[0].set_xlabel('delta chi squared, training recordings')
     return picture(
-        '06_evidence',
+        '07_evidence',
         'Evidence for every effect',
-        'Promising effects were put into the model and everything refitted. (a) says how much '
+        'All effects that were scored; promising ones were put into the model and everything '
+        'refitted. (a) says how much '
         'better the training recordings fit, (b) how much better each of them is predicted from '
         'the others; below zero an effect does harm. Scales are linear near zero, then '
         'logarithmic. Green: with it the residuals are consistent with noise; grey: they are '
-        'not, so that it is not the answer, however much it improves the fit.',
+        'not, so that it is not the answer, however much it improves the fit; white: its score '
+        'promised too little to be worth a fit, and (a) shows that score.',
         figure,
     )
 
 
 def draw_evidence(axes: Axes, shown: list[Evidence], values: list[float]) -> None:
-    """Draw one quantity of all hypotheses, adequate ones in green."""
+    """Draw one quantity of all hypotheses: adequate ones in green, those not fitted in white."""
     places = np.arange(len(shown))
-    colors = [THIRD if item.adequate else '#b5b5b5' for item in shown]
-    bars = axes.barh(places, values, 0.65, color=colors)
-    axes.bar_label(bars, labels=[round_value(value) for value in values], fontsize=8, padding=3)
+    fitted = [not math.isnan(item.evidence) for item in shown]
+    colors = [
+        'white' if not tried else THIRD if item.adequate else '#b5b5b5'
+        for item, tried in zip(shown, fitted, strict=True)
+    ]
+    lengths = np.nan_to_num(values)
+    bars = axes.barh(places, lengths, 0.65, color=colors, edgecolor='0.6', linewidth=0.6)
+    texts = ['' if math.isnan(value) else round_value(value) for value in values]
+    axes.bar_label(bars, labels=texts, fontsize=8, padding=3)
     # Sizes differ by orders of magnitude, and may be negative.
     axes.set_xscale('symlog', linthresh=10.0)
     axes.axvline(0.0, color='0.4', linewidth=0.9)
@@ -94,7 +100,7 @@ def biased_parameters(data: FigureData) -> Picture | None:
     legend(curvatures, loc='best')
     legend(rigidities, loc='best')
     return picture(
-        '07_biased_parameters',
+        '08_biased_parameters',
         'Intrinsic curvature and rigidity, before and after',
         'Parameters of the model fitted without the missing effect, and with it. Calibration '
         'changes the parameters that it has until the model fits: curves that differ by more '

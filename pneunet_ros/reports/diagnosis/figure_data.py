@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.evaluation import noise_stds
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
@@ -17,23 +18,31 @@ BEFORE, AFTER = SECOND, FIRST  # colors
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordingErrors:
-    """Errors of both models on a recording, (frames, 2, targets) m, registration removed."""
+    """Errors of both models on a recording, (frames, 2, targets) m, registration removed.
+
+    noise (frames, 2, targets) m: one sigma of what noise alone does to each coordinate, that of
+    the readings of pressure and force included.
+    """
 
     run: RecordingData
     before: Array
     after: Array
+    noise: Array
 
     @property
-    def measured(self) -> Array:
-        """Targets as measured, (frames, 2, targets) m."""
-        return np.stack([self.run.x, self.run.y], axis=1)
+    def misfit(self) -> Array:
+        """Rms error before over that of noise alone in every frame, (frames,); 0 without any."""
+        known = np.isfinite(self.before) & np.isfinite(self.noise)
+        error, noise = (
+            np.sqrt(np.sum(np.where(known, values, 0.0) ** 2, axis=(1, 2)))
+            for values in (self.before, self.noise)
+        )
+        return np.asarray(error / np.where(noise > 0.0, noise, 1.0))
 
     @property
-    def rms_before(self) -> Array:
-        """Root mean square error before, per coordinate of every frame (m); 0 without any."""
-        count = np.isfinite(self.before).sum(axis=(1, 2))
-        total = np.nansum(self.before**2, axis=(1, 2))
-        return np.asarray(np.sqrt(total / np.maximum(count, 1)))
+    def noise_distance(self) -> Array:
+        """One sigma of the distance of each target from its prediction, (frames, targets) m."""
+        return np.hypot(self.noise[:, 0], self.noise[:, 1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,7 +65,8 @@ class FigureData:
         runs, scores = self.held_out, (before.held_out_scores, after.held_out_scores)
         if before.held_out is None:
             runs, scores = self.training, (before.training_scores, after.training_scores)
+        noise = noise_stds(after.arm, runs, after.arm.sensors)
         return tuple(
-            RecordingErrors(run=run, before=first.error, after=last.error)
-            for run, first, last in zip(runs, *scores, strict=True)
+            RecordingErrors(run=run, before=first.error, after=last.error, noise=std)
+            for run, first, last, std in zip(runs, *scores, noise, strict=True)
         )

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from pneunet_ros.reports.diagnosis.error_figures import model_error, shapes
+from pneunet_ros.reports.diagnosis.error_figures import (
+    errors_along_arm,
+    model_error,
+    shapes,
+)
 from pneunet_ros.reports.diagnosis.evidence_figures import biased_parameters, evidence
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.localization_figures import maps, shares
@@ -10,7 +14,7 @@ from pneunet_ros.reports.diagnosis.loop_figures import loops
 from pneunet_ros.reports.figure import Figures
 
 FIGURES: Figures[FigureData] = {
-    'error': (model_error, shapes),
+    'error': (errors_along_arm, model_error, shapes),
     'where': (maps, shares, loops),
     'evidence': (evidence,),
     'biased': (biased_parameters,),

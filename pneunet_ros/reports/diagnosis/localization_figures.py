@@ -49,7 +49,7 @@ def maps(data: FigureData) -> Picture | None:
     mesh = axes[0].collections[0]
     figure.colorbar(mesh, ax=axes, label='residual / noise', fraction=0.03, pad=0.01)
     return picture(
-        '03_where',
+        '04_where',
         'Residuals along the arm, over what acted on it',
         'Root mean square residual of training recordings in units of the noise, along the arm '
         '(across) and over what acted on it (up). White is what noise alone leaves, red what the '
@@ -101,7 +101,7 @@ def shares(data: FigureData) -> Picture | None:
     axes[0].set_ylabel('share of the misfit (%)')
     same_height(axes, low=0.0)
     return picture(
-        '04_shares',
+        '05_shares',
         'Which share of the misfit lies where',
         'What the model before leaves over, split along each axis. Blue bars hold more than '
         f'noise alone puts there in {100 * (1.0 - p_value):.0f} of 100 cases, grey ones do not '

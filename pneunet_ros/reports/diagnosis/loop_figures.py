@@ -82,7 +82,7 @@ def loops(data: FigureData) -> Picture | None:
         same_height(pair)
     legend(axes[0], loc='best')
     return picture(
-        '05_loops',
+        '06_loops',
         'Moment and curvature, by direction of pressure',
         f'Means over the middle of the arm (s / l from {settings.loop_start:g} to '
         f'{settings.loop_stop:g}) in frames of all training recordings. (a), (b): moment from '

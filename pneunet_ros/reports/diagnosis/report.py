@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.diagnosis.result import CLEAR, Diagnosis
 from pneunet_ros.reports.calibration.tables import flat
+from pneunet_ros.reports.calibration.verdict import stiffness_text
 from pneunet_ros.reports.diagnosis.error_figures import error_sentence
 from pneunet_ros.reports.diagnosis.tables import (
     added_effects,
@@ -31,9 +32,13 @@ TEMPLATE = 'diagnosis_report.html.jinja'
 
 def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[str, Any]) -> str:
     """Return the page, pictures inside."""
+    next_step, command = next_steps(diagnosis)
     return render_page(
         TEMPLATE,
         diagnosis=diagnosis,
+        stiffness=stiffness_change(diagnosis),
+        next_step=next_step,
+        command=command,
         arm=diagnosis.before.arm,
         added=added_effects(diagnosis),
         meaning=ANSWERS[diagnosis.answer],
@@ -50,4 +55,27 @@ def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[st
         shift=shift_table(diagnosis),
         detectable=detectable_table(diagnosis),
         provenance=flat(provenance),
+    )
+
+
+def stiffness_change(diagnosis: Diagnosis) -> str:
+    """Say the bending stiffness, before and after where an effect was added."""
+    before, after = diagnosis.before.fit, diagnosis.after.fit
+    if not any(item.run.loaded for item in after.runs):
+        return 'not measured: no training recording is under load'
+    if not added_effects(diagnosis):
+        return stiffness_text(before)
+    return f'{stiffness_text(after)}; before: {stiffness_text(before)}'
+
+
+def next_steps(diagnosis: Diagnosis) -> tuple[str, str]:
+    """Return what to do next, and the command to type."""
+    if diagnosis.answer in CLEAR and not diagnosis.proposal:
+        step = 'Test the model of this folder on a recording that it has not seen.'
+        return step, 'pneunet replay FRESH.mcap --model DIR/model.yaml'
+    step = diagnosis.proposal or 'Record more, and ask again.'
+    names = ' '.join(item.run.name for item in diagnosis.before.fit.runs)
+    return step, (
+        f'pneunet diagnose --model MODEL.yaml --train {names} NEW.mcap --heldout FRESH.mcap '
+        '--output DIR'
     )

@@ -1,0 +1,43 @@
+"""How unevenly an arm may bend where no target shows it, put into the covariance of a fit.
+
+A curvature that is constant between the clamp and the tip, or a curve through a few numbers, is
+an estimate and no knowledge. What such a curve leaves out is no parameter of the fit; it is
+considered: a departure d with a known prior S changes what the fit finds by C I d, where C is the
+covariance of the fit and I the information of the data, so that the error is E d with E = C I - 1,
+and the covariance in all C + E S E^T (Schmidt's consider covariance: S. F. Schmidt, Advances in
+Control Systems 3, 1966). What the targets determine stays as sure as they make it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.calibration.parameters import correlation, Parameters
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
+from pneunet_ros.core.arrays import Array, frozen_array
+
+
+def consider_nonuniformity(fit: Fit, known: ResolutionSettings = RESOLUTION) -> Fit:
+    """Return the fit with the covariance of what its curve along the arm leaves out."""
+    parameters = fit.parameters
+    if parameters.shapes is None:
+        return fit
+    prior = departure_prior(parameters, fit.values, known)
+    errors = fit.covariance @ fit.information[:, : parameters.cells]
+    errors[: parameters.cells] -= np.eye(parameters.cells)
+    covariance = fit.covariance + errors @ prior @ errors.T
+    return replace(fit, covariance=frozen_array(covariance))
+
+
+def departure_prior(parameters: Parameters, values: Array, known: ResolutionSettings) -> Array:
+    """Return the covariance (cells, cells) of departures from the curve, 1/m^2.
+
+    The same shape at all pressures in proportion to the mean curvature, and one of the arm at
+    rest.
+    """
+    mean = values[: parameters.cells].reshape(parameters.pressure.size, -1).mean(axis=1)
+    rest = known.nonuniform_rest / parameters.frame.length
+    over = known.nonuniform**2 * np.outer(mean, mean) + rest**2
+    return np.asarray(np.kron(over, correlation(parameters.arclength, known.nonuniform_scale)))

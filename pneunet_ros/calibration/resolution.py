@@ -1,0 +1,114 @@
+"""What targets and pressures can resolve: how many numbers describe kappa_p0 and the moment law.
+
+What the recordings cannot show is not fitted. Along the arm the rule is plain: one number for
+every target beyond the clamp that stands apart from the one before. What such a curve leaves out
+is in the covariance (`nonuniformity`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resolution:
+    """How finely recordings resolve an arm.
+
+    shapes: numbers of kappa_p0 along the arm, at most its knots. pressures: distinct ones, without
+    load or with. constant_pressure: it never changes, so nothing is said of another. law: the kind
+    of moment law that the loaded frames can tell the constants of. notes say so in sentences.
+    """
+
+    shapes: int
+    knots: int
+    pressures: int
+    constant_pressure: bool
+    law: str
+    notes: tuple[str, ...]
+
+    @property
+    def free_shapes(self) -> int | None:
+        """The number of shapes where they are fewer than the knots."""
+        return self.shapes if self.shapes < self.knots else None
+
+
+def resolve(
+    arm: Arm,
+    unloaded: Sequence[RecordingData],
+    loaded: Sequence[RecordingData],
+    known: ResolutionSettings = RESOLUTION,
+) -> Resolution:
+    """Return what these recordings of an arm can resolve."""
+    runs = [*unloaded, *loaded]
+    seen = np.any([run.seen.any(axis=0) for run in runs], axis=0)
+    targets = arm.target_arclength[seen].tolist()
+    shapes = min(resolved_shapes(targets, arm.length, known), known.knots)
+    pressure = np.sort(np.concatenate([run.frame_pressure for run in runs]))
+    same = max(known.same_pressure, known.noise_span * arm.sensors.pressure_std)
+    pressures = 1 + int(np.count_nonzero(np.diff(pressure) > same))
+    constant = bool(pressure[-1] - pressure[0] <= same)
+    notes = []
+    if shapes == 1:
+        notes.append(
+            f'the curvature along the arm is taken as constant: {count_of(targets, "target")}, '
+            f'{places(targets)}, tell no more'
+        )
+    elif shapes < known.knots:
+        notes.append(
+            f'the curvature along the arm is described by {shapes} numbers, as many as there are '
+            f'targets beyond the clamp that stand apart ({count_of(targets, "target")} seen)'
+        )
+    if constant:
+        notes.append(
+            f'the pressure is {kilopascals(float(np.median(pressure))):.3g} kPa throughout: the '
+            'model has one row of curvature and says nothing of any other pressure'
+        )
+    elif pressures < known.few_pressures:
+        notes.append(
+            f'there are {pressures} pressures: between them the curvature is a smooth course '
+            'through them, as sure as that is'
+        )
+    frames = sum(len(run.stamp_ns) for run in loaded)
+    law = PiecewiseLinearLaw.kind
+    if loaded and (frames < known.law_frames or shapes < known.law_shapes or constant):
+        law = LinearLaw.kind
+        notes.append(
+            f'the moment law is one stiffness EI: {count_of(range(frames), "loaded frame")} of '
+            f'{count_of(targets, "target")} at {count_of(range(pressures), "pressure")} tell no '
+            'more (--law fits another)'
+        )
+    return Resolution(
+        shapes=shapes,
+        knots=known.knots,
+        pressures=pressures,
+        constant_pressure=constant,
+        law=law,
+        notes=tuple(notes),
+    )
+
+
+def resolved_shapes(targets: Sequence[float], length: float, known: ResolutionSettings) -> int:
+    """Return how many targets (m) stand apart from the clamp and from each other, at least 1."""
+    last, count = 0.0, 0
+    for target in targets:
+        if target - last > known.apart * length:
+            last, count = target, count + 1
+    return max(count, 1)
+
+
+def count_of(items: Sequence[object], name: str) -> str:
+    """Return a number with its noun."""
+    return f'{len(items)} {name}{"" if len(items) == 1 else "s"}'
+
+
+def places(targets: Sequence[float]) -> str:
+    """Return where targets (m) stand, as words for a person."""
+    return 'at s = ' + ', '.join(f'{1000.0 * target:.4g}' for target in targets) + ' mm'

@@ -1,0 +1,173 @@
+"""What `calibrate` and `diagnose` ask of recordings, and how both read them."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+import itertools
+import math
+from pathlib import Path
+
+from pneunet_ros.calibration.preconditions import check_unloaded
+from pneunet_ros.cli.verb import add_settings, add_topics, SENSOR_SETTINGS, settings_of, topics_of
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.recordings.dataset_reader import read_run
+from rich.progress import Progress
+
+STATIC = (
+    '--static: every frame is a steady state and its stamp means nothing; no noise is estimated '
+    'from differences in time, and an arm with a memory had come to rest in every frame'
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Experiments:
+    """Recordings, group by group as they were given, and what there is to say of them.
+
+    left_out: sentences on what could not be used; unloaded: which recordings are without a load,
+    and by which rule.
+    """
+
+    groups: tuple[tuple[RecordingData, ...], ...]
+    left_out: tuple[str, ...]
+    unloaded: str
+    static: bool
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """All there is to say of the recordings."""
+        return (*self.left_out, self.unloaded, *((STATIC,) if self.static else ()))
+
+    @property
+    def summary(self) -> dict[str, object]:
+        """The same for programs."""
+        return {'left_out': self.left_out, 'unloaded': self.unloaded, 'static': self.static}
+
+
+def add_experiments(parser: ArgumentParser) -> None:
+    """Add the options that say what recordings hold and what their readings mean."""
+    parser.add_argument(
+        '--static',
+        action='store_true',
+        help='frames are steady states: their stamps mean nothing, and no effect with a time in '
+        'it is considered',
+    )
+    parser.add_argument(
+        '--end-load',
+        nargs=3,
+        action='append',
+        default=[],
+        metavar=('REC', 'FX', 'FY'),
+        help='a known constant end load (N, base frame) in a recording without `end_wrench`; its '
+        'error is force_std of the model; may be repeated',
+    )
+    add_topics(parser)
+    add_settings(parser, SENSOR_SETTINGS)
+
+
+def read_experiments(
+    groups: Sequence[Sequence[Path]], frame: Arm, arguments: Namespace, bar: Progress
+) -> Experiments:
+    """Read groups of recordings and decide which of them are without a load.
+
+    Those given by `--unloaded`; without that option those that have no `end_wrench`, and those in
+    which every wrench is within the noise of the sensor.
+    """
+    paths = list(itertools.chain(*groups))
+    loads = end_loads(arguments.end_load, paths)
+    named = {path.resolve() for path in arguments.unloaded}
+    check_given(named, paths, '--unloaded')
+    if both := named & loads.keys():
+        raise RequestError(f'{both.pop()} stands after --unloaded and after --end-load')
+    topics = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
+    left_out: list[str] = []
+    unloaded: list[str] = []
+
+    def read(path: Path) -> RecordingData:
+        run, sentences = read_run(
+            path, frame.target_arclength.size, topics, settings_of(arguments)
+        )
+        left_out.extend(f'{path.name}: {sentence}' for sentence in sentences)
+        run = replace(run, static=arguments.static)
+        place = path.resolve()
+        if place in loads:
+            return with_known_load(run, loads[place])
+        if place in named:
+            check_unloaded(run)
+            why = 'given'
+        else:
+            why = '' if named else reason_unloaded(run, frame.sensors)
+        if why or not run.loaded:
+            unloaded.append(f'{path.name} ({why or "no end_wrench"})')
+            return run.without_load()
+        return run
+
+    tracked = iter(bar.track(paths, description='reading'))
+    runs = tuple(
+        tuple(read(path) for path in itertools.islice(tracked, len(group))) for group in groups
+    )
+    return Experiments(
+        groups=runs,
+        left_out=tuple(left_out),
+        unloaded=f'without a load: {", ".join(unloaded) or "none"}',
+        static=arguments.static,
+    )
+
+
+def reason_unloaded(run: RecordingData, noise: SensorNoise) -> str:
+    """Return why nothing was attached in a run; empty where something was."""
+    if not run.loaded:
+        return 'no end_wrench'
+    if not run.is_idle(noise):
+        return ''
+    reach = run.idle_reach()
+    return (
+        f'every wrench is within {reach:.2g} sigma of the sensor, {reach * noise.force_std:.2g} N '
+        f'and {reach * noise.moment_std:.2g} N m'
+    )
+
+
+def with_known_load(run: RecordingData, load: tuple[float, float]) -> RecordingData:
+    """Return a run under its known load; RequestError where a sensor has read another."""
+    if run.loaded:
+        raise RequestError(
+            f'--end-load {run.name}: the recording has readings of end_wrench; the option is for '
+            'recordings without (--no-wrench-required takes no notice of the topic)'
+        )
+    return run.with_end_load(*load)
+
+
+def end_loads(
+    given: Sequence[Sequence[str]], paths: Sequence[Path]
+) -> Mapping[Path, tuple[float, float]]:
+    """Return the known load (N) by recording; RequestError where one is no load of a recording."""
+    loads: dict[Path, tuple[float, float]] = {}
+    for name, *components in given:
+        try:
+            force_x, force_y = (float(item) for item in components)
+        except ValueError:
+            force_x = force_y = math.nan
+        if not (math.isfinite(force_x) and math.isfinite(force_y)):
+            raise RequestError(
+                f'--end-load {name} {" ".join(components)}: FX and FY must be numbers, in N'
+            )
+        place = Path(name).resolve()
+        check_given({place}, paths, '--end-load')
+        if place in loads:
+            raise RequestError(f'--end-load {name} is given twice')
+        loads[place] = force_x, force_y
+    return loads
+
+
+def check_given(places: set[Path], paths: Sequence[Path], option: str) -> None:
+    """Refuse a recording that an option names and that is not among those to read."""
+    for place in sorted(places - {path.resolve() for path in paths}):
+        raise RequestError(
+            f'{option} {place.name}: this recording is not among those that are to be read; the '
+            'option only says what they hold'
+        )

@@ -1,0 +1,115 @@
+"""What a calibration is good for, in three sentences: how well, how sure, what next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.reports.paper_views.moment_curvature import law_view
+from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
+
+SECTIONS = ('near the clamp', 'beyond l1')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """How well the model fits, how sure its numbers are, and what to do next.
+
+    command: to type for it, with capitals for what the user has to fill in.
+    """
+
+    fit: str
+    certainty: str
+    next_step: str
+    command: str
+
+
+def verdict_of(calibration: Calibration, settings: ReportSettings = REPORT_SETTINGS) -> Verdict:
+    """Return the verdict on a calibration."""
+    joint = calibration.joint
+    loaded = any(item.run.loaded for item in joint.runs)
+    certainty = 'The bending stiffness was not measured: no recording is under load.'
+    if loaded:
+        certainty = f'Bending stiffness EI {stiffness_text(joint)}.'
+    next_step, command = next_steps(calibration, loaded, settings)
+    return Verdict(
+        fit=fit_sentence(joint, settings),
+        certainty=certainty,
+        next_step=next_step,
+        command=command,
+    )
+
+
+def fit_sentence(fit: Fit, settings: ReportSettings) -> str:
+    """Say how far the model is from what was measured, in mm, in the length, and in its noise."""
+    if not fit.converged:
+        return f'No model: the fit did not settle ({fit.status}).'
+    rms = residual_rms(fit)
+    share = 100.0 * rms / fit.arm.length
+    size = f'{millimeters(rms):.2g} mm rms per coordinate, {share:.2g} % of the length'
+    times = noise_ratio(fit)
+    if times <= settings.as_noise:
+        return f'The model fits: {size}, as good as the noise.'
+    return f'The model does not fit: {size}, {times:.2g} times the noise. Something is missing.'
+
+
+def residual_rms(fit: Fit) -> float:
+    """Return the rms (m) per coordinate that the fit leaves, NaN where no frame was solved."""
+    values = np.concatenate([item.residual[item.solved].ravel() for item in fit.runs])
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+
+
+def noise_ratio(fit: Fit) -> float:
+    """Return the rms of the whitened residual, 1 where it is all noise."""
+    return math.sqrt(fit.chi_squared / max(fit.dof, 1))
+
+
+def stiffness_text(fit: Fit) -> str:
+    """Return EI of each section in the middle of the pressures, with standard errors."""
+    middle = 0.5 * sum(fit.arm.pressure_range)
+    view, scale = law_view(fit, np.array([middle])), fit.arm.weight * fit.arm.length**2
+    values, stds = (scale * item[0] for item in (view.rigidity, view.rigidity_std))
+    names = SECTIONS if values.size > 1 else ('',)
+    texts = [
+        f'{stiffness_with_error(value, std)} {name}'.rstrip()
+        for value, std, name in zip(values.tolist(), stds.tolist(), names, strict=True)
+    ]
+    return f'{" and ".join(texts)}, at {kilopascals(middle):.0f} kPa'
+
+
+def stiffness_with_error(value: float, std: float) -> str:
+    """Write a stiffness (N m^2) with its standard error, both in the same power of ten."""
+    power = math.floor(math.log10(abs(value))) if value else 0
+    scaled, error = value / 10.0**power, std / 10.0**power
+    places = 1 if error <= 0.0 else min(max(1 - math.floor(math.log10(error)), 0), 4)
+    return f'({scaled:.{places}f} ± {error:.{places}f})e{power} N m^2'
+
+
+def next_steps(
+    calibration: Calibration, loaded: bool, settings: ReportSettings
+) -> tuple[str, str]:
+    """Return what to do next, and the command to type."""
+    joint = calibration.joint
+    names = ' '.join(item.run.name for item in joint.runs)
+    if not joint.converged:
+        return 'Look for what these recordings lack.', f'pneunet check {names}'
+    if noise_ratio(joint) > settings.as_noise:
+        return (
+            'Ask what is missing; hold one recording out.',
+            f'pneunet diagnose --model MODEL.yaml --train {names} --heldout FRESH.mcap '
+            '--output DIR',
+        )
+    if not loaded:
+        return (
+            'Record the arm under end loads, and calibrate again with both.',
+            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --output MODEL.yaml',
+        )
+    return (
+        'Test the model on a recording that it has not seen.',
+        'pneunet replay FRESH.mcap --model MODEL.yaml',
+    )

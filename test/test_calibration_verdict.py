@@ -1,0 +1,56 @@
+"""The verdict on a calibration: how well, how sure, what next, in words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pneunet_ros.reports.calibration.verdict import stiffness_with_error, verdict_of
+import pytest
+from support.small_calibration import calibration
+
+
+def test_a_model_as_good_as_the_noise_is_to_be_tested():
+    verdict = verdict_of(calibration())
+    assert 'as good as the noise' in verdict.fit
+    assert 'mm rms per coordinate' in verdict.fit
+    assert 'near the clamp' in verdict.certainty
+    assert 'N m^2' in verdict.certainty
+    assert verdict.command.startswith('pneunet replay')
+
+
+def test_a_model_that_misses_something_is_to_be_diagnosed():
+    found = calibration()
+    poor = replace(found, joint=replace(found.joint, chi_squared=9.0 * found.joint.dof))
+    verdict = verdict_of(poor)
+    assert 'does not fit' in verdict.fit
+    assert '3 times the noise' in verdict.fit
+    assert verdict.command.startswith('pneunet diagnose')
+
+
+def test_without_load_stiffness_was_not_measured():
+    found = calibration()
+    free = replace(found.joint, runs=[item for item in found.joint.runs if not item.run.loaded])
+    verdict = verdict_of(replace(found, joint=free))
+    assert 'not measured' in verdict.certainty
+    assert '--loaded' in verdict.command
+
+
+def test_a_fit_that_did_not_settle_gives_no_model():
+    found = calibration()
+    lost = replace(found, joint=replace(found.joint, converged=False, status='too few frames'))
+    verdict = verdict_of(lost)
+    assert verdict.fit.startswith('No model')
+    assert verdict.command.startswith('pneunet check')
+
+
+@pytest.mark.parametrize(
+    ('value', 'std', 'text'),
+    [
+        (9.31e-4, 2.1e-6, '(9.310 ± 0.021)e-4 N m^2'),
+        (5.0e-4, 0.0, '(5.0 ± 0.0)e-4 N m^2'),
+        (-2.5e-4, 1e-4, '(-2.5 ± 1.0)e-4 N m^2'),
+        (0.0, 0.1, '(0.00 ± 0.10)e0 N m^2'),
+    ],
+)
+def test_a_stiffness_stands_with_its_error(value, std, text):
+    assert stiffness_with_error(value, std) == text
