@@ -43,8 +43,8 @@ NAMES = (
 class Case:
     """One verb on one input.
 
-    outputs: what it may write. read_back: a recording whose readings must be those of the whole one
-    unless it is said to be damaged. room: bytes that may be written, None for no limit. kill:
+    outputs: what it may write. read_back: a recording whose readings must be those of the whole
+    one unless it is said to be damaged. room: bytes that may be written, None: any. kill:
     seconds after which it is killed, None for never.
     """
 

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 import shutil
 
 import cv2
 from mcap.writer import CompressionType, Writer
 import numpy as np
-from pneunet_ros.cli.main import main
+from pneunet_ros.cli.main import main, VERBS
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.recording import open_recording
 
+DRAWING = (
+    'pneunet_ros.reports.tracking.preview',
+    'pneunet_ros.reports.tracking.preview_video',
+    'matplotlib.backends.backend_agg',
+)
 IMAGES = 7  # enough for a rest of five
 SCENARIO = """\
 schema_version: 1
@@ -57,6 +63,8 @@ class Corpus:
 
 def make_corpus(folder: Path) -> Corpus:
     """Make the whole inputs, by the verbs that make them."""
+    for module in (*(verb.module for verb in VERBS), *DRAWING):
+        import_module(module)  # once here, and not in every forked process
     whole = folder / 'whole'
     shutil.rmtree(whole, ignore_errors=True)
     whole.mkdir(parents=True)
@@ -69,8 +77,10 @@ def make_corpus(folder: Path) -> Corpus:
     _run('replay', whole / 'rec.mcap', '--output', whole / 'replayed.mcap')
     _run('export', whole / 'replayed.mcap', '--output', whole / 'table.csv')
     for kind in CompressionType:
-        _rewrite(whole / 'rec.mcap', whole / f'{kind.name.lower()}.mcap', compression=kind)
-    _rewrite(whole / 'rec.mcap', whole / 'loose.mcap', use_chunking=False)
+        name = f'{kind.name.lower()}.mcap'
+        # Without checksums, as fast writers leave them out, damage reaches what reads messages.
+        _rewrite(whole / 'rec.mcap', whole / name, compression=kind, enable_crcs=False)
+    _rewrite(whole / 'rec.mcap', whole / 'loose.mcap', use_chunking=False, enable_crcs=False)
     _images(whole)
     np.savez_compressed(whole / 'model.knowledge.npz', kind=np.array('linear'), low=0.0, high=6e4)
     return Corpus(folder=whole, trials=folder / 'trials')

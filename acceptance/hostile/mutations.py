@@ -110,7 +110,7 @@ def damage_bytes(raw: bytes, dice: random.Random) -> bytes:
 def damage_text(raw: bytes, dice: random.Random) -> bytes:
     """Put other numbers and scraps into a text, and drop or double lines."""
     changed = raw
-    for _ in range(dice.randint(1, 3)):
+    for _ in range(dice.choice((1, 1, 2, 3))):
         kind, numbers = dice.randrange(8), list(NUMBER.finditer(changed))
         if kind > 3 and numbers:
             found = dice.choice(numbers)

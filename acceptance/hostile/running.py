@@ -60,13 +60,15 @@ class Finding:
 def run_case(case: Case, corpus: Corpus) -> Finding:
     """Run a case and look at what it left."""
     before = {path.name for path in case.folder.iterdir()}
-    said = {name: corpus.trials / f'{name}.txt' for name in ('out', 'err')}
+    said = {name: Pipe() for name in ('out', 'err')}
     started = time.perf_counter()
     child = os.fork()
     if child == 0:
-        _be_the_verb(case, said)
-    code, usage, waited = _wait(child, started, case.kill)
-    texts = {name: path.read_text(errors='surrogateescape') for name, path in said.items()}
+        _be_the_verb(case, list(said.values()))
+    for pipe in said.values():
+        pipe.listen()
+    code, usage, waited = _wait(child, started, case.kill, list(said.values()))
+    texts = {name: pipe.text() for name, pipe in said.items()}
     seconds = usage.ru_utime + usage.ru_stime
     finding = Finding(
         code=code,
@@ -79,13 +81,40 @@ def run_case(case: Case, corpus: Corpus) -> Finding:
     return finding
 
 
-def _be_the_verb(case: Case, said: dict[str, Path]) -> None:
+class Pipe:
+    """What a child says: no limit on the size of files holds for it."""
+
+    def __init__(self) -> None:
+        """Open both ends."""
+        self.reader, self.writer = os.pipe()
+        self.heard = bytearray()
+
+    def listen(self) -> None:
+        """Be the side that reads, without waiting."""
+        os.close(self.writer)
+        os.set_blocking(self.reader, False)
+
+    def hear(self) -> None:
+        """Take what there is."""
+        try:
+            while part := os.read(self.reader, 1 << 16):
+                self.heard += part
+        except BlockingIOError:
+            pass
+
+    def text(self) -> str:
+        """Return all that was said, and close."""
+        self.hear()
+        os.close(self.reader)
+        return self.heard.decode(errors='surrogateescape')
+
+
+def _be_the_verb(case: Case, said: list[Pipe]) -> None:
     """Run the verb in this forked process, and end it."""
     code = CRASHED
     try:
-        for number, path in enumerate(said.values(), start=1):
-            file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-            os.dup2(file, number)
+        for number, pipe in enumerate(said, start=1):
+            os.dup2(pipe.writer, number)
         os.chdir(case.folder)
         mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
         limit = mapped + int(LIMITS['address_space'])
@@ -97,22 +126,24 @@ def _be_the_verb(case: Case, said: dict[str, Path]) -> None:
     except SystemExit as error:
         code = error.code if isinstance(error.code, int) else CRASHED
     except BaseException:
-        text = traceback.format_exc()
-        resource.setrlimit(resource.RLIMIT_FSIZE, resource.getrlimit(resource.RLIMIT_FSIZE))
-        os.write(2, text[-4000:].encode(errors='backslashreplace'))
+        os.write(2, traceback.format_exc()[-4000:].encode(errors='backslashreplace'))
     finally:
         for stream in (sys.stdout, sys.stderr):
             try:
                 stream.flush()
             except Exception:
-                code = code if case.room is not None else CRASHED
+                code = CRASHED
         os._exit(code)
 
 
-def _wait(child: int, started: float, kill: float | None) -> tuple[int, Any, bool]:
+def _wait(
+    child: int, started: float, kill: float | None, said: list[Pipe]
+) -> tuple[int, Any, bool]:
     """Wait for a child; returns exit code (or -signal), usage, and whether it took too long."""
     patience = LIMITS['patience'] if kill is None else kill
     while True:
+        for pipe in said:
+            pipe.hear()
         done, status, usage = os.wait4(child, os.WNOHANG)
         if done:
             return os.waitstatus_to_exitcode(status), usage, False
