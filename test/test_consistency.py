@@ -96,7 +96,7 @@ class Monitored:
 
     def predict(self) -> PredictedTargets:
         last = self.estimate
-        return predict_targets(self.estimator.table, last.sensitivity, last.noise)
+        return predict_targets(self.estimator.table, last.noise, last.second_order)
 
     @property
     def found(self):

@@ -123,7 +123,7 @@ def test_a_model_without_a_shape_in_most_frames_has_no_residuals():
 
 def test_readings_without_a_past_are_those_of_the_frames():
     found = design()
-    for inputs, run in zip(found.all_inputs(found.point.arm), found.runs, strict=True):
+    for inputs, run in zip(found.known_inputs.of(found.point.arm), found.runs, strict=True):
         assert inputs.pressure == pytest.approx(run.frame_pressure)
         assert inputs.histories is None
 
@@ -131,16 +131,19 @@ def test_readings_without_a_past_are_those_of_the_frames():
 def test_noise_of_a_reading_has_no_past():
     found = design()
     late = found.at(replace(found.point, effects=(PressureLag(time_constant=1e-6),)))
-    for inputs, run in zip(late.all_inputs(late.point.arm), found.runs, strict=True):
+    for inputs, run in zip(late.known_inputs.of(late.point.arm), found.runs, strict=True):
         assert inputs.pressure == pytest.approx(run.frame_pressure, abs=0.05)
     slow = found.at(replace(found.point, effects=(PressureLag(time_constant=0.3),)))
     for inputs, quick, run in zip(
-        slow.all_inputs(slow.point.arm), slow.pressure_noise, found.runs, strict=True
+        slow.known_inputs.of(slow.point.arm),
+        slow.known_inputs.pressure_noise,
+        found.runs,
+        strict=True,
     ):
         followed = inputs.pressure - quick
         assert np.abs(followed - run.frame_pressure).max() > 100.0 or not run.loaded
     assert late.known_inputs is found.known_inputs  # one table for all points
-    assert len(found.known_inputs) >= 3
+    assert len(found.known_inputs.known) >= 3
 
 
 def test_training_runs_alone_are_the_same_runs():

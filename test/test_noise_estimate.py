@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
-from pneunet_ros.calibration.noise_estimate import estimate_noise, second_differences
+from pneunet_ros.calibration.noise_estimate import estimate_noise, quiet_series, second_differences
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
 from support.example_arms import paper_arm
@@ -123,6 +123,19 @@ def test_numbers_are_kept_to_what_they_mean():
     for name in NAMES:
         value = getattr(found, name)
         assert value == float(f'{value:.3g}')
+
+
+def test_readings_that_follow_a_restless_pressure_are_not_taken_for_noise():
+    random = np.random.default_rng(8)
+    still = [60.0 * random.standard_normal(160) for _ in range(2)]
+    moving = [2e3 * random.standard_normal(160) for _ in range(4)]
+    assert second_differences([*still, *moving]) > 600.0
+    found = second_differences(quiet_series([*still, *moving]))
+    assert found == pytest.approx(second_differences(still)) == pytest.approx(60.0, rel=0.15)
+    # Where none moves, all are used.
+    alike = [60.0 * random.standard_normal(160) for _ in range(6)]
+    assert len(quiet_series(alike)) == 6
+    assert quiet_series([np.arange(30.0)]) != []
 
 
 def test_neither_static_frames_nor_a_known_load_tell_of_noise_in_time():

@@ -50,7 +50,7 @@ def estimate_noise(
     }
     found: dict[str, tuple[float | None, str]] = {
         f'{name}_std': (
-            second_differences(series, known),
+            second_differences(quiet_series(series, known), known),
             f'second differences of {name} readings in time',
         )
         for name, series in readings.items()
@@ -74,6 +74,17 @@ def estimate_noise(
         sources[item.name] = sentence
         noise = replace(noise, **{item.name: float(f'{max(std, SMALLEST):.3g}')})
     return NoiseEstimate(noise=noise, sources=sources)
+
+
+def quiet_series(
+    series: Sequence[Array], known: NoiseEstimateSettings = NOISE_ESTIMATE
+) -> list[Array]:
+    """Return the series that tell of noise: read slowly, others tell of what moved meanwhile."""
+    stds = [second_differences([values], known) or 0.0 for values in series]
+    least = min((std for std in stds if std > 0.0), default=0.0)
+    return [
+        values for values, std in zip(series, stds, strict=True) if std <= known.restless * least
+    ]
 
 
 def second_differences(

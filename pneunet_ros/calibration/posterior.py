@@ -16,6 +16,7 @@ class PosteriorState(PriorState):
 
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
     (N m^2) of the moment law's parameters over low to high (Pa), kind '' where none was fitted.
+    shapes: as of `Parameters`, 0 for as many as there are knots.
     """
 
     pressure: Array
@@ -24,6 +25,7 @@ class PosteriorState(PriorState):
     stiffness: float
     low: float
     high: float
+    shapes: int = 0
 
     def __post_init__(self) -> None:
         """Check that the arrays belong together."""
@@ -44,6 +46,7 @@ def posterior_of(fit: Fit, low: float, high: float) -> PosteriorState:
         stiffness=0.0 if law is None else law.stiffness,
         low=low,
         high=high,
+        shapes=fit.parameters.shapes or 0,
         values=fit.values,
         placement=fit.placement.ravel(),
         covariance=fit.shared_covariance,

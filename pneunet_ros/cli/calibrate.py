@@ -30,7 +30,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.model.moment_law import PiecewiseLinearLaw
+from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 from pneunet_ros.offline.calibration_files import (
     described_arm,
     inputs_of,
@@ -70,8 +70,8 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--law',
         choices=tuple(MOMENT_LAW_PARAMETERS),
-        default=PiecewiseLinearLaw.kind,
-        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10)',
+        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10; where the loaded '
+        f'frames are too few for it, {LinearLaw.kind})',
     )
     parser.add_argument(
         '--continue',

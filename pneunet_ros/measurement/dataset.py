@@ -35,8 +35,9 @@ class RecordingData:
     N m are the end load at the frames in the base frame, as read; `loaded` is False where nothing
     was attached, and the load then exactly zero. x, y (frames, targets) m in the base frame, NaN
     where a target was not seen. static: frames are steady states in any order, their stamps mean
-    nothing. load_known: the load is a known constant, which no sensor has read. Raises
-    RecordingError where these do not fit together.
+    nothing. pressurized: False where no pressure was recorded; it is then zero. load_known: the
+    load is a known constant, which no sensor has read. Raises RecordingError where these do not
+    fit together.
     """
 
     name: str
@@ -50,6 +51,7 @@ class RecordingData:
     x: Array
     y: Array
     static: bool = False
+    pressurized: bool = True
     load_known: bool = False
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.core.arrays import Array, pressure_rows
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -54,9 +54,7 @@ def reading_errors(
     jacobian (frames, 2 targets, >= 3 + knots) as of `ForwardModel.point_jacobian`. Pressure acts
     by the table of kappa_p0. The last two are the camera between the nodes of its path.
     """
-    table = arm.intrinsic_curvature
-    row, _ = pressure_rows(table.pressure, inputs.pressure)
-    slope = (np.diff(table.curvature, axis=0) / np.diff(table.pressure)[:, None])[row]
+    slope = arm.intrinsic_curvature.slope(inputs.pressure)
     knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
     pressure = noise.pressure_std * np.matmul(knots, slope[:, :, None])
     loads = jacobian[:, :, :LOADS] * attached_std(noise, run)[:, None]

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, MISSING, replace
 import hashlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.moment_law_parameters import MajidiParameters, MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.moment_law_parameters import (
+    MajidiParameters,
+    MOMENT_LAW_PARAMETERS,
+    PiecewiseParameters,
+)
 from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError, RecordingError
 from pneunet_ros.core.printable import printable
@@ -64,9 +68,10 @@ def described_arm(
             sources[f'moment_law.{key}'] = assumed if law.assumed else source
     elif law is not None:
         sources['moment_law'] = fitted
-        sources['moment_law.moment_offset'] = (
-            'fixed at zero: beside kappa_p0 it cannot be identified'
-        )
+        if isinstance(law, PiecewiseParameters):
+            sources['moment_law.moment_offset'] = (
+                'fixed at zero: beside kappa_p0 it cannot be identified'
+            )
     else:
         sources['moment_law'] = f'not fitted, there was no loaded recording; as in {frame.name}'
     for key, text in calibration.noise.sources.items():
@@ -92,7 +97,8 @@ def load_knowledge(model: Path) -> PosteriorState:
     """Read the knowledge beside a model file; ModelError where there is none or it is damaged."""
     path = knowledge_file(model)
     try:
-        values = read_arrays(path, [item.name for item in fields(PosteriorState)])
+        needed = [item.name for item in fields(PosteriorState) if item.default is MISSING]
+        values = read_arrays(path, needed, ['shapes'])
         kind = values.pop('kind')
         for name, array in values.items():
             if array.dtype.kind not in 'iuf' or not np.isfinite(array).all():
@@ -102,6 +108,7 @@ def load_knowledge(model: Path) -> PosteriorState:
         if kind.shape or str(kind) not in ('', *MOMENT_LAW_PARAMETERS):
             allowed = ', '.join(MOMENT_LAW_PARAMETERS)
             raise ValueError(f'the kind of its moment law is none of {allowed}')
+        values['shapes'] = int(values.get('shapes', 0))
         return PosteriorState(**values, kind=str(kind))
     except FileNotFoundError:
         raise ModelError(

@@ -57,7 +57,7 @@ def read_run(
     ]
     topics: dict[str, str] = {}
     for sensor in sensors:
-        topic = find_series(recording, sensor, overrides, required=sensor is not END_WRENCH)
+        topic = find_series(recording, sensor, overrides, required=sensor is TARGETS)
         if topic is not None:
             topics[sensor.name] = topic
     series = read_series(recording, topics, settings, targets)
@@ -68,11 +68,15 @@ def read_run(
             raise RecordingError(f'{path}: {item.topic} holds nothing that can be used: {why}')
         sentences += item.sentences()
 
-    frames, readings = series[TARGETS.name], series[PRESSURE.name]
+    frames, readings = series[TARGETS.name], series.get(PRESSURE.name)
     wrench = series.get(END_WRENCH.name)
     keep = TARGETS.present(frames.values)
     _say_left_out(sentences, frames, ~keep, 'no target was seen')
-    reading, keep = _match(sentences, frames, readings, keep)
+    if readings is None:
+        sentences.append('there is no pressure topic: the arm is taken to have no pressure, 0 Pa')
+        reading = np.arange(len(frames.stamp_ns))
+    else:
+        reading, keep = _match(sentences, frames, readings, keep)
     load = np.zeros((len(frames.stamp_ns), 3))
     if wrench is not None:
         at, keep = _match(sentences, frames, wrench, keep)
@@ -81,8 +85,9 @@ def read_run(
         raise RecordingError(f'{path}: no frame is left: {"; ".join(sentences)}')
     run = RecordingData(
         name=str(path),
-        reading_stamp_ns=readings.stamp_ns,
-        pressure=readings.values[:, 0],
+        reading_stamp_ns=frames.stamp_ns if readings is None else readings.stamp_ns,
+        pressure=np.zeros(reading.size) if readings is None else readings.values[:, 0],
+        pressurized=readings is not None,
         stamp_ns=frames.stamp_ns[keep],
         reading=reading[keep],
         loaded=wrench is not None,
