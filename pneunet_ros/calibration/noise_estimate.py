@@ -42,6 +42,9 @@ def estimate_noise(
     arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion;
     nor do static ones, which have no order in time. A load of exactly zero is no reading.
     """
+    headings = [run for run in runs if run.heading is not None]
+    if headings and assumed.heading_std == 0.0:
+        assumed = replace(assumed, heading_std=known.heading)
     runs = [run for run in runs if len(run.stamp_ns) >= known.fewest and not run.static]
     loaded = [run for run in runs if run.loaded and not run.load_known]
     loads = [load_readings(run) for run in loaded]
@@ -49,6 +52,7 @@ def estimate_noise(
         'pressure': [run.pressure for run in runs],
         'force': [values for load in loads for values in load.T[:END_LOAD_MOMENT]],
         'moment': [load[:, END_LOAD_MOMENT] for load in loads if np.any(load[:, END_LOAD_MOMENT])],
+        'heading': [np.unwrap(run.heading) for run in runs if run.heading is not None],
     }
     found: dict[str, tuple[float | None, str]] = {
         f'{name}_std': (
@@ -70,6 +74,8 @@ def estimate_noise(
     noise, sources = assumed, {}
     for item in fields(SensorNoise):
         std, sentence = found[item.name]
+        if item.name == 'heading_std' and not headings:
+            continue
         if std is None:
             sources[item.name] = 'assumed; these recordings cannot tell'
             continue

@@ -226,10 +226,10 @@ class Estimator:
 
 def with_model_error(noise: Array, position: DomainPosition) -> Array:
     """Return the noise input matrix with the model's own error beyond its domain, as sources."""
-    if not len(position.error):
+    if not any(position.error):
         return noise
     more = np.zeros((len(position.error), noise.shape[1]))
-    more[:, : PRESSURE + 1] = position.error
+    more[:, : PRESSURE + 1] = np.diag(position.error)
     return np.vstack([noise, more])
 
 
