@@ -10,7 +10,13 @@ import subprocess
 import sys
 
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.atomic import (
+    atomic_output,
+    PARTIAL,
+    REPLACED,
+    SCRATCH,
+    written_together,
+)
 import pytest
 
 
@@ -213,6 +219,33 @@ def test_writing_nothing_is_an_error(tmp_path):
         pass
 
 
+@pytest.mark.parametrize(
+    ('name', 'sentence'),
+    [
+        ('/', 'the root of all folders'),
+        ('a' * 300, 'longer than 255 bytes'),
+        ('\u00e4' * 130, 'longer than 255 bytes'),
+        ('no\0name', 'null byte'),
+        ('dangling', 'a link to nothing'),
+        ('loop', 'cannot be written'),
+        ('.', 'is a folder that holds'),
+    ],
+)
+def test_a_name_that_no_output_can_have_is_a_sentence(tmp_path, monkeypatch, name, sentence):
+    monkeypatch.chdir(tmp_path)
+    Path('dangling').symlink_to('nowhere')
+    Path('loop').symlink_to('loop')
+    with pytest.raises(RecordingError, match=sentence), atomic_output(name):
+        pytest.fail('work was done')
+    assert names(tmp_path) == ['dangling', 'loop']
+
+
+def test_the_longest_name_that_a_file_can_have_is_possible(tmp_path):
+    with atomic_output(tmp_path / ('a' * 255)) as temporary:
+        temporary.write_text('1')
+    assert names(tmp_path) == ['a' * 255]
+
+
 def test_after_a_kill_nothing_stands_under_the_name(tmp_path, foreign_environment):
     place = tmp_path / 'output'
     code = (
@@ -234,3 +267,50 @@ def test_after_a_kill_nothing_stands_under_the_name(tmp_path, foreign_environmen
         process.send_signal(signal.SIGKILL)
     assert not place.exists()
     assert all(name.startswith('.') for name in names(tmp_path))
+    # What the killed run left is gone after the next one, and what a live one needs is not.
+    live = place.with_name('live')
+    with atomic_output(live) as temporary:
+        temporary.write_text('whole')
+        with atomic_output(place) as other:
+            other.write_text('whole')
+        assert names(tmp_path) == sorted([temporary.parent.name, 'output'])
+    assert names(tmp_path) == ['live', 'output']
+
+
+def test_what_others_named_alike_is_left_alone(tmp_path):
+    (tmp_path / '.pneunet-notes.partial').write_text('mine')
+    (tmp_path / 'elsewhere').mkdir()
+    (tmp_path / '.pneunet-link.partial').symlink_to(tmp_path / 'elsewhere')
+    with atomic_output(tmp_path / 'output') as temporary:
+        temporary.write_text('1')
+    assert names(tmp_path) == [
+        '.pneunet-link.partial', '.pneunet-notes.partial', 'elsewhere', 'output',
+    ]  # fmt: skip
+
+
+def test_outputs_that_belong_together_stand_together_or_not_at_all(tmp_path):
+    def write(name: str) -> None:
+        with atomic_output(tmp_path / name) as temporary:
+            temporary.write_text(name)
+
+    with written_together():
+        write('model')
+        write('knowledge')
+        assert all(name.startswith('.') for name in names(tmp_path))
+    assert names(tmp_path) == ['knowledge', 'model']
+    with pytest.raises(ValueError, match='no report'), written_together():
+        write('other')
+        raise ValueError('no report')
+    with pytest.raises(RecordingError, match='report has appeared'), written_together():
+        write('other')
+        write('report')
+        (tmp_path / 'report').write_text('theirs')
+    assert names(tmp_path) == ['knowledge', 'model', 'report']
+
+
+def test_a_folder_that_was_to_be_replaced_is_not_removed_with_what_a_killed_run_left(tmp_path):
+    old = tmp_path / f'{SCRATCH}1234{PARTIAL}' / REPLACED
+    old.mkdir(parents=True)
+    with atomic_output(tmp_path / 'output') as temporary:
+        temporary.write_text('1')
+    assert old.exists()

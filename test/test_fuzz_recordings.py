@@ -16,7 +16,8 @@ from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.messages.builders import POINTS_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE, targets_message, WRENCH_TYPE
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.recordings.mcap_file import chunk_content, LARGEST_CHUNK
+from pneunet_ros.recordings.limits import LIMITS
+from pneunet_ros.recordings.mcap_file import chunk_content
 from pneunet_ros.recordings.message_store import (
     deserialize,
     IDL_HEAD,
@@ -134,7 +135,7 @@ def test_a_chunk_is_not_unpacked_beyond_what_it_announces(compression):
         with pytest.raises(ValueError, match='size is wrong'):
             chunk_content(chunk(1000))
         with pytest.raises(ValueError, match='more than'):
-            chunk_content(chunk(LARGEST_CHUNK + 1))
+            chunk_content(chunk(LIMITS.chunk + 1))
         assert tracemalloc.get_traced_memory()[1] < 100_000_000
     finally:
         tracemalloc.stop()

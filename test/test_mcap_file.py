@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import random
+import struct
+import tracemalloc
+import zlib
+
+from mcap.opcode import Opcode
+from mcap.records import Chunk, DataEnd, Footer
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.recordings.mcap_file import MAGIC, open_mcap, read_block
+from pneunet_ros.recordings.recording import open_recording
 import pytest
-from support.made_recordings import write_by_mcap, write_readings
+from support.made_recordings import PRESSURE, WRENCH, write_by_mcap, write_readings
+import zstandard
 
 TIMES = [index * 1000 for index in range(200)]
 
@@ -43,7 +53,7 @@ def log_times(file):
 @pytest.mark.parametrize('shape', SHAPES)
 def test_every_way_to_write_a_file_reads_the_same(tmp_path, shape):
     file = open_mcap(write_by_mcap(tmp_path / 'r.mcap', TIMES, **SHAPES[shape]))
-    assert file.damage is None
+    assert file.damage == ()
     assert log_times(file) == TIMES
     assert sum(file.counts.values()) == len(TIMES)
     assert [channel.topic for channel in file.channels.values()] == ['/pneunet/pressure']
@@ -73,8 +83,8 @@ def test_a_file_cut_off_anywhere_is_read_as_far_as_it_goes(tmp_path, shape):
         counts.append(len(found))
         assert found == TIMES[: len(found)]
         assert file.damage in (
-            f'{path} ends in the middle of a record: {len(found)} messages were read',
-            f'{path} was not closed by its writer: {len(found)} messages were read',
+            (f'{path} ends in the middle of a record: {len(found)} messages were read',),
+            (f'{path} was not closed by its writer: {len(found)} messages were read',),
         )
     assert counts == sorted(counts)
     assert counts[-1] == len(TIMES)
@@ -98,37 +108,158 @@ def test_zeros_of_a_crashed_file_system_end_the_file(tmp_path):
     path.write_bytes(raw[: len(raw) // 2] + bytes(100_000))
     file = open_mcap(path)
     assert 0 < len(log_times(file)) < len(TIMES)
-    assert file.damage is not None
+    assert file.damage
 
 
-def test_damage_inside_a_whole_file_is_an_error_with_its_place(tmp_path):
-    path = write_by_mcap(tmp_path / 'r.mcap', TIMES)
+@pytest.mark.parametrize('shape', ['plain', 'zstd', 'lz4', 'no_index'])
+def test_a_damaged_chunk_is_skipped_and_said(tmp_path, shape):
+    path = write_by_mcap(tmp_path / 'r.mcap', TIMES, **SHAPES[shape])
     raw = bytearray(path.read_bytes())
-    place = open_mcap(path).blocks[3].offset
-    raw[place + 300] ^= 1
+    block = open_mcap(path).blocks[3]
+    raw[block.offset + block.length - 30] ^= 1
     path.write_bytes(raw)
     file = open_mcap(path)
-    with pytest.raises(RecordingError, match=rf'r\.mcap is damaged in the chunk at byte {place}'):
-        log_times(file)
+    found = log_times(file)
+    lost = [time for time in TIMES if block.start_ns <= time <= block.end_ns]
+    assert found == [time for time in TIMES if time not in lost]
+    (sentence,) = file.damage
+    assert f'a damaged chunk was skipped, at byte {block.offset} (' in sentence
+    assert f'{len(lost)} of 200 messages are lost' in sentence
 
 
 @pytest.mark.parametrize('shape', ['plain', 'zstd', 'lz4'])
-def test_damage_inside_an_unindexed_file_ends_it(tmp_path, shape):
+def test_damage_inside_an_unindexed_file_is_said_as_well(tmp_path, shape):
     options = SHAPES['no_summary'] | SHAPES[shape]
     path = write_by_mcap(tmp_path / 'r.mcap', TIMES, **options)
+    blocks = open_mcap(path).blocks
     raw = bytearray(path.read_bytes())
-    raw[len(raw) // 2] ^= 1
+    for block in blocks[2:5]:
+        raw[block.offset + block.length - 30] ^= 1
     path.write_bytes(raw)
     file = open_mcap(path)
-    assert 'is damaged at byte' in file.damage
-    assert log_times(file) == TIMES[: sum(file.counts.values())]
+    assert f'3 damaged chunks were skipped, the first at byte {blocks[2].offset}' in file.damage[0]
+    assert len(file.blocks) == len(blocks) - 3
+
+
+def test_a_file_that_lost_messages_without_a_trace_says_so(tmp_path):
+    path = write_by_mcap(tmp_path / 'r.mcap', TIMES, chunk_size=2000)
+    raw = path.read_bytes()
+    block = open_mcap(path).blocks[3]
+    path.write_bytes(raw[: block.offset] + raw[block.offset + block.length :])
+    count = len(log_times(open_mcap(path)))
+    assert count < len(TIMES)
+    assert open_mcap(path).damage == (f'{path} announces 200 messages, and {count} were read',)
+
+
+@pytest.mark.parametrize('name', ['r.mcap', 'bag'])
+def test_no_flipped_bit_of_a_recording_of_ours_is_silent(tmp_path, name):
+    path = write_readings(tmp_path / name, 5)
+    file = path if path.is_file() else path / f'{name}.mcap'
+    whole = file.read_bytes()
+    topics = [PRESSURE, WRENCH]
+    before = list(open_recording(path).raw_messages(topics))
+    dice = random.Random(8)
+    silent = []
+    for _ in range(400):
+        raw = bytearray(whole)
+        place = dice.randrange(len(raw))
+        raw[place] ^= 1 << dice.randrange(8)
+        file.write_bytes(raw)
+        try:
+            recording = open_recording(path)
+            after = list(recording.raw_messages(topics))
+        except RecordingError:
+            continue
+        if after != before and not recording.sentences:
+            silent.append(place)
+    assert silent == []
+
+
+def test_what_we_write_has_every_checksum_that_mcap_knows(tmp_path):
+    path = write_readings(tmp_path / 'r.mcap')
+    raw = path.read_bytes()
+    with path.open('rb') as stream:
+        found = {type(record): record for record in StreamReader(stream, emit_chunks=True).records}
+    assert found[Chunk].uncompressed_crc == zlib.crc32(found[Chunk].data)
+    data = raw.rindex(struct.pack('<BQI', Opcode.DATA_END, 4, found[DataEnd].data_section_crc))
+    assert found[DataEnd].data_section_crc == zlib.crc32(raw[:data])
+    summary = raw[found[Footer].summary_start : -len(MAGIC) - 4]
+    assert found[Footer].summary_crc == zlib.crc32(summary)
+
+
+# ---- files that are made to exhaust a machine ---------------------------------------------------
+
+
+def chunk_record(content: bytes, size: int | None = None) -> bytes:
+    """Return a chunk of zstd that announces so many bytes."""
+    packed = zstandard.compress(content)
+    size = len(content) if size is None else size
+    head = struct.pack('<QQQII', 0, 0, size, 0, 4) + b'zstd' + struct.pack('<Q', len(packed))
+    return struct.pack('<BQ', Opcode.CHUNK, len(head) + len(packed)) + head + packed
+
+
+def write_chunks(path, *chunks):
+    head = struct.pack('<BQII', Opcode.HEADER, 8, 0, 0)
+    path.write_bytes(MAGIC + head + b''.join(chunks))
+    return path
+
+
+def test_a_chunk_of_empty_messages_is_refused(tmp_path):
+    message = struct.pack('<BQHIQQ', Opcode.MESSAGE, 22, 1, 0, 0, 0)
+    path = write_chunks(tmp_path / 'r.mcap', chunk_record(message * 200_000))
+    assert path.stat().st_size < 9_000
+    with pytest.raises(RecordingError, match='more messages than it has bytes'):
+        open_mcap(path)
+
+
+def test_chunks_of_nothing_are_refused_before_they_fill_the_memory(tmp_path):
+    nothing = chunk_record(bytes(30_000_000))
+    path = write_chunks(tmp_path / 'r.mcap', *[nothing] * 6)
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingError, match='more than 1000 times its size'):
+            open_mcap(path)
+        assert tracemalloc.get_traced_memory()[1] < 100_000_000
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ('opcode', 'sentence'),
+    [
+        (Opcode.CHUNK, 'damaged chunk was skipped'),
+        (Opcode.MESSAGE, 'is damaged at byte'),
+        (Opcode.SCHEMA, 'is damaged at byte'),
+        (Opcode.CHANNEL, 'is damaged at byte'),
+    ],
+)
+def test_a_sparse_huge_record_is_not_read(tmp_path, opcode, sentence):
+    path = write_chunks(tmp_path / 'r.mcap')
+    size = 20_000_000_000
+    with path.open('r+b') as stream:
+        stream.seek(0, 2)
+        stream.write(struct.pack('<BQ', opcode, size))
+        stream.truncate(stream.tell() + size)
+        stream.seek(0, 2)
+        stream.write(struct.pack('<BQI', Opcode.DATA_END, 4, 0))
+        stream.write(struct.pack('<BQQQI', Opcode.FOOTER, 20, 0, 0, 0) + MAGIC)
+    assert sentence in open_mcap(path).damage[0]
+
+
+def test_messages_logged_beyond_what_a_clock_can_say_are_left_out(tmp_path):
+    times = [*TIMES[:20], 2**63, 2**64 - 1]
+    file = open_mcap(write_by_mcap(tmp_path / 'r.mcap', times))
+    assert log_times(file) == TIMES[:20]
+    assert file.damage == (
+        f'{file.path} has 2 messages logged after the year 2262, which are left out',
+    )
 
 
 def test_unknown_compression_is_named(tmp_path):
     path = write_by_mcap(tmp_path / 'r.mcap', TIMES, compression=CompressionType.LZ4)
     path.write_bytes(path.read_bytes().replace(b'lz4', b'lz9'))
     with pytest.raises(RecordingError, match="compression 'lz9' is unknown, zstd and lz4"):
-        log_times(open_mcap(path))
+        open_mcap(path)
 
 
 @pytest.mark.parametrize(
@@ -157,4 +288,4 @@ def test_only_magic_is_a_recording_without_messages(tmp_path):
     path.write_bytes(MAGIC)
     file = open_mcap(path)
     assert file.blocks == ()
-    assert file.damage == f'{path} was not closed by its writer: 0 messages were read'
+    assert file.damage == (f'{path} was not closed by its writer: 0 messages were read',)

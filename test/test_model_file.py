@@ -43,6 +43,7 @@ effects: {}                      # e.g. extensibility: {axial_stiffness: 40.0}
 sensors:                         # one sigma, SI; the last three optional, 0 when absent
   {pressure_std: 60.0, force_std: 0.001, moment_std: 1.0e-5, target_std: 0.00012, placement_std: 0.0, registration_std: 0.0, drift_std: 0.0}
 covariance: null                 # or {quantities: [dotted names], factor: [[...]]}
+domain: {pressure: [0.0, 55000.0], end_load: [[0.25, 0.0, 0.0, 0.0], [0.15, 0.2, 0.0, 54000.0]]}
 sources: {}                      # dotted key -> where the number comes from
 provenance: {source: "...", recordings: []}
 """  # noqa: E501
@@ -103,7 +104,8 @@ def test_every_number_of_the_shipped_model_has_a_source():
     arm = load_model(PAPER_ARM)
     content = mapping_from_arm(arm)
     blocks = ('arm', 'intrinsic_curvature', 'moment_law', 'sensors')
-    assert set(arm.sources) == {f'{block}.{key}' for block in blocks for key in content[block]}
+    named = {f'{block}.{key}' for block in blocks for key in content[block]}
+    assert set(arm.sources) == named | {'domain'}
     assert all('paper' in text or 'representative' in text for text in arm.sources.values())
 
 

@@ -276,12 +276,13 @@ def test_after_a_kill_nothing_stands_under_the_name(tmp_path, name, foreign_envi
     (left,) = names(tmp_path)
     assert left.startswith('.')
     assert left.endswith('.partial')
-    # The next run is not disturbed, and what was written so far can be had.
-    write_readings(tmp_path / name)
+    # What was written so far can be had until the next run, which removes it.
     (unfinished,) = (tmp_path / left).rglob('*.mcap')
     recording = open_recording(unfinished)
     assert recording.count([PRESSURE]) > 1000
     assert len(recording.sentences) == 1
+    write_readings(tmp_path / name)
+    assert names(tmp_path) == [name]
 
 
 def run(code, argument, env):

@@ -21,7 +21,7 @@ from pneunet_ros.cli.verb import (
 )
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.messages.builders import nanoseconds, POSE_TYPE
+from pneunet_ros.messages.builders import nanoseconds, POSE_TYPE, UNFIT
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.offline.table_conversion import tabulate
 from pneunet_ros.recordings.recorded_series import find_all_series, read_series
@@ -106,13 +106,15 @@ def read_tips(recording: Recording, topic: str) -> dict[int, Array]:
     """Return x, y (m) and heading (rad) of the free end by stamp, as the estimator wrote them."""
     tips = {}
     for message in recording.messages([topic]):
-        pose = message.message.pose.pose
-        heading = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
         try:
+            pose = message.message.pose.pose
+            heading = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
             stamp_ns = nanoseconds(message.message.header.stamp)
-        except ValueError as error:
+            tip = np.array([pose.position.x, pose.position.y, heading], dtype=np.float64)
+        except UNFIT as error:
             raise RecordingError(
-                f'{recording.path}: {topic} at log time {message.log_time_ns} ns: {error}'
+                f'{recording.path}: {topic} at log time {message.log_time_ns} ns is no usable '
+                f'{POSE_TYPE}: {error}'
             ) from error
-        tips[stamp_ns] = np.array([pose.position.x, pose.position.y, heading])
+        tips[stamp_ns] = tip
     return tips

@@ -9,10 +9,19 @@ from importlib import import_module
 import os
 import re
 import sys
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 from pneunet_ros import __version__
-from pneunet_ros.core.errors import PneunetError
+from pneunet_ros.core.errors import PneunetError, shortened
+from pneunet_ros.core.printable import printable
+
+
+class CommandParser(ArgumentParser):
+    """A parser whose complaints may be shown, whatever words it was given."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print usage and what was wrong, and exit."""
+        super().error(printable(shortened(message)))
 
 
 class Verb(NamedTuple):
@@ -91,7 +100,7 @@ NEGATIVE_NUMBER = re.compile(r'-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?')
 
 def parser(words: Sequence[str]) -> ArgumentParser:
     """Build the command line of all verbs, with the options of the one among the words."""
-    command = ArgumentParser(
+    command = CommandParser(
         prog='pneunet',
         description='Where a pneu-net arm is, from pressure and end force, by a rod model.',
         epilog='Exit codes: 0 done; 1 done, the answer is negative; 2 request or file was wrong.',
@@ -126,11 +135,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except PneunetError as error:
-        print(f'pneunet {given.verb}: {error}', file=sys.stderr)
-        return WRONG
+        return complain(given.verb, str(error))
     except KeyboardInterrupt:
-        print(f'pneunet {given.verb}: interrupted, nothing written', file=sys.stderr)
+        complain(given.verb, 'interrupted; what was not complete has not been written')
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `pneunet effects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # what no file of ours has to do with: a full /tmp, too many files
+        about = f'{error.filename}: ' if error.filename else ''
+        return complain(given.verb, f'{about}{error.strerror or error}')
+    except MemoryError:
+        return complain(given.verb, 'there is not enough memory for this')
+
+
+def complain(verb: str, sentence: str) -> int:
+    """Say on stderr what was wrong, in one line; returns the exit code."""
+    line = ' '.join(printable(shortened(sentence)).split())
+    print(f'pneunet {verb}: {line}', file=sys.stderr)
+    return WRONG

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -19,14 +20,23 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.noise_jacobian import true_load
-from pneunet_ros.model.equilibrium import DEFAULT_STATIONS, solve
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain_position import locate_load
+from pneunet_ros.model.equilibrium import (
+    DEFAULT_STATIONS,
+    failed_shape,
+    solve,
+    steady_pressure,
+)
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.shape import Shape
+from pneunet_ros.model.uncertainty import error_left_out
 from rich.table import Table
 
 
@@ -72,27 +82,45 @@ def run(arguments: Namespace) -> int:
     if arguments.tip and arguments.force:
         raise RequestError('give either --force or --tip: with --tip the force is the answer')
     arm = model_of(arguments)
-    pressure, moment = arguments.pressure, arguments.moment
-    if arguments.tip:
-        shape = solve_tip(
-            arm,
-            pressure,
-            (arguments.tip[0], arguments.tip[1]),
-            moment,
-            stations=arguments.stations,
-        )
-    else:
-        force = arguments.force or (0.0, 0.0)
-        shape = solve(arm, pressure, (force[0], force[1]), moment, stations=arguments.stations)
-    estimate = None
-    if shape.converged:
-        settings = EstimatorSettings(stations=arguments.stations)
-        estimate = estimate_uncertainty(Estimator(arm=arm, settings=settings), shape, pressure)
+    shape, estimate = solve_within_domain(arm, solved(arm, arguments), arguments.pressure)
     if arguments.json:
-        print_json(content(shape, estimate))
+        print_json(content(arm, shape, estimate))
     else:
-        show(shape, estimate)
+        show(arm, shape, estimate)
     return DONE if shape.converged else NEGATIVE
+
+
+def solved(arm: Arm, arguments: Namespace) -> Shape:
+    """Return the shape under the load, or that with its tip where it must be."""
+    pressure, moment, stations = arguments.pressure, arguments.moment, arguments.stations
+    if arguments.tip:
+        tip = arguments.tip[0], arguments.tip[1]
+        return solve_tip(arm, pressure, tip, moment, stations=stations)
+    force = arguments.force or (0.0, 0.0)
+    return solve(arm, pressure, (force[0], force[1]), moment, stations=stations)
+
+
+def solve_within_domain(
+    arm: Arm, shape: Shape, pressure: float
+) -> tuple[Shape, ShapeEstimate | None]:
+    """Return a shape with its uncertainty; none of both where the model says nothing of the load.
+
+    pressure: what the sensor reads, Pa.
+    """
+    if not shape.converged:
+        return shape, None
+    load = Load(
+        pressure=shape.pressure,
+        force_x=shape.force[0],
+        force_y=shape.force[1],
+        moment=shape.end_moment,
+    )
+    position = locate_load(arm, load, steady_pressure(arm, shape.pressure))
+    if position.reason:
+        failed = failed_shape(arm, load, shape.arclength, position.sentence, math.nan, 0)
+        return replace(failed, extrapolated=True), None
+    settings = EstimatorSettings(stations=shape.arclength.size)
+    return shape, estimate_uncertainty(Estimator(arm=arm, settings=settings), shape, pressure)
 
 
 def estimate_uncertainty(
@@ -119,7 +147,7 @@ def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[flo
     return read
 
 
-def content(shape: Shape, estimate: ShapeEstimate | None) -> dict[str, object]:
+def content(arm: Arm, shape: Shape, estimate: ShapeEstimate | None) -> dict[str, object]:
     """Return the JSON of the contract."""
     x, y, theta = shape.tip
     return {
@@ -143,6 +171,8 @@ def content(shape: Shape, estimate: ShapeEstimate | None) -> dict[str, object]:
         'tip_std': None
         if estimate is None
         else dict(zip('xy', tip_std(estimate)[:2], strict=True)) | {'theta': tip_std(estimate)[2]},
+        'std_leaves_out': error_left_out(arm.covariance, arm.sources),
+        'warnings': [] if estimate is None else list(estimate.warnings),
         'jacobian': None if estimate is None else estimate.jacobian,
     }
 
@@ -153,10 +183,11 @@ def tip_std(estimate: ShapeEstimate) -> list[float]:
     return deviations
 
 
-def show(shape: Shape, estimate: ShapeEstimate | None) -> None:
+def show(arm: Arm, shape: Shape, estimate: ShapeEstimate | None) -> None:
     """Print the answer for people."""
     console = output_console()
-    console.print(f'{shape.status} (residual {shape.residual:.1e} rad)')
+    residual = f' (residual {shape.residual:.1e} rad)' if shape.converged else ''
+    console.print(f'{shape.status}{residual}')
     if not shape.converged or estimate is None:
         return
     x, y, theta = shape.tip
@@ -183,3 +214,6 @@ def show(shape: Shape, estimate: ShapeEstimate | None) -> None:
     )
     table.add_row('moment at the clamp', f'{1000.0 * shape.moment[0]:.4f}', '', 'mN m')
     console.print(table)
+    left_out = error_left_out(arm.covariance, arm.sources)
+    if left_out:
+        console.print(f'note: {left_out}')

@@ -28,6 +28,7 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
 from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
+from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.offline.replay import (
     input_topics,
     record_steps,
@@ -110,6 +111,8 @@ def run(arguments: Namespace) -> int:
         'pressure_readings': tally.pressures,
         'estimates': 0 if state is None else state.estimates,
         'rejected': {} if state is None else dict(state.rejected),
+        'warned': tally.warned,
+        'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'resets': 0 if state is None else state.resets,
         'worst_residual': tally.worst_residual,
         'watch': None if targets is None else consistency_summary(tally),
@@ -169,6 +172,11 @@ def show(summary: dict[str, object], tally: Tally) -> None:
     assert isinstance(sentences, list)
     if worst is not None and worst.beyond:
         sentences = [*sentences, f'at stamp {worst.stamp_ns} ns {worst.sentence}']
+    sentences = [
+        *sentences,
+        *(f'{count} estimates: {warning}' for warning, count in tally.warned.items()),
+        *([summary['std_leaves_out']] if summary['std_leaves_out'] else []),
+    ]
     if summary['last_refusal']:
         sentences = [*sentences, f'last rejected reading: {summary["last_refusal"]}']
     for sentence in sentences:

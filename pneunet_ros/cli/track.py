@@ -27,9 +27,16 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
+from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.offline.track import record_tracking, track_steps, TrackStep, TrackTally
+from pneunet_ros.offline.track import (
+    look_ahead,
+    record_tracking,
+    track_steps,
+    TrackStep,
+    TrackTally,
+)
 from pneunet_ros.recordings.image_files import FOLDER_RATE, NO_LENS
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest, TOPIC_NAMES
 from pneunet_ros.recordings.image_stream import ImageStream
@@ -118,6 +125,7 @@ def run(arguments: Namespace) -> int:
     tally = TrackTally(targets=arm.target_arclength.size)
     sentences = stream.recording.sentences if stream.recording is not None else ()
     with ExitStack() as stack:
+        stack.enter_context(written_together())
         writer = None
         if arguments.output is not None:
             writer = stack.enter_context(
@@ -127,7 +135,11 @@ def run(arguments: Namespace) -> int:
             )
         followers = [tally.count, *followers_of(arguments, stack, stream, arm, unit)]
         bar = stack.enter_context(progress_bar(shown=not arguments.json))
-        task = bar.add_task('tracking', total=stream.frames)
+        task = bar.add_task('looking for the arm at rest', total=stream.frames)
+        start, ahead = look_ahead(stream, tracker, lambda: bar.advance(task))
+        bar.reset(task, description='tracking')
+        if ahead:
+            sentences = (*sentences, ahead)
         times = [time.perf_counter()]
 
         def on_progress(step: TrackStep) -> None:
@@ -139,11 +151,11 @@ def run(arguments: Namespace) -> int:
                     bar.update(task, completed=tally.frames)
 
         if writer is None:
-            for step in track_steps(stream, tracker):
+            for step in track_steps(stream, tracker, start=start):
                 on_progress(step)
         else:
             left_out = record_tracking(
-                writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress
+                writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress, start
             )
             sentences = (*sentences, *left_out)
         seconds = time.perf_counter() - times[0]

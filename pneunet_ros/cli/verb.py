@@ -10,6 +10,7 @@ import sys
 from typing import Any
 
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.printable import printable
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.json_text import json_text
@@ -17,6 +18,7 @@ from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.arm import Arm
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
 DONE, NEGATIVE = 0, 1  # exit codes
 PAPER_ARM = 'config/paper_arm.yaml'
@@ -35,14 +37,24 @@ SENSOR_SETTINGS = (
 
 def output_console() -> Console:
     """Where tables go; a pipe is as wide as the table needs."""
-    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    return PlainConsole(
+        width=None if sys.stdout.isatty() else 120, highlight=False, markup=False, emoji=False
+    )
+
+
+class PlainConsole(Console):
+    """A console that shows every text as it is: names in files are no markup and no commands."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return a text that a terminal may show; all texts of lines, cells and titles pass."""
+        return super().render_str(printable(text), **options)
 
 
 def progress_bar(shown: bool) -> Progress:
     """Make a progress bar on stderr, for people only."""
     hidden = not shown or not sys.stderr.isatty()
     return Progress(
-        TextColumn('{task.description}'),
+        TextColumn('{task.description}', markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),

@@ -15,9 +15,26 @@ with a status sentence (`shape.Shape.status`, `shape.Refusal`).
 
 from __future__ import annotations
 
+LONGEST_SENTENCE = 2_000  # characters; what a file says may be quoted, and be megabytes long
+
 
 class PneunetError(Exception):
-    """Base of all errors of this package; its text is one sentence for a person."""
+    """Base of all errors of this package; its text is one sentence for a person.
+
+    Of a sentence that is too long to be read the beginning and the end are kept.
+    """
+
+    def __init__(self, sentence: object = '') -> None:
+        """Take the sentence, or the error whose text is one."""
+        super().__init__(shortened(str(sentence)))
+
+
+def shortened(sentence: str, longest: int = LONGEST_SENTENCE) -> str:
+    """Return a text of bounded length: where it is longer, without its middle."""
+    if len(sentence) <= longest:
+        return sentence
+    end = longest // 3
+    return f'{sentence[: longest - end]} ... {sentence[-end:]}'
 
 
 class RequestError(PneunetError):

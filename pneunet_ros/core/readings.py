@@ -23,12 +23,29 @@ class PressureReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrenchReading:
-    """An end load reading: force (N) and moment about z (N m) in the frame `frame_id`."""
+    """An end load reading: force (N) and moment about z (N m) in the frame `frame_id`.
+
+    What is out of the plane stands last; NaN where it is not measured.
+    """
 
     stamp_ns: int
     force_x: float
     force_y: float
     moment: float
+    frame_id: str
+    force_z: float = 0.0
+    moment_x: float = 0.0
+    moment_y: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipPoseReading:
+    """Where the tip is (m) and where it points (rad), in the frame `frame_id`; NaN: unknown."""
+
+    stamp_ns: int
+    x: float
+    y: float
+    heading: float
     frame_id: str
 
 

@@ -50,7 +50,7 @@ class Regressors:
         settings: LinearizationSettings = DEFAULTS.linearization,
     ) -> Regressors:
         """Collect them; the highest pressure so far is carried on by the runs' stamps."""
-        low, high = arm.pressure_range
+        low, high = arm.table_range
         span = high - low
         load = max((float(np.abs(item.loads).max()) for item in all_inputs), default=0.0) or 1.0
         order = sorted(range(len(runs)), key=lambda which: int(runs[which].reading_stamp_ns[0]))

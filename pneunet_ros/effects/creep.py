@@ -48,6 +48,8 @@ class Creep(Effect):
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
         """Equilibrium: z is the curvature of this pressure."""
+        if len(scale.rows) == 1:  # kappa_p0 at one pressure: it never changes
+            return pressure, 1.0
         row = row_below(scale.rows, pressure)
         above = weight_above(scale.rows, row, pressure)
         weights = [0.0] * len(scale.rows)
@@ -58,7 +60,7 @@ class Creep(Effect):
         self, history: History, seconds: float, pressure: float, scale: PressureScale
     ) -> tuple[History, float]:
         """Exact answer of z to a straight change of pressure, from row to row of the table."""
-        if self.time_constant == 0.0:
+        if self.time_constant == 0.0 or len(scale.rows) == 1:
             return self.initial(pressure, scale), pressure
         before, *weights = history
         if seconds > 0.0:

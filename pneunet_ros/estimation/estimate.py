@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.model.equilibrium import Sensitivity
+from pneunet_ros.measurement.second_order import SecondOrder
+from pneunet_ros.model.domain_position import DomainPosition
 from pneunet_ros.model.shape import Shape
 
 
@@ -17,10 +18,11 @@ class ShapeEstimate:
     stamp_ns: the pressure reading's; chamber_pressure: Pa; jacobian (3, 4): d(x, y, theta of the
     tip) / d(pressure in the chamber, F1, F2, M); tip_covariance (3, 3) of (x, y, theta); std_x,
     std_y (m) and std_curvature (1/m): per station, arrays (stations,); wrench_age: s, None where
-    no wrench is needed; warnings: sentences about what limits the estimate.
+    no wrench is needed; warnings: sentences about what limits the estimate. position: where its
+    load stands to the domain of the model.
 
-    sensitivity and noise (sources, causes), the noise input matrix: the linearization from which
-    covariance and standard deviations come, so that nobody has to linearize again.
+    noise (sources, causes), the noise input matrix, and second_order, with the linearization in
+    it: from these covariance and standard deviations come, so that nobody has to linearize again.
     """
 
     stamp_ns: int
@@ -33,8 +35,9 @@ class ShapeEstimate:
     std_curvature: Array
     wrench_age: float | None
     warnings: tuple[str, ...]
-    sensitivity: Sensitivity | None = None
+    position: DomainPosition | None = None
     noise: Array | None = None
+    second_order: SecondOrder | None = None
 
 
 Outcome = ShapeEstimate | Refusal | None

@@ -7,7 +7,7 @@ Stamps are those of the message headers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -17,15 +17,17 @@ from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.core.units import kilopascals, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
+from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit, EstimatorState
-from pneunet_ros.measurement.noise_jacobian import noise_jacobian, propagate_covariance
+from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE, propagate_covariance
+from pneunet_ros.measurement.second_order import second_order
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
 from pneunet_ros.model.equilibrium import (
     jacobian_of,
     linearize_shape,
-    out_of_range,
     solve_rod,
     station_arclength,
 )
@@ -111,9 +113,9 @@ class Estimator:
         if history is None:
             history = self.arm.initial_history(load.pressure)
         history, chamber = self.arm.actuate(history, elapsed, load.pressure)
-        if refusal is None and self.arm.beyond_range(chamber) > EXTRAPOLATION:
-            sentence = out_of_range(self.arm, chamber) + self.reference_hint(reading.pressure)
-            refusal = refuse(reading.stamp_ns, 'out_of_range', sentence)
+        position = locate_load(self.arm, load, chamber, self.reading_std(reading))
+        beside = out_of_plane(self.arm, self.settings, wrench)
+        refusal = refusal or self.forbidden(reading, position, beside)
         if refusal is not None:
             return state.with_reading(reading.stamp_ns, history), refusal
         rods, changes = self.table.at(chamber, history)
@@ -121,22 +123,33 @@ class Estimator:
         if shape.solution is None:
             refusal = refuse(reading.stamp_ns, 'no_equilibrium', shape.status)
             return state.with_reading(reading.stamp_ns, history), refusal
-        if shape.extrapolated:
-            notes.append('pressure beyond the calibrated range: extrapolated')
+        notes += [*position.notes, *([beside.note] if beside.warns else [])]
         if shape.stable is False:
             notes.append('the equilibrium is unstable under dead load')
         sensitivity = linearize_shape(shape.solution, rods, changes)
         noise = noise_jacobian(self.table, sensed, self.reading_std(reading))
+        noise = with_model_error(noise, position)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
         stations = sensitivity.stations(self.arclength)
-        if not propagate_covariance(noise, sensitivity.tip, stations, covariance, std):
-            sentence = 'the shape answers to its loads without bound (limit point)'
+        curved = second_order(sensitivity, noise)
+        if curved is None or not propagate_covariance(
+            noise, sensitivity.tip, stations, covariance, std
+        ):
+            sentence = (
+                'the shape answers to its loads without bound (limit point), '
+                'or readings and model are too uncertain for any covariance'
+            )
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
             return state.with_reading(reading.stamp_ns, history), refusal
+        if curved.step < 1.0:
+            notes.append('an error of one sigma leads to no equilibrium, or to another one')
+        further = curved.stations(self.arclength)
+        covariance += np.outer(further[:, -1], further[:, -1])
+        std[:2] = np.hypot(std[:2], further[:2])
         freeze(std)
         estimate = ShapeEstimate(
             stamp_ns=reading.stamp_ns,
-            shape=shape,
+            shape=replace(shape, extrapolated=position.extrapolated),
             chamber_pressure=chamber,
             jacobian=jacobian_of(self.arm, sensitivity, history),
             tip_covariance=freeze(covariance),
@@ -145,10 +158,22 @@ class Estimator:
             std_curvature=std[2],
             wrench_age=age,
             warnings=tuple(notes),
-            sensitivity=sensitivity,
+            position=position,
             noise=noise,
+            second_order=curved,
         )
         return state.with_estimate(reading.stamp_ns, history, shape.solution), estimate
+
+    def forbidden(
+        self, reading: PressureReading, position: DomainPosition, beside: OutOfPlane
+    ) -> Refusal | None:
+        """Return why the model says nothing under a load; None where it does."""
+        if beside.stops:
+            return refuse(reading.stamp_ns, 'out_of_plane', beside.sentence)
+        if not position.reason:
+            return None
+        hint = self.reference_hint(reading.pressure) if position.reason == OUT_OF_RANGE else ''
+        return refuse(reading.stamp_ns, position.reason, position.sentence + hint)
 
     def reading_std(self, reading: PressureReading) -> tuple[float, float, float, float]:
         """Return one sigma of F1, F2 (N), M (N m) and pressure (Pa)."""
@@ -197,6 +222,15 @@ class Estimator:
             f'; as {other} pressure it would be {kilopascals(gauge):.4g} kPa gauge: '
             f'set pressure_reference to {other} if the sensor reports that'
         )
+
+
+def with_model_error(noise: Array, position: DomainPosition) -> Array:
+    """Return the noise input matrix with the model's own error beyond its domain, as sources."""
+    if not any(position.error):
+        return noise
+    more = np.zeros((len(position.error), noise.shape[1]))
+    more[:, : PRESSURE + 1] = np.diag(position.error)
+    return np.vstack([noise, more])
 
 
 def refuse(stamp_ns: int, reason: str, sentence: str) -> Refusal:

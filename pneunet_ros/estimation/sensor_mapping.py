@@ -19,21 +19,30 @@ def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchRe
     """Return the end load in the base frame behind what a sensor reports."""
     sign = float(settings.wrench_sign)
     force = rotate(settings.wrench_yaw, sign * reading.force_x, sign * reading.force_y)
+    bending = rotate(settings.wrench_yaw, sign * reading.moment_x, sign * reading.moment_y)
     return WrenchReading(
         stamp_ns=reading.stamp_ns,
         force_x=force[0],
         force_y=force[1],
         moment=sign * reading.moment,
         frame_id=settings.frame_id,
+        force_z=sign * reading.force_z,
+        moment_x=bending[0],
+        moment_y=bending[1],
     )
 
 
 def wrong_frame(settings: EstimatorSettings, reading: WrenchReading) -> str:
     """Return why a wrench in its frame cannot be used, as a sentence; empty where it can."""
-    known = [settings.frame_id, settings.wrench_frame]
+    known = [frame for frame in (settings.frame_id, settings.wrench_frame) if frame]
     if reading.frame_id in known:
         return ''
-    named = ' nor '.join(frame for frame in known if frame)
+    if not reading.frame_id:
+        return (
+            'end wrench without a frame: its header.frame_id is empty, and in which axes the '
+            f'force is cannot be known; it must be {" or ".join(known)}'
+        )
+    named = ' nor '.join(known)
     return (
         f'end wrench in frame {reading.frame_id!r}, which is not {named}; set '
         'wrench_frame (and wrench_yaw, wrench_sign) to what the sensor reports'

@@ -48,6 +48,13 @@ class EstimatorSettings:
         bounds=(-7.0, 7.0),
     )
     wrench_frame: str = setting('', 'frame id, beside frame_id, that wrench messages may carry')
+    out_of_plane_limit: float = quantity(
+        0.1,
+        unit='-',
+        meaning='force and moments of the end wrench out of the plane that are a warning, as a '
+        'share of the calibrated force and its moment; three times that is an error',
+        bounds=(1e-3, 1e6),
+    )
     watch_targets: bool = setting(
         True, 'compare measured targets, where there are any, with the estimate'
     )

@@ -9,14 +9,21 @@ from types import MappingProxyType
 
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
-from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import BACKWARD_JUMP, count_reason, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
 from pneunet_ros.solver.solution import SolverNodes
+
+AHEAD = 'ahead'  # reason of a reading whose stamp was wrong, as the next one showed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatorState:
-    """All that an estimator remembers from one reading to the next."""
+    """All that an estimator remembers from one reading to the next.
+
+    before: the state before a pressure reading that came after a gap of more than a second, until
+    the next one says whether time has gone on from there or that stamp was wrong.
+    """
 
     pressure_stamp_ns: int | None = None
     wrench: WrenchReading | None = None
@@ -25,6 +32,7 @@ class EstimatorState:
     estimates: int = 0
     resets: int = 0
     rejected: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    before: EstimatorState | None = None
 
     def with_wrench(self, wrench: WrenchReading) -> EstimatorState:
         """After an end wrench, in the base frame."""
@@ -39,6 +47,7 @@ class EstimatorState:
             estimates=self.estimates,
             resets=self.resets,
             rejected=self.rejected,
+            before=self.before,
         )
 
     def with_estimate(
@@ -53,6 +62,7 @@ class EstimatorState:
             estimates=self.estimates + 1,
             resets=self.resets,
             rejected=self.rejected,
+            before=self.before,
         )
 
     def fresh(self) -> EstimatorState:
@@ -69,8 +79,8 @@ class EstimatorState:
 def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refusal | None, str]:
     """Whether a reading may be used: finite, stamped, and later than the last one of its kind.
 
-    A stamp that jumps back by more than a second (a looping bag, a restarted simulation) starts
-    anew: the third value says so.
+    A stamp that jumps back by more than a second starts anew (a looping bag, a restarted
+    simulation), unless it only shows that the one before was wrong. The third value says which.
     """
     what = 'pressure' if isinstance(reading, PressureReading) else 'end wrench'
     last = state.pressure_stamp_ns
@@ -85,8 +95,41 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
     else:
         reason, sentence = stamp_fault(f'{what} reading', last, stamp_ns)
     if reason == STARTS_ANEW:
-        return state.fresh(), None, sentence
+        resumed = resume(state, reading)
+        if resumed is None:
+            return state.fresh(), None, sentence
+        return resumed, None, f'a {what} reading was stamped ahead of its time: left out'
     if reason:
         refusal = Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)
         return state, refusal, ''
+    if isinstance(reading, PressureReading):
+        gap = last is not None and seconds_between(last, stamp_ns) > BACKWARD_JUMP
+        if gap or state.before is not None:
+            state = replace(state, before=replace(state, before=None) if gap else None)
     return state, None, ''
+
+
+def resume(state: EstimatorState, reading: Reading) -> EstimatorState | None:
+    """Return the state without the last reading of a kind, if this one shows its stamp was wrong.
+
+    None where time itself has jumped back. A pressure tells by following the reading before the
+    last, a wrench by being nearer to the pressure than the last.
+    """
+    before, stamp_ns = state.before, reading.stamp_ns
+    if isinstance(reading, WrenchReading):
+        pressure_ns = (before or state).pressure_stamp_ns
+        assert state.wrench is not None
+        if pressure_ns is None or (
+            abs(stamp_ns - pressure_ns) >= abs(state.wrench.stamp_ns - pressure_ns)
+        ):
+            return None
+        return state.count_rejected(AHEAD)
+    if before is None or before.pressure_stamp_ns is None or stamp_ns <= before.pressure_stamp_ns:
+        return None
+    return replace(
+        state,
+        pressure_stamp_ns=before.pressure_stamp_ns,
+        history=before.history,
+        solution=before.solution,
+        before=None,
+    ).count_rejected(AHEAD)

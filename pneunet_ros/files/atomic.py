@@ -1,14 +1,19 @@
 """Output files and folders that appear whole or not at all.
 
 Everything is written beside its final place under a hidden name and moved there at the very end.
-After an exception nothing is left; after a kill only the hidden scratch folder is.
+After an exception nothing is left; after a kill only the hidden scratch folder is, and whoever
+writes there next removes it. A live run holds a lock on its scratch folder, which the system lets
+go when the run ends, however it ends.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 import errno
+import fcntl
 from fnmatch import fnmatch
 import os
 from pathlib import Path
@@ -19,6 +24,9 @@ from pneunet_ros.core.errors import RecordingError
 
 # What the system says when there is no room: disk full, quota used up, file larger than allowed.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+SCRATCH, PARTIAL = '.pneunet-', '.partial'  # how the name of a scratch folder begins and ends
+REPLACED = f'{SCRATCH}replaced'  # name of a folder there that steps aside for the new one
+LONGEST_NAME = 255  # bytes of the name of a file
 
 
 @contextmanager
@@ -41,27 +49,184 @@ def atomic_output(
 
     Raises RecordingError at once when the place cannot be used, and later when there is no room.
     """
-    final = Path(path).resolve()
-    _check_place(path, final, overwrite, inputs, tuple(replaceable))
+    output = _open_output(path, overwrite, inputs, tuple(replaceable))
     try:
-        final.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(
-            tempfile.mkdtemp(prefix=f'.{final.name}.', suffix='.partial', dir=final.parent)
-        )
-    except OSError as error:
-        raise RecordingError(f'{path} cannot be written: {error.strerror}') from error
+        with _no_room_said(path):
+            yield output.temporary
+    except BaseException:
+        output.discard()
+        raise
+    finished = _TOGETHER.get()
+    if finished is None:
+        _finish([output])
+    else:
+        finished.append(output)
+
+
+@contextmanager
+def written_together() -> Iterator[None]:
+    """Let the outputs that are written inside take their names at the end, all of them or none."""
+    finished: list[_Output] = []
+    token = _TOGETHER.set(finished)
     try:
-        temporary = scratch / final.name
-        yield temporary
-        _put_in_place(path, temporary, final, overwrite)
+        yield
+    except BaseException:
+        for output in finished:
+            output.discard()
+        raise
+    finally:
+        _TOGETHER.reset(token)
+    _finish(finished)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Output:
+    """An output on its way: what the user called it, where it is written, and where it will be.
+
+    `lock` is the open file that holds the lock of the scratch folder.
+    """
+
+    path: str | Path
+    final: Path
+    overwrite: bool
+    scratch: Path
+    lock: int
+
+    @property
+    def temporary(self) -> Path:
+        """Where it is written."""
+        return self.scratch / self.final.name
+
+    def check(self) -> None:
+        """Refuse what cannot take its place."""
+        if self.final.exists() and not self.overwrite:
+            raise RecordingError(
+                f'{self.path} has appeared meanwhile: choose another name or pass --overwrite'
+            )
+        if not self.temporary.exists():
+            raise RecordingError(f'{self.path} was not written: its maker produced nothing')
+
+    def put_in_place(self) -> None:
+        """Take the final name; what was there before is gone only when that has worked."""
+        if not self.final.is_dir():
+            os.replace(self.temporary, self.final)
+            return
+        # A folder cannot be renamed onto a filled one: the old one steps aside first.
+        aside = self.scratch / REPLACED
+        os.rename(self.final, aside)
+        try:
+            os.rename(self.temporary, self.final)
+        except BaseException:
+            os.rename(aside, self.final)
+            raise
+
+    def discard(self) -> None:
+        """Remove what is left beside the final place."""
+        shutil.rmtree(self.scratch, ignore_errors=True)
+        os.close(self.lock)
+
+
+_TOGETHER: ContextVar[list[_Output] | None] = ContextVar('written_together', default=None)
+
+
+def _finish(outputs: list[_Output]) -> None:
+    """Put outputs in place when none of them has anything against it."""
+    try:
+        for output in outputs:
+            output.check()
+        for output in outputs:
+            with _no_room_said(output.path):
+                output.put_in_place()
+    finally:
+        for output in outputs:
+            output.discard()
+
+
+@contextmanager
+def _no_room_said(path: str | Path) -> Iterator[None]:
+    """Turn what the system says of a full disk into a sentence."""
+    try:
+        yield
     except OSError as error:
         if error.errno in NO_ROOM:
             raise RecordingError(
                 f'{path} cannot be written: {error.strerror}; nothing of it was kept'
             ) from error
         raise
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _open_output(
+    path: str | Path, overwrite: bool, inputs: Iterable[str | Path], replaceable: tuple[str, ...]
+) -> _Output:
+    """Check the place of an output and make the scratch folder beside it."""
+    final = _final_place(path, overwrite, inputs, replaceable)
+    try:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        _remove_abandoned(final.parent)
+        scratch, lock = _make_scratch(final.parent)
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be written: {error.strerror}') from error
+    return _Output(path=path, final=final, overwrite=overwrite, scratch=scratch, lock=lock)
+
+
+def _make_scratch(parent: Path) -> tuple[Path, int]:
+    """Make a scratch folder and lock it; returns it and the open file that holds the lock."""
+    while True:
+        scratch = Path(tempfile.mkdtemp(prefix=SCRATCH, suffix=PARTIAL, dir=parent))
+        try:
+            lock = os.open(scratch, os.O_RDONLY)
+        except FileNotFoundError:  # another run took it for abandoned before it was locked
+            continue
+        _lock(lock)
+        if scratch.exists():
+            return scratch, lock
+        os.close(lock)
+
+
+def _lock(lock: int) -> bool:
+    """Lock an open folder; False where another run holds it, or the file system knows no locks."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _remove_abandoned(parent: Path) -> None:
+    """Remove the scratch folders of runs that were killed: those that nobody holds."""
+    for scratch in parent.glob(f'{SCRATCH}*{PARTIAL}'):
+        try:
+            lock = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        except OSError:
+            continue
+        try:
+            # A folder that was to be replaced waits there where a run was killed in that instant.
+            if _lock(lock) and not (scratch / REPLACED).exists():
+                shutil.rmtree(scratch, ignore_errors=True)
+        finally:
+            os.close(lock)
+
+
+def _final_place(
+    path: str | Path, overwrite: bool, inputs: Iterable[str | Path], replaceable: tuple[str, ...]
+) -> Path:
+    """Return where an output will stand; RecordingError where it cannot."""
+    try:
+        final = Path(path).resolve()
+        if not final.name:
+            raise RecordingError(f'{path} cannot be written: it is the root of all folders')
+        if len(os.fsencode(final.name)) > LONGEST_NAME:
+            raise RecordingError(
+                f'{path} cannot be written: its name is longer than {LONGEST_NAME} bytes'
+            )
+        if Path(path).is_symlink() and not final.exists():
+            raise RecordingError(f'{path} cannot be written: it is a link to nothing, {final}')
+        _check_place(path, final, overwrite, inputs, replaceable)
+    except (OSError, ValueError, RuntimeError) as error:
+        # A loop of links, a name that no file can have, a folder that may not be looked into.
+        why = getattr(error, 'strerror', None) or error
+        raise RecordingError(f'{path} cannot be written: {why}') from error
+    return final
 
 
 def _check_place(
@@ -99,24 +264,3 @@ def _check_place(
         )
     if not overwrite:
         raise RecordingError(f'{path} exists already: choose another name or pass --overwrite')
-
-
-def _put_in_place(path: str | Path, temporary: Path, final: Path, overwrite: bool) -> None:
-    """Move a finished output to its final name; an older one is gone only when that has worked."""
-    if final.exists() and not overwrite:
-        raise RecordingError(
-            f'{path} has appeared meanwhile: choose another name or pass --overwrite'
-        )
-    if not temporary.exists():
-        raise RecordingError(f'{path} was not written: its maker produced nothing')
-    if not final.is_dir():
-        os.replace(temporary, final)
-        return
-    # A folder cannot be renamed onto a filled one: the old one steps aside, and back if need be.
-    aside = temporary.with_name(f'{temporary.name}.replaced')
-    os.rename(final, aside)
-    try:
-        os.rename(temporary, final)
-    except OSError:
-        os.rename(aside, final)
-        raise

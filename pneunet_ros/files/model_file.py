@@ -18,6 +18,7 @@ from pneunet_ros.effects.effect import Effect
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.yaml_file import or_default, YamlFile
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import law_fields, MOMENT_LAWS, MomentLaw
 from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
@@ -33,10 +34,11 @@ TOP = (
     'effects',
     'sensors',
     'covariance',
+    'domain',
     'sources',
     'provenance',
 )
-OPTIONAL = {'effects', 'covariance', 'sources', 'provenance'}
+OPTIONAL = {'effects', 'covariance', 'domain', 'sources', 'provenance'}
 MODEL_FILE = YamlFile(kind='model file', error=ModelError, number_name='a number in SI units')
 
 
@@ -94,7 +96,7 @@ def arm_from_mapping(content: Any) -> Arm:
     curvature = MODEL_FILE.block(top['intrinsic_curvature'], 'intrinsic_curvature', curvature_keys)
     if not isinstance(top['name'], str) or not top['name']:
         raise ModelError(f'name must be a text, not {top["name"]!r}')
-    covariance = top.get('covariance')
+    covariance, domain = top.get('covariance'), top.get('domain')
     return Arm(
         name=top['name'],
         **{
@@ -108,6 +110,7 @@ def arm_from_mapping(content: Any) -> Arm:
         effects=effects_from_mapping(or_default(top.get('effects'), {})),
         sensors=SensorNoise(**MODEL_FILE.numbers_of(SensorNoise, top['sensors'], 'sensors')),
         covariance=None if covariance is None else covariance_from_mapping(covariance),
+        domain=None if domain is None else domain_from_mapping(domain),
         sources=texts(or_default(top.get('sources'), {}), 'sources'),
         provenance=tree(or_default(top.get('provenance'), {}), 'provenance'),
     )
@@ -142,6 +145,9 @@ def mapping_from_arm(arm: Arm) -> dict[str, Any]:
             'quantities': list(arm.covariance.quantities),
             'factor': arm.covariance.factor.tolist(),
         },
+        'domain': None
+        if arm.domain is None
+        else {'pressure': list(arm.domain.pressure), 'end_load': arm.domain.end_load.tolist()},
         'sources': dict(arm.sources),
         'provenance': dict(arm.provenance),
     }
@@ -183,6 +189,11 @@ def covariance_from_mapping(content: Any) -> ModelCovariance:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise ModelError('covariance.quantities must be a list of dotted names')
     return ModelCovariance(quantities=tuple(names), factor=values['factor'])
+
+
+def domain_from_mapping(content: Any) -> Domain:
+    """Build what the calibration spanned."""
+    return Domain(**MODEL_FILE.block(content, 'domain', ('pressure', 'end_load')))
 
 
 def texts(content: Any, where: str) -> dict[str, str]:

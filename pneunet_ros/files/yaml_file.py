@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.units import quantities
+from pneunet_ros.files.regular_file import open_regular
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import ConstructorError, SafeConstructor
 from ruamel.yaml.error import YAMLError
@@ -46,8 +47,21 @@ class PlainConstructor(SafeConstructor):
             )
         return number
 
+    def construct_yaml_str(self, node: Any) -> str:
+        """Refuse escapes of what no text can hold: a zero, or half a character."""
+        text: str = super().construct_yaml_str(node)
+        if any(character == '\0' or '\ud800' <= character <= '\udfff' for character in text):
+            raise ConstructorError(
+                problem='a text with a zero or half a character', problem_mark=node.start_mark
+            )
+        return text
 
-PlainConstructor.add_constructor('tag:yaml.org,2002:int', PlainConstructor.construct_yaml_int)
+
+for tag, construct in (
+    ('int', PlainConstructor.construct_yaml_int),
+    ('str', PlainConstructor.construct_yaml_str),
+):
+    PlainConstructor.add_constructor(f'tag:yaml.org,2002:{tag}', construct)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +76,7 @@ class YamlFile:
         """Build something from the content of a file; the error names the file and the key."""
         path = Path(path)
         try:
-            with path.open('rb') as stream:  # a device may have no end
+            with open_regular(path) as stream:
                 data = stream.read(LARGEST_FILE + 1)
             if len(data) > LARGEST_FILE:
                 raise self.error(
@@ -70,7 +84,8 @@ class YamlFile:
                 )
             text = data.decode('utf-8')
         except (OSError, ValueError) as error:
-            raise self.error(f'cannot read the {self.kind} {path}: {error}') from None
+            why = getattr(error, 'strerror', None) or error
+            raise self.error(f'cannot read the {self.kind} {path}: {why}') from None
         if depth_of(text) > DEEPEST:
             raise self.error(f'{path} is not valid YAML: more than {DEEPEST} brackets are open')
         try:

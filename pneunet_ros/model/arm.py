@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field
+import math
 from types import MappingProxyType
 from typing import Any
 
@@ -14,6 +15,7 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, History, Load, PressureScale, Terms
+from pneunet_ros.model.domain import DOMAIN, Domain, load_hull, LoadHull
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import MomentLaw
 from pneunet_ros.model.parameter_path import Move, move_numbers, unknown_quantity
@@ -21,7 +23,8 @@ from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
 from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, MOMENT_OFFSET, SECTION_WIDTH
 from pneunet_ros.solver.rod import Rods, RodTable
 
-EXTRAPOLATION = 0.05  # of the calibrated range, beyond either end
+EXTRAPOLATION = DOMAIN.pressure_margin  # of the calibrated range, beyond either end
+ONE_PRESSURE = 100.0  # Pa, either side of the row of a table that has but one: what noise reads
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,10 +32,12 @@ class Arm:
     """A pneu-net arm as a rod: the whole content of a model file.
 
     `target_arclength` (targets,) m is the place of every white target; `effects` are in the order
-    of the table of effects; `sources` says where each number comes from. `pressure_range` (Pa) is
-    where both intrinsic curvature and moment law are calibrated; `sensing`, `seeing` and `acting`
-    are the effects that change what a reading means, where points are seen, and those that have a
-    history; `history_dependent` are the places in `acting` of those whose history changes the rod.
+    of the table of effects; `sources` says where each number comes from. `domain` is what the
+    calibration spanned, `load_hull` its loads as a body in space, None where that is not known.
+    `table_range` (Pa) is where both intrinsic curvature and moment law have rows, `pressure_range`
+    (Pa) what of it is in the domain. `sensing`, `seeing` and `acting` are the effects that change
+    what a reading means, where points are seen, and those that have a history; `history_dependent`
+    are the places in `acting` of those whose history changes the rod.
     """
 
     name: str
@@ -45,6 +50,7 @@ class Arm:
     effects: tuple[Effect, ...] = ()
     sensors: SensorNoise
     covariance: ModelCovariance | None = None
+    domain: Domain | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     sensing: tuple[Effect, ...] = field(init=False, repr=False)
@@ -54,7 +60,9 @@ class Arm:
     scale: PressureScale = field(init=False, repr=False)
     knots: Array = field(init=False, repr=False)
     table: RodTable = field(init=False, repr=False)
+    table_range: tuple[float, float] = field(init=False, repr=False)
     pressure_range: tuple[float, float] = field(init=False, repr=False)
+    load_hull: LoadHull | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the numbers and put the effects into the order of the table."""
@@ -87,22 +95,46 @@ class Arm:
         low, high = self.moment_law.pressure_range
         rows = self.intrinsic_curvature.pressure
         low, high = max(low, float(rows[0])), min(high, float(rows[-1]))
+        if low == high:  # tables of one row: no other pressure is known
+            low, high = low - ONE_PRESSURE, high + ONE_PRESSURE
         scale = PressureScale(rows=tuple(rows.tolist()), top=high, std=self.sensors.pressure_std)
         object.__setattr__(self, 'scale', scale)
-        object.__setattr__(self, 'pressure_range', (low, high))
+        object.__setattr__(self, 'table_range', (low, high))
         if not low < high:
             raise ModelError(
                 'intrinsic_curvature and moment_law have no pressure in common; '
                 'their pressure tables must overlap'
             )
+        self._take_domain()
         object.__setattr__(self, 'table', self.build_table())
         if self.covariance is not None:
             self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # do they all exist?
 
+    def _take_domain(self) -> None:
+        """Make ready what the domain says, or what stands for it where there is none."""
+        low, high = self.table_range
+        hull = None
+        if self.domain is not None:
+            low, high = max(low, self.domain.pressure[0]), min(high, self.domain.pressure[1])
+            hull = load_hull(self.domain.end_load, self.domain.pressure, self.length)
+            if not low <= high:
+                raise ModelError(
+                    'domain.pressure has no pressure in common with the tables of '
+                    'intrinsic_curvature and moment_law'
+                )
+        object.__setattr__(self, 'pressure_range', (low, high))
+        object.__setattr__(self, 'load_hull', hull)
+
     def beyond_range(self, pressure: float) -> float:
-        """How far a pressure is outside the calibrated range, as a share of it; 0 inside."""
+        """How far a pressure is outside the calibrated range, as a share of it; 0 inside.
+
+        What the noise of its sensor explains is inside.
+        """
         low, high = self.pressure_range
-        return max(low - pressure, pressure - high, 0.0) / (high - low)
+        outside = max(low - pressure, pressure - high, 0.0)
+        if outside <= DOMAIN.pressure_noise * self.sensors.pressure_std:
+            return 0.0
+        return outside / (high - low) if high > low else math.inf
 
     def sense(self, load: Load) -> Load:
         """Return the true load behind readings of pressure and wrench."""
@@ -158,7 +190,7 @@ class Arm:
         The first and last row stand where extrapolation ends. Beyond its own table the law stays
         as it is there: a line through rigidities may pass through zero, and l1 leave the arm.
         """
-        law, (low, high) = self.moment_law, self.pressure_range
+        law, (low, high) = self.moment_law, self.table_range
         margin = EXTRAPOLATION * (high - low)
         ends = np.array([low - margin, high + margin])
         rows = np.union1d(self.intrinsic_curvature.pressure, law.table_pressures)

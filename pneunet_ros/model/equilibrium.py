@@ -7,16 +7,16 @@ does not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import functools
 import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.units import kilopascals
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.model.domain_position import locate_load, out_of_range
 from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
@@ -53,7 +53,7 @@ class Sensitivity:
 
     tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
     The others are what `stations` needs: the solution with its changes per cause (causes, panels +
-    1, 6), the changes of its panels and of the table of rotation per further cause, and the table.
+    1, 6), the changes of its panels, ends and table of rotation per further cause, and the table.
     """
 
     tip: Array
@@ -62,6 +62,7 @@ class Sensitivity:
     knots: Array
     rotation: Array
     panel_changes: Array
+    end_changes: Array
     rotation_changes: Array
     node_changes: Array
 
@@ -106,7 +107,9 @@ def solve(
         stations: how many equally spaced places along the arm the shape has.
 
     Returns:
-        The shape; where none was found its arrays are NaN and `status` says why.
+        The shape; where none was found its arrays are NaN and `status` says why. A load beyond
+        the domain of the model is solved all the same, as what the rod would do if its law went
+        on as it is: then `extrapolated` is True and `status` says so.
 
     Raises:
         RequestError: a value is no finite number.
@@ -114,9 +117,21 @@ def solve(
     """
     check_finite(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment)
     load = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))
-    rods = arm.rods(np.array([steady_pressure(arm, load.pressure)]))
+    chamber = steady_pressure(arm, load.pressure)
     known = start.solution if start is not None else None
-    return solve_rod(arm, rods, load, known, station_arclength(arm.length, stations))
+    arclength = station_arclength(arm.length, stations)
+    shape = solve_rod(arm, arm.rods(np.array([chamber])), load, known, arclength)
+    return with_position(arm, shape, load, chamber)
+
+
+def with_position(arm: Arm, shape: Shape, load: Load, chamber: float) -> Shape:
+    """Return a shape that says where its load, at a pressure in the chamber, stands."""
+    position = locate_load(arm, load, chamber)
+    if not (shape.converged and position.words):
+        return shape
+    return replace(
+        shape, status=f'{shape.status}, {position.words}', extrapolated=position.extrapolated
+    )
 
 
 def steady_pressure(arm: Arm, pressure: float) -> float:
@@ -166,7 +181,9 @@ def solve_rod(
     if reason:
         return failed_shape(arm, load, arclength, reason, problem.residual, problem.iterations)
     values = np.empty((FIELD_COUNT, arclength.size))
-    at_stations(problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values)
+    missed = at_stations(
+        problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values
+    )
     freeze(values)
     solution = problem.solution()
     stable = None
@@ -181,8 +198,6 @@ def solve_rod(
         words.append('stable' if stable else 'unstable under dead load')
     else:
         words.append('stability not defined (negative rigidity)')
-    if beyond > 0.0:
-        words.append(f'extrapolated {100.0 * beyond:.1f} % beyond the calibrated pressures')
     return Shape(
         arclength=arclength,
         **dict(zip(FIELDS, values, strict=True)),
@@ -191,7 +206,7 @@ def solve_rod(
         pressure=load.pressure,
         converged=True,
         status=', '.join(words),
-        residual=problem.residual,
+        residual=max(problem.residual, missed),
         iterations=problem.iterations,
         stable=stable,
         extrapolated=beyond > 0.0,
@@ -217,15 +232,6 @@ def failed_shape(
         stable=None,
         extrapolated=arm.beyond_range(load.pressure) > 0.0,
         solution=None,
-    )
-
-
-def out_of_range(arm: Arm, pressure: float) -> str:
-    """Return the sentence for a pressure at which the model says nothing."""
-    low, high = (kilopascals(value) for value in arm.pressure_range)
-    return (
-        f'pressure {kilopascals(pressure):.4g} kPa is outside the calibrated range '
-        f'{low:.4g} to {high:.4g} kPa by more than {100.0 * EXTRAPOLATION:.0f} % of it'
     )
 
 
@@ -265,6 +271,7 @@ def linearize_shape(
         knots=rods.knots,
         rotation=rods.rotation[0],
         panel_changes=panels,
+        end_changes=ends,
         rotation_changes=rotation,
         node_changes=nodes,
     )

@@ -23,6 +23,7 @@ from pneunet_ros.model.equilibrium import (
     solve_rod,
     station_arclength,
     steady_pressure,
+    with_position,
 )
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.columns import RIGIDITY
@@ -182,7 +183,8 @@ class TipSearch:
                 f'the nearest equilibrium found is {1000.0 * distance:.3g} mm away'
             )
         else:
-            return shape
+            load = replace(self.load, force_x=shape.force[0], force_y=shape.force[1])
+            return with_position(self.arm, shape, load, float(self.rods.pressure[0]))
         unknown = replace(self.load, force_x=math.nan, force_y=math.nan)
         return failed_shape(
             self.arm,

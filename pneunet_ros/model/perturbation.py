@@ -193,7 +193,7 @@ def group_equal_terms(
 
 def pressure_step(arm: Arm, settings: DifferenceSettings) -> float:
     """Return the step of the chamber pressure, Pa."""
-    low, high = arm.pressure_range
+    low, high = arm.table_range
     return settings.pressure_step * (high - low)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,8 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import check_quantities, quantity
 
 MOST_COLUMNS = 12
+STIFFNESS = ('rigidity', 'bending_stiffness', 'modulus')  # of the moment laws
+NOT_MEASURED = ('representative', 'not fitted', 'estimated', 'assumed')  # words of `sources`
 _POSITIVE = (0.0, 1e9)  # finite: what is not measured at all has no sigma
 
 
@@ -29,6 +32,10 @@ class SensorNoise:
     )
     drift_std: float = quantity(
         0.0, unit='m', meaning='slow drift of the camera', bounds=_POSITIVE
+    )
+
+    heading_std: float = quantity(
+        0.0, unit='rad', meaning='measured heading of the tip; 0: not known', bounds=_POSITIVE
     )
 
     def __post_init__(self) -> None:
@@ -65,3 +72,22 @@ class ModelCovariance:
             dict(zip(self.quantities, column.tolist(), strict=True))
             for column in np.asarray(self.factor).T
         )
+
+
+def error_left_out(covariance: ModelCovariance | None, sources: Mapping[str, str]) -> str:
+    """Say which error of a model its standard deviations leave out; empty where none is.
+
+    covariance, sources: of the model. The stiffness is measured where the covariance has it and no
+    source says otherwise.
+    """
+    if covariance is None:
+        return "the model's own error is not in the standard deviations: it has no covariance"
+    stiffness = tuple(f'moment_law.{name}' for name in STIFFNESS)
+    known = any(name.startswith(stiffness) for name in covariance.quantities)
+    said = [sources[key] for key in ('moment_law', *stiffness) if key in sources][:1]
+    if known and not any(word in text for text in said for word in NOT_MEASURED):
+        return ''
+    return (
+        "the model's own error under load is not in the standard deviations: its stiffness was "
+        'not measured'
+    )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from array import array
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,17 +17,27 @@ from pneunet_ros.calibration.preconditions import (
 from pneunet_ros.calibration.settings import PRECONDITIONS
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import kilopascals, seconds_between
+from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.steady_states import held_spans
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
-from pneunet_ros.offline.replay import input_topics
+from pneunet_ros.offline.replay import input_topics, Step, steps, targets_topic
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.recordings.image_sources import find_info_topic, IMAGE_TYPES
+from pneunet_ros.recordings.image_sources import (
+    find_info_topic,
+    IMAGE_TYPES,
+    open_images,
+    SourceRequest,
+    TOPIC_NAMES,
+)
+from pneunet_ros.recordings.image_stream import ImageStream
 from pneunet_ros.recordings.recorded_series import (
     find_series,
     nearest,
@@ -33,11 +45,13 @@ from pneunet_ros.recordings.recorded_series import (
     ReadingSeries,
 )
 from pneunet_ros.recordings.recording import open_recording, Recording
+from pneunet_ros.vision.camera_model import Lens
 
 GAP = 2.5  # median periods without a message
 STILL = 8.0  # standard deviations of a reading, over which it spreads while it stands still
 STILL_SHARE = 0.005  # of the calibrated range of pressure, the same
 FEW_PASCALS = 0.01  # of the range: a pressure that never exceeds this share is of another unit
+SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tried
 LIKE_AIR = 0.8  # of the ambient pressure: a pressure that is never lower is absolute
 
 
@@ -89,7 +103,7 @@ def topics_of(recording: Recording, series: Mapping[str, ReadingSeries]) -> list
 
     Times are those of the header for readings, and of the log for all else.
     """
-    logged: dict[str, list[int]] = {topic.name: [] for topic in recording.topics}
+    logged = {topic.name: array('q') for topic in recording.topics}
     for message in recording.raw_messages(tuple(logged)):
         logged[message.topic].append(message.log_time_ns)
     stamped = {item.topic: item.stamp_ns for item in series.values()}
@@ -214,7 +228,6 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
     def reads_as_run() -> RecordingData:
         """Read it once; raises each time where it cannot be read."""
         if not run:
-            needs(PRESSURE)
             needs(TARGETS)
             targets = request.arm.target_arclength.size
             run.append(read_run(recording.path, targets, overrides, settings)[0])
@@ -224,7 +237,12 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         needs(PRESSURE)
         loaded = find_series(recording, END_WRENCH, overrides, required=False) is not None
         asked = replace(settings, wrench_required=loaded and settings.wrench_required)
-        input_topics(recording, Estimator(arm=request.arm, settings=asked), overrides)
+        estimator = Estimator(arm=request.arm, settings=asked)
+        topics = input_topics(recording, estimator, overrides)
+        targets = targets_topic(recording, estimator, overrides)
+        check_estimates(steps(recording, estimator, topics, targets))
+        # All that replay would decode, as one message that it cannot ends it.
+        deque(recording.messages([*topics, *([] if targets is None else [targets])]), maxlen=0)
         return '' if loaded else f'with --no-wrench-required: there is no {END_WRENCH.name}'
 
     def tracks() -> str:
@@ -233,9 +251,12 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
             raise RecordingError('there are no images')
         topic = recording.find_any(IMAGE_TYPES, overrides.get('image_raw'), label='with images')
         find_info_topic(recording, topic, overrides.get('camera_info'))
+        topics = {name: overrides[name] for name in TOPIC_NAMES if name in overrides}
+        check_images(open_images(recording.path, SourceRequest(topics=topics)))
         return ''
 
     def calibrates_unloaded() -> str:
+        needs(PRESSURE)
         check_runs([reads_as_run()], [], request.arm)
         return ''
 
@@ -248,7 +269,7 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
             raise RecordingError(
                 f'{data.name} has no end force above {least} N: it is an unloaded one'
             )
-        return ''
+        return '' if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
 
     asked: dict[str, Callable[[], str]] = {
         'replay': replays,
@@ -257,6 +278,38 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         'calibrate loaded': calibrates_loaded,
     }
     return {name: _answer(attempt) for name, attempt in asked.items()}
+
+
+def check_estimates(replayed: Iterable[Step]) -> None:
+    """Refuse what gives no estimate at all, with the reason that most readings met."""
+    sentences: dict[str, str] = {}
+    reasons: Counter[str] = Counter()
+    for step in replayed:
+        if isinstance(step.outcome, ShapeEstimate):
+            return
+        if isinstance(step.outcome, Refusal):
+            reasons[step.outcome.reason] += 1
+            sentences[step.outcome.reason] = step.outcome.sentence
+        if reasons['no_equilibrium'] > SOLVES_TRIED:
+            break
+    if not reasons:
+        raise RecordingError('there is no pressure reading in it')
+    reason, count = reasons.most_common(1)[0]
+    raise RecordingError(f'no reading gives an estimate; {count} times: {sentences[reason]}')
+
+
+def check_images(stream: ImageStream) -> None:
+    """Refuse what holds no image that can be read, or no lens."""
+    kinds: set[type] = set()
+    why = 'it holds none'
+    for item in stream.read(()):
+        kinds.add(type(item.reading))
+        if kinds >= {Image, Lens}:
+            return
+        if isinstance(item.reading, PneunetError):
+            why = str(item.reading)
+    lacking = 'image' if Image not in kinds else 'camera_info'
+    raise RecordingError(f'no {lacking} in it can be used: {why}')
 
 
 def _answer(attempt: Callable[[], str]) -> dict[str, Any]:

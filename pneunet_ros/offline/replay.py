@@ -181,7 +181,7 @@ class Agreement:
 
 @dataclass(slots=True)
 class Tally:
-    """What a replay came to, counted step by step."""
+    """What a replay came to, counted step by step; warned: how many estimates by warning."""
 
     messages: int = 0
     pressures: int = 0
@@ -192,6 +192,7 @@ class Tally:
     consistency: ConsistencyState = field(default_factory=ConsistencyState)
     disagreement: Disagreement | None = None
     compared: list[FrameInnovation] = field(default_factory=list)
+    warned: dict[str, int] = field(default_factory=dict)
 
     def count(self, step: Step, pressure_topic: str) -> None:
         """Take one step into account."""
@@ -204,6 +205,8 @@ class Tally:
         elif step.outcome is not None:
             self.last = step.outcome
             self.worst_residual = max(self.worst_residual, step.outcome.shape.residual)
+            for warning in step.outcome.warnings:
+                self.warned[warning] = self.warned.get(warning, 0) + 1
 
     def compare(self, consistency: ConsistencyState) -> None:
         """Keep all frames, and the largest disagreement, one that is more than noise first."""

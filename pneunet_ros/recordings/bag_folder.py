@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -35,6 +36,9 @@ def mcap_files(path: Path) -> list[Path]:
             f'{path} is stored as {storage} {compression}: turn it into plain mcap with '
             '`ros2 bag convert`'
         )
+    for name, number in Counter(names).items():
+        if number > 1:
+            raise RecordingError(f'{path / METADATA} names {name} {number} times: name it once')
     return [path / name for name in names]
 
 

@@ -16,6 +16,7 @@ from pneunet_ros.core.errors import MessageError, RecordingError, RequestError
 from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.camera_file import load_camera_info
+from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.compressed_image import decode_compressed, decode_heard
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
 
@@ -28,6 +29,7 @@ FOLDER_RATE = 30.0  # Hz
 RATES = (1e-3, 1e5)  # Hz
 IMAGE_TOPIC = '/pneunet/image_raw'
 CAMERA_FRAME = 'camera'
+LARGEST_PICTURE = 200_000_000  # bytes; a tiff of 64 megapixels and 3 channels has as many
 SILENT = 0  # log level of OpenCV
 _BROKEN_OFF = 0.9  # share of the frames a video promises, below which it says that some are lost
 
@@ -101,7 +103,11 @@ def folder_images(folder: Path, camera_info: str | None, rate: float | None) -> 
 
 def _picture(file: Path, stamp_ns: int) -> Image | MessageError:
     try:
-        data = np.frombuffer(file.read_bytes(), np.uint8)
+        with open_regular(file) as stream:
+            content = stream.read(LARGEST_PICTURE + 1)
+        if len(content) > LARGEST_PICTURE:
+            raise MessageError(f'it has more than {LARGEST_PICTURE // 10**6} MB')
+        data = np.frombuffer(content, np.uint8)
         compressed = file.suffix.lower() in COMPRESSED
         return _image(decode_compressed(data) if compressed else _decode_plain(data), stamp_ns)
     except MessageError as error:

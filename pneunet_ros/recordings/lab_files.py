@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.atomic import atomic_output, written_together
 from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.lab.lab_recording import LabMemory, LabRecording
@@ -44,6 +44,7 @@ def write_lab(
     """
     truth = truth_file(path)
     with (
+        written_together(),
         atomic_output(truth, overwrite=overwrite) as temporary,
         write_recording(path, overwrite=overwrite) as writer,
     ):

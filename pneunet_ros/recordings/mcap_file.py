@@ -1,9 +1,8 @@
-"""MCAP files: what one holds, from its index or from one pass over all of it, and its messages.
+"""MCAP files: what one holds, found in one pass over all of it, and its messages.
 
 Whole, unindexed (`fastwrite`) and cut-off files give the same description, so that whoever reads
-messages need not know which of them it is. The library `mcap` parses summary, chunks and
-definitions; how far a damaged file goes, and that no length in it is believed, is looked after
-here.
+messages need not know which of them it is. Every checksum that there is, is held against what it
+covers: what is damaged is left out, and `McapFile.damage` says so. No length is believed.
 """
 
 from __future__ import annotations
@@ -21,21 +20,33 @@ import lz4.frame
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Channel, Schema
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.recordings.limits import LIMITS
 import zstandard
 
 CUT_OFF = 'ends in the middle of a record'
 MAGIC = b'\x89MCAP0\r\n'
 RECORD_HEAD = struct.Struct('<BQ')  # opcode, length of what follows
 MESSAGE_HEAD = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time; the data follow
-FOOTER_LENGTH = 29  # opcode, length, start of summary, start of its offsets, checksum
+CHUNK_HEAD = struct.Struct('<QQQII')  # first and last log time, size, checksum, length of a name
+STORED_SIZE = struct.Struct('<Q')  # behind the name of the compression
+FOOTER = struct.Struct('<QQI')  # start of summary, start of its offsets, checksum
+CHECKSUM = struct.Struct('<I')
 LOOSE_RUN = 1 << 20  # bytes of messages outside of chunks that make a block
-LARGEST_CHUNK = 1_000_000_000  # bytes of its content; writers begin a new one at a few MB
+PIECE = 1 << 20  # bytes read at a time for a checksum
+LATEST_LOG_TIME = 2**63 - 1  # ns, in the year 2262
 
 # What the decompressors and the parsing of damaged bytes raise.
-DAMAGE = (ValueError, OverflowError, struct.error, RuntimeError, zstandard.ZstdError, McapError)
+DAMAGE = (
+    ValueError,
+    OverflowError,
+    struct.error,
+    RuntimeError,
+    zstandard.ZstdError,
+    McapError,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +68,7 @@ class Block:
 class McapFile:
     """What a file holds: channels and schemas by id, messages per channel, and blocks.
 
-    `damage` is a sentence when the file does not go as far as its writer meant, else None.
+    `damage`: sentences on what of it could not be read.
     """
 
     path: Path
@@ -65,17 +76,21 @@ class McapFile:
     schemas: dict[int, Schema]
     counts: dict[int, int]
     blocks: tuple[Block, ...]
-    damage: str | None
+    damage: tuple[str, ...]
+
+
+class UnknownCompression(RecordingError):
+    """A chunk that is packed in a way that cannot be read here."""
 
 
 def open_mcap(path: Path) -> McapFile:
     """Find out what a file holds.
 
-    Raises RecordingError when it cannot be read or is no MCAP file; a file that is cut off is no
-    error, it is described as far as it goes.
+    Raises RecordingError when it cannot be read, is no MCAP file, or holds more than it can; a
+    file that is cut off or damaged is no error, it is described as far as it goes.
     """
     try:
-        with path.open('rb') as stream:
+        with open_regular(path) as stream:
             size = stream.seek(0, io.SEEK_END)
             stream.seek(0)
             if size == 0:
@@ -84,7 +99,9 @@ def open_mcap(path: Path) -> McapFile:
                 raise RecordingError(
                     f'{path} is no MCAP file: turn other formats into it with `ros2 bag convert`'
                 )
-            return _from_index(path, stream, size) or _Scan(path, stream, size).run()
+            return _Scan(path, stream, size).run()
+    except UnknownCompression as error:
+        raise RecordingError(f'{path}: {error}') from error
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
 
@@ -92,25 +109,26 @@ def open_mcap(path: Path) -> McapFile:
 def read_block(path: Path, stream: BinaryIO, block: Block) -> Iterator[tuple[int, int, bytes]]:
     """Yield the messages of a block as they stand: channel id, log time in ns, serialized bytes.
 
-    Raises RecordingError naming `path` when the block is damaged.
+    Raises RecordingError naming `path` when the block is damaged, which it was not when the file
+    was opened.
     """
     stream.seek(block.offset)
-    data = stream.read(block.length)
+    data: bytes | memoryview = stream.read(block.length)
     try:
         if not block.loose:
             data = chunk_content(data)
         for opcode, start, end in records(data):
             if opcode == Opcode.MESSAGE:
-                channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, start)
-                yield channel, log_time, data[start + MESSAGE_HEAD.size : end]
+                channel, log_time = message_head(data, start, end)
+                if log_time <= LATEST_LOG_TIME:
+                    yield channel, log_time, bytes(data[start + MESSAGE_HEAD.size : end])
     except DAMAGE as error:
         raise RecordingError(
-            f'{path} is damaged in the chunk at byte {block.offset} ({error}): '
-            'recover it with `mcap recover`'
+            f'{path} has changed while it was read, in the chunk at byte {block.offset} ({error})'
         ) from error
 
 
-def records(data: bytes) -> Iterator[tuple[int, int, int]]:
+def records(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and end of every whole record in `data`.
 
     The library's StreamReader does the same, and believes lengths. Reading the messages of a file
@@ -126,77 +144,53 @@ def records(data: bytes) -> Iterator[tuple[int, int, int]]:
         yield opcode, start, position
 
 
-def chunk_content(record: bytes) -> bytes:
+def message_head(data: bytes | memoryview, start: int, end: int) -> tuple[int, int]:
+    """Return channel and log time (ns) of a message's record; ValueError where it is too short."""
+    if end - start < MESSAGE_HEAD.size:
+        raise ValueError('a message in it is too short')
+    channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, start)
+    return channel, log_time
+
+
+def chunk_content(record: bytes | memoryview) -> bytes | memoryview:
     """Return the records inside a chunk's record; of one that is cut off, what there is.
 
-    Raises one of DAMAGE when the content is not what its writer put there.
+    Raises one of DAMAGE when the content is not what its writer put there, UnknownCompression when
+    it cannot be told.
     """
     _, length = RECORD_HEAD.unpack_from(record)
-    body = record[RECORD_HEAD.size :]
-    chunk = Chunk.read(ReadDataStream(io.BytesIO(body)))
-    size = chunk.uncompressed_size
-    data: bytes = chunk.data
-    if size > LARGEST_CHUNK:
-        raise ValueError(f'it has {size} bytes, more than {LARGEST_CHUNK}')
+    body = memoryview(record)[RECORD_HEAD.size :]
+    _, _, size, checksum, name_length = CHUNK_HEAD.unpack_from(body)
+    named = CHUNK_HEAD.size + name_length
+    compression = bytes(body[CHUNK_HEAD.size : named]).decode()
+    (stored,) = STORED_SIZE.unpack_from(body, named)
+    data: bytes | memoryview = body[named + STORED_SIZE.size :][:stored]
+    if size > LIMITS.chunk:
+        raise ValueError(f'it has {size} bytes, more than {LIMITS.chunk}')
     # No more is unpacked than was announced, whatever the bytes would become.
-    if chunk.compression == 'zstd':
+    if compression == 'zstd':
         data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
-    elif chunk.compression == 'lz4':
+    elif compression == 'lz4':
         data = lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1)
-    elif chunk.compression:
-        raise ValueError(
-            f'its compression {chunk.compression!r} is unknown, zstd and lz4 can be read'
+    elif compression:
+        raise UnknownCompression(
+            f'its compression {compression!r} is unknown, zstd and lz4 can be read'
         )
     if len(body) >= length:
         if len(data) != size:
             raise ValueError('its size is wrong')
-        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        if checksum and zlib.crc32(data) != checksum:
             raise ValueError('its checksum is wrong')
     return data
 
 
-def _from_index(path: Path, stream: BinaryIO, size: int) -> McapFile | None:
-    """Describe a whole file by its index; None when there is none that can be relied on."""
-    stream.seek(max(0, size - FOOTER_LENGTH - len(MAGIC)))
-    tail = stream.read()
-    if not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:
-        return None
-    stream.seek(0)
-    try:
-        summary = SeekingReader(stream).get_summary()
-    except DAMAGE:
-        return None
-    if summary is None or summary.statistics is None:
-        return None
-    counts = {key: n for key, n in summary.statistics.channel_message_counts.items() if n}
-    reliable = (
-        len(summary.chunk_indexes) == summary.statistics.chunk_count > 0
-        and sum(counts.values()) == summary.statistics.message_count
-        and counts.keys() <= summary.channels.keys()
-        and {c.schema_id for c in summary.channels.values()} <= {0, *summary.schemas}
-        and all(c.chunk_start_offset + c.chunk_length <= size for c in summary.chunk_indexes)
-    )
-    if not reliable:
-        return None
-    return McapFile(
-        path=path,
-        channels=summary.channels,
-        schemas=summary.schemas,
-        counts=counts,
-        blocks=tuple(
-            Block(
-                offset=chunk.chunk_start_offset,
-                length=chunk.chunk_length,
-                loose=False,
-                start_ns=chunk.message_start_time,
-                end_ns=chunk.message_end_time,
-                # Without message indexes a chunk may hold any channel.
-                channels=frozenset(chunk.message_index_offsets or counts),
-            )
-            for chunk in summary.chunk_indexes
-        ),
-        damage=None,
-    )
+def checksum_of(stream: BinaryIO, start: int, end: int) -> int:
+    """Return the CRC-32 of a stretch of a file, from byte `start` up to `end`."""
+    stream.seek(start)
+    checksum = 0
+    while piece := stream.read(min(PIECE, end - stream.tell())):
+        checksum = zlib.crc32(piece, checksum)
+    return checksum
 
 
 @dataclass(slots=True)
@@ -210,24 +204,65 @@ class _Scan:
     schemas: dict[int, Schema] = field(default_factory=dict)
     counts: Counter[int] = field(default_factory=Counter)
     blocks: list[Block] = field(default_factory=list)
+    unpacked: int = 0  # bytes
+    skipped: list[tuple[int, str]] = field(default_factory=list)  # byte and reason of chunks
+    too_late: int = 0  # messages
+    data_end: tuple[int, int] | None = None  # byte and checksum
+    announced: int | None = None  # messages by the summary
 
     def run(self) -> McapFile:
-        """Scan, and say why the file ended early if it did."""
+        """Scan, and say what could not be read."""
         reason = self._walk()
-        count = self.counts.total()
         return McapFile(
             path=self.path,
             channels=self.channels,
             schemas=self.schemas,
             counts=dict(self.counts),
             blocks=tuple(self.blocks),
-            damage=reason and f'{self.path} {reason}: {count} messages were read',
+            damage=tuple(f'{self.path} {text}' for text in self._damage(reason)),
         )
+
+    def _damage(self, reason: str | None) -> Iterator[str]:
+        """Say what is wrong with the file."""
+        count = self.counts.total()
+        if reason is not None:
+            yield f'{reason}: {count} messages were read'
+        elif self.skipped:
+            yield self._loss(count)
+        elif self.data_end is None:
+            yield f'is damaged: the end of its data is not marked; {count} messages were read'
+        elif not self._data_is_intact(*self.data_end):
+            yield (
+                'is damaged outside of its chunks (the checksum of its data is wrong); '
+                f'{count} messages were read'
+            )
+        elif self.announced is not None and self.announced != count + self.too_late:
+            yield f'announces {self.announced} messages, and {count} were read'
+        undefined = sum(number for key, number in self.counts.items() if key not in self.channels)
+        if undefined:
+            yield f'has {undefined} messages of no topic, which are left out'
+        if self.too_late:
+            yield f'has {self.too_late} messages logged after the year 2262, which are left out'
+
+    def _loss(self, count: int) -> str:
+        """Say which chunks were skipped."""
+        byte, why = self.skipped[0]
+        chunks = 'a damaged chunk was skipped,'
+        if len(self.skipped) > 1:
+            chunks = f'{len(self.skipped)} damaged chunks were skipped, the first'
+        lost = f'{count} messages were read'
+        if self.announced is not None and self.announced > count:
+            lost = f'{self.announced - count} of {self.announced} messages are lost'
+        return f'is damaged: {chunks} at byte {byte} ({why}); {lost}'
+
+    def _data_is_intact(self, end: int, checksum: int) -> bool:
+        """Hold the data against their checksum, where the writer left one."""
+        return not checksum or checksum_of(self.stream, 0, end) == checksum
 
     def _walk(self) -> str | None:
         """Collect blocks record by record; return what ended the walk before the footer, if so."""
-        position = run_start = len(MAGIC)
-        loose: list[tuple[int, int]] = []
+        position = len(MAGIC)
+        run = _Run(position)
         cut_off = False
         try:
             while position < self.size:
@@ -242,62 +277,124 @@ class _Scan:
                 if opcode == 0:  # what some file systems leave after a crash
                     return f'holds only zeros from byte {position} on'
                 if opcode == Opcode.CHUNK:
-                    self._chunk(position, min(end, self.size))
+                    self._chunk(position, min(end, self.size), cut_off)
                 if cut_off:
                     return CUT_OFF
                 if opcode == Opcode.MESSAGE:
-                    if not loose:
-                        run_start = position
-                    channel, _, log_time, _ = MESSAGE_HEAD.unpack(
-                        self.stream.read(MESSAGE_HEAD.size)
-                    )
-                    loose.append((channel, log_time))
-                    if end - run_start > LOOSE_RUN:
-                        self._block(run_start, end, True, loose)
-                        loose = []
+                    if not run.count:
+                        run.start = position
+                    self._loose_message(run, length)
+                    if end - run.start > LOOSE_RUN:
+                        self._block(run, end, loose=True)
+                        run = _Run(end)
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._definition(opcode, self.stream.read(length))
+                    self._definition(opcode, self._read(length))
+                elif opcode == Opcode.DATA_END:
+                    self.data_end = position, *CHECKSUM.unpack(self._read(length))
+                elif opcode == Opcode.STATISTICS:
+                    (self.announced,) = STORED_SIZE.unpack_from(self._read(length))
                 position = end
             return 'was not closed by its writer'
         except DAMAGE:
             return CUT_OFF if cut_off else f'is damaged at byte {position}'
         finally:
-            self._block(run_start, position, True, loose)
+            self._block(run, position, loose=True)
 
-    def _chunk(self, start: int, end: int) -> None:
-        """Take in a chunk, or what there is of it."""
-        self.stream.seek(start)
-        data = chunk_content(self.stream.read(end - start))
-        found = []
-        for opcode, first, last in records(data):
-            if opcode == Opcode.MESSAGE:
-                channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, first)
-                found.append((channel, log_time))
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._definition(opcode, data[first:last])
-        self._block(start, end, False, found)
+    def _read(self, length: int) -> bytes:
+        """Read the rest of a small record."""
+        if length > LIMITS.definition:
+            raise ValueError(f'a record of {length} bytes')
+        return self.stream.read(length)
+
+    def _loose_message(self, run: _Run, length: int) -> None:
+        """Take in a message outside of chunks."""
+        if length > LIMITS.chunk:
+            raise ValueError(f'a message of {length} bytes')
+        head = self.stream.read(min(length, MESSAGE_HEAD.size))
+        self._message(run, *message_head(head, 0, len(head)))
+
+    def _chunk(self, start: int, end: int, cut_off: bool) -> None:
+        """Take in a chunk, or what there is of it; one that is damaged is skipped."""
+        run = _Run(start)
+        try:
+            if end - start > LIMITS.chunk + LIMITS.definition:
+                raise ValueError(f'it has {end - start} bytes, more than {LIMITS.chunk}')
+            self.stream.seek(start)
+            data = chunk_content(self.stream.read(end - start))
+            self._unpacked(len(data))
+            for opcode, first, last in records(data):
+                if opcode == Opcode.MESSAGE:
+                    self._message(run, *message_head(data, first, last))
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._definition(opcode, bytes(data[first:last]))
+        except DAMAGE as error:
+            if not cut_off:  # of one that is cut off, nothing may be there yet
+                why = ' '.join(str(error).split()) or 'it cannot be unpacked'
+                self.skipped.append((start, why))
+            return
+        self._block(run, end, loose=False)
+
+    def _unpacked(self, length: int) -> None:
+        """Count what came out of chunks; refuse a file that holds too much for its size."""
+        self.unpacked += length
+        if self.unpacked > LIMITS.unpacked + LIMITS.expansion * self.size:
+            raise self._refusal(f'more than {LIMITS.expansion} times its size')
+
+    def _message(self, run: _Run, channel: int, log_time: int) -> None:
+        """Count a message."""
+        if log_time > LATEST_LOG_TIME:
+            self.too_late += 1
+        else:
+            run.add(channel, log_time)
 
     def _definition(self, opcode: int, data: bytes) -> None:
+        """Learn a schema or a channel; the summary repeats those that stood before."""
         stream = ReadDataStream(io.BytesIO(data))
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
-            self.schemas[schema.id] = schema
+            self.schemas.setdefault(schema.id, schema)
         else:
             channel = Channel.read(stream)
-            self.channels[channel.id] = channel
+            self.channels.setdefault(channel.id, channel)
 
-    def _block(self, start: int, end: int, loose: bool, found: list[tuple[int, int]]) -> None:
-        """Remember a block by the channels and log times of the messages found in it."""
-        if not found:
+    def _block(self, run: _Run, end: int, *, loose: bool) -> None:
+        """Remember a block by the channels and log times of the messages in it."""
+        if not run.count:
             return
-        self.counts.update(channel for channel, _ in found)
+        self.counts.update(run.channels)
+        if self.counts.total() > LIMITS.messages * self.size:
+            raise self._refusal('more messages than it has bytes')
         self.blocks.append(
             Block(
-                offset=start,
-                length=end - start,
+                offset=run.start,
+                length=end - run.start,
                 loose=loose,
-                start_ns=min(log_time for _, log_time in found),
-                end_ns=max(log_time for _, log_time in found),
-                channels=frozenset(channel for channel, _ in found),
+                start_ns=run.first_ns,
+                end_ns=run.last_ns,
+                channels=frozenset(run.channels),
             )
         )
+
+    def _refusal(self, what: str) -> RecordingError:
+        return RecordingError(
+            f'{self.path} holds {what}: it is damaged, or made to exhaust the machine that reads '
+            'it; write it anew without compression if it is neither'
+        )
+
+
+@dataclass(slots=True)
+class _Run:
+    """Messages that stand one after the other in a file, from byte `start` on."""
+
+    start: int
+    count: int = 0
+    first_ns: int = LATEST_LOG_TIME
+    last_ns: int = 0
+    channels: Counter[int] = field(default_factory=Counter)
+
+    def add(self, channel: int, log_time: int) -> None:
+        """Take one more."""
+        self.count += 1
+        self.channels[channel] += 1
+        self.first_ns = min(self.first_ns, log_time)
+        self.last_ns = max(self.last_ns, log_time)

@@ -15,12 +15,16 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from mcap.records import Channel
-from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.core.errors import MessageError, RecordingError, shortened
+from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.recordings.bag_folder import mcap_files
+from pneunet_ros.recordings.limits import LIMITS
 from pneunet_ros.recordings.mcap_file import McapFile, open_mcap, read_block
 from pneunet_ros.recordings.message_store import deserialize, store_for
 
 SCHEMA_ENCODINGS = ('ros2msg', 'ros2idl')
+LEFT_OUT_SHOWN = 20  # channels that are named where they are left out
+HELD_BESIDE = 300  # bytes that Python holds beside the content of a message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,6 +143,7 @@ class Recording:
             if any(self.channels[place].get(channel) in rank for channel in block.channels)
         )
         pending: list[tuple[int, int, int, RawMessage]] = []
+        held = 0
         with ExitStack() as stack:
             streams = [stack.enter_context(_open(file.path)) for file in self.files]
             for index, (_, place, number) in enumerate(blocks):
@@ -150,6 +155,8 @@ class Recording:
                     if name is not None and name in rank:
                         message = RawMessage(name, log_time, raw)
                         pending.append((log_time, rank[name], next(order), message))
+                        held += len(raw) + HELD_BESIDE
+                        _check_held(file.path, held)
                 pending.sort()
                 # The rest of the blocks starts at the next one: what is earlier is in order.
                 ready = len(pending)
@@ -157,6 +164,7 @@ class Recording:
                     ready = bisect_left(pending, (blocks[index + 1][0],))
                 for entry in pending[:ready]:
                     yield entry[3]
+                    held -= len(entry[3].raw) + HELD_BESIDE
                 del pending[:ready]
 
     def messages(self, topics: Sequence[str]) -> Iterator[RecordedMessage]:
@@ -177,7 +185,8 @@ class Recording:
             yield RecordedMessage(name, log_time, message, raw)
 
     def _contents(self) -> str:
-        return ', '.join(f'{topic.name} ({topic.type})' for topic in self.topics) or 'no messages'
+        there = ', '.join(f'{topic.name} ({topic.type})' for topic in self.topics)
+        return there or '; '.join(('no messages', *self.sentences))
 
 
 def open_recording(path: str | Path) -> Recording:
@@ -189,7 +198,8 @@ def open_recording(path: str | Path) -> Recording:
     """
     path = Path(path)
     files = tuple(open_mcap(file) for file in mcap_files(path))
-    sentences = [file.damage for file in files if file.damage is not None]
+    sentences = [sentence for file in files for sentence in file.damage]
+    left_out: list[str] = []
     topics: dict[str, RecordedTopic] = {}
     channels: list[dict[int, str]] = []
     for file in files:
@@ -198,13 +208,16 @@ def open_recording(path: str | Path) -> Recording:
             topic = _recorded_topic(file, channel)
             known = topics.get(channel.topic, topic)
             if topic is None or known is None or known.type != topic.type:
-                sentences.append(_left_out(file, channel, known))
+                left_out.append(_left_out(file, channel, known))
                 continue
             if known is not topic:
                 topic = replace(known, count=known.count + topic.count)
             topics[topic.name] = topic
             names[key] = topic.name
         channels.append(names)
+    sentences += left_out[:LEFT_OUT_SHOWN]
+    if len(left_out) > LEFT_OUT_SHOWN:
+        sentences.append(f'{len(left_out) - LEFT_OUT_SHOWN} more channels of {path} are left out')
     blocks = [block for file in files for block in file.blocks if block.channels]
     return Recording(
         path=path,
@@ -224,6 +237,8 @@ def _recorded_topic(file: McapFile, channel: Channel) -> RecordedTopic | None:
         return None
     if schema.encoding not in SCHEMA_ENCODINGS:
         return None
+    if max(len(channel.topic), len(schema.name)) > LIMITS.name:
+        return None
     return RecordedTopic(
         name=channel.topic,
         type=schema.name,
@@ -234,6 +249,12 @@ def _recorded_topic(file: McapFile, channel: Channel) -> RecordedTopic | None:
 
 def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> str:
     schema = file.schemas.get(channel.schema_id)
+    longest = max(len(channel.topic), len(schema.name) if schema else 0)
+    if longest > LIMITS.name:
+        return (
+            f'{shortened(channel.topic, LIMITS.name)} in {file.path} is left out: the name of a '
+            f'topic or a type has at most {LIMITS.name} characters, not {longest}'
+        )
     encodings = channel.message_encoding, schema.encoding if schema else ''
     what = ' with '.join(encoding or 'nothing' for encoding in encodings)
     if known is not None and schema is not None:
@@ -244,8 +265,16 @@ def _left_out(file: McapFile, channel: Channel, known: RecordedTopic | None) -> 
     return f'{channel.topic} in {file.path} is left out: it holds no ROS 2 messages ({what})'
 
 
+def _check_held(path: Path, held: int) -> None:
+    if held > LIMITS.waiting:
+        raise RecordingError(
+            f'{path} holds more than {LIMITS.waiting // 10**6} MB of messages in one chunk, or in '
+            'chunks that overlap in time: put it in order with `mcap sort`'
+        )
+
+
 def _open(path: Path) -> BinaryIO:
     try:
-        return path.open('rb')
+        return open_regular(path)
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror}') from error

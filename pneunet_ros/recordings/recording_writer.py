@@ -15,6 +15,8 @@ from typing import Any
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.recordings.bag_folder import FOLDER_FILES
+from pneunet_ros.recordings.checksums import write_checksums
+from pneunet_ros.recordings.mcap_file import LATEST_LOG_TIME
 from pneunet_ros.recordings.message_store import serialize, store_for
 from pneunet_ros.recordings.recording import RecordedTopic
 from rosbags.interfaces import (
@@ -28,6 +30,7 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 
+BARE = 'of-a-bare-file'  # name of the folder out of which such a file is taken
 OTHER_FORMATS = ('.bag', '.db3', '.sqlite3')
 _FOREVER = QosTime(9_223_372_036, 854_775_807)  # how rosbag2 writes an infinite duration
 
@@ -81,11 +84,11 @@ class RecordingWriter:
         self.write_raw(connection, log_time_ns, serialize(message, connection.msgtype))
 
     def write_raw(self, connection: Connection, log_time_ns: int, raw: bytes) -> None:
-        """Write a serialized message; raises RecordingError for a log time before 1970."""
-        if log_time_ns < 0:
+        """Write a serialized message; raises RecordingError for a log time that cannot be."""
+        if not 0 <= log_time_ns <= LATEST_LOG_TIME:
             raise RecordingError(
                 f'{self._path}: a message of {connection.topic} has the log time {log_time_ns} '
-                'ns, and only times from 0 on can be recorded'
+                f'ns, and only times from 0 to {LATEST_LOG_TIME} can be recorded'
             )
         self._container.write(connection, log_time_ns, raw)
 
@@ -111,11 +114,13 @@ def write_recording(
         path, overwrite=overwrite, inputs=inputs, replaceable=replaceable
     ) as temporary:
         # The container names its file after its folder; a bare file is taken out of it.
-        folder = temporary.with_suffix('') if bare else temporary
+        folder = temporary.with_name(BARE) if bare else temporary
         try:
             with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as container:
                 yield RecordingWriter(path, container)
         except WriterError as error:
             raise RecordingError(f'{path} cannot be written: {error}') from error
+        written = folder / f'{folder.name}.mcap'
+        write_checksums(written)
         if bare:
-            os.rename(folder / temporary.name, temporary)
+            os.rename(written, temporary)

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import csv
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
+import io
 import math
 from pathlib import Path
 from typing import TextIO
@@ -14,6 +15,7 @@ from typing import TextIO
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.files.regular_file import open_regular
 
 MOST_BYTES = 500_000_000
 MOST_ROWS = 2_000_000
@@ -56,9 +58,11 @@ def read_csv(path: Path, request: TableRequest, exact: Collection[str] = ()) -> 
     exact: names of columns to be read without rounding, too.
     """
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise RecordingError(f'{path} has more than {MOST_BYTES // 10**6} MB: split it')
-        with path.open(encoding='utf-8-sig', newline='') as stream:
+        with open_regular(path) as binary:
+            if binary.seek(0, io.SEEK_END) > MOST_BYTES:
+                raise RecordingError(f'{path} has more than {MOST_BYTES // 10**6} MB: split it')
+            binary.seek(0)
+            stream = io.TextIOWrapper(binary, encoding='utf-8-sig', newline='')
             return _read(path, stream, request, exact)
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror}') from error

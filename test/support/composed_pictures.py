@@ -30,11 +30,13 @@ FRAME_NS = 33_333_333
 FINE = 16  # parts of a pixel, per axis, of which a dot covers whole ones
 COARSE = 4  # the same, of the outlines of body and hand
 STATIONS = 1601  # of the curve from the clamp to the end of the body
-EXPOSURES = 7  # moments that are averaged where the picture is blurred by motion
+EXPOSURES = 5  # moments that are averaged where the picture is blurred by motion
 
 FLICKER = 0.15
 JPEG_QUALITY = 70
 EXPOSURE = 0.5  # of a frame, for which the shutter is open where motion blurs
+ROOM_AROUND = 44  # px around the body, into which its shadow falls
+OPTICS = 0.7  # px, one sigma of the blur of the lens
 
 
 def photograph(name: str) -> Bytes:
@@ -127,56 +129,91 @@ class Curve:
         return np.concatenate([middle + side, (middle - side)[::-1]])
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Window:
+    """A part of the picture: its first pixel, and how many there are."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Return rows and columns of the picture."""
+        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
+
+    @property
+    def corner(self) -> Array:
+        """The first pixel, (u, v)."""
+        return np.array([self.left, self.top], np.float64)
+
+
 class Composer:
     """Composes the frames of one film; iterating gives them in order."""
 
     def __init__(self, composition: Composition) -> None:
         self.composition = it = composition
-        rng = self.rng = np.random.default_rng(
-            [it.seed, *it.photograph.encode(), len(it.polarity)]
-        )
+        rng = np.random.default_rng([it.seed, *it.photograph.encode(), len(it.polarity)])
         self.length = (it.targets - 1) * it.spacing
         self.up = float(rng.choice([-1.0, 1.0]))  # to which side the arm bends, v down
-        self.base = np.array([
-            0.5 * (WIDTH - 0.93 * self.length) - 20.0 + rng.uniform(-15.0, 15.0),
-            0.5 * HEIGHT - self.up * 0.31 * HEIGHT + rng.uniform(-15.0, 15.0),
-        ])  # fmt: skip
         self.roll = rng.uniform(-0.05, 0.05)
         self.waves = rng.uniform(-1.0, 1.0, 4)
-        self.phases = rng.uniform(0.0, 2.0 * math.pi, 8)
+        self.phases = rng.uniform(0.0, 2.0 * math.pi, 3)
         self.radii = it.radius * np.linspace(1.0, it.taper, it.targets)
         self.half = 2.9 * it.radius
         self.margin = it.overhang * self.radii[-1]
-        self.room = photograph(it.photograph).astype(np.float32)
-        self.light = self._light()
-        self.through = cv2.GaussianBlur(self.room, (0, 0), 5.0)
+        self.base = np.zeros(2)
+        self.base = self._centered() + rng.uniform(-10.0, 10.0, 2)
+        room = photograph(it.photograph).astype(np.float32)
+        self.light = _light(rng.uniform(-0.12, 0.12, 2))[:, :, None]
+        self.room = room * self.light
+        self.through = cv2.GaussianBlur(room, (0, 0), 5.0) * self.light
+        self.far = cv2.GaussianBlur(self.room, (0, 0), OPTICS)
+        self.grain = it.noise * rng.standard_normal((HEIGHT + 64, WIDTH + 64, 3), np.float32)
 
     def __iter__(self) -> Iterator[Frame]:
         for number in range(self.composition.frames):
             yield self.frame(number)
 
     def frame(self, number: int) -> Frame:
-        """Compose one frame of the film; the same number gives the same noise again."""
+        """Compose one frame of the film; the same number gives the same frame again."""
         it = self.composition
-        moment = float(it.begin + number)
-        blurred = 'blur' in it.disturbances
-        offsets = EXPOSURE * ((np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5)
-        picture = np.zeros_like(self.room)
-        u, v, visible = (np.zeros(it.targets) for _ in range(3))
-        moments = moment + offsets if blurred else np.array([moment])
-        for instant in moments.tolist():
-            drawn, centers, shown = self._draw(instant)
-            picture += drawn / len(moments)
-            visible += shown / len(moments)
-            u, v = u + centers[0] / len(moments), v + centers[1] / len(moments)
+        moments = np.array([float(it.begin + number)])
+        if 'blur' in it.disturbances:
+            moments = moments + EXPOSURE * ((np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5)
+        window = self._window(moments)
+        drawn = [self._draw(moment, window) for moment in moments.tolist()]
+        picture = self.far.copy()
+        picture[window.slices] = sum(one[0] for one in drawn) / np.float32(len(drawn))
+        u, v = np.mean([one[1] for one in drawn], axis=0)
         return Frame(
             stamp_ns=(number + 1) * FRAME_NS,
             picture=self._expose(picture, number),
             u=u,
             v=v,
-            visible=visible,
+            visible=np.mean([one[2] for one in drawn], axis=0),
             spacing=it.spacing,
         )
+
+    def _centered(self) -> Array:
+        """Return where the clamp must be for the motion to be in the middle of the picture."""
+        it = self.composition
+        moments = it.begin + np.arange(0, it.frames, 4)
+        places = np.concatenate([
+            np.column_stack([curve.u, curve.v]) for curve in map(self.curve, moments)
+        ])  # fmt: skip
+        return 0.5 * (np.array([WIDTH, HEIGHT]) - places.min(axis=0) - places.max(axis=0))
+
+    def _window(self, moments: Array) -> Window:
+        """Return the part of the picture in which something is drawn at these moments."""
+        shapes = [self.curve(moment).outline(self.half) for moment in moments.tolist()]
+        shapes += [part for moment in moments.tolist() for part in self._hand(moment)]
+        places = np.concatenate(shapes)
+        low = np.clip(places.min(axis=0) - ROOM_AROUND - 40, 0, [WIDTH - 1, HEIGHT - 1])
+        high = np.clip(places.max(axis=0) + ROOM_AROUND, 1, [WIDTH, HEIGHT])
+        left, top = (int(value) for value in low)
+        return Window(left=left, top=top, width=int(high[0]) - left, height=int(high[1]) - top)
 
     def curve(self, moment: float) -> Curve:
         """Return the centerline at a moment (frames): its curvature is smooth along the arm."""
@@ -197,93 +234,90 @@ class Composer:
             s=s, u=u - at_base[0] + self.base[0], v=v - at_base[1] + self.base[1], heading=heading
         )
 
-    def _draw(self, moment: float) -> tuple[Floats, Array, Array]:
+    def _draw(self, moment: float, window: Window) -> tuple[Floats, Array, Array]:
         """Draw what the lens sees at a moment; centers (2, targets) and visible shares."""
         it = self.composition
         curve = self.curve(moment)
-        body = _coverage([curve.outline(self.half)])
+        body = _coverage([curve.outline(self.half)], window)
         shadow = cv2.GaussianBlur(np.roll(body, (14, 9), axis=(0, 1)), (0, 0), 9.0)
-        picture = self.room * (self.light * (1.0 - 0.45 * shadow))[:, :, None]
-        picture = self._with_clamp(picture, curve)
-        skin = self._shading(curve, body)
+        picture = self.room[window.slices] * (1.0 - 0.45 * shadow)[:, :, None]
+        picture += self._clamp(curve, window) * (118.0 * self.light[window.slices] - picture)
+        skin = self._shading(curve, window)
         if it.polarity == 'bright':
             arm = 46.0 * skin[:, :, None] * np.array([1.05, 1.0, 0.97], np.float32)
             paint = np.array([216.0, 222.0, 224.0], np.float32)
         else:
-            arm = 186.0 * skin[:, :, None] * np.array([0.93, 1.0, 1.02], np.float32)
-            arm = 0.8 * arm + 0.2 * self.through * self.light[:, :, None]
+            arm = 149.0 * skin[:, :, None] * np.array([0.93, 1.0, 1.02], np.float32)
+            arm += 0.2 * self.through[window.slices]
             paint = np.array([44.0, 40.0, 42.0], np.float32)
         picture += body[:, :, None] * (arm - picture)
         hand = self._hand(moment)
+        covered = _coverage(hand, window)
         centers = curve.at(it.spacing * np.arange(it.targets))
         visible = np.ones(it.targets)
-        covered = _coverage(hand) if hand else None
-        for target, (u, v, heading) in enumerate(centers.T.tolist()):
-            radius = float(self.radii[target])
-            left, top, share = self._dot(target, u, v, heading, radius)
-            rows = slice(top, top + share.shape[0]), slice(left, left + share.shape[1])
-            own = share * np.clip(0.55 + 0.45 * skin[rows] / skin[rows].mean(), 0.6, 1.4)
-            picture[rows] += share[:, :, None] * (
-                paint * (own / np.maximum(share, 1e-6))[:, :, None] - picture[rows]
-            )
-            visible[target] = share.sum() / (math.pi * radius**2)
-            if covered is not None:
-                hidden = (share * covered[rows]).sum() / share.sum()
-                visible[target] *= 1.0 - hidden
-        if covered is not None:
-            picture += covered[:, :, None] * (self._skin(hand, covered) - picture)
-        return cv2.GaussianBlur(picture, (0, 0), 0.7), centers[:2], visible
+        for target in range(it.targets):
+            rows, columns, share = self._dot(target, centers[:, target], window)
+            light = skin[rows, columns] / skin[rows, columns].mean()
+            color = paint * (0.55 + 0.45 * light)[:, :, None]
+            picture[rows, columns] += share[:, :, None] * (color - picture[rows, columns])
+            seen = share * (1.0 - covered[rows, columns])
+            visible[target] = seen.sum() / (math.pi * self.radii[target] ** 2)
+        if hand:
+            picture += covered[:, :, None] * (_skin(hand, covered, window) - picture)
+        return cv2.GaussianBlur(picture, (0, 0), OPTICS), centers[:2], visible
 
-    def _dot(
-        self, target: int, u: float, v: float, heading: float, radius: float
-    ) -> tuple[int, int, Floats]:
-        """Return the pixel from which on a dot covers pixels, and by which share of each."""
+    def _dot(self, target: int, center: Array, window: Window) -> tuple[slice, slice, Floats]:
+        """Return which rows and columns of the window a dot is in, and its share of each pixel."""
+        u, v, heading = center.tolist()
+        radius = float(self.radii[target])
         reach = math.ceil(radius) + 2
-        left, top = round(u) - reach, round(v) - reach
-        parts = (np.arange((2 * reach + 1) * FINE) + 0.5) / FINE - 0.5
+        left, top, side = round(u) - reach, round(v) - reach, 2 * reach + 1
+        parts = (np.arange(side * FINE) + 0.5) / FINE - 0.5
         across, down = left + parts - u, (top + parts - v)[:, None]
         inside = across**2 + down**2 <= radius**2
         if target == self.composition.targets - 1:
             inside &= across * math.cos(heading) + down * math.sin(heading) <= self.margin
-        side = 2 * reach + 1
         share = inside.reshape(side, FINE, side, FINE).mean(axis=(1, 3))
-        return left, top, share.astype(np.float32)
+        left, top = left - window.left, top - window.top
+        rows, columns = slice(top, top + side), slice(left, left + side)
+        return rows, columns, share.astype(np.float32)
 
-    def _shading(self, curve: Curve, body: Floats) -> Floats:
+    def _shading(self, curve: Curve, window: Window) -> Floats:
         """Return how bright the body is: round across, uneven and ribbed along."""
         it = self.composition
-        line = np.full((HEIGHT, WIDTH), 255, np.uint8)
-        points = np.rint(np.column_stack([curve.u, curve.v])).astype(np.int64)
-        inside = ((points >= 0) & (points < [WIDTH, HEIGHT])).all(axis=1)
-        line[points[inside, 1], points[inside, 0]] = 0
+        height, width = window.height // 2 + 1, window.width // 2 + 1  # smooth: every other pixel
+        points = np.rint(0.5 * (np.column_stack([curve.u, curve.v]) - window.corner))
+        points = np.clip(points, 0, [width - 1, height - 1]).astype(np.int64)
+        line = np.full((height, width), 255, np.uint8)
+        line[points[:, 1], points[:, 0]] = 0
         _, labels = cv2.distanceTransformWithLabels(
             line, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
         )
         station = np.zeros(labels.max() + 1, np.int64)
-        station[labels[points[inside, 1], points[inside, 0]]] = np.flatnonzero(inside)
+        station[labels[points[:, 1], points[:, 0]]] = np.arange(STATIONS)
         near = station[labels]
-        rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
-        across = (rows - curve.v[near].astype(np.float32)) * np.cos(curve.heading)[near]
-        across -= (columns - curve.u[near].astype(np.float32)) * np.sin(curve.heading)[near]
-        s = curve.s[near] / self.length
-        along = (
-            1.0 + 0.22 * np.sin(4.0 * s + self.phases[0]) + 0.1 * np.sin(9.0 * s + self.phases[1])
+        rows, columns = np.mgrid[:height, :width]
+        across = (2.0 * rows + window.top - curve.v[near]) * np.cos(curve.heading)[near]
+        across -= (2.0 * columns + window.left - curve.u[near]) * np.sin(curve.heading)[near]
+        across = np.clip(across / self.half, -1.2, 1.2)
+        share = curve.s / self.length
+        along = 1.0 + 0.22 * np.sin(4.0 * share + self.phases[0])
+        along += 0.1 * np.sin(9.0 * share + self.phases[1])
+        along *= 1.0 + 0.03 * np.sin(2.0 * math.pi * curve.s / (1.37 * it.spacing))
+        small = (along[near] * (1.0 - 0.3 * across**2 - 0.05 * across)).astype(np.float32)
+        # The small picture's pixel (i, j) is the window's (2 i, 2 j).
+        places = np.mgrid[: window.height, : window.width].astype(np.float32) / 2.0
+        return np.asarray(
+            cv2.remap(cv2.GaussianBlur(small, (0, 0), 1.0), places[1], places[0], cv2.INTER_LINEAR)
         )
-        ribs = 1.0 + 0.03 * np.sin(2.0 * math.pi * curve.s[near] / (1.37 * it.spacing))
-        round_ = (
-            1.0 - 0.3 * np.clip(across / self.half, -1.2, 1.2) ** 2 - 0.05 * across / self.half
-        )
-        return np.asarray(np.where(body > 0.0, along * ribs * round_, 1.0), np.float32)
 
-    def _with_clamp(self, picture: Floats, curve: Curve) -> Floats:
-        """Draw the block that holds the arm."""
-        (u, v, heading) = curve.at(np.array([-0.35 * self.composition.spacing]))[:, 0].tolist()
+    def _clamp(self, curve: Curve, window: Window) -> Floats:
+        """Return where the block is that holds the arm, (height, width, 1)."""
+        u, v, heading = curve.at(np.array([-0.35 * self.composition.spacing]))[:, 0].tolist()
         along = np.array([math.cos(heading), math.sin(heading)])
-        across = np.array([-along[1], along[0]])
-        corners = np.array([[-60.0, -34.0], [0.0, -34.0], [0.0, 34.0], [-60.0, 34.0]])
-        block = _coverage([np.array([u, v]) + corners @ np.array([along, across])])
-        grey = 118.0 * self.light[:, :, None]
-        return np.asarray(picture + block[:, :, None] * (grey - picture), np.float32)
+        corners = np.array([[-40.0, -34.0], [0.0, -34.0], [0.0, 34.0], [-40.0, 34.0]])
+        block = np.array([u, v]) + corners @ np.array([along, [-along[1], along[0]]])
+        return _coverage([block], window)[:, :, None]
 
     def _hand(self, moment: float) -> list[Array]:
         """Return the outlines of palm and fingers, none where no hand is in the picture."""
@@ -306,30 +340,13 @@ class Composer:
         )
         return [_capsule(palm, aim, *part) for part in parts]
 
-    def _skin(self, hand: list[Array], covered: Floats) -> Floats:
-        """Return the color of the hand: skin with soft shade, and nails at the fingers' ends."""
-        depth = cv2.GaussianBlur(covered, (0, 0), 7.0)
-        skin = np.array([128.0, 158.0, 205.0], np.float32)
-        color = skin * (0.62 + 0.42 * depth[:, :, None] ** 2)
-        nails = [_ellipse(finger) for finger in hand[2:6]]
-        shine = _coverage(nails)[:, :, None]
-        return np.asarray(
-            color + shine * (np.array([198.0, 208.0, 232.0], np.float32) - color), np.float32
-        )
-
-    def _light(self) -> Floats:
-        """Return how light falls on the room: from one side, darker in the corners."""
-        u, v = np.linspace(-1.0, 1.0, WIDTH), np.linspace(-1.0, 1.0, HEIGHT)[:, None]
-        tilt = self.rng.uniform(-0.12, 0.12, 2)
-        return np.asarray(0.92 + tilt[0] * u + tilt[1] * v - 0.08 * (u**2 + v**2), np.float32)
-
     def _expose(self, picture: Floats, number: int) -> Bytes:
         """Return what the camera makes of it: flicker, noise, eight bits, compression."""
         it = self.composition
-        rng = np.random.default_rng([it.seed, number])
+        left, top = np.random.default_rng([it.seed, number]).integers(0, 64, 2)
         if 'flicker' in it.disturbances:
             picture = picture * np.float32(1.0 + FLICKER * math.sin(2.4 * number + self.phases[2]))
-        picture = picture + it.noise * rng.standard_normal(picture.shape, np.float32)
+        picture = picture + self.grain[top : top + HEIGHT, left : left + WIDTH]
         seen = np.clip(np.rint(picture), 0.0, 255.0).astype(np.uint8)
         if 'jpeg' not in it.disturbances:
             return seen
@@ -343,14 +360,30 @@ def _integral(values: Array, places: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _coverage(polygons: list[Array]) -> Floats:
-    """Return which share of each pixel polygons (n, 2) px cover."""
-    white = np.zeros((COARSE * HEIGHT, COARSE * WIDTH), np.uint8)
+def _light(tilt: Array) -> Floats:
+    """Return how light falls on the room: from one side, darker in the corners."""
+    u, v = np.linspace(-1.0, 1.0, WIDTH), np.linspace(-1.0, 1.0, HEIGHT)[:, None]
+    return np.asarray(0.92 + tilt[0] * u + tilt[1] * v - 0.08 * (u**2 + v**2), np.float32)
+
+
+def _coverage(polygons: list[Array], window: Window) -> Floats:
+    """Return which share of each pixel of a window polygons (n, 2) px cover."""
+    white = np.zeros((COARSE * window.height, COARSE * window.width), np.uint8)
     for polygon in polygons:
-        fine = np.rint(16.0 * (COARSE * (polygon + 0.5) - 0.5)).astype(np.int32)
+        fine = np.rint(16.0 * (COARSE * (polygon - window.corner + 0.5) - 0.5)).astype(np.int32)
         cv2.fillPoly(white, [fine], 255, shift=4)
-    small = cv2.resize(white, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    size = (window.width, window.height)
+    small = cv2.resize(white, size, interpolation=cv2.INTER_AREA)
     return small.astype(np.float32) / np.float32(255.0)
+
+
+def _skin(hand: list[Array], covered: Floats, window: Window) -> Floats:
+    """Return the color of the hand: skin with soft shade, and nails at the fingers' ends."""
+    depth = cv2.GaussianBlur(covered, (0, 0), 7.0)[:, :, None]
+    color = np.array([128.0, 158.0, 205.0], np.float32) * (0.62 + 0.42 * depth**2)
+    shine = _coverage([_nail(finger) for finger in hand[2:6]], window)[:, :, None]
+    nail = np.array([198.0, 208.0, 232.0], np.float32)
+    return np.asarray(color + shine * (nail - color), np.float32)
 
 
 def _capsule(
@@ -364,8 +397,8 @@ def _capsule(
     return np.asarray(palm + own @ _turning(aim))
 
 
-def _ellipse(finger: Array) -> Array:
-    """Return the outline of a nail near the end of a finger, given as `_capsule` does."""
+def _nail(finger: Array) -> Array:
+    """Return the outline of the nail near the end of a finger, given as `_capsule` does."""
     tip = finger[6]
     root = finger[len(finger) // 2 + 6]
     way = (root - tip) / math.hypot(*(root - tip))

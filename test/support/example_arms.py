@@ -17,6 +17,7 @@ from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.stiffening import Stiffening
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw, MomentLaw, PiecewiseLinearLaw
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -25,6 +26,18 @@ LENGTH = 0.112  # m
 STIFFNESS = 1e-3  # N m^2
 NOISE = SensorNoise(pressure_std=60.0, force_std=1e-3, moment_std=1e-5, target_std=1.2e-4)
 PAPER_ARM = Path(__file__).resolve().parents[2] / 'config' / 'paper_arm.yaml'
+
+# Of tests that are not about the domain: loads of 0.6 N and 10 mN m in all directions.
+WIDE = Domain(
+    pressure=(0.0, 66e3),
+    end_load=[
+        [f1, f2, m, p]
+        for f1 in (-0.6, 0.6)
+        for f2 in (-0.6, 0.6)
+        for m in (-0.01, 0.01)
+        for p in (0.0, 66e3)
+    ],
+)
 
 
 class Row(NamedTuple):

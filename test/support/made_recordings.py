@@ -65,7 +65,8 @@ def write_by_mcap(path: Path, log_times: list[int], **options: Any) -> Path:
         schema = writer.register_schema(PRESSURE_TYPE, 'ros2msg', definition.encode())
         channel = writer.register_channel(PRESSURE, 'cdr', schema)
         for index, log_time in enumerate(log_times):
-            raw = serialize(pressure(log_time, float(index)), PRESSURE_TYPE)
+            # A header holds its seconds in 32 bits, whatever the log time.
+            raw = serialize(pressure(min(log_time, 10**18), float(index)), PRESSURE_TYPE)
             writer.add_message(channel, log_time, raw, log_time)
         writer.finish()
     return path

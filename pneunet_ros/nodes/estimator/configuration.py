@@ -16,6 +16,7 @@ from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
+from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.nodes.model_info import model_info, model_label
 from pneunet_ros.nodes.parameters import model_path, ParameterTable, SHIPPED_MODEL
 
@@ -81,6 +82,11 @@ class EstimatorConfiguration:
         """Name and short hash of the model in use."""
         return model_label(self.estimator.arm)
 
+    @property
+    def left_out(self) -> str:
+        """Which error of the model its standard deviations leave out; empty where none is."""
+        return error_left_out(self.estimator.arm.covariance, self.estimator.arm.sources)
+
     def info(self) -> str:
         """Return what the topic model_info says."""
         arm, settings = self.estimator.arm, self.estimator.settings
@@ -89,6 +95,8 @@ class EstimatorConfiguration:
             model_path(self.node.model_file),
             frame_id=settings.frame_id,
             pressure_range=list(arm.pressure_range),
+            end_loads=None if arm.domain is None else arm.domain.end_load.tolist(),
+            std_leaves_out=self.left_out,
             pressure_offset=settings.pressure_offset,
             effects={
                 effect.name: {item.name: getattr(effect, item.name) for item in quantities(effect)}

@@ -64,11 +64,18 @@ class EstimatorHealth(InputHealth):
         settings: EstimatorSettings,
         now: float,
         consistency: ConsistencyState = NO_CONSISTENCY,
+        left_out: str = '',
     ) -> Report:
-        """Sum up the time since the last report, and begin the next one."""
+        """Sum up the time since the last report, and begin the next one.
+
+        left_out: which error of the model its standard deviations leave out.
+        """
         found = self.disagreement(settings, consistency, now)
         level, message = self._verdict(settings.input_timeout, now, found)
-        offset = {'pressure_offset_pa': f'{settings.pressure_offset:.6g}'}
+        offset = {
+            'pressure_offset_pa': f'{settings.pressure_offset:.6g}',
+            'std_leaves_out': left_out,
+        }
         values = (
             offset | self._values(state, now) | self._consistency_values(consistency, found, now)
         )
@@ -95,7 +102,8 @@ class EstimatorHealth(InputHealth):
         return Level.OK, f'estimating at {self.rate(now):.3g} Hz'
 
     def _values(self, state: EstimatorState, now: float) -> dict[str, str]:
-        estimate = self._estimate
+        estimate, wrench = self._estimate, state.wrench
+        position = estimate.position if estimate else None
         values: dict[str, Any] = {
             'rate_hz': self.rate(now),
             'estimates': state.estimates,
@@ -107,6 +115,11 @@ class EstimatorHealth(InputHealth):
             'iterations': estimate.shape.iterations if estimate else None,
             'stable': estimate.shape.stable if estimate else None,
             'extrapolated': estimate.shape.extrapolated if estimate else None,
+            'pressure_beyond': position.pressure_beyond if position else None,
+            'load_beyond': position.load_beyond if position else None,
+            'force_z_n': wrench.force_z if wrench else None,
+            'moment_x_n_m': wrench.moment_x if wrench else None,
+            'moment_y_n_m': wrench.moment_y if wrench else None,
             'solve_time_s': self._solve_time if estimate else None,
             'latency_p50_s': self.latency(50.0),
             'latency_p99_s': self.latency(99.0),

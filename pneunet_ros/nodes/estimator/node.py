@@ -162,7 +162,8 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         """Publish how the estimator is doing."""
         now = time.monotonic()
         settings = self.configuration.estimator.settings
-        report = self.health.report(self.state, settings, now, self.consistency)
+        left_out = self.configuration.left_out
+        report = self.health.report(self.state, settings, now, self.consistency, left_out)
         self.publish_report('shape', report)
         found = self.health.disagreement(settings, self.consistency, now)
         if found is not None and found.beyond:

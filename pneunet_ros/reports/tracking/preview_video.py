@@ -12,6 +12,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.image import Bytes, Image
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.recordings.image_files import silence
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 
@@ -24,13 +25,14 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 class PreviewVideo:
     """Takes frames of a video; made by `write_video`."""
 
-    __slots__ = ('_path', '_rate', '_shown', '_size', '_writer')
+    __slots__ = ('_frames', '_path', '_rate', '_shown', '_size', '_writer')
 
     def __init__(self, path: Path, shown: Path, rate: float) -> None:
         """Write to `path`; `shown` is what the user called it."""
         self._path = path
         self._shown = shown
         self._rate = min(max(rate, RATES[0]), RATES[1])
+        self._frames = 0
         self._size: tuple[int, int] | None = None
         self._writer = cv2.VideoWriter()
 
@@ -52,6 +54,7 @@ class PreviewVideo:
             write_text(picture, 'no frame could be looked at')
             self._write(picture)
         self._writer.release()
+        self._check()
 
     def release(self) -> None:
         """Let go of the file."""
@@ -72,6 +75,21 @@ class PreviewVideo:
         if picture.shape[0] - height not in (0, 1) or picture.shape[1] - width not in (0, 1):
             picture = np.asarray(cv2.resize(picture, self._size), np.uint8)
         self._writer.write(np.ascontiguousarray(picture[:height, :width]))
+        self._frames += 1
+
+    def _check(self) -> None:
+        """Look at what was written: OpenCV does not say when the disk is full."""
+        with silence():
+            film = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
+            frames = 0
+            while film.grab():
+                frames += 1
+            film.release()
+        if frames != self._frames:
+            raise RecordingError(
+                f'{self._shown} cannot be written: only {frames} of its {self._frames} frames can '
+                'be read back, as where the disk is full; nothing of it was kept'
+            )
 
 
 @contextmanager
@@ -80,7 +98,8 @@ def write_video(
 ) -> Iterator[PreviewVideo]:
     """Write an .mp4 of `rate` frames a second that stands under its name when it is complete.
 
-    Raises the errors of `atomic_output`, and RecordingError where the codec is missing.
+    Raises the errors of `atomic_output`, and RecordingError where the codec is missing or not all
+    of the frames stand in the file.
     """
     with atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary:
         video = PreviewVideo(temporary, path, rate)

@@ -1,0 +1,21 @@
+"""Text from elsewhere as a terminal may show it: nothing in it can move the cursor or color."""
+
+from __future__ import annotations
+
+import unicodedata
+
+# Control characters, those that turn the direction of writing, halves of characters.
+_UNSAFE = frozenset({'Cc', 'Cf', 'Cs', 'Co', 'Zl', 'Zp'})
+_LAYOUT = frozenset('\n\t')
+
+
+def printable(text: str) -> str:
+    r"""Return a text with control characters as their escapes, as in '\x1b'; lines remain."""
+    if text.isprintable():
+        return text
+    return ''.join(
+        character
+        if character in _LAYOUT or unicodedata.category(character) not in _UNSAFE
+        else character.encode('unicode_escape', 'surrogatepass').decode('ascii')
+        for character in text
+    )

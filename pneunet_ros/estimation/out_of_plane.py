@@ -1,0 +1,94 @@
+"""The part of an end wrench that a planar model knows nothing of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.readings import WrenchReading
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.model.arm import Arm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutOfPlaneSettings:
+    """When what is out of the plane is more than noise, and when it forbids an estimate."""
+
+    noise: float = tuning(4.0, 'what the noise of the sensor explains', unit='sigma')
+    stop: float = tuning(3.0, 'error, as a multiple of the limit of a warning', source='contract')
+
+
+DEFAULTS = OutOfPlaneSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutOfPlane:
+    """The component out of the plane that is largest against its limit.
+
+    component: Fz, Mx or My; value and limit in N or N m; warns, stops: whether it is beyond the
+    limit of a warning, of an estimate.
+    """
+
+    component: str
+    value: float
+    limit: float
+    warns: bool
+    stops: bool
+
+    @property
+    def note(self) -> str:
+        """Say it to a person, without numbers."""
+        return f'{self.component} of the end wrench is beyond out_of_plane_limit'
+
+    @property
+    def sentence(self) -> str:
+        """Say it to a person."""
+        unit = 'N' if self.component == 'Fz' else 'N m'
+        return (
+            f'{self.component} of the end wrench is {self.value:.3g} {unit}, out of the plane of '
+            f'the model, more than three times its limit of {self.limit:.3g} {unit} '
+            '(out_of_plane_limit)'
+        )
+
+
+def out_of_plane(
+    arm: Arm,
+    settings: EstimatorSettings,
+    wrench: WrenchReading,
+    numbers: OutOfPlaneSettings = DEFAULTS,
+) -> OutOfPlane:
+    """Return what of an end wrench is out of the plane, against its limit.
+
+    The limit is a share of the largest force of the arm's domain and of its moment, and no less
+    than noise. Without a domain the weight of the arm stands for the force. What is not measured,
+    NaN, is within.
+    """
+    if arm.domain is None:
+        force, moment = arm.weight, arm.weight * arm.length
+    else:
+        force, moment = arm.domain.largest_force, arm.domain.largest_moment(arm.length)
+    share, sensors = settings.out_of_plane_limit, arm.sensors
+    largest_force = max(share * force, numbers.noise * sensors.force_std)
+    largest_moment = max(share * moment, numbers.noise * sensors.moment_std)
+    parts = (
+        ('Fz', wrench.force_z, largest_force),
+        ('Mx', wrench.moment_x, largest_moment),
+        ('My', wrench.moment_y, largest_moment),
+    )
+    worst = max(parts, key=lambda part: beyond(part[1], part[2]))
+    component, value, limit = worst
+    times = beyond(value, limit)
+    return OutOfPlane(
+        component=component,
+        value=value,
+        limit=limit,
+        warns=times > 1.0,
+        stops=times > numbers.stop,
+    )
+
+
+def beyond(value: float, limit: float) -> float:
+    """Return how many times its limit a component is; 0 where it is not measured."""
+    if value != value or value == 0.0:
+        return 0.0
+    return abs(value) / limit if limit > 0.0 else float('inf')

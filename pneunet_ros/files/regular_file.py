@@ -1,0 +1,34 @@
+"""Files opened for reading: regular ones alone, as a pipe may block and a device may never end."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+import stat
+from typing import BinaryIO
+
+_KINDS = (
+    (stat.S_ISFIFO, 'a pipe'),
+    (stat.S_ISSOCK, 'a socket'),
+    (stat.S_ISCHR, 'a device'),
+    (stat.S_ISBLK, 'a device'),
+    (stat.S_ISDIR, 'a folder'),
+)
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file for reading; OSError for what is none, before it is opened.
+
+    Standard input, too, is read where it is a file (`< file`) and refused where it is a pipe: what
+    reads files here goes back and forth in them. A name that no file can have is an OSError, too.
+    """
+    try:
+        mode = path.stat().st_mode
+    except ValueError as error:
+        raise OSError(
+            errno.EINVAL, 'its name holds a character that no name of a file can have'
+        ) from error
+    for is_kind, called in _KINDS:
+        if is_kind(mode):
+            raise OSError(errno.EINVAL, f'it is {called}, and a file is needed')
+    return path.open('rb')

@@ -1,0 +1,193 @@
+"""The domain of a model: the pressures and end loads that its calibration spanned.
+
+Inside it the covariance of the model is that of its errors. A little beyond, the model is
+extrapolated and says so; further out it says nothing. `locate_load` is the rule for everybody.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze, table_array
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.settings import tuning
+from scipy.optimize import nnls
+
+MOST_LOADS = 64  # rows of `domain.end_load`: each costs time at every reading
+ONE_SUM = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+FAR = 1e9  # N; what lies further is no further
+ROUNDING = 1e-9  # of a load: what arithmetic leaves of a distance that is none
+MOMENT, PRESSURE = 2, 3  # columns of `domain.end_load`, after F1 and F2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DomainSettings:
+    """The numbers by which a load is inside the domain, extrapolated, or outside."""
+
+    pressure_margin: float = tuning(
+        0.05, 'pressure beyond the range that is extrapolated', unit='of the range'
+    )
+    load_margin: float = tuning(
+        0.5, 'load beyond the hull that is extrapolated', unit='of the size of the hull'
+    )
+    pressure_noise: float = tuning(
+        8.0, 'pressure beyond the range that its noise explains', unit='pressure_std'
+    )
+    load_noise: float = tuning(4.0, 'load beyond the hull that its noise explains', unit='sigma')
+    load_error: float = tuning(
+        0.2,
+        "one sigma of the model's own error beyond the hull, as a force in any direction",
+        unit='of the force beyond it',
+        source='measured: acceptance/load_domain.py',
+    )
+    pressure_error: float = tuning(
+        0.3,
+        "one sigma of the model's own error beyond the range, as a pressure",
+        unit='of the pressure beyond it',
+    )
+    thinning: float = tuning(
+        0.01, 'how far from the hull a load may be that is left out', unit='of its size'
+    )
+    most_loads: int = tuning(32, 'rows of `domain.end_load` that calibration writes')
+
+
+DOMAIN = DomainSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Domain:
+    """What a calibration spanned.
+
+    pressure: lowest and highest, Pa gauge; end_load (loads, 4): F1, F2 (N), M (N m), p (Pa), the
+    vertices of the convex hull of the loads seen, or the corners of a box. The unloaded arm at
+    every pressure belongs to it unsaid: that is kappa_p0.
+    """
+
+    pressure: tuple[float, float]
+    end_load: Array
+
+    def __post_init__(self) -> None:
+        """Check numbers and shapes."""
+        pressure = table_array(self.pressure, 'domain.pressure', 1)
+        if pressure.size != 2 or not pressure[0] <= pressure[1]:
+            raise ModelError('domain.pressure must be the lowest and the highest pressure in Pa')
+        loads = table_array(self.end_load, 'domain.end_load', 2)
+        if loads.shape[1] != 4 or not 1 <= len(loads) <= MOST_LOADS:
+            raise ModelError(
+                f'domain.end_load must be 1 to {MOST_LOADS} rows of F1 (N), F2 (N), M (N m) and '
+                f'p (Pa), not {loads.shape[0]} of {loads.shape[1]} numbers'
+            )
+        low, high = pressure.tolist()
+        if not np.all((loads[:, PRESSURE] >= low) & (loads[:, PRESSURE] <= high)):
+            raise ModelError(
+                f'domain.end_load has a pressure outside domain.pressure, {low:g} to {high:g} Pa'
+            )
+        object.__setattr__(self, 'pressure', (low, high))
+        object.__setattr__(self, 'end_load', loads)
+
+    @property
+    def unloaded(self) -> Array:
+        """The loads (2, 4) of the unloaded arm at the lowest and the highest pressure."""
+        return unloaded(self.pressure)
+
+    @property
+    def largest_force(self) -> float:
+        """The largest end force seen, N."""
+        return float(np.max(np.hypot(*self.end_load[:, :MOMENT].T)))
+
+    def largest_moment(self, length: float) -> float:
+        """Return the largest moment (N m) that end loads seen make in an arm of a length (m)."""
+        moment = float(np.max(np.abs(self.end_load[:, MOMENT])))
+        return max(moment, length * self.largest_force)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LoadHull:
+    """The convex hull of the loads of a domain, in newtons in all directions.
+
+    scale (4,) makes newtons of F1, F2, M and p: a moment counts as the force that makes it at the
+    length of the arm, the whole range of pressure as the largest load. points (n, 4) N; size: the
+    largest load, N.
+    """
+
+    scale: Array
+    points: Array
+    size: float
+
+    def way_out(self, load: Array) -> Array:
+        """Return the way (4,) N from the nearest point of the hull to a load (4,) in SI.
+
+        Zero inside. The nearest point solves least squares with weights that are not negative:
+        Lawson & Hanson, Solving Least Squares Problems (1974), chapter 23.
+        """
+        offsets = np.clip(load * self.scale, -FAR, FAR) - self.points
+        furthest = float(np.max(np.abs(offsets)))
+        if furthest == 0.0:
+            return np.zeros(4)
+        system = np.vstack([offsets.T / furthest, np.ones(len(offsets))])
+        weights, _ = nnls(system, ONE_SUM)
+        way: Array = (weights @ offsets) / weights.sum()
+        return way
+
+    def distance(self, load: Array, noise: Array) -> float:
+        """Return how far (N) a load (4,) is beyond the hull, less noise (4,) on the way, SI."""
+        way = self.way_out(load)
+        distance = math.sqrt(way @ way)
+        if distance <= ROUNDING * float(np.max(np.abs(self.scale * load))):
+            return 0.0
+        along = way * noise * self.scale
+        return max(distance - math.sqrt(along @ along) / distance, 0.0)
+
+    def share(self, distance: float) -> float:
+        """Return a distance (N) as a share of the size of the hull."""
+        if distance == 0.0:
+            return 0.0
+        return distance / self.size if self.size > 0.0 else math.inf
+
+
+def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> LoadHull:
+    """Return the hull of loads (n, 4) and of the unloaded arm; length (m) is that of the arm."""
+    low, high = pressure
+    scale = np.array([1.0, 1.0, 1.0 / length, 0.0])
+    size = float(np.max(np.linalg.norm(end_load * scale, axis=1)))
+    if high > low:
+        scale[PRESSURE] = size / (high - low)
+    points = np.unique(np.vstack([unloaded(pressure), end_load]) * scale, axis=0)
+    return LoadHull(scale=freeze(scale), points=freeze(points), size=size)
+
+
+def spanned_domain(
+    end_load: Array, length: float, span: tuple[float, float], settings: DomainSettings = DOMAIN
+) -> Domain:
+    """Return the domain of the loads that were seen, with few vertices.
+
+    end_load (frames, 4): F1, F2, M, p, SI; length (m) of the arm; span (Pa): what its tables
+    reach. The load that is furthest from the hull of those taken is taken next, until the others
+    are within `thinning` of it.
+    """
+    loads = np.array(end_load)
+    loads[:, PRESSURE] = np.clip(loads[:, PRESSURE], *span)
+    pressure = float(loads[:, PRESSURE].min()), float(loads[:, PRESSURE].max())
+    whole = load_hull(loads, pressure, length)
+    scaled, near = loads * whole.scale, settings.thinning * whole.size
+    hull = replace(whole, points=whole.scale * unloaded(pressure))
+    distance, taken = np.linalg.norm(scaled[:, :PRESSURE], axis=1), list[int]()
+    while len(taken) < settings.most_loads:
+        furthest = int(np.argmax(distance))
+        if distance[furthest] <= near:
+            break
+        # The hull has grown since a distance was measured, so that it may be less by now.
+        distance[furthest] = np.linalg.norm(hull.way_out(loads[furthest]))
+        if distance[furthest] == distance.max():
+            taken.append(furthest)
+            hull = replace(hull, points=np.vstack([hull.points, scaled[furthest]]))
+            distance[furthest] = 0.0
+    return Domain(pressure=pressure, end_load=loads[taken or [0]])
+
+
+def unloaded(pressure: tuple[float, float]) -> Array:
+    """Return the loads (2, 4) of the unloaded arm at the lowest and the highest pressure (Pa)."""
+    low, high = pressure
+    return np.array([[0.0, 0.0, 0.0, low], [0.0, 0.0, 0.0, high]])

@@ -1,0 +1,139 @@
+"""Where a load stands to the domain of a model: inside, a little beyond it, or too far out.
+
+The one rule for estimator, replay, verbs and reports.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import kilopascals
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import DOMAIN, DomainSettings, MOMENT, PRESSURE
+
+OUT_OF_RANGE, LOAD_OUT_OF_DOMAIN = 'out_of_range', 'load_out_of_domain'
+PRESSURE_BEYOND = 'pressure beyond the calibrated range: extrapolated'
+LOAD_BEYOND = 'end load beyond the calibrated loads: extrapolated'
+LOADS_UNKNOWN = 'the model has no domain: for which end loads it was calibrated is not known'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DomainPosition:
+    """Where a load stands to the domain of a model.
+
+    pressure_beyond, load_beyond: how far outside, of the range and of the size of the hull of
+    loads; 0 inside, load_beyond NaN where the model has no domain. error: one sigma of the model's
+    own error out there, as independent errors of F1, F2 (N), M (N m) and p (Pa), 0 inside. reason
+    and sentence: why there must be no estimate, as a key and in words; empty where
+    there may be one. notes: what limits an estimate, in words without numbers.
+    """
+
+    pressure_beyond: float
+    load_beyond: float
+    error: tuple[float, float, float, float]
+    reason: str
+    sentence: str
+    notes: tuple[str, ...]
+
+    @property
+    def extrapolated(self) -> bool:
+        """Whether pressure or load is beyond what was calibrated."""
+        return self.pressure_beyond > 0.0 or self.load_beyond > 0.0
+
+    @property
+    def words(self) -> str:
+        """All that is to be said of the position, with numbers; empty inside."""
+        if self.sentence:
+            return self.sentence
+        shares = (self.pressure_beyond, 'pressures'), (self.load_beyond, 'end loads')
+        words = [
+            f'extrapolated {100.0 * share:.1f} % beyond the calibrated {what}'
+            for share, what in shares
+            if share > 0.0
+        ]
+        return ', '.join([*words, *([LOADS_UNKNOWN] if LOADS_UNKNOWN in self.notes else [])])
+
+
+def locate_load(
+    arm: Arm,
+    load: Load,
+    chamber: float,
+    std: tuple[float, float, float, float] | None = None,
+    settings: DomainSettings = DOMAIN,
+) -> DomainPosition:
+    """Return where a true load, at a pressure (Pa) in the chamber, stands to the domain of an arm.
+
+    std: one sigma of F1, F2 (N), M (N m) and pressure (Pa) as read; None: as the model has them.
+    """
+    sensors = arm.sensors
+    std = std or (sensors.force_std, sensors.force_std, sensors.moment_std, sensors.pressure_std)
+    noise = settings.load_noise * np.array(std)
+    low, high = arm.pressure_range
+    inside = min(max(chamber, low), high)
+    at = np.array([load.force_x, load.force_y, load.moment, inside])
+    pressure_beyond = arm.beyond_range(chamber)
+    load_beyond, distance = beyond_loads(arm, at, noise)
+    reason, sentence = '', ''
+    if pressure_beyond > settings.pressure_margin:
+        reason, sentence = OUT_OF_RANGE, out_of_range(arm, chamber)
+    elif load_beyond > settings.load_margin:
+        reason, sentence = LOAD_OUT_OF_DOMAIN, out_of_domain(arm, at, load_beyond, settings)
+    notes = (
+        (pressure_beyond > 0.0, PRESSURE_BEYOND),
+        (load_beyond > 0.0, LOAD_BEYOND),
+        (math.isnan(load_beyond), LOADS_UNKNOWN),
+    )
+    force = settings.load_error * distance
+    excess = chamber - inside if pressure_beyond > 0.0 else 0.0
+    error = (force, force, 0.0, settings.pressure_error * excess)
+    return DomainPosition(
+        pressure_beyond=pressure_beyond,
+        load_beyond=load_beyond,
+        error=error,
+        reason=reason,
+        sentence=sentence,
+        notes=tuple(text for holds, text in notes if holds),
+    )
+
+
+def beyond_loads(arm: Arm, at: Array, noise: Array) -> tuple[float, float]:
+    """Return how far beyond the loads of its domain a load (4,) is: of their size, and in N.
+
+    NaN where there is a load, beyond its noise (4,), and the arm has no domain.
+    """
+    acting = at[:PRESSURE]
+    if not acting.any():
+        return 0.0, 0.0
+    if arm.load_hull is None:
+        return (math.nan if (abs(acting) > noise[:PRESSURE]).any() else 0.0), 0.0
+    distance = arm.load_hull.distance(at, noise)
+    return arm.load_hull.share(distance), distance
+
+
+def out_of_range(arm: Arm, pressure: float) -> str:
+    """Return the sentence for a pressure (Pa) at which the model says nothing."""
+    low, high = (kilopascals(value) for value in arm.pressure_range)
+    return (
+        f'pressure {kilopascals(pressure):.4g} kPa is outside the calibrated range '
+        f'{low:.4g} to {high:.4g} kPa by more than {100.0 * DOMAIN.pressure_margin:.0f} % of it'
+    )
+
+
+def out_of_domain(arm: Arm, at: Array, beyond: float, settings: DomainSettings) -> str:
+    """Return the sentence for a load (4,) SI at which the model says nothing."""
+    load = (
+        f'the end load {at[0]:.4g} N, {at[1]:.4g} N, {at[MOMENT]:.3g} N m at '
+        f'{kilopascals(at[PRESSURE]):.4g} kPa'
+    )
+    assert arm.domain is not None and arm.load_hull is not None
+    if arm.load_hull.size == 0.0:
+        return f'{load} is outside the calibration, which was without any load'
+    return (
+        f'{load} is outside the calibrated loads (forces up to {arm.domain.largest_force:.3g} N) '
+        f'by {beyond:.2g} times their size; up to {settings.load_margin:g} times would be '
+        'extrapolated'
+    )

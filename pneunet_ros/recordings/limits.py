@@ -1,0 +1,48 @@
+"""How large recordings may be: what a file of a few bytes says of itself is not believed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.settings import tuning
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingLimits:
+    """Sizes beyond which a recording is damaged, or made to exhaust the machine that reads it."""
+
+    chunk: int = tuning(
+        100_000_000,
+        'content of a chunk or message: writers begin a new chunk at a few MB, and a raw image of '
+        '8K has 100 MB',
+        unit='byte',
+    )
+    definition: int = tuning(
+        1_000_000, 'record that names a topic or defines a type; usual are 10 kB', unit='byte'
+    )
+    expansion: int = tuning(
+        1_000,
+        'content of all chunks, unpacked, as a multiple of the file: readings are packed 2 to 10 '
+        'times, black images 1000 times',
+        unit='size of the file',
+    )
+    unpacked: int = tuning(
+        100_000_000, 'content that any file may have, however small it is', unit='byte'
+    )
+    messages: int = tuning(
+        1,
+        'messages per byte of the file: packed as well as can be, one with a log time of its own '
+        'takes more than a byte',
+        unit='1/byte',
+    )
+    waiting: int = tuning(
+        300_000_000,
+        'messages held at once to put them in order, where chunks overlap in time',
+        unit='byte',
+    )
+    name: int = tuning(
+        255, 'name of a topic or type', unit='character', source='literature: rmw of ROS 2'
+    )
+
+
+LIMITS = RecordingLimits()
