@@ -165,8 +165,11 @@ def check_targets(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
             'recordings of different arms cannot be calibrated together (see --arm)'
         )
-    if np.count_nonzero(run.seen.any(axis=0)) < min(known.fewest_targets, run.x.shape[1]):
-        raise RecordingError(f'{run.name} shows fewer than {known.fewest_targets} targets')
+    seen = np.count_nonzero(run.seen, axis=0) > 0
+    if np.count_nonzero(seen) < known.fewest_targets and not seen[-1]:
+        raise RecordingError(
+            f'{run.name} shows fewer than {known.fewest_targets} targets, and never the last'
+        )
 
 
 def check_units(run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS) -> None:

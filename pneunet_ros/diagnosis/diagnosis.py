@@ -82,7 +82,7 @@ def diagnose(
     Args:
         model: the arm, with the effects that are known already.
         training: recordings of pressure (Pa), end load (N, N m) and targets (m, base frame), at
-            least one of them without a load.
+            least one of them without a load. A measured pose of the tip is not used.
         held_out: others, in the same range of pressure and force; may be empty.
         seed: of the simulated clean data behind the thresholds.
         executor: where they are simulated; here if None.
@@ -99,6 +99,9 @@ def diagnose(
         ModelError: the model has no shape in most of the recordings.
 
     """
+    training, held_out = (
+        [run.without_tip_pose() for run in runs] for runs in (training, held_out)
+    )
     base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
     if not base.fit.converged:
         return unsettled(base.fit.status, seed, settings)
@@ -206,9 +209,7 @@ def conclude(
         answer=verdict.answer,
         sentence=describe_verdict(verdict, before, after),
         certainty=describe_certainty(selection, first, best, verdict),
-        effects=describe_effects(
-            verdict.trial.refit, verdict.probability, settings.augmented_model
-        ),
+        effects=describe_effects(verdict.trial.refit, verdict.probability),
         alternatives=verdict.alternatives,
         where=misfit_shares(frames),
         where_sentence=describe_misfit(frames),

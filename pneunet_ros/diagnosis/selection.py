@@ -243,7 +243,7 @@ class Selection:
         pairs = zip(trial.refit.hypotheses, trial.refit.effects, strict=True)
         rest = [(item, effect) for item, effect in pairs if item.name != name]
         known = self.tried.get(frozenset(item.name for item, _ in rest))
-        if known is not None and known.evidence < least:
+        if known is not None and known.evidence < least and not is_absent(trial.refit, name):
             return None
         hypotheses = tuple(item for item, _ in rest)
         numbers = np.concatenate([item.numbers(effect) for item, effect in rest])
@@ -289,6 +289,19 @@ def is_worth_adding(
     if gain > settings.next_gain * trial.record.gain and better.record.adequate:
         return True
     return better.record.excess < settings.most_left * trial.record.excess
+
+
+def is_absent(fit: Refit, name: str) -> bool:
+    """Whether an effect of a fit has no size that differs from nothing by its standard error.
+
+    It led the fit out of a poor minimum of the others, and is not what explains.
+    """
+    stds = split_numbers(fit.hypotheses, np.sqrt(np.diag(fit.covariance)))
+    parts = zip(fit.hypotheses, split_numbers(fit.hypotheses, fit.numbers), stds, strict=True)
+    return any(
+        item.name == name and all(abs(numbers[size]) <= std[size] for size in item.sizes)
+        for item, numbers, std in parts
+    )
 
 
 def is_plausible(fit: Refit, most: float) -> bool:

@@ -162,7 +162,6 @@ class AugmentedModelSettings:
     """The base model fitted with the effects, and their standard errors."""
 
     settled: float = tuning(0.3, 'step at which the fit has converged', unit='std of all')
-    law_worth: float = tuning(0.05, 'relative error of the plain law of an effect')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.calibration.calibration import domain_of
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
@@ -169,7 +170,11 @@ def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any
         **provenance,
     }
     return replace(
-        arm, name='+'.join([frame.name, *added]), sources=sources, provenance=plain(about)
+        arm,
+        name='+'.join([frame.name, *added]),
+        domain=domain_of(diagnosis.after.fit),
+        sources=sources,
+        provenance=plain(about),
     )
 
 
