@@ -150,7 +150,7 @@ def calibrate(
     )
 
 
-def domain_of(joint: Fit, known: Domain | None) -> Domain:
+def domain_of(joint: Fit, known: Domain | None = None) -> Domain:
     """Return what the recordings of a fit spanned, and what was known before."""
     seen = [
         np.column_stack([run.inputs.loads, run.inputs.pressure])[run.solved] for run in joint.runs

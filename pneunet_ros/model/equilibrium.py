@@ -125,7 +125,7 @@ def solve(
 
 
 def with_position(arm: Arm, shape: Shape, load: Load, chamber: float) -> Shape:
-    """Return a shape that says where its load, at a chamber pressure (Pa), is to the domain."""
+    """Return a shape that says where its load, at a pressure in the chamber, stands."""
     position = locate_load(arm, load, chamber)
     if not (shape.converged and position.words):
         return shape

@@ -40,7 +40,7 @@ from pneunet_ros.vision.centroid import (
 class BlobSettings:
     """How bright areas are told from what is behind them."""
 
-    most: int = tuning(1000, 'areas of an image that are measured')
+    most: int = tuning(4000, 'areas of an image that are measured')
     least_contrast: float = tuning(
         4.0, 'between a blob and its background where the band is fixed', unit='grey level'
     )

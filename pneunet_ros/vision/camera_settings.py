@@ -32,6 +32,17 @@ class RestPlane:
     method: ClassVar[str] = 'rest'
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurvedRestPlane:
+    """Scale and base frame come from the arm at rest where it is bent even then.
+
+    The scale is the arclength between the targets, x points along the arm at the clamp. The camera
+    looks along -z of the base frame at the working plane.
+    """
+
+    method: ClassVar[str] = 'curved_rest'
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HomographyPlane:
     """The working plane is known by points of it: pixels (n, 2), points (n, 2) m in base.
@@ -88,7 +99,7 @@ class PosePlane:
         object.__setattr__(self, 'quaternion', quaternion)
 
 
-PlaneMethod = RestPlane | HomographyPlane | PosePlane
+PlaneMethod = RestPlane | CurvedRestPlane | HomographyPlane | PosePlane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -267,7 +267,8 @@ def consistent_size(
     of the target. Light and motion change neighbors alike.
     """
     size = area / usual
-    alike, longer = size / _local_median(size), elongation / _local_median(elongation)
+    one = np.ones_like(area)
+    alike, longer = size / _local_median(size, one), elongation / _local_median(elongation, one)
     return np.asarray(
         (size >= gating.smallest)
         & (size <= gating.largest)
@@ -277,23 +278,27 @@ def consistent_size(
     )
 
 
-def _local_median(values: Array) -> Array:
-    """Return the median of a value and its three neighbors on either side; 1 of fewer than 3."""
+def _local_median(values: Array, of_few: Array) -> Array:
+    """Return the median of a value and its three neighbors on either side, (n,); NaN is none.
+
+    of_few (n,): what is returned where fewer than three are known.
+    """
     padded = np.pad(values, 3, constant_values=np.nan)
     near = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 7), axis=1)
     count = np.count_nonzero(np.isfinite(near), axis=1)
     row = np.arange(len(values))
     median = 0.5 * (near[row, np.maximum(count - 1, 0) // 2] + near[row, count // 2])
-    return np.where(count > 2, median, 1.0)
+    return np.where(count > 2, median, of_few)
 
 
 def initial_area(area: Array, gating: GatingSettings = GATING) -> Array:
     """Return how large targets are to be expected after they are found (targets,).
 
-    A target starts no smaller than most, as it may be covered in part, and hardly larger, as a
-    glint may hang on to it; NaN is one not seen.
+    A target starts no smaller than its neighbors, as it may be covered in part, and hardly larger,
+    as a glint may hang on to it; NaN is one not seen. Sizes may change along the arm.
     """
-    known = area[np.isfinite(area)]
-    middle = float(np.median(known)) if known.size else math.nan
+    known = np.isfinite(area)
+    of_few = np.full(area.size, np.median(area[known]) if known.any() else math.nan)
+    middle = _local_median(area, of_few)
     first: Array = np.clip(area, middle / gating.largest_growth, gating.first_growth * middle)
-    return np.where(np.isnan(area), middle, first)
+    return np.where(known, first, middle)

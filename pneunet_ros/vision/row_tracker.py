@@ -5,7 +5,7 @@ Tables of blobs have one line per target with the columns of `centroid`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -16,7 +16,7 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.vision.association import least_seen, row_from_clamp
 from pneunet_ros.vision.blobs import Blobs, find_blobs, find_components
 from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.camera_settings import CameraSettings, CurvedRestPlane
 from pneunet_ros.vision.centroid import ANGLE, AREA, COLUMNS, MAJOR, MINOR, STD, U, V
 from pneunet_ros.vision.gating import (
     consistent_motion,
@@ -27,7 +27,13 @@ from pneunet_ros.vision.gating import (
     initial_area,
     Mask,
 )
-from pneunet_ros.vision.rest_plane import Failure, row_at_rest, row_points
+from pneunet_ros.vision.rest_plane import (
+    Failure,
+    plane_at_rest,
+    RestSearch,
+    row_at_rest,
+    row_points,
+)
 from pneunet_ros.vision.settings import VisionSettings
 from pneunet_ros.vision.working_plane import Plane
 
@@ -112,10 +118,13 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
 
 def search_row(view: View) -> ObservedRow | Failure:
     """Find the row that starts at the clamp among all blobs of the frame."""
+    blobs = candidate_blobs(view.image, view.settings, view.vision)
+    return blobs if isinstance(blobs, Failure) else row_among(view, blobs)
+
+
+def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
+    """Find the row that starts at the clamp among these blobs."""
     vision = view.vision
-    blobs = candidate_blobs(view.image, view.settings, vision)
-    if isinstance(blobs, Failure):
-        return blobs
     points = view.plane.points(view.lens.undistort(np.column_stack([blobs.u, blobs.v])))
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
     row = row_from_clamp(
@@ -136,28 +145,48 @@ def search_row(view: View) -> ObservedRow | Failure:
     return found
 
 
-def search_at_rest(
-    image: Image, lens: Lens, arclength: Array, settings: CameraSettings, vision: VisionSettings
-) -> Array | Failure:
-    """Find first and last target of the straight arm, normalized (2, 2)."""
-    blobs = candidate_blobs(image, settings, vision)
+def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
+    """Find the targets of the arm at rest, normalized (targets, 2), NaN where one is not seen.
+
+    view: its plane is not known yet, and not used; rest: where the arm has rested so far. A row
+    that is found must be what is found again from its clamp once the plane is known by it: what
+    a frame says does not depend on what was known before.
+    """
+    settings, vision, arclength = view.settings, view.vision, view.arclength
+    blobs = candidate_blobs(view.image, settings, vision)
     if isinstance(blobs, Failure):
         return blobs
     pixels = np.column_stack([blobs.u, blobs.v])
-    points = lens.undistort(pixels)
+    points = view.lens.undistort(pixels)
     usable = np.isfinite(points[:, 0])
+    bent = isinstance(settings.plane, CurvedRestPlane)
     row = row_at_rest(
         points[usable],
         pixels[usable],
         blobs.area[usable],
         arclength,
         settings.clamp_pixel,
-        settings.rest_straightness,
+        math.inf if bent else settings.rest_straightness,
         vision,
     )
     if isinstance(row, Failure):
-        return row
-    return row_points(row, points[usable])[[0, -1]]
+        again = rest.recognize(points[usable], arclength, vision.rest_plane)
+        return again if row.reason == 'no_row' and again is not None else row
+    at_rest = row_points(row, points[usable])
+    plane = plane_at_rest(at_rest, arclength, settings.plane)
+    found = row_among(replace(view, plane=plane), blobs)
+    if isinstance(found, Failure):
+        return found
+    again = view.lens.undistort(found.table[:, :2])
+    same = np.count_nonzero((again == at_rest).all(axis=1))
+    if same < vision.rest_plane.seen * arclength.size:
+        return Failure(
+            reason='no_row',
+            sentence=f'of the row of {arclength.size} targets at rest only {same} are found '
+            'again from its clamp: are their places those of target_arclength, and their sizes '
+            'like those of their neighbors?',
+        )
+    return again
 
 
 def candidate_blobs(

@@ -35,6 +35,8 @@ class RestPlaneSettings:
     still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
     near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')
     seen: float = tuning(0.8, 'share of the targets, at least')
+    ends: float = tuning(0.5, 'share of the frames in which first and last target are, at least')
+    places: int = tuning(4, 'places in which it may rest that are remembered')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,13 @@ from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import CameraSettings, HomographyPlane, PosePlane
-from pneunet_ros.vision.rest_plane import Failure, RestAverage, RESTING
+from pneunet_ros.vision.rest_plane import (
+    Failure,
+    plane_at_rest,
+    RESTING,
+    RestSearch,
+    spacing_of,
+)
 from pneunet_ros.vision.row_tracker import (
     follow_row,
     search_at_rest,
@@ -29,6 +35,8 @@ from pneunet_ros.vision.row_tracker import (
 from pneunet_ros.vision.settings import VISION, VisionSettings
 from pneunet_ros.vision.smoother import MeasuredCurve, smoother_for
 from pneunet_ros.vision.working_plane import Plane, plane_from_homography, plane_from_pose
+
+UNKNOWN = Plane(base_from_normalized=np.eye(3))  # one meter from the camera, as good as any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +66,7 @@ class TrackerState:
     lens: Lens | None = None
     plane: Plane | None = None
     trouble: str = ''
-    rest: RestAverage = field(default_factory=RestAverage)
+    rest: RestSearch = field(default_factory=RestSearch)
     row: TrackedRow | None = None
     stamp_ns: int | None = None
     frames: int = 0
@@ -102,7 +110,8 @@ class Tracker:
     the image is measured by `centroid`, who is who by `association`, the curve (Eq 1) by
     `smoother`.
 
-    Raises ModelError for an arm with fewer than four targets.
+    Raises ModelError for an arm with fewer than three targets: nothing tells two of them from two
+    glints.
     """
 
     def __init__(
@@ -134,19 +143,21 @@ class Tracker:
         state, refusal = self._admitted(state, reading)
         if refusal is not None:
             return state.count_rejected(refusal.reason), refusal
-        state, failure = self._at_rest(state, reading)
-        if failure is not None:
-            return self._unexplained(state, reading, failure)
-        assert state.lens is not None and state.plane is not None
+        assert state.lens is not None
         view = View(
             image=reading,
             lens=state.lens,
-            plane=state.plane,
+            plane=state.plane or UNKNOWN,
             arclength=self.arclength,
             clamp_angle=self.arm.clamp_angle,
             settings=self.settings,
             vision=self.vision,
         )
+        if state.plane is None:
+            state, failure = self._at_rest(state, view)
+            if state.plane is None:
+                return self._unexplained(state, reading, failure)
+            view = replace(view, plane=state.plane)
         followed = None if state.row is None else follow_row(view, state.row)
         if followed is None:
             observed = search_row(view)
@@ -159,24 +170,21 @@ class Tracker:
             sightings=targets, curve=self.smoother.smooth(targets)
         )
 
-    def _at_rest(self, state: TrackerState, image: Image) -> tuple[TrackerState, Failure | None]:
-        """Get the working plane from the arm at rest, unless it is known."""
-        if state.plane is not None:
-            return state, None
-        assert state.lens is not None
-        found = search_at_rest(image, state.lens, self.arclength, self.settings, self.vision)
+    def _at_rest(self, state: TrackerState, view: View) -> tuple[TrackerState, Failure]:
+        """Take a frame into what is known of the rest; why there is no plane yet, if so."""
+        wanted, settings = self.settings.rest_frames, self.vision.rest_plane
+        found = search_at_rest(view, state.rest)
         if isinstance(found, Failure):
-            return state, found
-        length = self.arclength[-1] - self.arclength[0]
-        spacing = float(
-            np.min(np.diff(self.arclength)) / length * np.hypot(*(found[1] - found[0]))
-        )
-        rest = state.rest.with_frame(found, spacing, self.vision.rest_plane)
-        wanted = self.settings.rest_frames
-        if rest.frames >= wanted:
-            return replace(state, rest=rest, plane=rest.plane(self.arclength)), None
-        sentence = f'scale and base frame: {rest.frames} of {wanted} frames of the arm at rest'
-        return replace(state, rest=rest), Failure(reason=RESTING, sentence=sentence)
+            lacks = state.rest.lacks(wanted, settings)
+            sentence = f'{found.sentence}; so far {lacks}' if lacks else found.sentence
+            return state, Failure(reason=found.reason, sentence=sentence)
+        spacing = spacing_of(found, self.arclength)
+        rest = state.rest.with_frame(found, spacing, settings)
+        lacks, plane = rest.lacks(wanted, settings), None
+        if not lacks:
+            plane = plane_at_rest(rest.places[0].points, self.arclength, self.settings.plane)
+        failure = Failure(reason=RESTING, sentence=f'scale and base frame: {lacks}')
+        return replace(state, rest=rest, plane=plane), failure
 
     def _unexplained(
         self, state: TrackerState, image: Image, failure: Failure
@@ -207,8 +215,11 @@ class Tracker:
         return state if same_values(state.lens, lens) else self._through(state.fresh(), lens)
 
     def _through(self, state: TrackerState, lens: Lens | None) -> TrackerState:
-        """Return the state with a lens, and the working plane where that is known beforehand."""
-        method, plane, trouble = self.settings.plane, None, ''
+        """Return the state with a lens, and the working plane where that is known beforehand.
+
+        A state that begins with a plane, of the same arm at rest before the same camera, keeps it.
+        """
+        method, plane, trouble = self.settings.plane, state.plane, ''
         try:
             if lens is not None and isinstance(method, HomographyPlane):
                 plane = plane_from_homography(lens, method)
