@@ -274,8 +274,11 @@ class Tracker:
         return state if same_values(state.lens, lens) else self._through(state.fresh(), lens)
 
     def _through(self, state: TrackerState, lens: Lens | None) -> TrackerState:
-        """Return the state with a lens, and the working plane where that is known beforehand."""
-        method, plane, trouble = self.settings.plane, None, ''
+        """Return the state with a lens, and the working plane where that is known beforehand.
+
+        A state that begins with a plane, of the same arm at rest before the same camera, keeps it.
+        """
+        method, plane, trouble = self.settings.plane, state.plane, ''
         try:
             if lens is not None and isinstance(method, HomographyPlane):
                 plane = plane_from_homography(lens, method)
