@@ -77,7 +77,7 @@ def warm_loop(length, sections, knots, rotation, ends, counts, start, nodes, cal
         nodes[:] = start
         prepare(length, sections, knots, rotation, ends, counts, panels)
         residual, _steps = newton(panels, ends, nodes, 25, 1e-13)
-        worst = max(residual, worst) + 0.0 * resolution(panels, nodes)
+        worst = max(residual, worst) + 0.0 * resolution(panels, nodes, knots, rotation)
     return worst
 
 
@@ -90,7 +90,7 @@ def cold_loop(length, sections, knots, rotation, ends, counts, nodes, calls):
         prepare(length, sections, knots, rotation, ends, counts, panels)
         loaded_guess(panels, ends, nodes)
         residual, _steps = newton(panels, ends, nodes, 25, 1e-13)
-        worst = max(residual, worst) + 0.0 * resolution(panels, nodes)
+        worst = max(residual, worst) + 0.0 * resolution(panels, nodes, knots, rotation)
     return worst
 
 

@@ -65,11 +65,15 @@ def test_it_stays_so_and_few_frames_are_enough():
     assert has_uniform_curvature(frame)
 
 
+def test_two_targets_are_fitted_by_a_constant_curvature_whatever_the_model_has():
+    table = fit_base(bent((1.0, 2.0)), [recorded()], quiet).fit.arm.intrinsic_curvature
+    assert table.curvature[:, 0] == pytest.approx(table.curvature[:, 1], abs=0.02)
+    assert table.curvature[-1, 0] == pytest.approx(20.0, abs=0.1)
+
+
 def test_too_little_is_refused():
     with pytest.raises(RecordingError, match='at least 3 are needed'):
         fit_base(bent(), [recorded(2)], quiet)
-    with pytest.raises(RecordingError, match='at least 20 are needed'):
-        fit_base(bent((1.0, 2.0)), [recorded()], quiet)
     loaded = made(bent(), PRESSURES, np.full((PRESSURES.size, 2), 0.1))
     with pytest.raises(RequestError, match='without a load'):
         fit_base(bent(), [loaded], quiet)

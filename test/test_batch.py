@@ -38,7 +38,7 @@ def test_each_rod_is_the_one_solved_alone(effects) -> None:
         arm, pressure, force, moment, start=solve(arm, 31e3, (0.175, 0.07)), stations=23
     )
     assert shapes.converged.all()
-    assert shapes.residual.max() < 1e-10
+    assert shapes.residual.max() < 1e-6
     for which in range(pressure.size):
         alone = solve(
             arm, pressure[which], (force[which, 0], force[which, 1]), moment[which], stations=23

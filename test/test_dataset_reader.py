@@ -166,11 +166,21 @@ def test_what_is_not_of_this_arm_is_refused(tmp_path, said, name, message, what)
         read_run(record(tmp_path / 'r.mcap', said), 3)
 
 
-@pytest.mark.parametrize('name', ['pressure', 'targets'])
-def test_a_missing_topic_is_named(tmp_path, said, name):
-    rest = [entry for entry in said if entry[0] != name]
-    with pytest.raises(RecordingError, match=f'has no topic {name} of type'):
+def test_missing_targets_are_named(tmp_path, said):
+    rest = [entry for entry in said if entry[0] != 'targets']
+    with pytest.raises(RecordingError, match='has no topic targets of type'):
         read_run(record(tmp_path / 'r.mcap', rest), 3)
+
+
+def test_without_a_pressure_topic_there_is_no_pressure(tmp_path, said):
+    rest = [entry for entry in said if entry[0] != 'pressure']
+    run, sentences = read_run(record(tmp_path / 'r.mcap', rest), 3)
+    whole, _ = read_run(record(tmp_path / 'whole.mcap', said), 3)
+    assert whole.pressurized
+    assert not run.pressurized
+    assert not run.frame_pressure.any()
+    assert np.array_equal(run.stamp_ns, whole.stamp_ns)
+    assert any('there is no pressure topic' in sentence for sentence in sentences)
 
 
 def test_a_truncated_recording_is_read_as_far_as_it_goes(tmp_path):

@@ -54,7 +54,7 @@ def test_a_shape_has_stations_from_clamp_to_tip():
     assert shape.tip == (shape.x[-1], shape.y[-1], shape.theta[-1])
     assert (shape.force, shape.end_moment, shape.pressure) == ((0.175, 0.07), 0.0, 31e3)
     assert shape.converged
-    assert shape.residual < 1e-12
+    assert shape.residual < 1e-6
     for name in FIELDS:
         assert getattr(shape, name).shape == (57,)
         assert not getattr(shape, name).flags.writeable

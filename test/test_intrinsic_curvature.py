@@ -80,12 +80,25 @@ def test_rows_and_weights():
     assert weight.tolist() == [-0.5, 0.0, 0.5, 0.0, 1.0, 2.0]
 
 
+def test_a_single_row_is_the_same_at_any_pressure():
+    table = IntrinsicCurvature(
+        pressure=[10e3], arclength=[0.0, 0.5, 1.0], curvature=[[1.0, 2.0, 4.0]]
+    )
+    pressures = np.array([-1e3, 10e3, 12e3])
+    assert [table.at(p, [0.0, 1.0]).tolist() for p in pressures] == [[1.0, 4.0]] * 3
+    assert not table.slope(pressures).any()
+    turned = table.rotation_of(pressures, 0.1)
+    assert np.array_equal(turned[0], turned[1])
+    assert np.array_equal(turned[0], turned[2])
+    assert np.array_equal(turned[0], table.mixed_rotation(np.ones((1, 1)), 0.1)[0])
+
+
 @pytest.mark.parametrize(
     ('changes', 'sentence'),
     [
-        ({'pressure': [0.0]}, r'pressure must hold at least two strictly increasing values in Pa'),
-        ({'pressure': [0.0, 5e3, 5e3]}, 'pressure must hold at least two strictly increasing'),
-        ({'pressure': [0.0, 30e3, 20e3]}, 'pressure must hold at least two strictly increasing'),
+        ({'pressure': []}, r'pressure must hold strictly increasing values in Pa, one or more'),
+        ({'pressure': [0.0, 5e3, 5e3]}, 'pressure must hold strictly increasing'),
+        ({'pressure': [0.0, 30e3, 20e3]}, 'pressure must hold strictly increasing'),
         ({'pressure': 5.0}, 'pressure must be a list of numbers'),
         ({'pressure': [0.0, np.nan, 9.0]}, 'pressure holds NaN or infinity'),
         ({'pressure': ['low', 'high', 'top']}, 'pressure must be a table of numbers'),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
-from pneunet_ros.calibration.noise_estimate import estimate_noise, second_differences
+from pneunet_ros.calibration.noise_estimate import estimate_noise, quiet_series, second_differences
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
 from support.example_arms import paper_arm
@@ -125,6 +125,19 @@ def test_numbers_are_kept_to_what_they_mean():
         assert value == float(f'{value:.3g}')
 
 
+def test_readings_that_follow_a_restless_pressure_are_not_taken_for_noise():
+    random = np.random.default_rng(8)
+    still = [60.0 * random.standard_normal(160) for _ in range(2)]
+    moving = [2e3 * random.standard_normal(160) for _ in range(4)]
+    assert second_differences([*still, *moving]) > 600.0
+    found = second_differences(quiet_series([*still, *moving]))
+    assert found == pytest.approx(second_differences(still)) == pytest.approx(60.0, rel=0.15)
+    # Where none moves, all are used.
+    alike = [60.0 * random.standard_normal(160) for _ in range(6)]
+    assert len(quiet_series(alike)) == 6
+    assert quiet_series([np.arange(30.0)]) != []
+
+
 def test_neither_static_frames_nor_a_known_load_tell_of_noise_in_time():
     some = runs(TRUE)
     static = [replace(run, static=True) for run in some]
@@ -133,3 +146,22 @@ def test_neither_static_frames_nor_a_known_load_tell_of_noise_in_time():
     found = estimate_noise(known, PAPER.target_arclength, ASSUMED).noise
     assert (found.force_std, found.moment_std) == (ASSUMED.force_std, ASSUMED.moment_std)
     assert found.target_std < 2.0 * TRUE.target_std
+
+
+def test_frames_in_which_nothing_was_attached_do_not_make_the_force_sensor_better():
+    # A wrench of exactly zero is no reading: the laboratory's loads are hung on after a rest.
+    found = []
+    for seed in range(8):
+        some = []
+        for run in runs(TRUE, seed):
+            resting = np.arange(len(run.stamp_ns)) < FRAMES // 4
+            some.append(
+                replace(
+                    run,
+                    force=np.where(resting[:, None], 0.0, run.force),
+                    moment=np.where(resting, 0.0, run.moment),
+                )
+            )
+        estimate = estimate_noise(some, PAPER.target_arclength, ASSUMED)
+        found.append(estimate.noise.force_std / TRUE.force_std)
+    assert np.mean(found) == pytest.approx(1.0, abs=0.03)

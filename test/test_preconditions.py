@@ -70,8 +70,8 @@ def test_good_recordings_pass():
         ([scaled(FREE[0], pressure=1e-2)], [], 'up: .*never exceeds 6.* Pa.*mbar'),
         (FREE, [scaled(LOADED[0], force=1e3)], 'weights: an end force .* must be in N'),
         ([bent(FREE[0], x=FREE[0].x[:, 1:], y=FREE[0].y[:, 1:])], [], 'up has 22 targets and the'),
-        ([FREE[0].thin(12)], [], 'up has 12 frames .* at least 20'),
-        ([few_targets(FREE[0])], [], 'up shows fewer than 4 targets'),
+        ([FREE[0].thin(2)], [], 'up: 2 frames .* at least 3 are needed'),
+        ([few_targets(FREE[0])], [], 'up shows fewer than 4 targets, and never the last'),
     ],
 )
 def test_what_cannot_be_calibrated_is_refused(free, loaded, sentence):

@@ -1,4 +1,4 @@
-"""Filtered pressure readings: less noise, the same pressure, and frames that find their own."""
+"""Filtered pressure readings: less noise, every step and turning point, frames with their own."""
 
 from __future__ import annotations
 
@@ -6,18 +6,28 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.pressure_filter import PRESSURE_FILTER, smooth_pressure
+from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.measurement.pressure_filter import filter_pressure, FilteredPressure
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made
 
+STD = 60.0  # Pa
+RATES = (5.0, 10.0, 25.0, 50.0)  # Hz
+# Rest, a step, a hold, a slow ramp, a turning point, a hold, a short pulse.
+CORNERS = (0.0, 4.0, 4.1, 10.0, 20.0, 26.0, 30.0, 30.1, 30.5, 30.6, 36.0)  # s
+PRESSURES = (0.0, 0.0, 30e3, 30e3, 60e3, 20e3, 20e3, 25e3, 25e3, 20e3, 20e3)  # Pa
 
-def with_readings(pressure: Array, frames: int) -> RecordingData:
+
+def with_readings(pressure: Array, rate: float = 50.0, frames: int = 30) -> RecordingData:
     """Return a run of so many readings, and a few frames spread over them."""
     run = made(paper_arm(), np.zeros(frames))
     reading = np.sort(np.random.default_rng(2).choice(pressure.size, frames, replace=False))
-    stamps = 1000 * (1 + np.arange(pressure.size))
+    period = NANOSECONDS_PER_SECOND / rate
+    stamps = np.rint(period * (1 + np.arange(pressure.size))).astype(np.int64)
     return replace(
         run,
         reading_stamp_ns=stamps,
@@ -27,54 +37,88 @@ def with_readings(pressure: Array, frames: int) -> RecordingData:
     )
 
 
-def test_most_noise_goes_and_the_pressure_stays():
-    ramp = np.linspace(0.0, 60e3, 2000)
-    noise = 60.0 * np.random.default_rng(3).standard_normal(2000)
-    run = with_readings(ramp + noise, 30)
-    quiet = smooth_pressure(run)
-    truth = np.interp(quiet.reading_stamp_ns, run.reading_stamp_ns, ramp)
-    inner = slice(PRESSURE_FILTER.width, -PRESSURE_FILTER.width)
-    left = (quiet.pressure - truth)[inner]
-    assert left.std() == pytest.approx(60.0 / np.sqrt(PRESSURE_FILTER.width), rel=0.12)
-    assert abs(left.mean()) < 5.0
+def course(rate: float) -> Array:
+    """Return true pressures (Pa) at this rate."""
+    return np.interp(np.arange(0.0, CORNERS[-1], 1.0 / rate), CORNERS, PRESSURES)
 
 
-def test_a_straight_ramp_is_not_changed():
-    run = with_readings(np.linspace(0.0, 60e3, 900), 12)
-    quiet = smooth_pressure(run)
-    before = np.interp(quiet.reading_stamp_ns, run.reading_stamp_ns, run.pressure)
-    inner = slice(PRESSURE_FILTER.width // 2, -(PRESSURE_FILTER.width // 2))
-    assert quiet.pressure[inner] == pytest.approx(before[inner], abs=1e-6)
+def joined(run: RecordingData, filtered: FilteredPressure) -> Array:
+    """Return filtered readings, joined by straight lines, at all readings of the run."""
+    lines = filtered.run
+    return np.interp(run.reading_stamp_ns, lines.reading_stamp_ns, lines.pressure)
+
+
+@pytest.mark.parametrize('rate', RATES)
+@pytest.mark.parametrize('std', [STD, 300.0])
+def test_most_noise_goes_and_the_pressure_stays(rate: float, std: float):
+    truth = course(rate)
+    noise = std * np.random.default_rng([3, int(rate)]).standard_normal(truth.size)
+    run = with_readings(truth + noise, rate)
+    left = joined(run, filter_pressure(run, std)) - truth
+    assert left.std() < 0.62 * std  # at 5 Hz, where many lines have few readings
+    assert np.abs(left).max() < 4.5 * std  # nothing but noise was taken for noise
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_straight_lines_without_noise_are_kept_to_the_last_corner(rate: float):
+    truth = course(rate)
+    run = with_readings(truth, rate)
+    assert joined(run, filter_pressure(run, 0.0)) == pytest.approx(truth, abs=0.01)
+
+
+def test_a_hold_is_level_so_that_no_play_moves_in_it():
+    noise = STD * np.random.default_rng(5).standard_normal(2000)
+    run = with_readings(np.where(np.arange(2000) < 900, 10e3, 40e3) + noise)
+    filtered = filter_pressure(run, STD).run
+    levels = np.unique(np.round(filtered.pressure, 6))
+    assert levels == pytest.approx([10e3, 40e3], abs=4.0 * STD / np.sqrt(900))
+    # The noise of the readings themselves would drag it along by twice its largest value.
+    (inputs,) = inputs_of(paper_arm((Hysteresis(width=200.0),)), [filtered])
+    assert np.ptp(inputs.pressure[filtered.pressure[filtered.reading] < 2e4]) < 1e-6
+
+
+def test_a_pulse_of_one_reading_and_what_swings_from_reading_to_reading_are_kept():
+    noise = STD * np.random.default_rng(6).standard_normal(400)
+    pulse = np.where(np.arange(400) == 200, 3e3, 0.0) + noise
+    run = with_readings(pulse)
+    assert joined(run, filter_pressure(run, STD))[200] == pytest.approx(pulse[200])
+    swinging = 3.0 * STD * (-1.0) ** np.arange(400)  # no two lines are much better than one
+    run = with_readings(swinging)
+    assert joined(run, filter_pressure(run, STD)) == pytest.approx(swinging)
 
 
 def test_there_are_fewer_readings_and_frames_keep_theirs():
-    run = with_readings(np.linspace(0.0, 60e3, 3000), 50)
-    quiet = smooth_pressure(run)
-    assert (
-        PRESSURE_FILTER.most_readings <= quiet.pressure.size <= PRESSURE_FILTER.most_readings + 50
-    )
-    own = quiet.reading_stamp_ns[quiet.reading]
+    run = with_readings(course(50.0) + STD * np.random.default_rng(7).standard_normal(1800), 50.0)
+    filtered = filter_pressure(run, STD)
+    assert filtered.run.pressure.size < 150
+    own = filtered.run.reading_stamp_ns[filtered.run.reading]
     assert np.array_equal(own, run.reading_stamp_ns[run.reading])
-    assert np.array_equal(quiet.stamp_ns, run.stamp_ns)
-    assert quiet.reading_stamp_ns[[0, -1]].tolist() == run.reading_stamp_ns[[0, -1]].tolist()
-    # Neighbors that are left out have been averaged in all the same.
-    step = with_readings(np.where(np.arange(3000) < 1500, 0.0, 1e4), 50)
-    assert set(np.round(np.unique(smooth_pressure(step).pressure))) <= {
-        0.0,
-        2e3,
-        4e3,
-        6e3,
-        8e3,
-        1e4,
-    }
+    assert np.array_equal(filtered.run.stamp_ns, run.stamp_ns)
+    ends = filtered.run.reading_stamp_ns[[0, -1]]
+    assert ends.tolist() == run.reading_stamp_ns[[0, -1]].tolist()
+    # Without a memory, a frame has the pressure that was read.
+    np.testing.assert_allclose(filtered.run.frame_pressure + filtered.noise, run.frame_pressure)
 
 
-def test_a_run_of_few_readings_is_left_alone():
-    run = made(paper_arm(), np.linspace(0.0, 1e4, PRESSURE_FILTER.width - 1))
-    assert smooth_pressure(run) is run
-    assert (
-        smooth_pressure(
-            made(paper_arm(), np.linspace(0.0, 1e4, PRESSURE_FILTER.width))
-        ).pressure.size
-        == PRESSURE_FILTER.width
-    )
+def test_a_frame_between_two_readings_is_on_the_line_between_them():
+    run = with_readings(np.linspace(0.0, 60e3, 1000), 10.0)
+    period = NANOSECONDS_PER_SECOND // 10
+    for late, shift in ((0.4, 0.4), (-0.4, -0.4), (0.05, 0.0)):
+        moved = replace(run, stamp_ns=run.reading_stamp_ns[run.reading] + round(late * period))
+        moved = replace(moved, stamp_ns=moved.stamp_ns.clip(*run.reading_stamp_ns[[0, -1]]))
+        filtered = filter_pressure(moved, STD)
+        inner = slice(1, -1)
+        wanted = (run.reading + shift) * 60e3 / 999
+        assert filtered.run.frame_pressure[inner] == pytest.approx(wanted[inner], abs=0.01)
+        assert np.abs(filtered.noise).max() < 0.01
+
+
+@pytest.mark.parametrize('count', [1, 2])
+def test_readings_too_few_for_a_line_are_left_alone(count: int):
+    run = made(paper_arm(), np.linspace(0.0, 1e4, count))
+    assert np.array_equal(filter_pressure(run, STD).run.pressure, run.pressure)
+
+
+def test_static_frames_have_no_order_in_which_to_lie_on_a_line():
+    run = replace(made(paper_arm(), np.full(9, 1e4)), static=True)
+    assert filter_pressure(run, STD).run is run

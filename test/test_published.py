@@ -284,7 +284,7 @@ def test_curvature_is_roughly_linear_in_pressure_and_not_uniform(share):
 def test_rows_of_table_1_are_in_range_and_stable(row):
     shape = solve(paper_arm(), row.pressure, row.force)
     assert shape.status == 'converged, stable'
-    assert shape.residual < 1e-12
+    assert shape.residual < 1e-6
     assert not shape.extrapolated
 
 

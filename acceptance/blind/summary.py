@@ -36,6 +36,12 @@ TARGETS = (
     ('outside', 'unknown', 'outside the library: unknown', '>= 0.90'),
     ('outside', 'false_name', '    false name', '<= 0.05'),
     ('unobservable', 'says_so', 'not observable: says so', '>= 0.98'),
+    ('rated_nothing', 'any_name', '5 to 50 Hz, nothing hidden: any name', '<= 2 of 200'),
+    ('rated_single', 'alone', '    one effect: right name alone', '>= 0.95'),
+    ('rated_single', 'companion', '    right name and a false one', '<= 0.02'),
+    ('rated_single', 'wrong', '    wrong name', ''),
+    ('rated_single', 'size_covered', '    95 % interval covers its size', '0.92 to 0.98'),
+    ('rated_pairs', 'both_right', '    two effects: both right', '>= 0.85'),
 )
 
 
@@ -45,7 +51,11 @@ def summary_of(pairs: Sequence[Pair]) -> dict[str, Any]:
     for pair in pairs:
         blocks.setdefault(pair[0]['block'], []).append(pair)
     failed = [pair for pair in pairs if pair[1]['failed']]
-    library = [pair for name in ('single', 'pairs', 'confusable') for pair in blocks.get(name, [])]
+    library = [
+        pair
+        for name in ('single', 'pairs', 'confusable', 'rated_single', 'rated_pairs')
+        for pair in blocks.get(name, [])
+    ]
     result: dict[str, Any] = {
         'trials': len(pairs),
         'failed': sorted({f'{truth["key"]}: {answer["failed"]}' for truth, answer in failed}),
@@ -88,6 +98,8 @@ def right_names(pairs: Sequence[Pair]) -> Row:
             bool(claims(answer)) and within(truth, answer) and not wrong(truth, answer)
             for truth, answer in pairs
         ),
+        'alone': rate(exactly(*pair) for pair in pairs),
+        'companion': rate(within(*pair) and wrong(*pair) for pair in pairs),
         'wrong': rate(wrong(*pair) for pair in pairs),
         'within': rate(within(*pair) for pair in pairs),
         'size_covered': rate(covered for covered, _ in told),
@@ -185,4 +197,7 @@ SCORERS = {
     'confusable': confusable,
     'outside': outside,
     'unobservable': unobservable,
+    'rated_nothing': nothing,
+    'rated_single': single,
+    'rated_pairs': several,
 }

@@ -26,7 +26,7 @@ from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
-from blind.designs import DESIGNS, NOISE, PAUSE, RATES
+from blind.designs import DESIGNS, NOISE, PAUSE, RATED
 from blind.hidden import (
     CONFUSABLE,
     hidden_effect,
@@ -51,8 +51,12 @@ BLOCKS = {
     'confusable': 60,
     'outside': 60,
     'unobservable': 50,
-}  # trials by default
+    'rated_nothing': 200,
+    'rated_single': 2 * 4 * len(HIDEABLE),
+    'rated_pairs': 60,
+}  # trials by default; the rated ones go through all designs of `RATED`
 OUTSIDE = tuple(name for name in OUTSIDE_EFFECTS if name != 'harmless_mismatch')
+RATED_PREFIX = 'rated_'
 MOST_TRIES = 20  # of effects that an arm can stand
 
 
@@ -114,7 +118,16 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
     slipping: tuple[int, ...] = ()
     place = seed - 1 if seed < SCORING else seed - SCORING
     names = list(HIDEABLE)
-    if block == 'single':
+    asked, block = block, block.removeprefix(RATED_PREFIX)
+    rated = asked != block
+    design = 'free' if block == 'unobservable' else 'full'
+    if rated:
+        # Coprime to the number of effects, so that every effect meets every design.
+        design = list(RATED)[place % len(RATED)]
+    if rated and block == 'single':
+        name = names[place % len(names)]
+        effects[name] = hidden_effect(name, int(random.integers(3, 6)), random)
+    elif block == 'single':
         name = names[place // SIZES % len(names)]
         effects[name] = hidden_effect(name, place % SIZES, random)
     elif block == 'pairs':
@@ -140,12 +153,12 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
         name = NEED_LOADS[place % len(NEED_LOADS)]
         effects[name] = hidden_effect(name, int(random.integers(2, 6)), random)
     elif block != 'nothing':
-        raise RequestError(f'no block is called {block}; there are {", ".join(BLOCKS)}')
+        raise RequestError(f'no block is called {asked}; there are {", ".join(BLOCKS)}')
     outside['harmless_mismatch'] = {'size': MISMATCH, 'phase': random.uniform(-3.0, 3.0)}
     return Label(
-        block=block,
+        block=asked,
         seed=seed,
-        design='free' if block == 'unobservable' else 'full',
+        design=design,
         effects=effects,
         outside=outside,
         arm_seed=int(random.integers(1, 2**31)),
@@ -175,7 +188,7 @@ def recorded(label: Label) -> tuple[Sealed, Trial]:
             ),
             protocol=protocol,
             noise=NOISE,
-            rates=RATES,
+            rates=design.rates,
             detail=Detail(elements=float(label.elements)),
         )
         recordings.append(simulate(scenario, memory))

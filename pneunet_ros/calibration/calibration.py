@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pneunet_ros.calibration.consistency import outlier_recordings
+from pneunet_ros.calibration.consistency import describe_misfit, outlier_recordings
 from pneunet_ros.calibration.experiments import FitSequence, LawScore
 from pneunet_ros.calibration.identifiability import undetermined_quantities
 from pneunet_ros.calibration.low_rank import low_rank
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
-from pneunet_ros.calibration.nonuniformity import consider_nonuniformity
+from pneunet_ros.calibration.nonuniformity import consider_nonuniformity, describe_nonuniformity
 from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
 from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.resolution import resolve
@@ -25,6 +25,7 @@ from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain, spanned_domain
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
@@ -67,7 +68,8 @@ def calibrate(
 
     Args:
         unloaded: recordings with nothing attached: pressure in Pa gauge, targets in m in the base
-            frame. May be missing where `earlier` is given.
+            frame. May be missing where `earlier` is given, and of an arm whose pressure never
+            changes.
         loaded: recordings under end load, N and N m in the base frame; may be none.
         frame: an arm that gives length, weight, clamp, targets, effects, and what the recordings
             cannot tell; of a Majidi law also the section.
@@ -89,30 +91,48 @@ def calibrate(
     if kind is not None and kind not in MOMENT_LAW_PARAMETERS:
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
         raise RequestError(f'the moment law must be one of {allowed}, not {kind}')
-    check_runs(unloaded, loaded, frame, first=earlier is None, settings=settings)
-    unloaded = [run.without_load() for run in unloaded]
+    painted = frame.target_arclength
+    count = len(unloaded)
+    frame, runs = with_tip_target(
+        frame, [*unloaded, *loaded], wanted=earlier is not None and earlier.has_tip(painted.size)
+    )
+    unloaded, loaded = [run.without_load() for run in runs[:count]], runs[count:]
+    check_runs(runs[:count], loaded, frame, first=earlier is None, settings=settings)
     runs = [*unloaded, *loaded]
     noise = estimate_noise(runs, frame.target_arclength, frame.sensors, settings.noise_estimate)
     known = frame.domain if earlier is not None else None
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     resolution = resolve(frame, unloaded, loaded, settings.resolution)
+    if resolution.constant_pressure and kind == PiecewiseLinearLaw.kind:
+        raise RequestError(
+            f'the law {kind} has its constants over pressure, and the pressure never changes; '
+            'take --law linear'
+        )
     fits = FitSequence(frame, noise, runs, on_progress, resolution=resolution, settings=settings)
     laws: tuple[LawScore, ...] = ()
     if earlier is not None:
         free = joint = fits.continue_from(earlier, runs, kind, bool(loaded))
+    elif resolution.constant_pressure:
+        free = joint = fits.at_one_pressure(runs, kind or resolution.law)
     else:
         free = joint = fits.first_experiment(unloaded)
-    if loaded and earlier is None:
+    if loaded and earlier is None and not resolution.constant_pressure:
         law = fits.law(kind or resolution.law, fits.stiffness(runs, free))
         joint = fits.joint(runs, free, law)
         if compare and len(loaded) > 1 and resolution.law == PiecewiseLinearLaw.kind:
             laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
     posterior = posterior_of(joint, *fits.span(earlier))
+    notes = undetermined_quantities(joint, settings.identifiability)
     joint = consider_nonuniformity(joint, settings.resolution)
     covariance, explained_variance = low_rank(joint, settings=settings.experiments)
     outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(
-        arm=replace(joint.arm, covariance=covariance, domain=domain_of(joint, known)),
+        arm=replace(
+            joint.arm,
+            target_arclength=painted,
+            covariance=covariance,
+            domain=domain_of(joint, known),
+        ),
         noise=noise,
         posterior=posterior,
         free=free,
@@ -121,14 +141,16 @@ def calibrate(
         explained_variance=explained_variance,
         notes=(
             *resolution.notes,
-            *undetermined_quantities(joint, settings.identifiability),
+            *describe_nonuniformity(joint, settings),
+            *notes,
+            *describe_misfit(joint, settings.consistency),
             *outliers,
         ),
         settings=settings,
     )
 
 
-def domain_of(joint: Fit, known: Domain | None) -> Domain:
+def domain_of(joint: Fit, known: Domain | None = None) -> Domain:
     """Return what the recordings of a fit spanned, and what was known before."""
     seen = [
         np.column_stack([run.inputs.loads, run.inputs.pressure])[run.solved] for run in joint.runs

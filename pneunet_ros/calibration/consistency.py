@@ -66,6 +66,20 @@ def chord(run: RecordingData) -> Array:
     return np.stack([run.x[:, last] - run.x[:, first], run.y[:, last] - run.y[:, first]])
 
 
+def describe_misfit(fit: Fit, known: SameArmSettings = CONSISTENCY) -> list[str]:
+    """Return a sentence where the model misses the targets by much more than noise explains."""
+    chi_squared = fit.chi_squared / max(fit.dof, 1)
+    if chi_squared < known.misfit:
+        return []
+    residual = np.concatenate([run.residual[run.solved].ravel() for run in fit.runs])
+    rms = float(np.sqrt(np.nanmean(residual**2)))
+    return [
+        f'the model misses the targets by {millimeters(rms):.3g} mm rms per coordinate, '
+        f'{np.sqrt(chi_squared):.2g} times what noise explains: something is missing in it (see '
+        '`pneunet diagnose`), and its standard errors, which are those of noise, are too small'
+    ]
+
+
 def outlier_recordings(fit: Fit, known: SameArmSettings = CONSISTENCY) -> list[str]:
     """Return a sentence on each recording that the model says far worse than the others."""
     chi = np.array([float(item.whitened.sum()) / max(int(item.dof.sum()), 1) for item in fit.runs])

@@ -24,8 +24,11 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -131,7 +134,7 @@ class FitSequence:
             hyperparameters=hyperparameters,
             law=law,
             known=earlier,
-            shapes=self.shapes,
+            shapes=self.shapes if earlier is None else earlier.shapes or None,
         )
         return fit(
             parameters,
@@ -154,8 +157,36 @@ class FitSequence:
 
     def stiffness(self, runs: Sequence[RecordingData], free: Fit) -> float:
         """Return the one stiffness EI (N m^2) that explains the loads best, to begin with."""
-        law, frames = self.law('linear', self.first_stiffness), self.settings.experiments
-        return float(self._add_law('stiffness', runs, free, law, frames.first_frames).values[-1])
+        law = self.law(LinearLaw.kind, self.likely_stiffness(runs, free.arm))
+        frames = self.settings.experiments.first_frames
+        return float(self._add_law('stiffness', runs, free, law, frames).values[-1])
+
+    def likely_stiffness(self, runs: Sequence[RecordingData], arm: Arm) -> float:
+        """Return the EI (N m^2) out of some, decades apart, with which the targets fit best."""
+        known, errors = self.settings.experiments, {}
+        runs = [run.thin(known.scanned_frames) for run in runs if run.loaded]
+        for factor in known.stiffness_factors:
+            law = LinearLaw(bending_stiffness=factor * self.first_stiffness)
+            tried = replace(arm, moment_law=law, covariance=None)
+            errors[law.bending_stiffness] = sum(squared_error(tried, run) for run in runs)
+        return min(errors, key=lambda stiffness: errors[stiffness])
+
+    def at_one_pressure(self, runs: Sequence[RecordingData], kind: str) -> Fit:
+        """Fit the curvature at rest and the moment law together: loads alone tell them apart."""
+        straight = replace(
+            self.frame,
+            intrinsic_curvature=IntrinsicCurvature(
+                pressure=self.rows,
+                arclength=self.knots,
+                curvature=np.zeros((self.rows.size, self.knots.size)),
+            ),
+        )
+        first = self.law(LinearLaw.kind, self.likely_stiffness(runs, straight))
+        known = self.settings.experiments
+        search = self.fit('stiffness, search', runs, self.wide, first, most=known.first_frames)
+        law = self.law(kind, float(search.values[-1]))
+        start = np.concatenate([search.values[:-1], law.mean])
+        return self.fit('stiffness', runs, self.wide, law, start)
 
     def joint(
         self,
@@ -216,6 +247,13 @@ class FitSequence:
                 f'{kilopascals(earlier.low):.4g} to {kilopascals(earlier.high):.4g} kPa; '
                 'calibrate anew with all recordings'
             )
+        if earlier.placement.size != 2 * self.frame.target_arclength.size:
+            raise RequestError(
+                f'the calibration to be continued knows {earlier.placement.size // 2} targets, '
+                f'and the new recordings have {self.frame.target_arclength.size} (the pose of the '
+                'tip counts as one); calibrate anew with all recordings'
+            )
+        kind = kind or earlier.kind or PiecewiseLinearLaw.kind
         if earlier.kind and earlier.kind != kind:
             raise RequestError(
                 f'the calibration to be continued has the moment law {earlier.kind}'
@@ -225,3 +263,16 @@ class FitSequence:
             stiffness = earlier.stiffness or self.first_stiffness
             law = self.law(kind, stiffness, (earlier.low, earlier.high))
         return self.fit('all that is new', runs, self.wide, law, earlier=earlier)
+
+
+def squared_error(arm: Arm, run: RecordingData) -> float:
+    """Return the mean square (m^2) of what targets of a run are beside an arm.
+
+    A frame without equilibrium counts as if the arm were a length away.
+    """
+    model = ForwardModel(arm.target_arclength)
+    (inputs,) = inputs_of(arm, [run])
+    solved = model.solve(arm, inputs)
+    apart = np.nan_to_num(run.points - model.points) ** 2
+    apart[~solved] = arm.length**2
+    return float(np.mean(apart))

@@ -37,18 +37,21 @@ def low_rank(
     return ModelCovariance(quantities=names, factor=rounded), share
 
 
-def shape_jacobian(fit: Fit, count: int) -> Array:
+def shape_jacobian(fit: Fit, count: int, places: Array | None = None) -> Array:
     """Return how the arm moves per parameter in so many frames of every run, (points, parameters).
 
-    Its targets; where these are few, its knots too, and unloaded at the pressures of the table.
+    places (m) of the arm: its targets; where these are few, its knots too, and then also unloaded
+    at the pressures of the table. Points are x, then y of all places, frame by frame.
     """
     arm, parameters = fit.arm, fit.parameters
     inputs = [run_inputs(run, count) for run in fit.runs]
-    places = arm.target_arclength
     if parameters.shapes is not None:
-        places = np.union1d(places, arm.length * parameters.arclength)
         rows = parameters.pressure
         inputs.append(Inputs(pressure=rows, loads=np.zeros((rows.size, 3))))
+    if places is None:
+        places = arm.target_arclength
+        if parameters.shapes is not None:
+            places = np.union1d(places, arm.length * parameters.arclength)
     return np.concatenate([jacobian_at(fit, item, places) for item in inputs])
 
 

@@ -13,10 +13,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from pneunet_ros.calibration.low_rank import shape_jacobian
 from pneunet_ros.calibration.parameters import correlation, Parameters
+from pneunet_ros.calibration.posterior import all_information
 from pneunet_ros.calibration.result import Fit
-from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
+from pneunet_ros.calibration.settings import (
+    CalibrationSettings,
+    EXPERIMENTS,
+    ExperimentSettings,
+    RESOLUTION,
+    ResolutionSettings,
+)
 from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.units import millimeters
 
 
 def consider_nonuniformity(fit: Fit, known: ResolutionSettings = RESOLUTION) -> Fit:
@@ -25,10 +34,32 @@ def consider_nonuniformity(fit: Fit, known: ResolutionSettings = RESOLUTION) -> 
     if parameters.shapes is None:
         return fit
     prior = departure_prior(parameters, fit.values, known)
-    errors = fit.covariance @ fit.information[:, : parameters.cells]
+    errors = fit.covariance @ all_information(fit)[:, : parameters.cells]
     errors[: parameters.cells] -= np.eye(parameters.cells)
     covariance = fit.covariance + errors @ prior @ errors.T
     return replace(fit, covariance=frozen_array(covariance))
+
+
+def shape_std(fit: Fit, settings: ExperimentSettings = EXPERIMENTS) -> tuple[float, float]:
+    """Return the largest standard error (m) of where the arm is, and at which s / l."""
+    places = fit.arm.length * fit.parameters.arclength
+    moved = shape_jacobian(fit, settings.covariance_frames, places)
+    variance = np.einsum('ij,jk,ik->i', moved, fit.covariance, moved)
+    total = variance.reshape(-1, 2, places.size).sum(axis=1)
+    worst = int(np.argmax(total.max(axis=0)))
+    return float(np.sqrt(total.max())), float(fit.parameters.arclength[worst])
+
+
+def describe_nonuniformity(fit: Fit, settings: CalibrationSettings) -> list[str]:
+    """Return a sentence on how well the shape is known where few targets show it."""
+    if fit.parameters.shapes is None:
+        return []
+    std, share = shape_std(fit, settings.experiments)
+    return [
+        f'where no target shows it, the shape is uncertain: by up to {millimeters(std):.2g} mm '
+        f'(one sigma, at s / l = {share:.2g}), as an arm may bend unevenly by '
+        f'{settings.resolution.nonuniform:g} of its curvature; the covariance of the model has it'
+    ]
 
 
 def departure_prior(parameters: Parameters, values: Array, known: ResolutionSettings) -> Array:

@@ -107,6 +107,9 @@ class Parameters:
     def arm(self, values: Array) -> Arm:
         """Return the arm with these values; ModelError where there is none."""
         table = values[: self.cells].reshape(self.pressure.size, self.arclength.size)
+        if self.shapes is not None:  # the prior holds it to them but for its nugget
+            _, basis = shape_basis(self.arclength, self.shapes)
+            table = np.linalg.lstsq(basis, table.T)[0].T @ basis.T
         curvature = IntrinsicCurvature(
             pressure=self.pressure, arclength=self.arclength, curvature=table
         )

@@ -11,6 +11,7 @@ from pneunet_ros.calibration.settings import (
     CalibrationSettings,
     PRECONDITIONS,
     PreconditionSettings,
+    ResolutionSettings,
 )
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
@@ -31,57 +32,114 @@ def check_runs(
     first: nothing is known of the arm yet.
     """
     known = settings.preconditions
-    if not unloaded and (first or not loaded):
+    runs = [*unloaded, *loaded]
+    constant = bool(loaded) and has_one_pressure(runs, arm, settings.resolution)
+    if not unloaded and ((first and not constant) or not loaded):
         raise RequestError(
             'no unloaded recording: the curvature kappa_p0 comes from an arm without end load; '
             'name such recordings after --unloaded'
         )
-    frames = sum(len(run.stamp_ns) for run in (*unloaded, *loaded))
+    without = [run for run in runs if not run.pressurized]
+    if without and len(without) < len(runs):
+        raise RecordingError(
+            f'{names_of(without)}: there is no pressure topic, and the other recordings have one; '
+            'record the pressure (see --topic), also where it is zero'
+        )
+    if without and not loaded:
+        raise RecordingError(
+            f'{names_of(without)}: there is no pressure topic (see --topic); of an arm that has '
+            'no pressure recordings under load are needed, after --loaded'
+        )
+    frames = sum(len(run.stamp_ns) for run in runs)
     if first and frames < known.fewest_frames:
         raise RecordingError(
-            f'{", ".join(run.name for run in (*unloaded, *loaded))}: {frames} frames with targets '
-            f'and a pressure; at least {known.fewest_frames} are needed, of all recordings '
-            'together'
+            f'{names_of(runs)}: {frames} frames with targets and a pressure; at least '
+            f'{known.fewest_frames} are needed, of all recordings together'
         )
-    for run in (*unloaded, *loaded):
+    for run in runs:
         check_targets(run, arm, known)
         check_units(run, arm, known)
     for run in unloaded:
         check_unloaded(run, known)
     for run in loaded:
-        if not run.loaded or float(np.max(np.hypot(*run.force.T))) < known.smallest_force:
-            raise RecordingError(
-                f'{run.name} was given as loaded, but it has no end force above '
-                f'{known.smallest_force} N; name it after --unloaded'
-            )
-        if float(np.max(np.abs(run.force))) > known.largest_force * arm.weight:
-            raise RecordingError(
-                f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
-                f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)'
-            )
-        if motion(run) < known.smallest_motion:
-            raise RecordingError(
-                f'{run.name}: the targets hardly move, so it says nothing of the moment law; '
-                'change the pressure or the load within a recording'
-            )
+        check_loads(run, arm, known)
     check_same_arm(unloaded, arm.length, settings.consistency)
-    if not first:
-        return
+    if loaded:
+        check_bending(runs if constant else loaded, known)
+    if first and unloaded:
+        check_pressures(unloaded, arm, known, constant=constant)
+    if first and constant and not unloaded:
+        check_different_loads(loaded, arm, known)
+
+
+def has_one_pressure(runs: Sequence[RecordingData], arm: Arm, known: ResolutionSettings) -> bool:
+    """Whether the pressure of these recordings never changes by more than its sensor's noise."""
+    pressures = np.concatenate([run.frame_pressure for run in runs])
+    same = max(known.same_pressure, known.noise_span * arm.sensors.pressure_std)
+    return bool(np.ptp(pressures) <= same)
+
+
+def check_loads(run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS) -> None:
+    """Raise RecordingError where a loaded recording has no load, or one that no arm carries."""
+    if not run.loaded or float(np.max(np.hypot(*run.force.T))) < known.smallest_force:
+        raise RecordingError(
+            f'{run.name} was given as loaded, but it has no end force above '
+            f'{known.smallest_force} N; name it after --unloaded'
+        )
+    if float(np.max(np.abs(run.force))) > known.largest_force * arm.weight:
+        raise RecordingError(
+            f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
+            f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)'
+        )
+
+
+def check_bending(runs: Sequence[RecordingData], known: PreconditionSettings) -> None:
+    """Raise RecordingError where the targets stay in one place under all loads."""
+    if motion(runs) < known.smallest_motion:
+        raise RecordingError(
+            f'{names_of(runs)}: the targets hardly move, so they say nothing of the moment law; '
+            'change the pressure or the load, within a recording or between them'
+        )
+
+
+def check_different_loads(
+    loaded: Sequence[RecordingData], arm: Arm, known: PreconditionSettings
+) -> None:
+    """Raise RecordingError where one load alone, at one pressure, is all there is."""
+    force = np.concatenate([run.force for run in loaded])
+    reach = float(np.max(np.ptp(force, axis=0)))
+    if reach < max(known.smallest_force, known.load_noise * arm.sensors.force_std):
+        raise RecordingError(
+            f'{names_of(loaded)}: one load at one pressure; how the arm bends at rest and how '
+            'stiff it is cannot be told apart: record another load, or the arm without one '
+            '(--unloaded)'
+        )
+
+
+def check_pressures(
+    unloaded: Sequence[RecordingData], arm: Arm, known: PreconditionSettings, *, constant: bool
+) -> None:
+    """Raise RecordingError where unloaded recordings do not show what the pressure does.
+
+    constant: it never changes, also under load.
+    """
     pressures = np.concatenate([run.frame_pressure for run in unloaded])
-    names = ', '.join(run.name for run in unloaded)
-    moved = max(motion(run) for run in unloaded)
+    names = names_of(unloaded)
+    moved = max(motion([run]) for run in unloaded)
     highest = float(np.max(np.abs(pressures)))
     if highest < known.smallest_span and moved > known.bending_motion * arm.length:
         raise RecordingError(
             f'{names}: the pressure never exceeds {highest:.3g} Pa, and yet the arm moves by '
             f'{millimeters(moved):.3g} mm; pressure must be gauge, in Pa, not in kPa, mbar or psi'
         )
+    if constant:
+        return
     if np.ptp(pressures) < known.smallest_span:
         raise RecordingError(
             f'{names} span {kilopascals(float(np.ptp(pressures))):.2g} kPa of pressure: kappa_p0 '
             'needs at least two pressures; record a ramp or a staircase'
         )
-    if moved < known.smallest_motion:
+    if moved < known.smallest_motion and motion(unloaded) < known.smallest_motion:
         raise RecordingError(
             f'{names}: the targets hardly move although the '
             'pressure changes; do the target topic and the pressure belong together?'
@@ -107,8 +165,11 @@ def check_targets(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
             'recordings of different arms cannot be calibrated together (see --arm)'
         )
-    if np.count_nonzero(run.seen.any(axis=0)) < min(known.fewest_targets, run.x.shape[1]):
-        raise RecordingError(f'{run.name} shows fewer than {known.fewest_targets} targets')
+    seen = np.count_nonzero(run.seen, axis=0) > 0
+    if np.count_nonzero(seen) < known.fewest_targets and not seen[-1]:
+        raise RecordingError(
+            f'{run.name} shows fewer than {known.fewest_targets} targets, and never the last'
+        )
 
 
 def check_units(run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS) -> None:
@@ -133,12 +194,18 @@ def check_units(run: RecordingData, arm: Arm, known: PreconditionSettings = PREC
         )
 
 
-def motion(run: RecordingData) -> float:
-    """Return how far the last target that is ever seen moves (m)."""
-    last = int(np.flatnonzero(run.seen.any(axis=0))[-1])
+def motion(runs: Sequence[RecordingData]) -> float:
+    """Return how far the last target that is ever seen moves (m), in all of the recordings."""
+    x, y = (np.concatenate([getattr(run, name) for run in runs]) for name in 'xy')
+    last = int(np.flatnonzero(np.isfinite(x).any(axis=0))[-1])
     return float(
         np.hypot(
-            np.nanmax(run.x[:, last]) - np.nanmin(run.x[:, last]),
-            np.nanmax(run.y[:, last]) - np.nanmin(run.y[:, last]),
+            np.nanmax(x[:, last]) - np.nanmin(x[:, last]),
+            np.nanmax(y[:, last]) - np.nanmin(y[:, last]),
         )
     )
+
+
+def names_of(runs: Sequence[RecordingData]) -> str:
+    """Return the names of recordings as a list for a sentence."""
+    return ', '.join(run.name for run in runs)

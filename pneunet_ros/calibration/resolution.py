@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pneunet_ros.calibration.preconditions import has_one_pressure
 from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.measurement.dataset import RecordingData
@@ -50,21 +51,25 @@ def resolve(
     runs = [*unloaded, *loaded]
     seen = np.any([run.seen.any(axis=0) for run in runs], axis=0)
     targets = arm.target_arclength[seen].tolist()
-    shapes = min(resolved_shapes(targets, arm.length, known), known.knots)
+    shapes = count_apart([0.0, *targets], known.apart * arm.length) - 1
+    with_heading = any(run.heading is not None for run in runs)
+    shapes = min(max(shapes + with_heading, 1), known.knots)
     pressure = np.sort(np.concatenate([run.frame_pressure for run in runs]))
     same = max(known.same_pressure, known.noise_span * arm.sensors.pressure_std)
-    pressures = 1 + int(np.count_nonzero(np.diff(pressure) > same))
-    constant = bool(pressure[-1] - pressure[0] <= same)
+    pressures = count_apart(pressure.tolist(), same)
+    constant = has_one_pressure(runs, arm, known)
     notes = []
     if shapes == 1:
         notes.append(
-            f'the curvature along the arm is taken as constant: {count_of(targets, "target")}, '
-            f'{places(targets)}, tell no more'
+            'the curvature along the arm is taken as constant, as no more is seen than '
+            f'{count_of(targets, "target")}, {places(targets)}'
         )
     elif shapes < known.knots:
+        heading = ' and a heading of the tip' if with_heading else ''
         notes.append(
             f'the curvature along the arm is described by {shapes} numbers, as many as there are '
-            f'targets beyond the clamp that stand apart ({count_of(targets, "target")} seen)'
+            f'targets beyond the clamp that stand apart{heading} '
+            f'({count_of(targets, "target")} seen)'
         )
     if constant:
         notes.append(
@@ -81,9 +86,9 @@ def resolve(
     if loaded and (frames < known.law_frames or shapes < known.law_shapes or constant):
         law = LinearLaw.kind
         notes.append(
-            f'the moment law is one stiffness EI: {count_of(range(frames), "loaded frame")} of '
-            f'{count_of(targets, "target")} at {count_of(range(pressures), "pressure")} tell no '
-            'more (--law fits another)'
+            'the moment law is one stiffness EI, as no more is seen than '
+            f'{count_of(range(frames), "loaded frame")} of {count_of(targets, "target")} at '
+            f'{count_of(range(pressures), "pressure")} (--law fits another)'
         )
     return Resolution(
         shapes=shapes,
@@ -95,13 +100,13 @@ def resolve(
     )
 
 
-def resolved_shapes(targets: Sequence[float], length: float, known: ResolutionSettings) -> int:
-    """Return how many targets (m) stand apart from the clamp and from each other, at least 1."""
-    last, count = 0.0, 0
-    for target in targets:
-        if target - last > known.apart * length:
-            last, count = target, count + 1
-    return max(count, 1)
+def count_apart(values: Sequence[float], distance: float) -> int:
+    """Return how many of increasing values lie further than a distance above one another."""
+    last, count = values[0], 1
+    for value in values:
+        if value - last > distance:
+            last, count = value, count + 1
+    return count
 
 
 def count_of(items: Sequence[object], name: str) -> str:

@@ -16,6 +16,7 @@ class PreconditionSettings:
     smallest_span: float = tuning(1000.0, 'of pressure, over all unloaded recordings', unit='Pa')
     smallest_motion: float = tuning(5e-4, 'of the tip', unit='m')
     smallest_force: float = tuning(0.005, 'for a load', unit='N')
+    load_noise: float = tuning(8.0, 'loads that differ by more are two', unit='sigma')
     unloaded_force: float = tuning(0.02, 'more than the offset of a force sensor', unit='N')
     largest_pressure: float = tuning(1e6, 'gauge', unit='Pa')
     bending_motion: float = tuning(
@@ -37,6 +38,7 @@ class SameArmSettings:
     two_arms_unknown: float = tuning(0.06, 'where nothing shows what the past does', unit='length')
     times_past: float = tuning(3.0, 'as much as the past does')
     outlier: float = tuning(5.0, 'chi squared per coordinate of an outlier recording')
+    misfit: float = tuning(4.0, 'chi squared per coordinate of a model that lacks something')
     times_others: float = tuning(5.0, "of an outlier, over the others' median")
 
 
@@ -45,12 +47,16 @@ class NoiseEstimateSettings:
     """How the noise of recordings is found."""
 
     fewest: int = tuning(20, 'values for an estimate, and frames of a run to take them from')
+    restless: float = tuning(1.5, 'readings of a run that moves', unit='of the quietest run')
     even: float = tuning(1.5, 'mean over targets, of an even motion', unit='sigma')
     at_clamp: float = tuning(0.01, 'so near a target does not move with the arm', unit='length')
     blocks: int = tuning(8, 'of a run, whose means show the drift of the camera')
     smooth_degree: int = tuning(6, 'of the polynomial that a straight arm follows')
     fewest_targets: int = tuning(12, 'for a placement')
     straightest: float = tuning(0.1, 'share of the unloaded frames')
+    heading: float = tuning(
+        0.02, 'of a measured heading, where nothing tells', unit='rad', source='invented'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +96,10 @@ class ExperimentSettings:
     uniform: float = tuning(1e3, 'length scale of what is the same all along', unit='length')
     outliers: float = tuning(0.002, 'readings beyond the range at either end', unit='share')
     first_frames: int = tuning(40, 'of every run, for the search before the fit to all')
+    scanned_frames: int = tuning(5, 'of every loaded run, where a stiffness is looked for')
+    stiffness_factors: tuple[float, ...] = tuning(
+        (1.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1e3, 1e4), 'that are tried', unit='first stiffness'
+    )
     compared_frames: int = tuning(60, 'of every run, where moment laws are compared')
     first_stiffness: float = tuning(0.05, 'alpha where the search for it begins')
     covariance_frames: int = tuning(24, "of every run, for the covariance's few columns")

@@ -24,12 +24,13 @@ from pneunet_ros.cli.verb import (
     progress_bar,
 )
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.printable import printable
 from pneunet_ros.core.settings import settings_changed
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.model_file import load_model, save_model
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.model.moment_law import PiecewiseLinearLaw
+from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
 from pneunet_ros.offline.calibration_files import (
     described_arm,
     inputs_of,
@@ -69,8 +70,8 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--law',
         choices=tuple(MOMENT_LAW_PARAMETERS),
-        default=PiecewiseLinearLaw.kind,
-        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10)',
+        help=f'moment law to fit (default: {PiecewiseLinearLaw.kind}, Eq 10; where the loaded '
+        f'frames are too few for it, {LinearLaw.kind})',
     )
     parser.add_argument(
         '--continue',
@@ -168,8 +169,8 @@ def provenance_of(
     return {
         'source': f'pneunet calibrate {__version__}',
         'recordings': inputs_of(paths),
-        'arm': (arguments.arm or arguments.earlier or Path(PAPER_ARM)).name,
-        'continued': None if arguments.earlier is None else arguments.earlier.name,
+        'arm': printable((arguments.arm or arguments.earlier or Path(PAPER_ARM)).name),
+        'continued': None if arguments.earlier is None else printable(arguments.earlier.name),
         'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),
         'coordinates': joint.dof,
         'settings': settings_changed(calibration.settings),

@@ -53,18 +53,21 @@ def pressure_rows(pressure: Array, at: npt.ArrayLike) -> tuple[npt.NDArray[np.in
     """Rows below `at` in a table over pressure, and the weight of the row above.
 
     pressure (rows,) Pa increasing, at (...) Pa; returns the row index and the weight, each (...).
+    Of a single row all weight is on the row after the last, which is that row again.
     """
     at = np.asarray(at, dtype=np.float64)
+    if pressure.size == 1:
+        return np.full(at.shape, -1), np.ones(at.shape)
     row = np.clip(np.searchsorted(pressure, at, side='right') - 1, 0, pressure.size - 2)
     return row, (at - pressure[row]) / (pressure[row + 1] - pressure[row])
 
 
 def checked_pressures(pressure: npt.ArrayLike, where: str) -> Array:
-    """Return a table's pressure column: two or more rows, finite, increasing; else ModelError."""
+    """Return a table's pressure column: finite, increasing, one row or more; else ModelError."""
     column = table_array(pressure, f'{where}.pressure', 1)
-    if column.size < 2 or not np.all(np.diff(column) > 0.0):
+    if column.size < 1 or not np.all(np.diff(column) > 0.0):
         raise ModelError(
-            f'{where}.pressure must hold at least two strictly increasing values in Pa'
+            f'{where}.pressure must hold strictly increasing values in Pa, one or more'
         )
     return column
 

@@ -9,7 +9,8 @@ import numpy as np
 from pneunet_ros.calibration.experiments import FitSequence
 from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
-from pneunet_ros.calibration.preconditions import check_runs
+from pneunet_ros.calibration.preconditions import check_runs, has_one_pressure
+from pneunet_ros.calibration.resolution import resolve
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CalibrationSettings
 from pneunet_ros.core.errors import RequestError
@@ -39,15 +40,12 @@ def fit_base(
     """Fit; RequestError and RecordingError where the recordings are not fit for it."""
     unloaded = [run for run in training if not run.loaded]
     loaded = [run for run in training if run.loaded]
-    if not unloaded:
+    one_pressure = has_one_pressure(training, frame, calibration.resolution)
+    if not unloaded and not one_pressure:
         raise RequestError(
             'a diagnosis needs a training recording without a load: it says what the arm does '
             'by pressure alone'
         )
-    uniform = has_uniform_curvature(frame)
-    if uniform:
-        fewer = replace(calibration.preconditions, fewest_frames=settings.fewest_uniform)
-        calibration = replace(calibration, preconditions=fewer)
     check_runs(unloaded, loaded, frame, settings=calibration)
     noise = estimate_noise(
         training, frame.target_arclength, frame.sensors, calibration.noise_estimate
@@ -57,11 +55,25 @@ def fit_base(
     frame = replace(frame, sensors=noise.noise, covariance=None)
     most = settings.first_frames
     unloaded, loaded = ([run.thin(most) for run in runs] for runs in (unloaded, loaded))
-    fits = FitSequence(frame, noise, training, on_progress, uniform=uniform, settings=calibration)
+    resolution = resolve(frame, unloaded, loaded, calibration.resolution)
+    fits = FitSequence(
+        frame,
+        noise,
+        training,
+        on_progress,
+        uniform=has_uniform_curvature(frame) or resolution.shapes == 1,
+        resolution=resolution if one_pressure else None,
+        settings=calibration,
+    )
+    kind = frame.moment_law.kind
+    if one_pressure and loaded and kind in MOMENT_LAW_PARAMETERS:
+        return BaseFit(
+            frame=frame, noise=noise, fit=fits.at_one_pressure([*unloaded, *loaded], kind)
+        )
     fit = fits.first_experiment(unloaded)
-    if loaded and frame.moment_law.kind in MOMENT_LAW_PARAMETERS:
+    if loaded and kind in MOMENT_LAW_PARAMETERS:
         runs = [*unloaded, *loaded]
-        law = fits.law(frame.moment_law.kind, fits.stiffness(runs, fit))
+        law = fits.law(kind, fits.stiffness(runs, fit))
         fit = fits.joint(runs, fit, law, most)
     return BaseFit(frame=frame, noise=noise, fit=fit)
 

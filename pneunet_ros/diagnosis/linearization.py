@@ -23,7 +23,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.measurement.linearization import FittedRun, linearize
-from pneunet_ros.measurement.pressure_filter import smooth_pressure
+from pneunet_ros.measurement.pressure_filter import filter_pressure
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import THETA
@@ -86,6 +86,32 @@ class LinearizationPoint:
         )
 
 
+class KnownInputs:
+    """What acted on arms in runs: once for every set of effects of sensing and actuation."""
+
+    def __init__(
+        self,
+        runs: Sequence[RecordingData],
+        noise: SensorNoise,
+        settings: LinearizationSettings = DEFAULTS.linearization,
+    ) -> None:
+        self.filtered = [
+            filter_pressure(run, noise.pressure_std, settings.pressure_filter) for run in runs
+        ]
+        self.known: dict[tuple[Effect, ...], list[Inputs]] = {}
+
+    def of(self, arm: Arm) -> list[Inputs]:
+        """Return what acted on an arm in all runs; the noise of a reading has no past."""
+        key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting))
+        if key not in self.known:
+            all_inputs = inputs_of(arm, [item.run for item in self.filtered])
+            self.known[key] = [
+                replace(inputs, pressure=inputs.pressure + item.noise)
+                for inputs, item in zip(all_inputs, self.filtered, strict=True)
+            ]
+        return self.known[key]
+
+
 class Linearization:
     """All runs around one point. `training` says how many of the runs, the first, are to fit."""
 
@@ -96,17 +122,12 @@ class Linearization:
         training: int,
         noise: SensorNoise,
         settings: LinearizationSettings = DEFAULTS.linearization,
-        known_inputs: dict[tuple[Effect, ...], list[Inputs]] | None = None,
+        known_inputs: KnownInputs | None = None,
     ) -> None:
         self.settings = settings
         self.point, self.runs, self.training, self.noise = point, tuple(runs), training, noise
         # What acted does not depend on the base model: one table for all points.
-        self.known_inputs = {} if known_inputs is None else known_inputs
-        self.smoothed = [smooth_pressure(run, settings.pressure_filter) for run in self.runs]
-        self.pressure_noise = [
-            run.frame_pressure - smooth.frame_pressure
-            for run, smooth in zip(self.runs, self.smoothed, strict=True)
-        ]
+        self.known_inputs = known_inputs or KnownInputs(self.runs, noise, settings)
         parameters = point.with_effects()
         arm = parameters.arm(point.values)
         self.length = arm.length
@@ -116,7 +137,7 @@ class Linearization:
         values = np.concatenate([point.values, point.placement.ravel()])
         self.scale, self.mean = prior.scale[:shared, :shared], prior.mean[:shared]
         self.position = np.linalg.solve(self.scale, values - self.mean)
-        all_inputs = self.all_inputs(arm)
+        all_inputs = self.known_inputs.of(arm)
         regressors = Regressors.of(arm, self.runs, all_inputs, settings)
         self.blocks = [
             self.block(prior, which, arm, inputs, regressors)
@@ -211,21 +232,10 @@ class Linearization:
             out.append(block.white(residual.reshape(len(residual), -1, 1))[:, 0])
         return out
 
-    def all_inputs(self, arm: Arm) -> list[Inputs]:
-        """Return what acted on an arm in all runs; the noise of a reading has no past."""
-        key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting))
-        if key not in self.known_inputs:
-            all_inputs = inputs_of(arm, self.smoothed)
-            self.known_inputs[key] = [
-                replace(inputs, pressure=inputs.pressure + more)
-                for inputs, more in zip(all_inputs, self.pressure_noise, strict=True)
-            ]
-        return self.known_inputs[key]
-
     def points(self, arm: Arm, which: range) -> list[Array] | None:
         """Return the measured points (frames, 2, targets) m of an arm; None where it has none."""
         out = []
-        all_inputs = self.all_inputs(arm)
+        all_inputs = self.known_inputs.of(arm)
         for place in which:
             inputs = all_inputs[place]
             block = self.blocks[place]

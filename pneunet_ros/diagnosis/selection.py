@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.progress import OnProgress
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.lack_of_fit import lack_of_fit_tests, LackOfFit, MapFunction
 from pneunet_ros.diagnosis.linearization import Linearization
@@ -21,8 +23,11 @@ class Record:
     """What came of effects that were fitted jointly.
 
     dof: their numbers; evidence over the base, in log probability; gain in chi squared; tests:
-    what they leave; plausible: no size is far beyond its prior range. run_chi_squared:
-    of the whitened residuals of each run, held-out ones too.
+    what they leave; plausible: no size is far beyond its prior range. outside_prior: sentences on
+    parameters beyond theirs. run_chi_squared: of the whitened residuals of each run, held-out ones
+    too, and coordinates: their number. log_probability: of the training runs, without: of all but
+    each in turn, both linearized at the fit to all; predicted: of the held-out runs given the
+    training ones. held_out (rows,): whitened residuals of held-out runs.
     """
 
     names: tuple[str, ...]
@@ -33,6 +38,12 @@ class Record:
     adequate: bool
     plausible: bool
     run_chi_squared: tuple[float, ...] = ()
+    coordinates: tuple[int, ...] = ()
+    outside_prior: tuple[str, ...] = ()
+    log_probability: float = 0.0
+    without: tuple[float, ...] = ()
+    predicted: float = 0.0
+    held_out: tuple[Array, ...] = ()
 
     @property
     def excess(self) -> float:
@@ -97,6 +108,14 @@ class Selection:
             adequate=is_adequate(tests, lack_of_fit.level, allowed),
             plausible=is_plausible(trial, self.settings.selection.plausible),
             run_chi_squared=gaussian.squares,
+            coordinates=tuple(2 * int(run.seen.sum()) for run in all_runs.runs),
+            outside_prior=parameters_outside_prior(trial, self.settings.score_test.prior_range),
+            log_probability=trial.gaussian.log_probability(),
+            without=tuple(
+                trial.gaussian.log_probability(which) for which in range(all_runs.training)
+            ),
+            predicted=predicted_probability(gaussian, all_runs.training),
+            held_out=gaussian.residuals[all_runs.training :],
         )
         self.tried[frozenset(record.names)] = record
         return Trial(record=record, refit=trial)
@@ -205,7 +224,7 @@ class Selection:
         pairs = zip(trial.refit.hypotheses, trial.refit.effects, strict=True)
         rest = [(item, effect) for item, effect in pairs if item.name != name]
         known = self.tried.get(frozenset(item.name for item, _ in rest))
-        if known is not None and known.evidence < least:
+        if known is not None and known.evidence < least and not is_absent(trial.refit, name):
             return None
         hypotheses = tuple(item for item, _ in rest)
         numbers = np.concatenate([item.numbers(effect) for item, effect in rest])
@@ -253,6 +272,19 @@ def is_worth_adding(
     return better.record.excess < settings.most_left * trial.record.excess
 
 
+def is_absent(fit: Refit, name: str) -> bool:
+    """Whether an effect of a fit has no size that differs from nothing by its standard error.
+
+    It led the fit out of a poor minimum of the others, and is not what explains.
+    """
+    stds = split_numbers(fit.hypotheses, np.sqrt(np.diag(fit.covariance)))
+    parts = zip(fit.hypotheses, split_numbers(fit.hypotheses, fit.numbers), stds, strict=True)
+    return any(
+        item.name == name and all(abs(numbers[size]) <= std[size] for size in item.sizes)
+        for item, numbers, std in parts
+    )
+
+
 def is_plausible(fit: Refit, most: float) -> bool:
     """Whether no size of the effects is further from its prior mean than so many deviations."""
     parts = split_numbers(fit.hypotheses, fit.numbers)
@@ -260,6 +292,34 @@ def is_plausible(fit: Refit, most: float) -> bool:
         bool(np.all(np.abs(numbers - item.mean) <= most * item.std))
         for item, numbers in zip(fit.hypotheses, parts, strict=True)
     )
+
+
+def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
+    """Return a sentence on every parameter that is beyond its prior range by two of its errors.
+
+    ends: of the range of a size, in prior standard deviations; that of a shape ends at one.
+    """
+    stds = np.split(np.sqrt(np.diag(fit.covariance)), np.cumsum([i.size for i in fit.hypotheses]))
+    parts = split_numbers(fit.hypotheses, fit.numbers)
+    return tuple(
+        f'{item.name}.{coordinate.parameter} = {coordinate.value(float(number)):.3g} '
+        f'{coordinate.unit} lies outside its prior range'
+        for item, numbers, errors in zip(fit.hypotheses, parts, stds, strict=False)
+        for coordinate, number, error in zip(item.coordinates, numbers, errors, strict=True)
+        if abs(number - coordinate.mean) - 2.0 * error
+        > (1.0 if coordinate.shape else ends) * coordinate.std
+    )
+
+
+def predicted_probability(gaussian: GaussianModel, training: int) -> float:
+    """Return the log probability of held-out runs given those of the training, the first."""
+    known = GaussianModel.of(
+        gaussian.columns[:training],
+        gaussian.residuals[:training],
+        gaussian.position,
+        gaussian.grams[:training],
+    )
+    return gaussian.log_probability() - known.log_probability()
 
 
 def evidence_margin(evidence: float, settings: SelectionSettings = DEFAULTS.selection) -> float:

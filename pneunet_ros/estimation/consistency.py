@@ -224,8 +224,8 @@ def add_frame(
     settings: ConsistencySettings,
 ) -> tuple[RunningInnovation, FrameInnovation]:
     """Take a frame into the running means; after a gap of `watch_time` they start anew."""
-    assert estimate.sensitivity is not None and estimate.noise is not None
-    predicted = predict_targets(estimator.table, estimate.sensitivity, estimate.noise)
+    assert estimate.noise is not None and estimate.second_order is not None
+    predicted = predict_targets(estimator.table, estimate.noise, estimate.second_order)
     frame = innovation(predicted, sightings, estimator.arm.sensors)
     assert frame is not None
     stamp_ns, time = sightings.stamp_ns, estimator.settings.watch_time

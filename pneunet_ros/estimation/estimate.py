@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.measurement.second_order import SecondOrder
 from pneunet_ros.model.domain_position import DomainPosition
-from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.shape import Shape
 
 
@@ -21,8 +21,8 @@ class ShapeEstimate:
     no wrench is needed; warnings: sentences about what limits the estimate. position: where its
     load stands to the domain of the model.
 
-    sensitivity and noise (sources, causes), the noise input matrix: the linearization from which
-    covariance and standard deviations come, so that nobody has to linearize again.
+    noise (sources, causes), the noise input matrix, and second_order, with the linearization in
+    it: from these covariance and standard deviations come, so that nobody has to linearize again.
     """
 
     stamp_ns: int
@@ -36,8 +36,8 @@ class ShapeEstimate:
     wrench_age: float | None
     warnings: tuple[str, ...]
     position: DomainPosition | None = None
-    sensitivity: Sensitivity | None = None
     noise: Array | None = None
+    second_order: SecondOrder | None = None
 
 
 Outcome = ShapeEstimate | Refusal | None

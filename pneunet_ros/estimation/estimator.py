@@ -22,6 +22,7 @@ from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, w
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit, EstimatorState
 from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE, propagate_covariance
+from pneunet_ros.measurement.second_order import second_order
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
 from pneunet_ros.model.equilibrium import (
@@ -130,10 +131,21 @@ class Estimator:
         noise = with_model_error(noise, position)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
         stations = sensitivity.stations(self.arclength)
-        if not propagate_covariance(noise, sensitivity.tip, stations, covariance, std):
-            sentence = 'the shape answers to its loads without bound (limit point)'
+        curved = second_order(sensitivity, noise)
+        if curved is None or not propagate_covariance(
+            noise, sensitivity.tip, stations, covariance, std
+        ):
+            sentence = (
+                'the shape answers to its loads without bound (limit point), '
+                'or readings and model are too uncertain for any covariance'
+            )
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
             return state.with_reading(reading.stamp_ns, history), refusal
+        if curved.step < 1.0:
+            notes.append('an error of one sigma leads to no equilibrium, or to another one')
+        further = curved.stations(self.arclength)
+        covariance += np.outer(further[:, -1], further[:, -1])
+        std[:2] = np.hypot(std[:2], further[:2])
         freeze(std)
         estimate = ShapeEstimate(
             stamp_ns=reading.stamp_ns,
@@ -147,8 +159,8 @@ class Estimator:
             wrench_age=age,
             warnings=tuple(notes),
             position=position,
-            sensitivity=sensitivity,
             noise=noise,
+            second_order=curved,
         )
         return state.with_estimate(reading.stamp_ns, history, shape.solution), estimate
 
@@ -214,10 +226,10 @@ class Estimator:
 
 def with_model_error(noise: Array, position: DomainPosition) -> Array:
     """Return the noise input matrix with the model's own error beyond its domain, as sources."""
-    if not len(position.error):
+    if not any(position.error):
         return noise
     more = np.zeros((len(position.error), noise.shape[1]))
-    more[:, : PRESSURE + 1] = position.error
+    more[:, : PRESSURE + 1] = np.diag(position.error)
     return np.vstack([noise, more])
 
 

@@ -34,12 +34,16 @@ DAMAGED_ARCHIVE = (
 )
 
 
-def read_arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
-    """Return these arrays of an archive; raises one of DAMAGED_ARCHIVE where that cannot be."""
+def read_arrays(path: Path, names: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
+    """Return these arrays of an archive, and the optional ones that it has.
+
+    Raises one of DAMAGED_ARCHIVE where that cannot be.
+    """
     with open_regular(path) as stream:
         with ZipFile(stream) as archive:
             if sum(item.file_size for item in archive.infolist()) > LARGEST_ARCHIVE:
                 raise ValueError(f'it holds more than {LARGEST_ARCHIVE // 1_000_000} MB')
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as content:
-            return {name: content[name] for name in names}
+            found = [*names, *(name for name in optional if name in content)]
+            return {name: content[name] for name in found}

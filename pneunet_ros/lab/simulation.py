@@ -27,6 +27,8 @@ from pneunet_ros.lab.timeline import Timeline
 
 STEP = 0.002  # s, in which the past is followed
 MOST_STEPS_BETWEEN = 5000  # from one recording to the next
+# What a recording may have, so that making it takes less than 1 GB.
+MOST_NODES, MOST_READINGS, MOST_STEPS = 5e6, 1e6, 2e6
 FRAME_OFFSET = 0.25  # of a frame, by which the camera begins after the other sensors
 
 
@@ -37,6 +39,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
     is unconditioned (no prior loading) and has rested. Raises RequestError where protocol and arm
     do not fit together, and where the arm finds no equilibrium.
     """
+    check_size(scenario)
     events = scenario.protocol.timeline()
     check_pressures(scenario, events)
     course, memory = follow_arm(scenario, events, memory)
@@ -75,6 +78,24 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
         drift=drift,
     )
     return measure(scenario, events, truth, memory)
+
+
+def check_size(scenario: Scenario) -> None:
+    """Refuse, before anything is computed, a recording that would not fit into memory."""
+    seconds, rates = scenario.protocol.duration, scenario.rates
+    frames = rates.frames * seconds
+    for what, count, most in (
+        ('frames by elements of the chain', frames * scenario.detail.elements, MOST_NODES),
+        ('frames by stations', frames * scenario.detail.stations, MOST_NODES),
+        ('frames by targets', frames * scenario.arm.targets.size, MOST_NODES),
+        ('readings', max(rates.pressure, rates.wrench) * seconds, MOST_READINGS),
+        ('steps of time', seconds / STEP, MOST_STEPS),
+    ):
+        if count > most:
+            raise RequestError(
+                f'a recording of {seconds:g} s would have {count:.3g} {what}, more than {most:.3g}'
+                ': make it shorter, and go on with another one after it (--after)'
+            )
 
 
 def check_pressures(scenario: Scenario, events: Timeline) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.core.arrays import Array, pressure_rows
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -51,16 +51,16 @@ def reading_errors(
 ) -> Array:
     """Return what one sigma of each reading of a frame moves, (frames, 2 targets, errors) m.
 
-    jacobian (frames, 2 targets, >= 3 + knots) as of `ForwardModel.point_jacobian`. Pressure acts
-    by the table of kappa_p0. The last two are the camera between the nodes of its path.
+    jacobian (frames, 2 targets, >= 3 + knots) as of `ForwardModel.point_jacobian`, and more rows
+    of what the camera does not move. Pressure acts by the table of kappa_p0. The last two are the
+    camera between the nodes of its path.
     """
-    table = arm.intrinsic_curvature
-    row, _ = pressure_rows(table.pressure, inputs.pressure)
-    slope = (np.diff(table.curvature, axis=0) / np.diff(table.pressure)[:, None])[row]
+    slope = arm.intrinsic_curvature.slope(inputs.pressure)
     knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
     pressure = noise.pressure_std * np.matmul(knots, slope[:, :, None])
     loads = jacobian[:, :, :LOADS] * attached_std(noise, run)[:, None]
     camera = camera_errors(noise.drift_std * BETWEEN_NODES, run.x.shape[1])
+    camera = np.pad(camera, ((0, jacobian.shape[1] - len(camera)), (0, 0)))
     camera = np.broadcast_to(camera, (*jacobian.shape[:2], 2))
     return np.concatenate([pressure, loads, camera] if run.loaded else [pressure, camera], axis=2)
 

@@ -15,7 +15,7 @@ from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.measurement.covariance import chi_squared
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.noise_model import camera_errors, target_stds
-from pneunet_ros.model.equilibrium import Sensitivity
+from pneunet_ros.measurement.second_order import SecondOrder
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -25,7 +25,8 @@ class PredictedTargets:
     """Where the targets of the arm must be measured; x, y (targets,) m in the base frame.
 
     errors (sources, 2, targets) m: what one sigma of each independent error of reading or model
-    does to all of them. The place of the camera and the targets' own noise are not among these.
+    does to all of them, the last to second order. The place of the camera and the targets' own
+    noise are not among these.
     """
 
     x: Array
@@ -47,16 +48,17 @@ class Innovation:
 
 
 def predict_targets(
-    table: PerturbationTable, sensitivity: Sensitivity, noise: Array
+    table: PerturbationTable, noise: Array, curved: SecondOrder
 ) -> PredictedTargets:
     """Return where the targets must be at an estimate.
 
-    sensitivity: of its shape, to the causes of the table; noise (sources, causes): the noise input
-    matrix.
+    noise (sources, causes): its noise input matrix, of the causes of the table; curved: its
+    sensitivity, and what errors move to second order.
     """
-    arm = table.arm
+    arm, sensitivity = table.arm, curved.sensitivity
     true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
-    errors = np.tensordot(noise, sensitivity.stations(arm.target_arclength)[:, :2], axes=1)
+    linear = np.tensordot(noise, sensitivity.stations(arm.target_arclength)[:, :2], axes=1)
+    errors = np.concatenate([linear, curved.stations(arm.target_arclength)[None, :2]])
     x, y = arm.see(true_x, true_y)
     if arm.seeing:  # a camera that distorts distorts errors as well, and may be in error itself
         moved = arm.see(true_x + errors[:, 0], true_y + errors[:, 1])

@@ -24,6 +24,7 @@ from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, MOMENT_OFFSET, 
 from pneunet_ros.solver.rod import Rods, RodTable
 
 EXTRAPOLATION = DOMAIN.pressure_margin  # of the calibrated range, beyond either end
+ONE_PRESSURE = 100.0  # Pa, either side of the row of a table that has but one: what noise reads
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,6 +95,8 @@ class Arm:
         low, high = self.moment_law.pressure_range
         rows = self.intrinsic_curvature.pressure
         low, high = max(low, float(rows[0])), min(high, float(rows[-1]))
+        if low == high:  # tables of one row: no other pressure is known
+            low, high = low - ONE_PRESSURE, high + ONE_PRESSURE
         scale = PressureScale(rows=tuple(rows.tolist()), top=high, std=self.sensors.pressure_std)
         object.__setattr__(self, 'scale', scale)
         object.__setattr__(self, 'table_range', (low, high))

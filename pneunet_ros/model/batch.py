@@ -105,15 +105,17 @@ def solve_many(
     rods = arm.rods(pressure, history)
     guesses = predict_nodes(arm, start, np.column_stack([loads, pressure]))
     nodes, residual = np.empty_like(guesses), np.empty(pressure.size)
-    fields, detail = np.empty((FIELD_COUNT, pressure.size, stations)), np.empty(pressure.size)
+    fields = np.empty((FIELD_COUNT, pressure.size, stations))
+    detail, missed = np.empty(pressure.size), np.empty(pressure.size)
     batch = rods, loads, np.array(start.solution.counts)
     limits = settings.batch_iterations, settings.batch_tolerance
     newton_batch(*batch, guesses, *limits, nodes, residual)
-    evaluate_batch(*batch, nodes, arclength, fields, detail)
+    evaluate_batch(*batch, nodes, arclength, fields, detail, missed)
     inside = np.array([arm.beyond_range(value) <= EXTRAPOLATION for value in pressure])
     fine = detail <= settings.finest_detail * arm.length
     converged = inside & (residual <= ACCEPTED) & fine
     converged &= ~np.any(rods.sections[:, :, CUBIC] != 0.0, axis=1)
+    residual = np.maximum(residual, missed)
     for index in np.flatnonzero(~converged).tolist():
         shape = solve_alone(arm, rods.record(index), loads[index], start, arclength)
         converged[index], residual[index] = shape.converged, shape.residual

@@ -53,7 +53,7 @@ class Sensitivity:
 
     tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
     The others are what `stations` needs: the solution with its changes per cause (causes, panels +
-    1, 6), the changes of its panels and of the table of rotation per further cause, and the table.
+    1, 6), the changes of its panels, ends and table of rotation per further cause, and the table.
     """
 
     tip: Array
@@ -62,6 +62,7 @@ class Sensitivity:
     knots: Array
     rotation: Array
     panel_changes: Array
+    end_changes: Array
     rotation_changes: Array
     node_changes: Array
 
@@ -124,7 +125,7 @@ def solve(
 
 
 def with_position(arm: Arm, shape: Shape, load: Load, chamber: float) -> Shape:
-    """Return a shape that says where its load, at a chamber pressure (Pa), stands to the domain."""
+    """Return a shape that says where its load, at a pressure in the chamber, stands."""
     position = locate_load(arm, load, chamber)
     if not (shape.converged and position.words):
         return shape
@@ -180,7 +181,9 @@ def solve_rod(
     if reason:
         return failed_shape(arm, load, arclength, reason, problem.residual, problem.iterations)
     values = np.empty((FIELD_COUNT, arclength.size))
-    at_stations(problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values)
+    missed = at_stations(
+        problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values
+    )
     freeze(values)
     solution = problem.solution()
     stable = None
@@ -203,7 +206,7 @@ def solve_rod(
         pressure=load.pressure,
         converged=True,
         status=', '.join(words),
-        residual=problem.residual,
+        residual=max(problem.residual, missed),
         iterations=problem.iterations,
         stable=stable,
         extrapolated=beyond > 0.0,
@@ -268,6 +271,7 @@ def linearize_shape(
         knots=rods.knots,
         rotation=rods.rotation[0],
         panel_changes=panels,
+        end_changes=ends,
         rotation_changes=rotation,
         node_changes=nodes,
     )

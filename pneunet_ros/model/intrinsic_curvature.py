@@ -22,6 +22,8 @@ from scipy.interpolate import CubicSpline
 class IntrinsicCurvature:
     """Table of kappa_p0: linear in p between rows, C2 cubic spline (not-a-knot) in s.
 
+    A single row is that of an arm whose pressure never changes, such as a beam.
+
     pressure (rows,) Pa; arclength (columns,) as s / l from 0 to 1; curvature (rows, columns) 1/m.
     `rotation` (rows, columns - 1, 5) holds the antiderivative in s / l, piece by piece, as
     ascending powers of the distance from the piece's start: the angle that the unloaded arm has
@@ -71,6 +73,14 @@ class IntrinsicCurvature:
         rows = self.rotation.reshape(self.pressure.size, -1)
         mixed = (weights @ rows).reshape(-1, *self.rotation.shape[1:])
         return over_meters(mixed, length)
+
+    def slope(self, pressure: Array) -> Array:
+        """How kappa_p0 at the knots changes with pressure (n,) Pa, (n, columns) 1/m per Pa."""
+        if self.pressure.size == 1:
+            return np.zeros((pressure.size, self.arclength.size))
+        row, _ = pressure_rows(self.pressure, pressure)
+        slope = np.diff(self.curvature, axis=0) / np.diff(self.pressure)[:, None]
+        return np.asarray(slope[row])
 
     def at(self, pressure: float, arclength: npt.ArrayLike) -> Array:
         """kappa_p0 (1/m) at one pressure (Pa) and any s / l."""

@@ -17,9 +17,10 @@ class Shape:
     moment (N m). Where the solve failed (`converged` is False) all but `arclength` are NaN, and
     `status` says why.
 
-    `residual` is the largest violation of the rod equations in rad; `stable` says whether the
-    equilibrium is a minimum of energy under dead load (None: not defined, negative rigidity);
-    `extrapolated` that the pressure lies outside the calibrated range.
+    `residual` is the largest violation of the rod equations in rad, at the Gauss points and
+    between them (there it is a bound, some 20 times what the stations show). `stable` says
+    whether the equilibrium is a minimum of energy under dead load (None: not defined, negative
+    rigidity); `extrapolated` that the pressure lies outside the calibrated range.
     """
 
     arclength: Array

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, MISSING, replace
 import hashlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
-from pneunet_ros.calibration.moment_law_parameters import MajidiParameters, MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.moment_law_parameters import (
+    MajidiParameters,
+    MOMENT_LAW_PARAMETERS,
+    PiecewiseParameters,
+)
 from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError, RecordingError
+from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
 from pneunet_ros.files.regular_file import open_regular
@@ -40,7 +45,7 @@ def file_hash(path: Path) -> str:
 def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:
     """Return file, hash and role of every recording."""
     return [
-        {'file': path.name, 'sha256': file_hash(path), 'role': role}
+        {'file': printable(path.name), 'sha256': file_hash(path), 'role': role}
         for role, paths in roles
         for path in paths
     ]
@@ -63,14 +68,15 @@ def described_arm(
             sources[f'moment_law.{key}'] = assumed if law.assumed else source
     elif law is not None:
         sources['moment_law'] = fitted
-        sources['moment_law.moment_offset'] = (
-            'fixed at zero: beside kappa_p0 it cannot be identified'
-        )
+        if isinstance(law, PiecewiseParameters):
+            sources['moment_law.moment_offset'] = (
+                'fixed at zero: beside kappa_p0 it cannot be identified'
+            )
     else:
         sources['moment_law'] = f'not fitted, there was no loaded recording; as in {frame.name}'
     for key, text in calibration.noise.sources.items():
         sources[f'sensors.{key}'] = text
-    return replace(arm, name=name, sources=sources, provenance=provenance)
+    return replace(arm, name=printable(name), sources=sources, provenance=provenance)
 
 
 def knowledge_file(model: Path) -> Path:
@@ -91,7 +97,9 @@ def load_knowledge(model: Path) -> PosteriorState:
     """Read the knowledge beside a model file; ModelError where there is none or it is damaged."""
     path = knowledge_file(model)
     try:
-        values = read_arrays(path, [item.name for item in fields(PosteriorState)])
+        needed = [item.name for item in fields(PosteriorState) if item.default is MISSING]
+        needed.remove('information')  # older files have none
+        values = read_arrays(path, needed, ['shapes', 'information'])
         kind = values.pop('kind')
         for name, array in values.items():
             if array.dtype.kind not in 'iuf' or not np.isfinite(array).all():
@@ -101,6 +109,8 @@ def load_knowledge(model: Path) -> PosteriorState:
         if kind.shape or str(kind) not in ('', *MOMENT_LAW_PARAMETERS):
             allowed = ', '.join(MOMENT_LAW_PARAMETERS)
             raise ValueError(f'the kind of its moment law is none of {allowed}')
+        values['shapes'] = int(values.get('shapes', 0))
+        values.setdefault('information', np.zeros((values['values'].size,) * 2))
         return PosteriorState(**values, kind=str(kind))
     except FileNotFoundError:
         raise ModelError(

@@ -228,7 +228,6 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
     def reads_as_run() -> RecordingData:
         """Read it once; raises each time where it cannot be read."""
         if not run:
-            needs(PRESSURE)
             needs(TARGETS)
             targets = request.arm.target_arclength.size
             run.append(read_run(recording.path, targets, overrides, settings)[0])
@@ -257,6 +256,7 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         return ''
 
     def calibrates_unloaded() -> str:
+        needs(PRESSURE)
         check_runs([reads_as_run()], [], request.arm)
         return ''
 
@@ -269,7 +269,7 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
             raise RecordingError(
                 f'{data.name} has no end force above {least} N: it is an unloaded one'
             )
-        return ''
+        return '' if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
 
     asked: dict[str, Callable[[], str]] = {
         'replay': replays,

@@ -253,8 +253,12 @@ def evaluate_batch(
     arclength: Array,
     fields: Array,
     detail: Array,
+    missed: Array,
 ) -> None:
-    """Stations of solved rods into fields (6, rods, stations), `resolution` into `detail`."""
+    """Stations of solved rods into fields (6, rods, stations), `resolution` into `detail` (m).
+
+    By how much (rad) each misses the equations between its nodes goes into `missed`.
+    """
     count = len(nodes) // col.NODE_WIDTH - 1
     panels = np.empty((count, col.PANEL_WIDTH))
     own = np.empty((count + 1, col.NODE_WIDTH))
@@ -267,6 +271,6 @@ def evaluate_batch(
         rotation = rods.rotation[rod]
         set_ends(rods.clamp[rod], loads[rod], end)
         prepare(rods.length, rods.sections[rod], rods.knots, rotation, end, counts, panels)
-        at_stations(panels, own, rods.knots, rotation, arclength, out)
+        missed[rod] = at_stations(panels, own, rods.knots, rotation, arclength, out)
         fields[:, rod] = out
-        detail[rod] = resolution(panels, own)
+        detail[rod] = resolution(panels, own, rods.knots, rotation)

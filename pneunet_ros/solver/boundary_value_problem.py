@@ -121,7 +121,8 @@ class BoundaryValueProblem:
         if (start is None or not self.newton()) and not self.solve_cold(quick):
             return f'no equilibrium found: residual {self.residual:.1e} rad after every attempt'
         finest = self.settings.finest_detail * self.rods.length
-        while resolution(self.panels, self.nodes) > finest:
+        knots, rotation = self.rods.knots, self.rods.rotation[0]
+        while resolution(self.panels, self.nodes, knots, rotation) > finest:
             total = len(self.panels)
             if 2 * total > self.settings.most_panels:
                 return f'not resolved: the shape has detail finer than {total} panels'

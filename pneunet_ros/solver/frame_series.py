@@ -71,7 +71,7 @@ def solve_frames(
             return rod
         frames.known[rod] = True
         at_stations(panels, nodes[rod], rods.knots, rotation, frames.arclength, frames.fields[rod])
-        frames.detail[rod] = resolution(panels, nodes[rod])
+        frames.detail[rod] = resolution(panels, nodes[rod], rods.knots, rotation)
     return len(nodes)
 
 

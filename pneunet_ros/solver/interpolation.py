@@ -66,41 +66,6 @@ def panel_bending(
     return h * dot(weighted, cosine), h * dot(weighted, sine)
 
 
-@kernel
-def resolution(panels: Array, nodes: Array) -> float:
-    """Size (m) of the finest detail that the mesh carries; not tiny: the mesh is too coarse.
-
-    It is the largest contribution of the Legendre term of degree five to the position, over all
-    panels. Where the moment law is cubic the curvature can have detail that the position hardly
-    shows, and counts as well: by the angle it adds, times the length of the panel.
-    """
-    worst = 0.0
-    bending = np.empty((1, POINTS.size))
-    for p in range(len(panels)):
-        panel = panels[p]
-        h = panel[col.PANEL_LENGTH]
-        x, y = 0.0, 0.0
-        for i in range(POINTS.size):
-            theta = nodes[p + 1, col.NODE_THETA] if i == LAST else nodes[p, col.NODE_THETA + i]
-            sine, cosine = sine_cosine(theta)
-            n1, n2 = panel_force(panel, POINTS[i])
-            axial, _ = resolve(sine, cosine, n1, n2)
-            stretch = (panel[col.PANEL_STRETCH] + panel[col.PANEL_AXIAL] * axial) * FROM_VALUES[
-                LAST, i
-            ]
-            x += stretch * cosine
-            y += stretch * sine
-        detail = max(abs(x), abs(y)) * h
-        if panel[col.PANEL_CUBIC] > 0.0:
-            panel_bending(panels, nodes, p, bending, 0)
-            bend = 0.0
-            for i in range(POINTS.size):
-                bend += FROM_VALUES[LAST, i] * bending[0, i]
-            detail = max(detail, abs(bend) * h * h)
-        worst = max(worst, detail / LEADING_OF_LEGENDRE)
-    return worst
-
-
 # Rows of the scratch of `panel_series`: intrinsic rotation, correction of the first angle, moment,
 # sine, cosine; then the four that are integrated, in the order of the series.
 ROTATION, CORRECTION, MOMENTS, SINE, COSINE, WAY_X, WAY_Y, SLOPE, BEND = range(9)
@@ -135,12 +100,13 @@ def panel_series(
     piece: int,
     work: Array,
     series: Array,
-) -> None:
+) -> float:
     """Integrate x', y', M' and kappa - kappa0 over panel p, as powers of v, into series (4, 9).
 
     v = -1 at the start of the panel and 1 at its end. What little is missing at the end to the
     values of the collocation, which are best there, is spread over the panel. The table of
-    curvature is searched from `piece` on; work (9, 8) is scratch.
+    curvature is searched from `piece` on; work (9, 8) is scratch. Returns by how much (rad) the
+    angle misses the equations: that of the collocation against the integral of its own curvature.
     """
     h, law, mechanics, _ = read_panel(panels, p)
     axial, rest, n1, n2, q1, q2 = mechanics
@@ -168,8 +134,10 @@ def panel_series(
         change, _ = curvature_change(work[MOMENTS, i], law)
         work[BEND, i] = h * change
     integrate(TO_INNER_AGAIN, work, BEND, work, CORRECTION)
+    worst = 0.0
     for i in range(INNER):
         d = work[CORRECTION, i]  # small: what is left out is d^4 / 24
+        worst = max(worst, abs(d))
         c, s = 1.0 - 0.5 * d * d, d - d * d * d / 6.0
         sine = work[SINE, i] * c + work[COSINE, i] * s
         cosine = work[COSINE, i] * c - work[SINE, i] * s
@@ -183,10 +151,48 @@ def panel_series(
             series[field, k] = 0.0
         integrate(TO_SERIES, work, WAY_X + field, series, field)
     bend = following[col.NODE_THETA] - node[col.NODE_THETA] - panels[p, col.PANEL_ROTATION_END]
+    missing = bend
+    for k in range(INNER + 1):
+        missing -= series[col.SERIES_BEND, k]
     close(series, col.SERIES_X, way_x)
     close(series, col.SERIES_Y, way_y)
     close(series, col.SERIES_MOMENT, following[col.NODE_MOMENT] - node[col.NODE_MOMENT])
     close(series, col.SERIES_BEND, bend)
+    return max(worst, abs(missing))
+
+
+@kernel
+def resolution(panels: Array, nodes: Array, knots: Array, rotation: Array) -> float:
+    """Size (m) of the finest detail that the mesh carries; not tiny: the mesh is too coarse.
+
+    It is the largest contribution of the Legendre term of degree five to the position, over all
+    panels. Where the moment law is cubic the curvature can have detail that neither the position
+    nor the Gauss points show: there it counts, too, by how much the angle misses the equations
+    between them, times the length of the rod.
+    """
+    worst, missed = 0.0, 0.0
+    work = np.empty((ROWS, INNER))
+    series = np.empty((col.SERIES_COUNT, INNER + 1))
+    piece = 0
+    for p in range(len(panels)):
+        panel = panels[p]
+        h = panel[col.PANEL_LENGTH]
+        x, y = 0.0, 0.0
+        for i in range(POINTS.size):
+            theta = nodes[p + 1, col.NODE_THETA] if i == LAST else nodes[p, col.NODE_THETA + i]
+            sine, cosine = sine_cosine(theta)
+            n1, n2 = panel_force(panel, POINTS[i])
+            axial, _ = resolve(sine, cosine, n1, n2)
+            stretch = (panel[col.PANEL_STRETCH] + panel[col.PANEL_AXIAL] * axial) * FROM_VALUES[
+                LAST, i
+            ]
+            x += stretch * cosine
+            y += stretch * sine
+        worst = max(worst, max(abs(x), abs(y)) * h / LEADING_OF_LEGENDRE)
+        if panel[col.PANEL_CUBIC] > 0.0:
+            _, piece = rotation_at(panel[col.PANEL_START], knots, rotation, piece)
+            missed += panel_series(panels, nodes, p, knots, rotation, piece, work, series)
+    return max(worst, missed * knots[-1])
 
 
 @inlined
@@ -201,12 +207,16 @@ def series_at(series: Array, field: int, v: float) -> float:
 @kernel
 def at_stations(
     panels: Array, nodes: Array, knots: Array, rotation: Array, arclength: Array, out: Array
-) -> None:
-    """Fill the fields at stations of increasing `arclength` (m), (6, stations)."""
+) -> float:
+    """Fill the fields at stations of increasing `arclength` (m), (6, stations).
+
+    Returns by how much (rad) the angle misses the equations on the way to the last of them: the
+    sum of what `panel_series` finds on every panel.
+    """
     count = len(panels)
     work = np.empty((ROWS, INNER))
     series = np.empty((col.SERIES_COUNT, INNER + 1))
-    p, piece, reached = -1, 0, 0
+    p, piece, reached, missed = -1, 0, 0, 0.0
     x, y, following_x, following_y = 0.0, 0.0, 0.0, 0.0
     h, law, _, _ = read_panel(panels, 0)
     start, joint = 0.0, 0.0
@@ -218,7 +228,7 @@ def at_stations(
             h, law, _, _ = read_panel(panels, p)
             start = panels[p, col.PANEL_START]
             joint, reached = rotation_at(start, knots, rotation, reached)
-            panel_series(panels, nodes, p, knots, rotation, reached, work, series)
+            missed += panel_series(panels, nodes, p, knots, rotation, reached, work, series)
             for k in range(INNER + 1):
                 following_x += series[col.SERIES_X, k]
                 following_y += series[col.SERIES_Y, k]
@@ -242,3 +252,4 @@ def at_stations(
         out[col.CURVATURE, i] = intrinsic + change
         out[col.INTRINSIC_CURVATURE, i] = intrinsic
         out[col.MOMENT, i] = moment
+    return missed

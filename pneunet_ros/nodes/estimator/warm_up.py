@@ -42,8 +42,8 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
     for topic in OUTPUTS:
         serializer.bytes_of(topic, outcome)
     if estimator.settings.watch_targets:
-        assert outcome.sensitivity is not None and outcome.noise is not None
-        predict_targets(estimator.table, outcome.sensitivity, outcome.noise)
+        assert outcome.noise is not None and outcome.second_order is not None
+        predict_targets(estimator.table, outcome.noise, outcome.second_order)
     return ''
 
 
