@@ -34,6 +34,10 @@ class SensorNoise:
         0.0, unit='m', meaning='slow drift of the camera', bounds=_POSITIVE
     )
 
+    heading_std: float = quantity(
+        0.0, unit='rad', meaning='measured heading of the tip; 0: not known', bounds=_POSITIVE
+    )
+
     def __post_init__(self) -> None:
         """Check the values."""
         check_quantities(self, 'sensors')
