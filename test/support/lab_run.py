@@ -70,6 +70,10 @@ def true_model(scenario: Scenario) -> Arm:
         ),
         effects=tuple(effects),
         sensors=SensorNoise(
-            **{item.name: getattr(noise, item.name) for item in fields(SensorNoise)}
+            **{
+                item.name: getattr(noise, item.name)
+                for item in fields(SensorNoise)
+                if hasattr(noise, item.name)  # the lab has no sensor of the tip's heading
+            }
         ),
     )
