@@ -67,7 +67,8 @@ def frame() -> Arm:
 def noise() -> SensorNoise:
     """Return the noise of the lab's sensors."""
     own = load_scenario(share_path('scenarios/strings.yaml')).noise
-    return SensorNoise(**{item.name: getattr(own, item.name) for item in fields(SensorNoise)})
+    names = [item.name for item in fields(SensorNoise) if hasattr(own, item.name)]
+    return SensorNoise(**{name: getattr(own, name) for name in names})
 
 
 @functools.cache

@@ -73,7 +73,7 @@ def true_model(scenario: Scenario) -> Arm:
             **{
                 item.name: getattr(noise, item.name)
                 for item in fields(SensorNoise)
-                if hasattr(noise, item.name)  # the lab measures no heading
+                if hasattr(noise, item.name)  # the lab has no sensor of the tip's heading
             }
         ),
     )
