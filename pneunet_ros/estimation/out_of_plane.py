@@ -9,7 +9,6 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.model.arm import Arm
 
-
 TINY = 1e-300  # no limit at all, of sensors without noise
 
 
