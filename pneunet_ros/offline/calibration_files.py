@@ -98,7 +98,8 @@ def load_knowledge(model: Path) -> PosteriorState:
     path = knowledge_file(model)
     try:
         needed = [item.name for item in fields(PosteriorState) if item.default is MISSING]
-        values = read_arrays(path, needed, ['shapes'])
+        needed.remove('information')  # older files have none
+        values = read_arrays(path, needed, ['shapes', 'information'])
         kind = values.pop('kind')
         for name, array in values.items():
             if array.dtype.kind not in 'iuf' or not np.isfinite(array).all():
@@ -109,6 +110,7 @@ def load_knowledge(model: Path) -> PosteriorState:
             allowed = ', '.join(MOMENT_LAW_PARAMETERS)
             raise ValueError(f'the kind of its moment law is none of {allowed}')
         values['shapes'] = int(values.get('shapes', 0))
+        values.setdefault('information', np.zeros((values['values'].size,) * 2))
         return PosteriorState(**values, kind=str(kind))
     except FileNotFoundError:
         raise ModelError(
