@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
@@ -18,6 +19,7 @@ from support.random_frames import random_sightings, TARGETS
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
+from pneunet_ros.nodes.configured_node import ConfiguredNode  # noqa: E402
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
 from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.estimator.publisher import EstimatePublisher, PUBLISHED  # noqa: E402
@@ -248,3 +250,45 @@ def test_the_log_repeats_itself_once_a_minute():
 def test_what_controllers_need_is_published_first():
     names = [topic.name for topic in PUBLISHED]
     assert names == ['shape', 'tip', 'tip_jacobian', 'curvature', 'centerline']
+
+
+# A second node
+
+
+def fake_node(publishers, names, topics=('/p/tip', '/p/model_info', '/diagnostics')):
+    """Make what `rivals` asks a node for: how many publish on each of its topics, and who is."""
+    return SimpleNamespace(
+        info=SimpleNamespace(topic_name='/p/model_info'),
+        publishers=[SimpleNamespace(topic_name=topic) for topic in topics],
+        count_publishers=lambda topic: publishers.get(topic, 1),
+        get_node_names_and_namespaces=lambda: names,
+        get_name=lambda: 'estimator',
+        get_namespace=lambda: '/p',
+        get_fully_qualified_name=lambda: '/p/estimator',
+    )
+
+
+@pytest.mark.parametrize(
+    ('publishers', 'names', 'sentence'),
+    [
+        ({}, [('estimator', '/p'), ('estimator', '/other'), ('tracker', '/p')], ''),
+        ({'/p/model_info': 2, '/diagnostics': 3}, [('estimator', '/p')], ''),
+        ({'/p/tip': 2}, [('estimator', '/p')], 'somebody else publishes on /p/tip, too'),
+        ({}, 2 * [('estimator', '/p')], 'another node is named /p/estimator, too'),
+    ],
+)
+def test_a_second_node_in_its_place_is_noticed(publishers, names, sentence):
+    assert ConfiguredNode.rivals(fake_node(publishers, names)) == sentence
+
+
+def test_what_a_wrench_has_out_of_the_plane_is_always_told():
+    health = EstimatorHealth('/pressure', 0.0)
+    wrench = WrenchReading(
+        stamp_ns=1, force_x=0.1, force_y=0.0, moment=0.0, frame_id='b', force_z=0.02, moment_y=-0.1
+    )
+    values = health.report(EstimatorState(wrench=wrench), EstimatorSettings(), 0.1).values
+    assert [values[name] for name in ('force_z_n', 'moment_x_n_m', 'moment_y_n_m')] == [
+        '0.02', '0', '-0.1',
+    ]  # fmt: skip
+    empty = health.report(EstimatorState(), EstimatorSettings(), 0.2).values
+    assert empty['force_z_n'] == ''
