@@ -103,8 +103,6 @@ def diagnose(
         [run.without_tip_pose() for run in runs] for runs in (training, held_out)
     )
     base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
-    if not base.fit.converged:
-        return unsettled(base.fit.status, seed, settings)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
     asked = hypotheses(known, settings.hypothesis)
@@ -117,8 +115,9 @@ def diagnose(
         settings=settings,
     )
     first = selection.fit_base()
-    if not (first.refit.converged or first.refit.settled):
-        return unsettled('the cost still changes from step to step', seed, settings)
+    if not (first.refit.converged or first.refit.steady):
+        status = base.fit.status if not base.fit.converged else 'the cost still changes'
+        return unsettled(status, seed, settings)
     best = selection.select_forward(first)
     selection.fit_rivals(first, best)
     candidates = selection.score_candidates(first)

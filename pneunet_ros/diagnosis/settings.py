@@ -93,6 +93,7 @@ class RefitSettings:
     most_halvings: int = tuning(5, 'most halvings of a step')
     least_gain: float = tuning(0.1, 'cost that a step must gain; below it has converged')
     settled: float = tuning(0.5, 'change of cost from round to round; below it is settled')
+    steady: float = tuning(0.01, 'the same of a poor model', unit='cost above that of noise')
     # The base takes up most of what gravity does: a coarser difference is bent by more than is
     # left, and taken for information.
     difference: float = tuning(5e-4, 'step of numerical derivatives', unit='prior std')
