@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.core.share import share_path
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.model.domain import Domain
+from pneunet_ros.model.domain_position import locate_load
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 import pytest
 from ruamel.yaml import YAML
+from support.example_arms import paper_arm
 from support.random_estimates import random_estimate
 from support.random_frames import random_sightings, TARGETS
 
@@ -23,6 +29,7 @@ from pneunet_ros.nodes.configured_node import ConfiguredNode  # noqa: E402
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
 from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.estimator.publisher import EstimatePublisher, PUBLISHED  # noqa: E402
+from pneunet_ros.nodes.estimator.warm_up import load_inside, warm_up  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.log import Log  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
@@ -292,3 +299,18 @@ def test_what_a_wrench_has_out_of_the_plane_is_always_told():
     ]  # fmt: skip
     empty = health.report(EstimatorState(), EstimatorSettings(), 0.2).values
     assert empty['force_z_n'] == ''
+
+
+@pytest.mark.parametrize(
+    'end_load',
+    [None, [[0.0, 0.0, 0.0, 0.0]], [[0.0, -0.3, 0.0, 66e3]], [[0.0, 0.0, 0.01, 10e3]]],
+    ids=['no domain', 'never loaded', 'one weight', 'a moment'],
+)
+def test_the_warm_up_stays_inside_the_domain(end_load):
+    domain = None if end_load is None else Domain(pressure=(0.0, 66e3), end_load=end_load)
+    estimator = Estimator(arm=replace(paper_arm(), domain=domain))
+    serializer = MessageSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
+    assert warm_up(estimator, serializer) == ''
+    load = load_inside(estimator.arm)
+    at = Load(pressure=33e3, force_x=load[0], force_y=load[1], moment=load[2])
+    assert not locate_load(estimator.arm, at, 33e3).extrapolated
