@@ -36,7 +36,6 @@ from pneunet_ros.vision.beam_search import (
 class AssociationSettings:
     """When blobs are a row of targets."""
 
-    most_blobs: int = tuning(2000, 'blobs among which a row is looked for, at most')
     least_targets: int = tuning(3, 'must be seen for a row to be one')
     least_share: float = tuning(0.4, 'of the targets must be seen for a row to be one')
     alike: float = tuning(0.5, 'share of blobs that two readings of one row have in common')
