@@ -23,8 +23,8 @@ from pneunet_ros.vision.camera_settings import (
     HomographyPlane,
     PosePlane,
 )
-from pneunet_ros.vision.ellipse_fit import EllipseSettings
 from pneunet_ros.vision.curvature_prior import PriorSettings
+from pneunet_ros.vision.ellipse_fit import EllipseSettings
 from pneunet_ros.vision.gating import GatingSettings
 from pneunet_ros.vision.settings import RestPlaneSettings, RowTrackerSettings, VisionSettings
 from pneunet_ros.vision.smoother import SmootherSettings

@@ -180,10 +180,10 @@ def check_units(run: RecordingData, arm: Arm, known: PreconditionSettings = PREC
             f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa'
         )
     reach = float(np.nanmax(np.hypot(run.x, run.y)))
-    if reach > known.longest * arm.length:
+    if reach > known.longest * arm.reach:
         raise RecordingError(
             f'{run.name}: a target {reach:.3g} m from the clamp, and the arm is '
-            f'{arm.length:.3g} m long; targets must be in m, in the base frame at the clamp, and '
+            f'{arm.reach:.3g} m long; targets must be in m, in the base frame at the clamp, and '
             'of this arm (see --arm)'
         )
     middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach

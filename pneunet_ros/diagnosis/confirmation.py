@@ -61,6 +61,7 @@ class Confirmer:
             *self.what_is_left(record),
             *self.held_out_objections(record),
             *record.outside_prior,
+            *self.uneven_arm(record),
         )
 
     def chi_squared(self, record: Record, *, held_out: bool = False) -> float:
@@ -117,6 +118,18 @@ class Confirmer:
         if self.shown(record) < self.settings.confirmation.shown:
             return ('the held-out recordings hardly show it: nothing new tests it',)
         return ()
+
+    def uneven_arm(self, record: Record) -> tuple[str, ...]:
+        """Object where an arm that bends unevenly, which no target shows, needs no effect."""
+        if record.uneven is None or self.base.uneven is None:
+            return ()
+        if record.uneven - self.base.uneven >= self.settings.selection.least_evidence:
+            return ()
+        share = self.settings.calibration.resolution.nonuniform
+        return (
+            f'an arm that bends unevenly, by {share:g} of its curvature along it, explains it as '
+            'well, and these targets do not show how it bends',
+        )
 
     def other_names(self, record: Record, alternatives: Collection[str]) -> tuple[str, ...]:
         """Object where another set becomes the answer without one of the training recordings.

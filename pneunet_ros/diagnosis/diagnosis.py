@@ -43,6 +43,7 @@ from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
     DiagnosisSettings,
     HypothesisSettings,
+    SelectionSettings,
 )
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
@@ -119,6 +120,7 @@ def diagnose(
     if not (first.refit.converged or first.refit.settled):
         return unsettled('the cost still changes from step to step', seed, settings)
     best = selection.select_forward(first)
+    selection.fit_rivals(first, best)
     candidates = selection.score_candidates(first)
     detectable = detection_limits(asked, candidates, settings.score_test)
     verdict = decide(selection, first, best, detectable)
@@ -249,11 +251,10 @@ def decide(
         and not confirmer.objections(item)
     ]
     settings = selection.settings
-    least = best.record.evidence - evidence_margin(best.record.evidence, settings.selection)
     others = {
         name
         for item in rivals
-        if item.dof <= best.record.dof and item.evidence > least
+        if passes_alike(item, best.record, settings.selection)
         for name in item.names
     }
     alternatives = tuple(sorted(others - set(best.names)))
@@ -270,6 +271,19 @@ def decide(
         ),
         notes=confirmation.untested,
     )
+
+
+def passes_alike(
+    rival: Record, best: Record, settings: SelectionSettings = DEFAULTS.selection
+) -> bool:
+    """Whether a rival that passes, with no more effects, explains the recordings as well.
+
+    By evidence; or by chi squared alone, as what tells two effects apart is then the prior.
+    """
+    if len(rival.names) > len(best.names):
+        return False
+    least = best.evidence - evidence_margin(best.evidence, settings)
+    return rival.evidence > least or rival.gain > best.gain - 2.0 * settings.least_evidence
 
 
 def effect_probabilities(

@@ -16,6 +16,7 @@ from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
+from pneunet_ros.diagnosis.unevenness import log_probability_uneven, uneven_columns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -27,7 +28,8 @@ class Record:
     parameters beyond theirs. run_chi_squared: of the whitened residuals of each run, held-out ones
     too, and coordinates: their number. log_probability: of the training runs, without: of all but
     each in turn, both linearized at the fit to all; predicted: of the held-out runs given the
-    training ones. held_out (rows,): whitened residuals of held-out runs.
+    training ones; uneven: of the training runs where the arm may bend unevenly along it, None
+    where its curvature is free there. held_out (rows,): whitened residuals of held-out runs.
     """
 
     names: tuple[str, ...]
@@ -43,6 +45,7 @@ class Record:
     log_probability: float = 0.0
     without: tuple[float, ...] = ()
     predicted: float = 0.0
+    uneven: float | None = None
     held_out: tuple[Array, ...] = ()
 
     @property
@@ -95,6 +98,7 @@ class Selection:
             raise ModelError(
                 'a held-out recording has no shape with the model of the training ones'
             )
+        uneven = uneven_columns(trial.linearization, self.settings.calibration.resolution)
         lack_of_fit, gaussian = self.settings.lack_of_fit, at_fit[1]
         tests = lack_of_fit_tests(all_runs, gaussian, self.seed, self.map_function, lack_of_fit)
         allowed = 0.0 if base is None else lack_of_fit.law_error * base.record.excess
@@ -115,6 +119,7 @@ class Selection:
                 trial.gaussian.log_probability(which) for which in range(all_runs.training)
             ),
             predicted=predicted_probability(gaussian, all_runs.training),
+            uneven=log_probability_uneven(trial.gaussian, uneven) if uneven else None,
             held_out=gaussian.residuals[all_runs.training :],
         )
         self.tried[frozenset(record.names)] = record
@@ -134,6 +139,20 @@ class Selection:
                 return best
             best = self.eliminate_backward(base, better)
         return best
+
+    def fit_rivals(self, base: Trial, best: Trial) -> None:
+        """Fit, beside one effect that is the answer, those that score as well and were not."""
+        candidates = self.score_candidates(base) if len(best.names) == 1 else []
+        scores = {item.name: item.gain for item in candidates}
+        least = scores.get(best.names[0], 0.0) if best.names else 0.0
+        least -= 2.0 * self.settings.selection.least_evidence
+        for item in candidates:
+            if item.gain < least or frozenset((item.name,)) in self.tried:
+                continue
+            settings, linearization = self.settings.refit, base.refit.linearization
+            fit = refit(linearization, (item.hypothesis,), item.start, settings.rounds, settings)
+            if fit is not None:
+                self.test_trial(fit, base)
 
     def score_candidates(self, trial: Trial) -> list[Candidate]:
         """Return the effects that may be added to a trial, scored once."""

@@ -51,7 +51,7 @@ class Estimator:
 
     def __post_init__(self) -> None:
         """Prepare stations and the table."""
-        stations = station_arclength(self.arm.length, self.settings.stations)
+        stations = station_arclength(self.arm.reach, self.settings.stations)
         object.__setattr__(self, 'arclength', stations)
         object.__setattr__(self, 'table', PerturbationTable(arm=self.arm))
 

@@ -25,7 +25,7 @@ def with_tip_target(
         return arm, list(runs)
     painted = has_tip_target(arm)
     if not painted:
-        places = np.append(arm.target_arclength, arm.length)
+        places = np.append(arm.target_arclength, arm.reach)
         arm = replace(arm, target_arclength=places, covariance=None)
     return arm, [add_tip(run, painted=painted) for run in runs]
 
@@ -33,7 +33,7 @@ def with_tip_target(
 def has_tip_target(arm: Arm) -> bool:
     """Whether the last target is painted at the tip."""
     places = arm.target_arclength
-    return places.size > 0 and bool(arm.length - places[-1] <= AT_TIP * arm.length)
+    return places.size > 0 and bool(arm.reach - places[-1] <= AT_TIP * arm.length)
 
 
 def add_tip(run: RecordingData, *, painted: bool) -> RecordingData:

@@ -135,7 +135,7 @@ class LoadHull:
         """Return how far (N) a load (4,) is beyond the hull, less noise (4,) on the way, SI."""
         way = self.way_out(load)
         distance = math.sqrt(way @ way)
-        if distance <= ROUNDING * float(np.max(np.abs(self.scale * load))):
+        if distance <= ROUNDING * min(float(np.max(np.abs(self.scale * load))), FAR):
             return 0.0
         along = way * noise * self.scale
         return max(distance - math.sqrt(along @ along) / distance, 0.0)

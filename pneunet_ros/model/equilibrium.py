@@ -119,7 +119,7 @@ def solve(
     load = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))
     chamber = steady_pressure(arm, load.pressure)
     known = start.solution if start is not None else None
-    arclength = station_arclength(arm.length, stations)
+    arclength = station_arclength(arm.reach, stations)
     shape = solve_rod(arm, arm.rods(np.array([chamber])), load, known, arclength)
     return with_position(arm, shape, load, chamber)
 

@@ -36,7 +36,8 @@ from pneunet_ros.vision.beam_search import (
 class AssociationSettings:
     """When blobs are a row of targets."""
 
-    least_targets: int = tuning(3, 'must be seen for a row to be one')
+    least_targets: int = tuning(3, 'of an arm, for which a row can be told from other areas')
+    least_followed: int = tuning(4, 'must be seen for a row to be one; all of an arm with fewer')
     least_share: float = tuning(0.4, 'of the targets must be seen for a row to be one')
     alike: float = tuning(0.5, 'share of blobs that two readings of one row have in common')
 
@@ -58,7 +59,7 @@ class TargetRow(NamedTuple):
 
 def least_seen(targets: int, settings: AssociationSettings = ASSOCIATION) -> int:
     """Return how many of so many targets must be seen for a row to be one."""
-    return min(targets, max(settings.least_targets, math.ceil(settings.least_share * targets)))
+    return min(targets, max(settings.least_followed, math.ceil(settings.least_share * targets)))
 
 
 def row_from_clamp(

@@ -64,9 +64,10 @@ def consistent_spacing(
     """Return which targets lie on a smooth row at their distances (targets,).
 
     First goes, one by one, what is at a wrong distance from most of its neighbors, then what is
-    furthest off a smooth curve through them, until all that is left fits. x, y are in m, or have
-    been scaled so that the arm has about its length. One at either end of the row is not believed
-    when it is `farthest` spacings or more from the next.
+    furthest off a smooth curve through them, until all that is left fits; an arm with three
+    targets has no such curve. x, y are in m, or have been scaled so that the arm has about its
+    length. One at either end of the row is not believed when it is `farthest` spacings or more
+    from the next.
     """
     seen = np.isfinite(x) & np.isfinite(y)
     others = np.empty(x.size, np.int64)
@@ -84,7 +85,7 @@ def consistent_spacing(
                 worst, worst_at = bad, target
         if worst_at >= 0:
             seen[worst_at] = False
-        elif smooth:
+        elif smooth or x.size < 4:
             return seen
         else:
             smooth = True

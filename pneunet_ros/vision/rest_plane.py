@@ -193,8 +193,7 @@ def row_at_rest(
             'area right?',
         )
     if clamp_pixel is not None:
-        near = vision.rest_plane.near_clamp
-        rows = [row for row in rows if _begins_at(row_points(row, pixels), clamp_pixel, near)]
+        rows = _rows_from(clamp_pixel, rows, pixels, vision)
         if not rows:
             return Failure(
                 reason='wrong_clamp',
@@ -241,14 +240,13 @@ def _short_row(
     count = arclength.size
     if count <= vision.association.least_targets:
         return ''
-    near = vision.rest_plane.near_clamp
-    for row in regular_rows(points, areas, arclength[:-1], vision):
-        if _begins_at(row_points(row, pixels), clamp_pixel, near):
-            return (
-                f'a row of {count - 1} targets begins at clamp_pixel, but {count} are needed: '
-                f'target {count - 1} is not seen'
-            )
-    return ''
+    short = regular_rows(points, areas, arclength[:-1], vision)
+    if not _rows_from(clamp_pixel, short, pixels, vision):
+        return ''
+    return (
+        f'a row of {count - 1} targets begins at clamp_pixel, but {count} are needed: '
+        f'target {count - 1} is not seen'
+    )
 
 
 def bow(points: Array) -> float:
@@ -276,8 +274,15 @@ def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool
     return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= least)
 
 
-def _begins_at(pixels: Array, clamp_pixel: tuple[float, float], near: float) -> bool:
-    """Whether the first target of a row (targets, 2) is at the clamp, to `near` spacings."""
-    steps = np.hypot(*np.diff(pixels, axis=0).T)
-    away = math.hypot(*(pixels[0] - np.array(clamp_pixel)))
-    return bool(away <= near * np.nanmedian(steps))
+def _rows_from(
+    clamp_pixel: tuple[float, float], rows: list[TargetRow], pixels: Array, vision: VisionSettings
+) -> list[TargetRow]:
+    """Return the rows whose first target is at the clamp: of all that are, the nearest one."""
+    there = []
+    for row in rows:
+        at = row_points(row, pixels)
+        away = math.hypot(*(at[0] - np.array(clamp_pixel)))
+        if away <= vision.rest_plane.near_clamp * np.nanmedian(np.hypot(*np.diff(at, axis=0).T)):
+            there.append((away, row))
+    nearest = min((away for away, _ in there), default=math.inf)
+    return [row for away, row in there if away == nearest]

@@ -141,7 +141,8 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
             break
         row = more
     row = with_partial(view, row, last.area, last)
-    if row.seen < vision.association.least_targets or not is_at_clamp(view, row.points):
+    least = min(count, vision.association.least_followed)
+    if row.seen < least or not is_at_clamp(view, row.points):
         return None
     return row, next_row(view, row, last)
 

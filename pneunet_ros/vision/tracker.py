@@ -40,7 +40,7 @@ from pneunet_ros.vision.row_tracker import (
     View,
 )
 from pneunet_ros.vision.settings import VISION, VisionSettings
-from pneunet_ros.vision.smoother import MeasuredCurve, smoother_for
+from pneunet_ros.vision.smoother import FEWEST_TARGETS, MeasuredCurve, smoother_for
 from pneunet_ros.vision.working_plane import Plane, plane_from_homography, plane_from_pose
 
 # Reasons of frames that do not show the arm, those that tell most first.
@@ -144,7 +144,11 @@ class Tracker:
             )
         self.arm, self.settings, self.vision = arm, settings, vision
         self.arclength = arm.target_arclength
-        self.smoother = smoother_for(arm, settings=vision.smoother, prior=vision.prior)
+        self.smoother = (
+            smoother_for(arm, settings=vision.smoother, prior=vision.prior)
+            if count >= FEWEST_TARGETS
+            else None
+        )
 
     def step(
         self, state: TrackerState, reading: Image | Lens
@@ -225,9 +229,8 @@ class Tracker:
             followed = observed, start_row(view, observed)
         observed, row = followed
         targets = target_sightings(view, observed)
-        return state.with_row(row), Tracking(
-            sightings=targets, curve=self.smoother.smooth(targets)
-        )
+        curve = None if self.smoother is None else self.smoother.smooth(targets)
+        return state.with_row(row), Tracking(sightings=targets, curve=curve)
 
     def _at_rest(self, state: TrackerState, view: View) -> tuple[TrackerState, Failure]:
         """Take a frame into what is known of the rest; why there is no plane yet, if so."""
