@@ -109,8 +109,8 @@ def shares(data: FigureData) -> Picture | None:
         f'noise alone puts there in {100 * (1.0 - p_value):.0f} of 100 cases, grey ones do not '
         'stand out. Dashed: which share of all that was seen lies there; a bar as high as its '
         'outline is an even misfit. A cause shows itself by the axis on which the bars differ '
-        'from their outlines: along force what carries the load, along direction or time an effect with memory, along pressure '
-        'alone the inflation.',
+        'from their outlines: along force what carries the load, along direction or time an '
+        'effect with memory, along pressure alone the inflation.',
         figure,
     )
 
