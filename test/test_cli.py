@@ -176,6 +176,35 @@ def test_a_wrong_request_is_one_sentence_on_stderr(run, arguments, words):
     assert words in err
 
 
+@pytest.mark.parametrize('name', ['a' * 300 + '.mcap', '/', 'link.mcap', 'loop/out.mcap'])
+def test_an_output_that_cannot_be_is_one_sentence(run, recording, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    Path('link.mcap').symlink_to('nowhere')
+    Path('loop').symlink_to('loop')
+    code, out, err = run('replay', recording, '--output', name)
+    assert (code, out) == (2, '')
+    assert err.count('\n') == 1
+    assert 'cannot be written' in err
+    assert names(tmp_path) == ['link.mcap', 'loop']
+
+
+def test_a_word_that_is_none_is_shown_and_does_nothing(run):
+    code, _, err = run('predict', '--pressure', '1', '\x1b[2J\x1b]0;owned\x07' + 'a' * 10_000)
+    assert code == 2
+    assert '\x1b' not in err
+    assert len(err) < 5000
+
+
+def test_what_the_system_refuses_is_one_sentence(run, monkeypatch, tmp_path):
+    def full(path):
+        raise OSError(28, 'No space left on device', '/tmp/x')
+
+    monkeypatch.setattr('pneunet_ros.cli.verb.load_model', full)
+    assert run(*LOADED) == (2, '', 'pneunet predict: /tmp/x: No space left on device\n')
+    monkeypatch.setattr('pneunet_ros.cli.verb.load_model', lambda path: bytearray(1 << 62))
+    assert run(*LOADED) == (2, '', 'pneunet predict: there is not enough memory for this\n')
+
+
 # predict
 
 
@@ -185,7 +214,7 @@ def test_predict_gives_all_numbers_of_the_contract(run_json):
     assert code == 0
     assert set(answer) == PREDICTED
     assert (answer['converged'], answer['stable']) == (True, True)
-    assert answer['status'] == 'converged, stable'
+    assert answer['status'].startswith('converged, stable')
     assert answer['residual'] < 1e-10
     assert (answer['pressure'], answer['force']) == (31e3, [0.175, 0.07])
     assert answer['moment_at_end'] == 2e-4
@@ -641,8 +670,7 @@ def test_the_demo_with_a_bad_model_leaves_nothing(run, tmp_path):
 
 def test_the_demo_without_one_estimate_says_so_and_its_picture_is_one(run_json, tmp_path):
     model = tmp_path / 'high.yaml'
-    save_model(replace(ARM, domain=None), model)
-    text = model.read_text()
+    text = re.sub(r'\ndomain:\n( .*\n)+', '\n', MODEL.read_text())
     for row in re.findall(r'pressure: \[(.*?)\]', text):
         moved = ', '.join(str(float(value) + 5e5) for value in row.split(','))
         text = text.replace(f'pressure: [{row}]', f'pressure: [{moved}]')

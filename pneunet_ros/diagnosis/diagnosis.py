@@ -29,6 +29,7 @@ from pneunet_ros.diagnosis.localization import (
     misfit_shares,
 )
 from pneunet_ros.diagnosis.reading_noise import with_reading_noise
+from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.result import (
     Adequacy,
     Answer,
@@ -116,9 +117,8 @@ def diagnose(
         settings=settings,
     )
     first = selection.fit_base()
-    if not (first.refit.converged or first.refit.steady):
-        status = base.fit.status if not base.fit.converged else 'the cost still changes'
-        return unsettled(status, seed, settings)
+    if not is_settled(first.refit, settings):
+        return unsettled(seed, settings)
     best = selection.select_forward(first)
     selection.fit_rivals(first, best)
     candidates = selection.score_candidates(first)
@@ -128,12 +128,21 @@ def diagnose(
     return conclude(selection, first, best, verdict, detectable, recordings)
 
 
-def unsettled(status: str, seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:
-    """Return that the base model could not be fitted; status: how the search ended."""
+def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
+    """Whether a fit has converged, or stopped where a step more would gain next to nothing."""
+    if fit.converged or fit.steady:
+        return True
+    _, gain = fit.gaussian.step_without(())
+    nearly = 0.5 * settings.calibration.map_estimation.nearly**2
+    return gain < max(nearly, settings.base_fit.unsettled * fit.cost)
+
+
+def unsettled(seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:
+    """Return that the base model could not be fitted."""
     return UnsettledDiagnosis(
         sentence=(
-            'The model could not be fitted to the training recordings '
-            f'({status}), so nothing can be said of what it lacks.'
+            'The model could not be fitted to the training recordings: the search did not settle, '
+            'so nothing can be said of what the model lacks.'
         ),
         notes=(
             'check length, targets, units and the moment law of the model, and the recordings by '

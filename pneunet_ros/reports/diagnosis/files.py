@@ -106,6 +106,7 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
                 'from': item.start,
                 'to': item.stop,
                 'share': item.share,
+                'seen': item.seen,
                 'p_value': item.p_value,
                 'sentence': item.sentence,
             }
