@@ -28,6 +28,7 @@ from pneunet_ros.diagnosis.localization import (
     heat_maps,
     misfit_shares,
 )
+from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.result import (
     Adequacy,
     Answer,
@@ -103,8 +104,6 @@ def diagnose(
         [run.without_tip_pose() for run in runs] for runs in (training, held_out)
     )
     base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
-    if not base.fit.converged:
-        return unsettled(base.fit.status, seed, settings)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
     asked = hypotheses(known, settings.hypothesis)
@@ -117,8 +116,8 @@ def diagnose(
         settings=settings,
     )
     first = selection.fit_base()
-    if not (first.refit.converged or first.refit.settled):
-        return unsettled('the cost still changes from step to step', seed, settings)
+    if not is_settled(first.refit, settings):
+        return unsettled(seed, settings)
     best = selection.select_forward(first)
     selection.fit_rivals(first, best)
     candidates = selection.score_candidates(first)
@@ -128,12 +127,21 @@ def diagnose(
     return conclude(selection, first, best, verdict, detectable, recordings)
 
 
-def unsettled(status: str, seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:
-    """Return that the base model could not be fitted; status: how the search ended."""
+def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
+    """Whether a fit has converged, or stopped where a step more would gain next to nothing."""
+    if fit.converged or fit.steady:
+        return True
+    _, gain = fit.gaussian.step_without(())
+    nearly = 0.5 * settings.calibration.map_estimation.nearly**2
+    return gain < max(nearly, settings.base_fit.unsettled * fit.cost)
+
+
+def unsettled(seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:
+    """Return that the base model could not be fitted."""
     return UnsettledDiagnosis(
         sentence=(
-            'The model could not be fitted to the training recordings '
-            f'({status}), so nothing can be said of what it lacks.'
+            'The model could not be fitted to the training recordings: the search did not settle, '
+            'so nothing can be said of what the model lacks.'
         ),
         notes=(
             'check length, targets, units and the moment law of the model, and the recordings by '
