@@ -15,7 +15,6 @@ from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.lab.renderer import Renderer
 from pneunet_ros.lab.scene import Dots, Scene
-from pneunet_ros.vision.association import AssociationSettings
 from pneunet_ros.vision.beam_search import BeamSearchSettings
 from pneunet_ros.vision.blobs import BlobSettings
 from pneunet_ros.vision.camera_settings import (
@@ -24,8 +23,8 @@ from pneunet_ros.vision.camera_settings import (
     HomographyPlane,
     PosePlane,
 )
-from pneunet_ros.vision.centroid import CentroidSettings
 from pneunet_ros.vision.curvature_prior import PriorSettings
+from pneunet_ros.vision.ellipse_fit import EllipseSettings
 from pneunet_ros.vision.gating import GatingSettings
 from pneunet_ros.vision.settings import RestPlaneSettings, RowTrackerSettings, VisionSettings
 from pneunet_ros.vision.smoother import SmootherSettings
@@ -107,6 +106,39 @@ def test_scale_and_base_frame_come_from_the_arm_at_rest():
     assert outcome.reason == ''
     assert outcome.sightings.seen == TARGETS
     assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 5e-5
+
+
+@pytest.mark.parametrize('name', ['bright', 'dark'])
+def test_what_shows_a_row_decides_whether_targets_are_bright_or_dark(name):
+    film = Film()
+    seen = [film.picture()[0] for _ in range(REST)]
+    shown = seen if name == 'bright' else [255 - grey for grey in seen]
+    for grey in shown[:-1]:
+        assert film.show(grey).reason == 'resting'
+        assert film.state.polarity is None
+    assert film.show(shown[-1]).sightings.seen == TARGETS
+    assert film.state.polarity.name == name
+    other = 'dark' if name == 'bright' else 'bright'
+    assert f'{name}: {TARGETS} of {TARGETS} targets in a row; {other}: ' in (
+        film.state.polarity.evidence
+    )
+    assert film.tracker.reset(film.state).polarity is None
+
+
+def test_a_bright_and_a_dark_row_in_one_picture_are_no_answer():
+    film = Film()
+    grey, truth = film.picture()
+    middle = round(truth.v[0])
+    band = grey[middle - 40 : middle + 40]
+    both = grey.copy()
+    both[5:85] = 255 - band
+    outcome = film.show(both)
+    assert outcome.reason == 'several_rows' and 'set polarity' in outcome.sentence
+    for polarity, there in (('bright', middle), ('dark', 45)):
+        sure = Film(CameraSettings(polarity=polarity))
+        for _ in range(REST):
+            outcome = sure.show(both)
+        assert outcome.sightings.v[0] == pytest.approx(there, abs=2.0)
 
 
 @pytest.mark.parametrize('seed', range(8))
@@ -402,8 +434,7 @@ def test_a_row_of_other_dots_beside_the_arm_is_no_arm():
 
 BLIND = {
     'blobs': BlobSettings(most=1),
-    'centroid': CentroidSettings(fewest=10**6),
-    'association': AssociationSettings(most_blobs=1),
+    'ellipse': EllipseSettings(knows=0.0),
     'beam_search': BeamSearchSettings(larger=-1.0),
     'gating': GatingSettings(smallest=1.5),
     'row_tracker': RowTrackerSettings(off_along=-1.0),
@@ -414,7 +445,7 @@ BLIND = {
     ('part', 'known'),
     [
         *((part, False) for part in BLIND),
-        *((part, True) for part in ('centroid', 'gating', 'row_tracker')),
+        *((part, True) for part in ('ellipse', 'gating', 'row_tracker')),
     ],
 )
 def test_each_setting_reaches_the_step_it_belongs_to(watching, part, known):
@@ -429,7 +460,7 @@ def test_settings_of_following_rest_and_curve_reach_them(watching):
     grey, _ = watching.picture(25e3)
     image = as_image(grey, stamp_ns=watching.stamp_ns + FRAME_NS)
     vision = VisionSettings(
-        centroid=CentroidSettings(edge_share=0.4),
+        ellipse=EllipseSettings(outward=2.0),
         smoother=SmootherSettings(least_std=1e-2),
         prior=PriorSettings(smoother=3.0),
         rest_plane=RestPlaneSettings(seen=1.1),

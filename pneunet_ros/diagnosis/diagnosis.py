@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pneunet_ros.core.progress import OnProgress, say_nothing
@@ -28,6 +28,7 @@ from pneunet_ros.diagnosis.localization import (
     heat_maps,
     misfit_shares,
 )
+from pneunet_ros.diagnosis.reading_noise import with_reading_noise
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.result import (
     Adequacy,
@@ -103,6 +104,10 @@ def diagnose(
     training, held_out = (
         [run.without_tip_pose() for run in runs] for runs in (training, held_out)
     )
+    # Of the tip's orientation the linearization knows nothing; its place is used.
+    training, held_out = (
+        [replace(run, heading=None) for run in runs] for runs in (training, held_out)
+    )
     base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
@@ -129,7 +134,7 @@ def diagnose(
 
 def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
     """Whether a fit has converged, or stopped where a step more would gain next to nothing."""
-    if fit.converged:
+    if fit.converged or fit.steady:
         return True
     _, gain = fit.gaussian.step_without(())
     nearly = 0.5 * settings.calibration.map_estimation.nearly**2
@@ -204,6 +209,8 @@ def conclude(
     candidates, level = selection.score_candidates(first), settings.lack_of_fit.level
     before = after = evaluate(first, runs, recordings, settings)
     if added:
+        refit = with_reading_noise(verdict.trial.refit, selection.seed, settings.reading_noise)
+        verdict = replace(verdict, trial=replace(verdict.trial, refit=refit))
         after = evaluate(verdict.trial, runs, recordings, settings)
     floor, floor_std = noise_floor(after.arm, recordings[1] or recordings[0], noise)
     frames, frames_after = (

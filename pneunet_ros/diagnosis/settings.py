@@ -94,9 +94,17 @@ class RefitSettings:
     most_halvings: int = tuning(5, 'most halvings of a step')
     least_gain: float = tuning(0.1, 'cost that a step must gain; below it has converged')
     settled: float = tuning(0.5, 'change of cost from round to round; below it is settled')
+    steady: float = tuning(0.01, 'the same of a poor model', unit='cost above that of noise')
     # The base takes up most of what gravity does: a coarser difference is bent by more than is
     # left, and taken for information.
     difference: float = tuning(5e-4, 'step of numerical derivatives', unit='prior std')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingNoiseSettings:
+    """What the noise of readings does by way of the memory of effects."""
+
+    draws: int = tuning(12, 'times that noise is added once more')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,6 +184,7 @@ class DiagnosisSettings:
     score_test: ScoreTestSettings = ScoreTestSettings()
     lack_of_fit: LackOfFitSettings = LackOfFitSettings()
     refit: RefitSettings = RefitSettings()
+    reading_noise: ReadingNoiseSettings = ReadingNoiseSettings()
     selection: SelectionSettings = SelectionSettings()
     confirmation: ConfirmationSettings = ConfirmationSettings()
     localization: LocalizationSettings = LocalizationSettings()

@@ -29,7 +29,7 @@ FITTED = 11
 # What is searched: way of the center; size, two changes of shape; blur; plateau and its slopes.
 UNKNOWNS = 9
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
-EDGE = math.sqrt(3.0) / math.pi  # scale of a logistic curve over its standard deviation
+PEAK = 1.0 / math.sqrt(2.0 * math.pi)  # of the normal density
 SIGMA = 1.4826  # standard deviation over the median of what is off, of Gaussian noise
 
 
@@ -44,7 +44,7 @@ class EllipseSettings:
     outward: float = tuning(3.0, 'the same, outside', unit='blur')
     margin: float = tuning(1.0, 'the same, added', unit='px')
     shift: float = tuning(1.5, 'an edge may be off where the fit begins', unit='px')
-    least_blur: float = tuning(0.2, 'of an edge', unit='px')
+    least_blur: float = tuning(0.29, 'of an edge: a pixel is a square', unit='px')
     most_blur: float = tuning(3.5, 'of an edge', unit='px')
     tilt_std: float = tuning(0.015, 'slope of the light over a blob', unit='contrast / radius')
     largest_step: float = tuning(1.5, 'of the center in a pass', unit='px')
@@ -59,7 +59,7 @@ class EllipseSettings:
     near_edge: float = tuning(0.12, 'distance of an edge that is near the outline', unit='px')
     near_edge_share: float = tuning(0.02, 'the same, added', unit='radius')
     model_error: float = tuning(
-        0.004, 'of the center, for what no blob exactly is', unit='px', source='measured'
+        0.0025, 'of the center, for what no blob exactly is', unit='px', source='measured'
     )
 
 
@@ -128,7 +128,6 @@ def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Ar
     for turn in range(numbers.passes):
         xx, xy, yy = _inverse(now[AXIS_XX], now[AXIS_XY], now[AXIS_YY])
         blur, plateau = now[WIDTH], now[PLATEAU]
-        steep = 1.0 / (EDGE * blur)
         nearest = -numbers.inward * blur - numbers.margin
         farthest = numbers.outward * blur + numbers.margin
         # First what is covered, and the background of each sector.
@@ -139,7 +138,7 @@ def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Ar
             if outside <= nearest or outside >= farthest:
                 pixels[pixel, 2] = 0.0
                 continue
-            covered = 1.0 / (1.0 + math.exp(steep * outside))
+            covered = 0.5 * math.erfc(outside / (math.sqrt(2.0) * blur))
             bare = 1.0 - covered
             # Uneven light tells on the blob from its center on, behind it from the edge on.
             lever = covered + bare * (1.0 - 1.0 / ratio)
@@ -173,7 +172,7 @@ def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Ar
             background = (1.0 - share) * behind[first] + share * behind[second]
             left = pixels[pixel, 1] - bare * background
             height = plateau - background + (slopes[0] * x + slopes[1] * y) / ratio
-            by_edge = height * steep * covered * bare
+            by_edge = height * PEAK / blur * math.exp(-0.5 * (outside / blur) ** 2)
             stretched = by_edge * stretch
             lever = covered + bare * (1.0 - 1.0 / ratio)
             by_unknowns[0], by_unknowns[1] = by_edge * out_x, by_edge * out_y
