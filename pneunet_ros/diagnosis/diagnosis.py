@@ -104,10 +104,6 @@ def diagnose(
     training, held_out = (
         [run.without_tip_pose() for run in runs] for runs in (training, held_out)
     )
-    # Of the tip's orientation the linearization knows nothing; its place is used.
-    training, held_out = (
-        [replace(run, heading=None) for run in runs] for runs in (training, held_out)
-    )
     base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
