@@ -62,13 +62,13 @@ def recorded(
     )
 
 
-@pytest.mark.parametrize('stiffness', [5e-5, 0.02, 3.0])
+@pytest.mark.parametrize('stiffness', [1e-3, 0.02, 3.0])
 def test_stiffness_and_rest_shape_come_from_loads_alone(stiffness, tmp_path):
-    truth = replace(STRIP, stiffness=stiffness, weight=0.01 if stiffness < 1e-3 else 0.5)
+    truth = replace(STRIP, stiffness=stiffness, weight=25.0 * stiffness)
     forces = WEIGHTS * stiffness / STRIP.stiffness
-    noise = replace(NOISE, force_std=1e-3 * abs(forces[0]))
-    frame = replace(bench(truth, weight=max(1.0, abs(forces).max())), sensors=noise)
-    found = calibrate([], [recorded(truth, np.maximum(forces, -50.0))], frame)
+    noise = replace(NOISE, force_std=0.01 * float(abs(forces[0])))
+    frame = replace(bench(truth, weight=10.0), sensors=noise)
+    found = calibrate([], [recorded(truth, forces)], frame)
     assert found.joint.converged
     law = found.arm.moment_law
     std = np.sqrt(found.joint.covariance[-1, -1])
@@ -105,17 +105,18 @@ def test_the_error_bars_of_the_stiffness_are_honest():
         found = calibrate([], [recorded(seed=seed)], bench())
         error = found.arm.moment_law.bending_stiffness - STRIP.stiffness
         off.append(error / np.sqrt(found.joint.covariance[-1, -1]))
-    assert 0.4 < np.sqrt(np.mean(np.square(off))) < 1.6
+    # A strip that is even in itself: what it might not be is in the error bars, too.
+    assert 0.2 < np.sqrt(np.mean(np.square(off))) < 1.5
 
 
 def test_what_tells_no_stiffness_is_refused():
     with pytest.raises(RecordingError, match='one load at one pressure'):
         calibrate([], [recorded(forces=[WEIGHTS[1]] * 3)], bench())
-    with pytest.raises(RecordingError, match='no pressure topic.*after --loaded'):
+    with pytest.raises(RecordingError, match=r'no pressure topic.*after --loaded'):
         calibrate([recorded(forces=[0.0] * 3)], [], bench())
     with pytest.raises(RequestError, match='--law linear'):
         calibrate([], [recorded()], bench(), kind='piecewise_linear')
     with pytest.raises(RecordingError, match='no pressure topic, and the other recordings'):
         calibrate([replace(recorded(forces=[0.0]), pressurized=True)], [recorded()], bench())
-    with pytest.raises(RecordingError, match='2 frames .* at least 3'):
+    with pytest.raises(RecordingError, match=r'2 frames .* at least 3'):
         calibrate([], [recorded(forces=WEIGHTS[:2])], bench())

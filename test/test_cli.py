@@ -215,7 +215,7 @@ def test_predict_gives_all_numbers_of_the_contract(run_json):
     assert set(answer) == PREDICTED
     assert (answer['converged'], answer['stable']) == (True, True)
     assert answer['status'].startswith('converged, stable')
-    assert answer['residual'] < 1e-10
+    assert answer['residual'] < 1e-6
     assert (answer['pressure'], answer['force']) == (31e3, [0.175, 0.07])
     assert answer['moment_at_end'] == 2e-4
     for name in ('arclength', 'x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment'):
@@ -345,7 +345,7 @@ def test_replay_sums_up_and_writes_inputs_and_outputs(run_json, recording, tmp_p
     assert summary['topics'] == {'pressure': PRESSURE, 'end_wrench': WRENCH}
     assert (summary['recording'], summary['output']) == (str(recording), str(output))
     assert summary['model'] == 'paper-arm'
-    assert summary['worst_residual'] < 1e-10
+    assert summary['worst_residual'] < 1e-6
     assert 'outside the calibrated range' in summary['last_refusal']
     written = {topic.name: topic.count for topic in open_recording(output).topics}
     assert written == {PRESSURE: 30, WRENCH: 30} | {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pneunet_ros.core.progress import OnProgress, say_nothing
@@ -28,6 +28,7 @@ from pneunet_ros.diagnosis.localization import (
     heat_maps,
     misfit_shares,
 )
+from pneunet_ros.diagnosis.reading_noise import with_reading_noise
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.result import (
     Adequacy,
@@ -204,6 +205,8 @@ def conclude(
     candidates, level = selection.score_candidates(first), settings.lack_of_fit.level
     before = after = evaluate(first, runs, recordings, settings)
     if added:
+        refit = with_reading_noise(verdict.trial.refit, selection.seed, settings.reading_noise)
+        verdict = replace(verdict, trial=replace(verdict.trial, refit=refit))
         after = evaluate(verdict.trial, runs, recordings, settings)
     floor, floor_std = noise_floor(after.arm, recordings[1] or recordings[0], noise)
     frames, frames_after = (

@@ -101,6 +101,13 @@ class RefitSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingNoiseSettings:
+    """What the noise of readings does by way of the memory of effects."""
+
+    draws: int = tuning(12, 'times that noise is added once more')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SelectionSettings:
     """Forward selection of effects, and backward elimination."""
 
@@ -177,6 +184,7 @@ class DiagnosisSettings:
     score_test: ScoreTestSettings = ScoreTestSettings()
     lack_of_fit: LackOfFitSettings = LackOfFitSettings()
     refit: RefitSettings = RefitSettings()
+    reading_noise: ReadingNoiseSettings = ReadingNoiseSettings()
     selection: SelectionSettings = SelectionSettings()
     confirmation: ConfirmationSettings = ConfirmationSettings()
     localization: LocalizationSettings = LocalizationSettings()
