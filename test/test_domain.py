@@ -21,7 +21,7 @@ from pneunet_ros.model.domain_position import (
 from pneunet_ros.model.equilibrium import solve
 import pytest
 from scipy.spatial import ConvexHull
-from support.example_arms import LENGTH, paper_arm, TABLE_1
+from support.example_arms import LENGTH, paper_arm, TABLE_1, WIDE
 
 QUIET = np.zeros(4)
 RANGE = (0.0, 60e3)
@@ -146,6 +146,13 @@ def test_weights_along_a_line_are_two_vertices_with_the_unloaded_arm():
     )
     domain = spanned_domain(loads, LENGTH, (0.0, 66e3))
     assert sorted(domain.end_load[:, 1:].tolist()) == [[0.3, 0.0, 0.0], [0.3, 0.0, 5e4]]
+
+
+def test_what_is_known_is_said_in_words():
+    assert paper_arm().domain.words == '0 to 66 kPa, end forces up to 0.313 N'
+    assert WIDE.words.endswith('end forces up to 0.849 N and end moments up to 10 mN m')
+    never = Domain(pressure=(0.0, 5e3), end_load=[[0, 0, 0, 0]])
+    assert never.words == '0 to 5 kPa, no end load'
 
 
 # What the file may hold

@@ -11,6 +11,7 @@ from types import FrameType
 from typing import Any
 
 from pneunet_ros.core.errors import PneunetError, RequestError
+from pneunet_ros.core.printable import printable
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
@@ -50,7 +51,7 @@ def run_together(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments:
     except PneunetError as error:
         if signal.getsignal(_SIGNALS[0]) is _ignore:
             return DONE  # a signal came, of which ROS has made an error of whatever it cut off
-        print(error, file=sys.stderr)
+        print(printable(str(error)), file=sys.stderr)
         return WRONG_REQUEST
     finally:
         _on_signals(_ignore)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, TwoSlopeNorm
@@ -107,9 +108,9 @@ def shares(data: FigureData) -> Picture | None:
         'What the model before leaves over, split along each axis. Blue bars hold more than '
         f'noise alone puts there in {100 * (1.0 - p_value):.0f} of 100 cases, grey ones do not '
         'stand out. Dashed: which share of all that was seen lies there; a bar as high as its '
-        'outline is an even misfit. A cause shows itself by the axis on which the bars differ from their outlines: along force '
-        'what carries the load, along direction or time an effect with memory, along pressure '
-        'alone the inflation.',
+        'outline is an even misfit. A cause shows itself by the axis on which the bars differ '
+        'from their outlines: along force what carries the load, along direction or time an '
+        'effect with memory, along pressure alone the inflation.',
         figure,
     )
 
@@ -119,7 +120,12 @@ def draw_shares(axes: Axes, axis: Axis, shares: Sequence[Share], p_value: float)
     label, scale = WORDS[axis]
     heights = [100.0 * item.share for item in shares]
     seen = [100.0 * item.seen for item in shares]
-    outline = {'fill': False, 'edgecolor': '0.25', 'linewidth': 1.0, 'linestyle': (0, (3, 2))}
+    outline: dict[str, Any] = {
+        'fill': False,
+        'edgecolor': '0.25',
+        'linewidth': 1.0,
+        'linestyle': (0, (3, 2)),
+    }
     colors = [FIRST if item.p_value < p_value else '#b5b5b5' for item in shares]
     if axis == 'direction':
         places = np.arange(len(shares))
