@@ -14,6 +14,7 @@ from support.lab_designs import fitted
 
 TRAINING = ('lab/ramp.mcap', 'lab/strings.mcap', 'lab/sweeps.mcap')
 COORDINATES = 100  # of a run
+BAD = LackOfFit(name='training: windows of time', statistic=90.0, dof=9, mean=9.0, std=4.0)
 
 
 def record(*names: str, fall: float = 0.0, chi_squared: float = 1.0, **changes) -> Record:
@@ -28,7 +29,7 @@ def record(*names: str, fall: float = 0.0, chi_squared: float = 1.0, **changes) 
         'dof': len(names),
         'evidence': whole,
         'gain': 2.0 * whole,
-        'tests': (LackOfFit(name='training: smooth fields', statistic=9.0, dof=9, mean=9.0, std=4.0),),
+        'tests': (replace(BAD, statistic=9.0),),
         'adequate': True,
         'plausible': True,
         'run_chi_squared': (
@@ -62,9 +63,8 @@ def test_what_all_speaks_for_keeps_its_name():
 
 
 def test_a_law_may_leave_little_and_no_more():
-    bad = (LackOfFit(name='training: windows of time', statistic=90.0, dof=9, mean=9.0, std=4.0),)
-    assert objections(record('creep', chi_squared=1.8, tests=bad)) == ''
-    said = objections(record('creep', chi_squared=7.7, tests=bad))
+    assert objections(record('creep', chi_squared=1.8, tests=(BAD,))) == ''
+    said = objections(record('creep', chi_squared=7.7, tests=(BAD,)))
     assert 'leaves chi squared per coordinate 7.7' in said
     assert 'windows of time' in said
     # Wide priors of few frames: chi squared alone says nothing.
