@@ -14,11 +14,12 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.lab.renderer import Renderer
-from pneunet_ros.lab.scene import Dots, Scene
+from pneunet_ros.lab.scene import Dots, FrameState, Scene
 from pneunet_ros.vision.beam_search import BeamSearchSettings
 from pneunet_ros.vision.blobs import BlobSettings
 from pneunet_ros.vision.camera_settings import (
     CameraSettings,
+    CurvedRestPlane,
     FixedBand,
     HomographyPlane,
     PosePlane,
@@ -287,6 +288,67 @@ def test_a_spoiled_frame_is_no_arm_at_rest(name):
     outcome = film.show(SPOILED[name](film.picture()[0]))
     assert nothing_seen(outcome)
     assert outcome.reason not in ('', 'resting')
+
+
+def test_the_same_picture_gives_the_same_answer():
+    film = Film()
+    grey, _ = film.picture()
+    outcomes = [film.show(grey) for _ in range(REST + 3)]
+    assert [outcome.reason for outcome in outcomes] == (REST - 1) * ['resting'] + 4 * ['']
+    seen = outcomes[REST - 1].sightings
+    for outcome in outcomes[REST:]:
+        assert outcome.sightings.u == pytest.approx(seen.u, abs=5e-3)
+        assert outcome.sightings.v == pytest.approx(seen.v, abs=5e-3)
+
+
+def test_a_row_that_cannot_be_followed_is_no_arm_at_rest():
+    """Every other dot is much larger: a straight row at the right distances, but no arm's."""
+    film = Film()
+    x = ARM.target_arclength
+    radius = np.where(np.arange(TARGETS) % 2, 0.0014, 0.0010)
+    dots = Dots(x=x, y=np.zeros(TARGETS), radius=radius)
+    grey, _ = film.renderer.render(FrameState(dots=dots), film.rng)
+    reasons = [film.show(grey).reason for _ in range(REST + 1)]
+    assert reasons == (REST + 1) * ['no_row']
+
+
+def test_a_hidden_target_or_a_bad_frame_does_not_begin_the_rest_anew():
+    film = Film()
+    for frame in range(REST):
+        grey, truth = film.picture()
+        covered = grey.copy()
+        for target in (9, TARGETS - 1) if frame in (1, 3) else ():
+            u, v = round(float(truth.u[target])), round(float(truth.v[target]))
+            covered[v - 8 : v + 9, u - 8 : u + 9] = 45
+        assert film.show(np.zeros_like(grey)).reason == 'no_areas'
+        outcome = film.show(covered)
+    assert outcome.sightings.seen == TARGETS
+    assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 5e-5
+
+
+def test_an_arm_that_is_bent_at_rest_is_tracked_where_the_camera_file_says_so():
+    film = Film(CameraSettings(plane=CurvedRestPlane()))
+    for _ in range(REST):
+        grey, truth = film.picture(15e3)
+        outcome = film.show(grey)
+    assert outcome.sightings.seen == TARGETS
+    assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 1e-3
+    outcome, truth = film.inflate(25e3)
+    assert outcome.sightings.seen == TARGETS
+    assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 1e-3
+
+
+def test_three_targets_are_tracked_without_a_curve():
+    arm = replace(ARM, target_arclength=np.array([0.0, 0.055, 0.11]))
+    film = Film()
+    film.tracker = Tracker(arm, CameraSettings())
+    motion = motion_of(arm, (0.0, 50e3))
+    for pressure in [0.0] * REST + np.linspace(0.0, 20e3, 12).tolist():
+        grey, truth = film.renderer.render(motion.frame_state(pressure), film.rng)
+        outcome = film.show(grey)
+    assert outcome.sightings.seen == 3
+    assert outcome.curve is None
+    assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 2e-4
 
 
 def test_a_mirrored_arm_does_not_begin_at_clamp_pixel():

@@ -10,9 +10,11 @@ import shutil
 import cv2
 from mcap.writer import CompressionType, Writer
 import numpy as np
+from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.cli.main import main, VERBS
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
+from pneunet_ros.offline.calibration_files import save_knowledge
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.recording import open_recording
 
@@ -22,6 +24,18 @@ DRAWING = (
     'matplotlib.backends.backend_agg',
 )
 IMAGES = 7  # enough for a rest of five
+KNOWLEDGE = PosteriorState(
+    pressure=np.array([0.0, 3e4, 6e4]),
+    arclength=np.array([0.0, 0.5, 1.0]),
+    kind='piecewise_linear',
+    stiffness=2e-4,
+    low=0.0,
+    high=6e4,
+    values=np.arange(2.0),
+    information=np.eye(2),
+    placement=np.arange(2.0),
+    covariance=np.eye(4),
+)
 SCENARIO = """\
 schema_version: 1
 name: hostile
@@ -82,7 +96,7 @@ def make_corpus(folder: Path) -> Corpus:
         _rewrite(whole / 'rec.mcap', whole / name, compression=kind, enable_crcs=False)
     _rewrite(whole / 'rec.mcap', whole / 'loose.mcap', use_chunking=False, enable_crcs=False)
     _images(whole)
-    np.savez_compressed(whole / 'model.knowledge.npz', kind=np.array('linear'), low=0.0, high=6e4)
+    save_knowledge(KNOWLEDGE, whole / 'model.yaml', overwrite=False)
     return Corpus(folder=whole, trials=folder / 'trials')
 
 

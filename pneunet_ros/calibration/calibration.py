@@ -123,7 +123,7 @@ def calibrate(
             laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
     posterior = posterior_of(joint, *fits.span(earlier))
     notes = undetermined_quantities(joint, settings.identifiability)
-    joint = consider_nonuniformity(joint, settings.resolution)
+    joint = consider_nonuniformity(joint, settings)
     covariance, explained_variance = low_rank(joint, settings=settings.experiments)
     outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(

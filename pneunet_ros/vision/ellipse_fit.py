@@ -21,8 +21,8 @@ Integers = npt.NDArray[np.int64]
 CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH = range(6)
 # Only before: how well its size and shape (of its radius) and its blur (px) are known, one sigma.
 SHAPE_STD, WIDTH_STD = 6, 7
-# Only after: std of the center px, grey levels of plateau and background, shares of the edge that
-# are near the ellipse, and exactly on it.
+# Only after: std of the center px, grey levels of plateau and background; share near the ellipse
+# of the edge that can be seen, and share exactly on it of all the edge.
 ERROR, PLATEAU, BEHIND, NEAR_EDGE, ON_EDGE = range(6, 11)
 FITTED = 11
 
@@ -55,11 +55,12 @@ class EllipseSettings:
     cut: float = tuning(2.5, 'an edge off the outline takes no part', unit='usual distance')
     least_off: float = tuning(0.02, 'usual distance of edges from the outline', unit='px')
     knows: float = tuning(0.3, 'error of the place of an edge that tells anything', unit='px')
+    told: float = tuning(0.5, 'share of the sectors in which an edge can be seen, at least')
     on_edge: float = tuning(0.03, 'distance of an edge that is on the outline', unit='px')
     near_edge: float = tuning(0.12, 'distance of an edge that is near the outline', unit='px')
     near_edge_share: float = tuning(0.02, 'the same, added', unit='radius')
     model_error: float = tuning(
-        0.0025, 'of the center, for what no blob exactly is', unit='px', source='measured'
+        0.004, 'of the center, for what no blob exactly is', unit='px', source='measured'
     )
 
 
@@ -218,8 +219,9 @@ def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Ar
     fitted[BEHIND] = np.median(behind)
     radius = math.sqrt(now[AXIS_XX] * now[AXIS_YY] - now[AXIS_XY] ** 2)
     near = numbers.near_edge + numbers.near_edge_share * radius
-    fitted[NEAR_EDGE] = _share_on_edge(edges, near, numbers)
-    fitted[ON_EDGE] = _share_on_edge(edges, numbers.on_edge, numbers)
+    told, seen = _seen_on_edge(edges, near, numbers)
+    fitted[NEAR_EDGE] = seen / told if told >= numbers.told * sectors else 0.0
+    fitted[ON_EDGE] = _seen_on_edge(edges, numbers.on_edge, numbers)[1] / sectors
 
 
 @kernel
@@ -352,11 +354,13 @@ def _believe(edges: Array, gently: bool, numbers: EllipseSettings, believed: Arr
 
 
 @kernel
-def _share_on_edge(edges: Array, most: float, numbers: EllipseSettings) -> float:
-    """Return the share of sectors in which the edge is seen `most` px or less off the ellipse."""
-    seen = 0
+def _seen_on_edge(edges: Array, most: float, numbers: EllipseSettings) -> tuple[int, int]:
+    """Return in how many sectors an edge can be seen, and is `most` px off the ellipse or less."""
+    told = seen = 0
     for sector in range(len(edges)):
         off, std = edges[sector]
-        if std < numbers.knows and abs(off) < most + 2.0 * std:
-            seen += 1
-    return seen / len(edges)
+        if std < numbers.knows:
+            told += 1
+            if abs(off) < most + 2.0 * std:
+                seen += 1
+    return told, seen

@@ -31,7 +31,9 @@ class RowLookSettings:
     least_std: float = tuning(0.0015, 'one sigma of size and shape, at least', unit='radius')
     blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px')
     whole: float = tuning(0.87, 'area of a target seen in great part, over that by its neighbors')
-    seen: float = tuning(0.7, 'share of the edge that shows a target of which less is seen')
+    seen: float = tuning(
+        0.7, 'share of the visible edge that shows a target of which less is seen'
+    )
     moved: float = tuning(0.5, 'a target by a part of it, off where it was seen', unit='radius')
 
 

@@ -154,7 +154,7 @@ def with_nearest(view: View, table: Array, places: Array, reach: float) -> Array
     """
     table, lost = table.copy(), np.isnan(table[:, U])
     if lost.any():
-        across = float(np.nanmax(table[:, MAJOR], initial=0.0))
+        across = float(table[~lost, MAJOR].max(initial=0.0))
         across = across or math.sqrt(view.settings.area.largest)
         table[lost] = nearest_blobs(view.image, places[lost], reach, across, view.appearance)
     return table
@@ -179,7 +179,7 @@ def with_partial(
     asked = np.flatnonzero(partial)
     found = np.full_like(row.table, np.nan)
     found[asked] = blobs_at(view.image, expected[asked], view.appearance)
-    reach = settings.moved * np.sqrt(np.nanmax(usual, initial=0.0) / math.pi)
+    reach = settings.moved * np.sqrt(usual / math.pi)
     believed = np.hypot(*(found[:, :2] - places).T) <= reach
     believed &= (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
     if not believed.any():
