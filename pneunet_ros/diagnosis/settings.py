@@ -90,6 +90,7 @@ class RefitSettings:
     """The joint fit of effects and base model."""
 
     rounds: int = tuning(5, 'most relinearizations')
+    base_rounds: int = tuning(20, 'the same without effects, which all else is compared with')
     most_steps: int = tuning(5, 'most Gauss-Newton steps in a round')
     most_halvings: int = tuning(5, 'most halvings of a step')
     least_gain: float = tuning(0.1, 'cost that a step must gain; below it has converged')

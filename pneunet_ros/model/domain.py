@@ -180,10 +180,11 @@ def spanned_domain(
 
     end_load (frames, 4): F1, F2, M, p, SI; length (m) of the arm; span (Pa): what its tables
     reach. The load that is furthest from the hull of those taken is taken next, until the others
-    are within `thinning` of it.
+    are within `thinning` of it. Numbers have six digits.
     """
     loads = np.array(end_load)
     loads[:, PRESSURE] = np.clip(loads[:, PRESSURE], *span)
+    loads = np.array([[float(f'{value:.6g}') for value in load] for load in loads.tolist()])
     pressure = float(loads[:, PRESSURE].min()), float(loads[:, PRESSURE].max())
     whole = load_hull(loads, pressure, length)
     scaled, near = loads * whole.scale, settings.thinning * whole.size

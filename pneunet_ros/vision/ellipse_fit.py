@@ -97,7 +97,8 @@ def _seen_from(
     ratio = max(math.sqrt(across * across + down * down), 1e-6)
     across, down = across / ratio, down / ratio
     normal_x, normal_y = xx * across + xy * down, xy * across + yy * down
-    stretch = 1.0 / math.sqrt(normal_x * normal_x + normal_y * normal_y)
+    # At the very center there is no normal; it is far inside then.
+    stretch = 1.0 / max(math.sqrt(normal_x * normal_x + normal_y * normal_y), 1e-12)
     return (
         across, down, ratio, normal_x * stretch, normal_y * stretch, stretch,
         (ratio - 1.0) * stretch,
