@@ -10,8 +10,10 @@ from pneunet_ros import solve
 from pneunet_ros.calibration.calibration import calibrate, Calibration
 from pneunet_ros.calibration.nonuniformity import shape_std
 from pneunet_ros.calibration.resolution import resolve
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.model.moment_law import LinearLaw
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made, USUAL
@@ -136,6 +138,27 @@ def test_what_is_resolved_is_as_sure_as_before():
     assert found.joint.parameters.shapes is None
     assert np.array_equal(found.joint.covariance, found.free.covariance)
     assert not any('where no target' in note for note in found.notes)
+
+
+def test_an_arm_of_higher_pressures_needs_a_law_that_holds_there():
+    table = IntrinsicCurvature(
+        pressure=[0.0, 2.2e5], arclength=[0.0, 1.0], curvature=[[0.0, 0.0], [22.0, 22.0]]
+    )
+    law = LinearLaw(bending_stiffness=1.5e-4)
+    arm = replace(with_targets(0.0, 1.0), intrinsic_curvature=table, moment_law=law, domain=None)
+    free = made(arm, np.linspace(0.0, 2e5, 5), noise=NOISE)
+    force = np.array([[0.0, 0.1], [0.05, 0.05], [0.1, 0.1], [0.1, 0.02]])
+    loaded = made(arm, np.linspace(2e4, 1.8e5, 4), force, noise=NOISE, seed=3)
+    frame = with_targets(0.0, 1.0)
+    with pytest.raises(RequestError, match=r'reach from .* to 200.* kPa.* holds from 0 to 66 kPa'):
+        calibrate([free], [], frame)
+    assert calibrate([free], [], arm).arm.intrinsic_curvature.at(2e5, 0.5) == pytest.approx(
+        20.0, abs=0.1
+    )
+    found = calibrate([free], [loaded], frame)
+    assert found.joint.converged
+    assert all(run.solved.all() for run in found.joint.runs)
+    assert found.arm.moment_law.bending_stiffness == pytest.approx(1.5e-4, rel=0.05)
 
 
 def test_a_calibration_of_few_targets_goes_on():

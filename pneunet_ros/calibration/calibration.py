@@ -109,6 +109,8 @@ def calibrate(
             'take --law linear'
         )
     fits = FitSequence(frame, noise, runs, on_progress, resolution=resolution, settings=settings)
+    if earlier is None:
+        fits.check_law(loaded)
     laws: tuple[LawScore, ...] = ()
     if earlier is not None:
         free = joint = fits.continue_from(earlier, runs, kind, bool(loaded))
