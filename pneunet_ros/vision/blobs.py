@@ -134,13 +134,13 @@ def nearest_blobs(
     that it may have.
     """
     nearest = np.full((len(places), COLUMNS), np.nan)
-    if not len(places):
-        return nearest
     grey = image.grey()
     half = math.ceil(reach + appearance.blobs.beyond * across) + 1
     asked = np.flatnonzero(
         (np.abs(places - 0.5 * np.array([image.width, image.height])) < 1e5).all(axis=1)
     )
+    if not len(asked):
+        return nearest
     corners = np.rint(places[asked]).astype(np.int64) - half
     side = 2 * half + 1
     # Pieces of the image one below the other, with a dark line between them.

@@ -22,9 +22,10 @@ CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH = range(6)
 # Only before: how well its size and shape (of its radius) and its blur (px) are known, one sigma.
 SHAPE_STD, WIDTH_STD = 6, 7
 # Only after: std of the center px, grey levels of plateau and background; share near the ellipse
-# of the edge that can be seen, and share exactly on it of all the edge.
-ERROR, PLATEAU, BEHIND, NEAR_EDGE, ON_EDGE = range(6, 11)
-FITTED = 11
+# of the edge that can be seen, and share exactly on it of all the edge; share of what is within
+# that is as bright as the plateau.
+ERROR, PLATEAU, BEHIND, NEAR_EDGE, ON_EDGE, WITHIN = range(6, 12)
+FITTED = 12
 
 # What is searched: way of the center; size, two changes of shape; blur; plateau and its slopes.
 UNKNOWNS = 9
@@ -56,6 +57,8 @@ class EllipseSettings:
     least_off: float = tuning(0.02, 'usual distance of edges from the outline', unit='px')
     knows: float = tuning(0.3, 'error of the place of an edge that tells anything', unit='px')
     told: float = tuning(0.5, 'share of the sectors in which an edge can be seen, at least')
+    within: float = tuning(0.9, 'share of a pixel that a blob covers where it is its inside')
+    plain: float = tuning(0.3, 'inside of a blob, darker than the plateau at most', unit='height')
     on_edge: float = tuning(0.03, 'distance of an edge that is on the outline', unit='px')
     near_edge: float = tuning(0.12, 'distance of an edge that is near the outline', unit='px')
     near_edge_share: float = tuning(0.02, 'the same, added', unit='radius')
@@ -94,7 +97,8 @@ def _seen_from(
     ratio = max(math.sqrt(across * across + down * down), 1e-6)
     across, down = across / ratio, down / ratio
     normal_x, normal_y = xx * across + xy * down, xy * across + yy * down
-    stretch = 1.0 / math.sqrt(normal_x * normal_x + normal_y * normal_y)
+    # At the very center there is no normal; it is far inside then.
+    stretch = 1.0 / max(math.sqrt(normal_x * normal_x + normal_y * normal_y), 1e-12)
     return (
         across, down, ratio, normal_x * stretch, normal_y * stretch, stretch,
         (ratio - 1.0) * stretch,
@@ -217,6 +221,9 @@ def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Ar
     larger = variance * max(covariance[0, 0], covariance[1, 1])
     fitted[ERROR] = math.sqrt(larger + numbers.model_error**2)
     fitted[BEHIND] = np.median(behind)
+    inside = (pixels[:, 2] > 0.0) & (pixels[:, 0] > numbers.within)
+    plain = levels >= now[PLATEAU] - numbers.plain * (now[PLATEAU] - fitted[BEHIND])
+    fitted[WITHIN] = np.sum(inside & plain) / max(np.sum(inside), 1)
     radius = math.sqrt(now[AXIS_XX] * now[AXIS_YY] - now[AXIS_XY] ** 2)
     near = numbers.near_edge + numbers.near_edge_share * radius
     told, seen = _seen_on_edge(edges, near, numbers)

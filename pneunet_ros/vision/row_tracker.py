@@ -27,7 +27,6 @@ from pneunet_ros.vision.centroid import (
     MAJOR,
     MINOR,
     outlines,
-    SEEN,
     STD,
     U,
     V,
@@ -48,7 +47,7 @@ from pneunet_ros.vision.rest_plane import (
     row_at_rest,
     row_points,
 )
-from pneunet_ros.vision.row_look import looks_of_neighbors, share_of_area
+from pneunet_ros.vision.row_look import believable_parts, looks_of_neighbors, share_of_area
 from pneunet_ros.vision.settings import VisionSettings
 from pneunet_ros.vision.working_plane import Plane
 
@@ -181,7 +180,7 @@ def with_partial(
     found[asked] = blobs_at(view.image, expected[asked], view.appearance)
     reach = settings.moved * np.sqrt(usual / math.pi)
     believed = np.hypot(*(found[:, :2] - places).T) <= reach
-    believed &= (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
+    believed &= believable_parts(found, expected, share, settings)
     if not believed.any():
         return row
     table = np.where(believed[:, None], found, row.table)
