@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from pneunet_ros import load_model, save_model, solve
 from pneunet_ros.calibration.calibration import calibrate
+from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.measurement.dataset import RecordingData
@@ -107,6 +109,33 @@ def test_the_error_bars_of_the_stiffness_are_honest():
         off.append(error / np.sqrt(found.joint.covariance[-1, -1]))
     # A strip that is even in itself: what it might not be is in the error bars, too.
     assert 0.2 < np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_a_table_of_weights_becomes_a_model_on_the_command_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = recorded()
+    lines = ['time_s,force_y_mn,x0_mm,y0_mm,tip_x_mm,tip_y_mm,tip_heading_deg']
+    for row, force in enumerate(WEIGHTS.tolist()):
+        heading = np.degrees(STRIP.shape((0.0, force))[2, 0])
+        points = 1e3 * np.array([run.x[row], run.y[row]]).T.ravel()
+        lines.append(','.join(str(value) for value in (row, 1e3 * force, *points, heading)))
+    Path('weights.csv').write_text('\n'.join(lines))
+    save_model(bench(places=(0.0,)), 'beam.yaml')
+    assert main(['import', 'weights.csv', '--output', 'weights.mcap']) == 0
+    arguments = ['--loaded', 'weights.mcap', '--arm', 'beam.yaml', '--output', 'strip.yaml']
+    assert main(['calibrate', *arguments, '--static', '--report', 'report']) == 0
+    said = ' '.join(capsys.readouterr().out.split())
+    assert 'there is no pressure topic' in said
+    assert 'the moment law is one stiffness EI' in said
+    model = load_model('strip.yaml')
+    assert model.moment_law.bending_stiffness == pytest.approx(STRIP.stiffness, rel=0.03)
+    assert model.sources['sensors.heading_std'].startswith('assumed')
+    assert model.target_arclength.tolist() == [0.0]
+    assert (
+        main(['predict', '--model', 'strip.yaml', '--pressure', '0', '--force', '0', '-0.5']) == 0
+    )
+    assert main(['predict', '--model', 'strip.yaml', '--pressure', '5000']) == 1
+    assert Path('report/index.html').stat().st_size > 10_000
 
 
 def test_what_tells_no_stiffness_is_refused():
