@@ -42,10 +42,11 @@ OF_EVERY_NODE = {
     'model_info': 'std_msgs/msg/String',
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }
+ESTIMATED = [sensor for sensor in SENSORS if sensor.needed(EstimatorSettings())]
 TYPES = {
     'estimator': {
         topic.name: topic.type
-        for topic in (*SENSORS, *OUTPUTS, markers_output(lambda: None), transform_output('tip'))
+        for topic in (*ESTIMATED, *OUTPUTS, markers_output(lambda: None), transform_output('tip'))
     },
     'tracker': {topic.name: topic.type for topic in (*TRACKER_INPUTS, *TRACKER_OUTPUTS)}
     | {'image_annotated': IMAGE_TYPE},
