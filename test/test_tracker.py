@@ -326,6 +326,17 @@ def test_a_hidden_target_or_a_bad_frame_does_not_begin_the_rest_anew():
     assert np.hypot(outcome.sightings.x - truth.x, outcome.sightings.y - truth.y).max() < 5e-5
 
 
+def test_a_rest_without_the_last_target_says_so():
+    film = Film()
+    for _ in range(2):
+        grey, truth = film.picture()
+        u, v = round(float(truth.u[-1])), round(float(truth.v[-1]))
+        grey[v - 8 : v + 9, u - 8 : u + 9] = 45
+        outcome = film.show(grey)
+    assert outcome.reason == 'no_row'
+    assert f'target {TARGETS - 1} is not seen' in outcome.sentence
+
+
 def test_an_arm_that_is_bent_at_rest_is_tracked_where_the_camera_file_says_so():
     film = Film(CameraSettings(plane=CurvedRestPlane()))
     for _ in range(REST):

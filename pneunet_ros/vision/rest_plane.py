@@ -181,15 +181,9 @@ def row_at_rest(
     count = arclength.size
     rows = regular_rows(points, areas, arclength, vision)
     if not rows:
-        short = (
-            ''
-            if clamp_pixel is None
-            else _short_row(points, pixels, areas, arclength, clamp_pixel, vision)
-        )
         return Failure(
             reason='no_row',
-            sentence=short
-            or f'no row of {count} targets at their distances among {len(points)} bright '
+            sentence=f'no row of {count} targets at their distances among {len(points)} bright '
             'areas: is the whole arm in view, straight, and are target_arclength, grey_band and '
             'area right?',
         )
@@ -227,27 +221,6 @@ def regular_rows(
     """Find all rows of targets that lie on a smooth line; arguments as of `row_at_rest`."""
     rows = rows_anywhere(points, areas, arclength, vision.association, vision.beam_search)
     return [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
-
-
-def _short_row(
-    points: Array,
-    pixels: Array,
-    areas: Array,
-    arclength: Array,
-    clamp_pixel: tuple[float, float],
-    vision: VisionSettings,
-) -> str:
-    """Say which target at the end of a row from the clamp is missing; empty where none is."""
-    count = arclength.size
-    if count <= vision.association.least_targets:
-        return ''
-    short = regular_rows(points, areas, arclength[:-1], vision)
-    if not _rows_from(clamp_pixel, short, pixels, vision):
-        return ''
-    return (
-        f'a row of {count - 1} targets begins at clamp_pixel, but {count} are needed: '
-        f'target {count - 1} is not seen'
-    )
 
 
 def bow(points: Array) -> float:

@@ -229,29 +229,31 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     blobs = candidate_blobs(view)
     if isinstance(blobs, Failure):
         return blobs
-    pixels = np.column_stack([blobs.u, blobs.v])
-    points = view.lens.undistort(pixels)
-    usable = np.isfinite(points[:, 0])
-    bent = isinstance(settings.plane, CurvedRestPlane)
-    row = row_at_rest(
-        points[usable],
-        pixels[usable],
-        blobs.area[usable],
-        arclength,
-        settings.clamp_pixel,
-        math.inf if bent else settings.rest_straightness,
-        vision,
-    )
-    if isinstance(row, Failure):
-        again = rest.recognize(points[usable], arclength, vision.rest_plane)
-        return again if row.reason == 'no_row' and again is not None else row
-    at_rest = row_points(row, points[usable])
-    plane = plane_at_rest(at_rest, arclength, settings.plane)
+    points = view.lens.undistort(np.column_stack([blobs.u, blobs.v]))
+    at_rest = whole = _row_at_rest(view, blobs, points, arclength)
+    if isinstance(whole, Failure):
+        again = rest.recognize(points[np.isfinite(points[:, 0])], arclength, vision.rest_plane)
+        if whole.reason == 'no_row' and again is not None:
+            return again
+        # The last target may be seen in part: its neighbors tell where to look for it.
+        short = arclength.size > vision.association.least_targets
+        if whole.reason != 'no_row' or not short:
+            return whole
+        at_rest = _row_at_rest(view, blobs, points, arclength[:-1])
+    if isinstance(at_rest, Failure):
+        return whole if isinstance(whole, Failure) else at_rest
+    plane = plane_at_rest(at_rest, arclength[: len(at_rest)], settings.plane)
     found = row_among(replace(view, plane=plane), blobs)
     if isinstance(found, Failure):
         return found
+    if isinstance(whole, Failure) and np.isnan(found.std[-1]):
+        return Failure(
+            reason='no_row',
+            sentence=f'a row of {arclength.size - 1} targets begins at the clamp, but '
+            f'{arclength.size} are needed: target {arclength.size - 1} is not seen',
+        )
     again = view.lens.undistort(found.table[:, :2])
-    same = np.count_nonzero((again == at_rest).all(axis=1))
+    same = np.count_nonzero((again[: len(at_rest)] == at_rest).all(axis=1))
     if same < vision.rest_plane.seen * arclength.size:
         return Failure(
             reason='no_row',
@@ -260,6 +262,24 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
             'like those of their neighbors?',
         )
     return again
+
+
+def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> Array | Failure:
+    """Return the targets of a resting arm among blobs, normalized (targets, 2), NaN where missing.
+
+    points (blobs, 2) normalized, NaN where the lens does not see.
+    """
+    settings, usable = view.settings, np.isfinite(points[:, 0])
+    row = row_at_rest(
+        points[usable],
+        np.column_stack([blobs.u, blobs.v])[usable],
+        blobs.area[usable],
+        arclength,
+        settings.clamp_pixel,
+        math.inf if isinstance(settings.plane, CurvedRestPlane) else settings.rest_straightness,
+        view.vision,
+    )
+    return row if isinstance(row, Failure) else row_points(row, points[usable])
 
 
 def candidate_blobs(view: View) -> Blobs | Failure:
