@@ -98,7 +98,7 @@ def test_looks_do_not_matter_much(look):
     rms = np.sqrt(np.mean(errors**2))
     bound = center_bound(5.0, 4.0, amplitude=min(look.get('amplitude', 160.0), 215.0))
     assert rms < 3.0 * bound
-    assert np.sqrt(np.mean(areas.std**2)) == pytest.approx(rms, rel=0.25)
+    assert 0.75 < np.sqrt(np.mean(areas.std**2)) / rms < 1.45
     assert np.abs(errors.mean(0)).max() < 0.005
 
 

@@ -390,14 +390,18 @@ def test_a_hidden_target_is_missing_and_comes_back(watching):
 
 
 @pytest.mark.parametrize('share', [0.35, 0.5, 0.8])
-def test_a_target_covered_in_part_is_missing(watching, share):
-    """Its center would not be that of the target."""
+def test_a_target_covered_in_part_is_missing_or_where_its_center_is(watching, share):
+    """Where little is covered, its neighbors tell where the center of the whole is."""
     grey, truth = watching.picture(25e3)
     u, v = float(truth.u[14]), round(float(truth.v[14]))
     edge = round(u - 4.0 + 8.0 * share)
     grey[v - 9 : v + 10, round(u) - 12 : edge] = 45
     outcome = watching.show(grey)
-    assert np.isnan(outcome.sightings.x[14])
+    off = np.hypot(
+        outcome.sightings.u[14] - truth.centroid_u[14],
+        outcome.sightings.v[14] - truth.centroid_v[14],
+    )
+    assert np.isnan(off) or (share < 0.5 and off < 0.3)
     assert outcome.sightings.seen >= TARGETS - 2
 
 
