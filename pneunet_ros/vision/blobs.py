@@ -34,6 +34,7 @@ from pneunet_ros.vision.centroid import (
     V,
 )
 from pneunet_ros.vision.ellipse_fit import ELLIPSE, EllipseSettings
+from scipy.spatial import cKDTree
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -274,9 +275,10 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
     found: Array = table[possible]
     holes = table[area < -limits.hole]
     if len(found) and len(holes):
-        apart = np.hypot(*(found[:, None, 1:3] - holes[None, :, 1:3]).transpose(2, 0, 1))
-        within = (apart < np.sqrt(found[:, :1] / math.pi)) & (-holes[:, 0] < found[:, :1])
-        found = found[~within.any(axis=1)]
+        apart, nearest = cKDTree(found[:, 1:3]).query(holes[:, 1:3])
+        around = found[nearest, 0]
+        within = (apart < np.sqrt(around / math.pi)) & (-holes[:, 0] < around)
+        found = np.delete(found, nearest[within], axis=0)
     return found
 
 
@@ -318,10 +320,7 @@ def _continued(areas: Array, above: Array, chain: Integers, settings: BlobSettin
     """
     if not len(areas) or not len(above):
         return np.full(len(areas), -1)
-    apart = np.hypot(*(areas[:, None, 1:3] - above[None, :, 1:3]).transpose(2, 0, 1))
+    apart, nearest = cKDTree(above[:, 1:3]).query(areas[:, 1:3])
     reach = settings.nested * np.sqrt(areas[:, 0] / math.pi) + 0.5
-    grown = areas[:, :1] / above[:, 0]
-    apart[(apart > reach[:, None]) | (grown > settings.growth)] = np.inf
-    nearest = apart.argmin(axis=1)
-    there = np.isfinite(apart[np.arange(len(areas)), nearest])
+    there = (apart <= reach) & (areas[:, 0] <= settings.growth * above[nearest, 0])
     return np.where(there, chain[nearest], -1)
