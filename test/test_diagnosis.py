@@ -288,7 +288,7 @@ def test_a_fit_that_stopped_before_its_end_has_not_settled():
         for rest, columns in zip(known.residuals, known.columns, strict=True)
     ]
     away = GaussianModel.of(known.columns, residuals, known.position)
-    assert not is_settled(replace(stopped, gaussian=away))
+    assert not is_settled(replace(stopped, gaussian=away, steady=False))
 
 
 def test_a_base_that_does_not_settle_is_said_and_has_no_numbers(monkeypatch):

@@ -44,7 +44,9 @@ LATE_NS = 3_000_000  # from a stamp to its log time
 PRESSURES = [20e3, 21e3, 150e3, 22e3, float('nan'), 23e3, 24e3]  # two of them are refused
 REFUSED = {2: 'out_of_range', 4: 'not_finite'}
 
-READ = [sensor for sensor in SENSORS if sensor is not TARGETS]
+READ = [
+    sensor for sensor in SENSORS if sensor.needed(EstimatorSettings()) and sensor is not TARGETS
+]
 
 
 def stamp_of(index: int) -> int:

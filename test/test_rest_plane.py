@@ -81,7 +81,7 @@ def test_no_row_says_how_many_areas_there_were():
     assert isinstance(result, Failure)
     assert result.reason == 'no_row'
     assert '23 targets' in result.sentence
-    assert '17 bright areas' in result.sentence
+    assert '17 areas' in result.sentence
 
 
 LENGTH = ARCLENGTH[-1]

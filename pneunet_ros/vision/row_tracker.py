@@ -212,7 +212,7 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
         return Failure(
             reason='no_row',
             sentence=f'only {found.seen} of {targets} targets stand in a row from the clamp, '
-            f'among {len(blobs)} bright areas; {least} are needed: is the arm covered, or has '
+            f'among {len(blobs)} areas; {least} are needed: is the arm covered, or has '
             'the camera moved?',
         )
     return found
@@ -288,7 +288,7 @@ def candidate_blobs(view: View) -> Blobs | Failure:
     if len(blobs) == 0:
         return Failure(
             reason='no_areas',
-            sentence='no bright area could be a target: look at light, exposure, focus, grey_band '
+            sentence='no area could be a target: look at light, exposure, focus, grey_band '
             'and area',
         )
     return blobs
