@@ -109,7 +109,8 @@ def test_what_must_not_be_is_seen(corpus, tmp_path, monkeypatch, verb, kind):
     outputs = (tmp_path / 'case' / 'out.npz',)
     case = Case(kind='made', folder=tmp_path / 'case', words=('verb',), outputs=outputs)
     found = run_case(case, corpus)
-    assert [problem.kind for problem in found.problems][:1] == ([kind] if kind else [])
+    kinds = [problem.kind for problem in found.problems][:1]
+    assert kinds == ([kind] if kind else []), found.problems
 
 
 def test_a_change_that_is_not_said_is_seen(corpus, tmp_path, monkeypatch):
