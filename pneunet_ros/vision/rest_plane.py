@@ -183,7 +183,7 @@ def row_at_rest(
     if not rows:
         return Failure(
             reason='no_row',
-            sentence=f'no row of {count} targets at their distances among {len(points)} bright '
+            sentence=f'no row of {count} targets at their distances among {len(points)} '
             'areas: is the whole arm in view, straight, and are target_arclength, grey_band and '
             'area right?',
         )
