@@ -1,4 +1,4 @@
-"""The model's own error beyond its domain, as more independent sources beside noise of readings."""
+"""The model's own error beyond its domain: more independent sources beside noise of readings."""
 
 from __future__ import annotations
 
