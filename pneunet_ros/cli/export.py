@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-import math
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +20,15 @@ from pneunet_ros.cli.verb import (
 )
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.messages.builders import nanoseconds, POSE_TYPE, UNFIT
+from pneunet_ros.messages.builders import POSE_TYPE
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.offline.table_conversion import tabulate
 from pneunet_ros.recordings.recorded_series import find_all_series, read_series
-from pneunet_ros.recordings.recording import open_recording, Recording
+from pneunet_ros.recordings.recorded_shapes import read_tips, TIP
+from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.tables.reading_table import columns
 from pneunet_ros.tables.table_writer import check_suffix, write_columns
 
-TIP = 'tip'
 TIP_COLUMNS = ('estimate_tip_x_m', 'estimate_tip_y_m', 'estimate_tip_theta_rad')
 
 
@@ -70,7 +69,11 @@ def run(arguments: Namespace) -> int:
     sentences = [*recording.sentences]
     for item in series.values():
         sentences += item.sentences()
-    tips = {} if tip_topic is None else read_tips(recording, tip_topic)
+    tips: dict[int, Array] = {}
+    if tip_topic is not None and recording.count([tip_topic]):
+        found, _ = read_tips(recording, tip_topic)
+        rows = np.column_stack([found.place, found.heading])
+        tips = dict(zip(found.stamp_ns.tolist(), rows, strict=True))
     table = tabulate(series, list(tips))
     content = columns(table)
     if tips:
@@ -100,21 +103,3 @@ def run(arguments: Namespace) -> int:
         console.print(f'note: {sentence}')
     console.print(f'wrote {arguments.output}')
     return DONE
-
-
-def read_tips(recording: Recording, topic: str) -> dict[int, Array]:
-    """Return x, y (m) and heading (rad) of the free end by stamp, as the estimator wrote them."""
-    tips = {}
-    for message in recording.messages([topic]):
-        try:
-            pose = message.message.pose.pose
-            heading = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
-            stamp_ns = nanoseconds(message.message.header.stamp)
-            tip = np.array([pose.position.x, pose.position.y, heading], dtype=np.float64)
-        except UNFIT as error:
-            raise RecordingError(
-                f'{recording.path}: {topic} at log time {message.log_time_ns} ns is no usable '
-                f'{POSE_TYPE}: {error}'
-            ) from error
-        tips[stamp_ns] = tip
-    return tips

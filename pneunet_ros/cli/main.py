@@ -68,6 +68,11 @@ VERBS = (
         'pneunet_ros.cli.diagnose',
     ),
     Verb(
+        'compare',
+        'how far two recordings, or an estimate and a truth, are apart: tip and shape',
+        'pneunet_ros.cli.compare',
+    ),
+    Verb(
         'check',
         'tell what recordings hold and lack, and what they can be used for',
         'pneunet_ros.cli.check',
