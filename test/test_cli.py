@@ -610,8 +610,14 @@ def test_effects_lists_the_table_of_the_code(run):
     code, out, err = run('effects')
     assert (code, err) == (0, '')
     for effect in EFFECTS.values():
-        assert f'│ {effect.name} ' in out  # in one piece
-        assert all(item.name in out for item in quantities(effect))
+        assert f'\n  {effect.name} ' in out
+        assert all(f'\n      {item.name}' in out for item in quantities(effect))
+
+
+def test_effects_fits_a_terminal_of_80_columns(run):
+    _, out, _ = run('effects')
+    assert max(map(len, out.splitlines())) <= 80
+    assert '…' not in out  # no word cut off
 
 
 def test_effects_as_json_has_units_and_bounds(run_json):

@@ -159,6 +159,9 @@ def matched_sentence(name: str, errors: dict[str, Any]) -> str:
         return f'{said}; {errors["points"]} points at {len(errors["arclength"])} places'
     along, across = (millimeters(value) for value in errors['mean'].tolist())
     said += f'; mean difference ({along:+.3f}, {across:+.3f}) mm'
+    moved = errors['moved_between_stamps']
+    if moved > 0.0:
+        said += f'; between matched stamps it moves {millimeters(moved):.3f} mm rms'
     if math.isfinite(errors['inside_95']):
         said += f'; {100.0 * errors["inside_95"]:.1f} % within the 95 % ellipse'
     return said

@@ -101,7 +101,8 @@ class ErrorStatistics:
 class TipErrors:
     """How far the tip is from the other, over matched frames.
 
-    difference (frames, 2) m; heading (frames,) rad, NaN where one side does not know it; at (m):
+    difference (frames, 2) m; heading (frames,) rad, NaN where one side does not know it; moved
+    (frames,) m: how far it moves, at its speed, in the time that the stamps are apart. at (m):
     place along the arm, where both sides know a point; at_end: it is the free end. inside_95:
     share of the frames in whose 95 % ellipse a truth lies, NaN without covariance or truth.
     topics: of the two sides.
@@ -112,6 +113,7 @@ class TipErrors:
     apart: Array
     difference: Array
     heading: Array
+    moved: Array
     at: float
     at_end: bool
     inside_95: float
@@ -205,16 +207,26 @@ def compare_tips(of: Tips, to: Tips, *, at: float, exact: bool) -> TipErrors | N
     inside = math.nan
     if exact and of.covariance is not None:
         inside = share_inside(difference, of.covariance[mine])
+    apart = stamps_apart(of.stamp_ns[mine], to.stamp_ns[other])
     return TipErrors(
         topics=(of.topic, to.topic),
         stamp_ns=of.stamp_ns[mine],
-        apart=stamps_apart(of.stamp_ns[mine], to.stamp_ns[other]),
+        apart=apart,
+        moved=apart * speed(to.stamp_ns, to.place)[other],
         difference=freeze(difference),
         heading=freeze(np.arctan2(np.sin(turned), np.cos(turned))),
         at=at,
         at_end=True,
         inside_95=inside,
     )
+
+
+def speed(stamp_ns: Stamps, place: Array) -> Array:
+    """Return the speed (frames,) m/s of a point at place (frames, 2) m; 0 for one frame alone."""
+    if stamp_ns.size < 2:
+        return np.zeros(stamp_ns.size)
+    velocity = np.gradient(place, (stamp_ns - stamp_ns[0]) * 1e-9, axis=0)
+    return np.hypot(velocity[:, 0], velocity[:, 1])
 
 
 def share_inside(difference: Array, covariance: Array) -> float:
@@ -271,6 +283,7 @@ def compare_last_points(shape: CenterlineErrors | None) -> TipErrors | None:
         topics=shape.topics,
         stamp_ns=shape.stamp_ns[kept],
         apart=shape.apart[kept],
+        moved=shape.apart[kept] * speed(shape.stamp_ns[kept], shape.to[kept, :, -1]),
         difference=freeze(difference[kept]),
         heading=freeze(np.full(np.count_nonzero(kept), np.nan)),
         at=float(shape.arclength[-1]),

@@ -111,6 +111,7 @@ def tip_content(tip: TipErrors, length: float) -> dict[str, Any]:
         **errors_content(tip.topics, tip.distance, tip.apart, length),
         'at': tip.at,
         'at_end': tip.at_end,
+        'moved_between_stamps': float(np.sqrt(np.nanmean(tip.moved**2))),
         'mean': np.mean(tip.difference, axis=0),
         'heading': asdict(error_statistics(turned)) if turned.size else None,
         'inside_95': tip.inside_95,

@@ -50,9 +50,14 @@ def draw_shapes(axes: Axes, shape: CenterlineErrors) -> None:
     frames = np.unique(np.linspace(0, len(shape.stamp_ns) - 1, SHOWN).round().astype(int))
     for frame in frames.tolist():
         first = frame == frames[0]
-        axes.plot(*(MM * shape.of[frame]), color=FIRST, linewidth=1.8, label='A' if first else '')
+        axes.plot(
+            *(MM * shape.of[frame]),
+            color=FIRST,
+            linewidth=1.8,
+            label=shape.topics[0] if first else '',
+        )
         x, y = MM * shape.to[frame]
-        draw_dots(axes, x, y, 4.0, color=MEASURED, label='compared with' if first else '')
+        draw_dots(axes, x, y, 4.0, color=MEASURED, label=shape.topics[1] if first else '')
     legend(axes)
 
 
