@@ -12,7 +12,7 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.reports.calibration import tables
 from pneunet_ros.reports.calibration.tables import law_rows, number_rows, Row
-from pneunet_ros.reports.calibration.verdict import verdict_of
+from pneunet_ros.reports.calibration.verdict import bending_stiffness, verdict_of
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -25,6 +25,7 @@ def numbers_of(calibration: Calibration) -> dict[str, Any]:
         'status': joint.status,
         'converged': joint.converged,
         'verdict': asdict(verdict_of(calibration)),
+        'bending_stiffness': [asdict(item) for item in bending_stiffness(joint)],
         'quantities': [
             {'name': row.name, 'value': row.value, 'std': row.std, 'prior_std': row.prior_std}
             for row in number_rows(calibration)

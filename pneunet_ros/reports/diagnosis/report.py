@@ -7,7 +7,7 @@ from typing import Any
 
 from pneunet_ros.diagnosis.result import CLEAR, Diagnosis, UnsettledDiagnosis
 from pneunet_ros.reports.calibration.tables import flat
-from pneunet_ros.reports.calibration.verdict import stiffness_text
+from pneunet_ros.reports.calibration.verdict import bending_stiffness, stiffness_text
 from pneunet_ros.reports.diagnosis.error_figures import error_sentence
 from pneunet_ros.reports.diagnosis.tables import (
     added_effects,
@@ -67,11 +67,12 @@ def unsettled_page(diagnosis: UnsettledDiagnosis, name: str, provenance: Mapping
 def stiffness_change(diagnosis: Diagnosis) -> str:
     """Say the bending stiffness, before and after where an effect was added."""
     before, after = diagnosis.before.fit, diagnosis.after.fit
-    if not any(item.run.loaded for item in after.runs):
+    found = bending_stiffness(after)
+    if not found:
         return 'not measured: no training recording is under load'
     if not added_effects(diagnosis):
-        return stiffness_text(before)
-    return f'{stiffness_text(after)}; before: {stiffness_text(before)}'
+        return stiffness_text(bending_stiffness(before))
+    return f'{stiffness_text(found)}; before: {stiffness_text(bending_stiffness(before))}'
 
 
 def next_steps(diagnosis: Diagnosis) -> tuple[str, str]:
