@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.diagnosis.result import CLEAR, Diagnosis, UnsettledDiagnosis
 from pneunet_ros.reports.calibration.tables import flat
 from pneunet_ros.reports.calibration.verdict import bending_stiffness, stiffness_text
@@ -23,7 +24,7 @@ from pneunet_ros.reports.diagnosis.tables import (
     where_table,
     where_text,
 )
-from pneunet_ros.reports.figure import Pictures
+from pneunet_ros.reports.figure import Pictures, units_note
 from pneunet_ros.reports.page import render_page
 from pneunet_ros.reports.settings import REPORT_SETTINGS
 
@@ -31,7 +32,12 @@ TEMPLATE = 'diagnosis_report.html.jinja'
 UNSETTLED = 'unsettled_report.html.jinja'
 
 
-def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[str, Any]) -> str:
+def report_page(
+    diagnosis: Diagnosis,
+    pictures: Pictures,
+    provenance: Mapping[str, Any],
+    units: UnitSystem = SI,
+) -> str:
     """Return the page, pictures inside."""
     next_step, command = next_steps(diagnosis)
     return render_page(
@@ -55,6 +61,7 @@ def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[st
         similar=similarity_table(diagnosis, REPORT_SETTINGS.similar_cosine),
         shift=shift_table(diagnosis),
         detectable=detectable_table(diagnosis),
+        units_note=units_note(units),
         provenance=flat(provenance),
     )
 
