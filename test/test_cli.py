@@ -24,13 +24,17 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.files.model_file import save_model
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
 from pneunet_ros.messages.tracker import TARGET_POINT
+from pneunet_ros.model.domain_position import LOAD_BEYOND
 from pneunet_ros.model.equilibrium import tip_jacobian
+from pneunet_ros.model.uncertainty import ModelCovariance
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
 import pytest
+from support.example_arms import WIDE
 from support.films import encoded, film, pictures, write_folder, write_messages
 from support.made_recordings import PRESSURE, pressure, WRENCH, wrench
 
@@ -40,7 +44,7 @@ LOADED = ['predict', '--pressure', '31e3', '--force', '0.175', '0.07']
 PREDICTED = {
     'status', 'converged', 'residual', 'iterations', 'stable', 'extrapolated', 'pressure',
     'force', 'moment_at_end', 'arclength', 'x', 'y', 'theta', 'curvature', 'intrinsic_curvature',
-    'moment', 'tip', 'tip_std', 'jacobian',
+    'moment', 'tip', 'tip_std', 'std_leaves_out', 'warnings', 'jacobian',
 }  # fmt: skip
 
 
@@ -215,6 +219,8 @@ def test_predict_without_a_force_is_the_unloaded_arm(run_json):
     [
         (['--pressure', '90e3'], 'outside the calibrated range'),
         (['--pressure', '31e3', '--tip', '0.5', '0.5'], 'no end force brings the tip'),
+        (['--pressure', '31e3', '--force', '0', '-5'], 'is outside the calibrated loads'),
+        (['--pressure', '31e3', '--tip', '0.06', '-0.09'], 'is outside the calibrated loads'),
     ],
 )
 def test_a_predict_without_answer_exits_1_with_nulls(run_json, run, arguments, words):
@@ -229,6 +235,32 @@ def test_a_predict_without_answer_exits_1_with_nulls(run_json, run, arguments, w
     code, out, err = run('predict', *arguments)
     assert (code, err) == (1, '')
     assert words in ' '.join(out.split())
+
+
+def test_a_predict_beyond_the_loads_is_flagged_and_far_less_sure(run_json, run):
+    _, inside = run_json(*LOADED)
+    code, beyond = run_json('predict', '--pressure', '31e3', '--force', '-0.1', '0')
+    assert (code, beyond['extrapolated'], inside['extrapolated']) == (0, True, False)
+    assert (beyond['warnings'], inside['warnings']) == ([LOAD_BEYOND], [])
+    assert beyond['tip_std']['y'] > 5.0 * inside['tip_std']['y']
+    _, out, _ = run('predict', '--pressure', '31e3', '--force', '-0.1', '0')
+    assert 'beyond the calibrated end loads' in out
+
+
+def test_a_model_that_was_not_measured_says_so_beside_its_std(run_json, run, tmp_path):
+    words = "the model's own error is not in the standard deviations"
+    assert words in run_json(*LOADED)[1]['std_leaves_out']
+    assert words in ' '.join(run(*LOADED)[1].split())
+    stiffness = [f'moment_law.rigidity.{row}.1' for row in range(6)]
+    measured = replace(
+        ARM,
+        covariance=ModelCovariance(quantities=tuple(stiffness), factor=[[0.001]] * 6),
+        sources={'moment_law': 'fitted to 6 recordings'},
+    )
+    save_model(measured, tmp_path / 'measured.yaml')
+    model = ['--model', str(tmp_path / 'measured.yaml')]
+    assert run_json(*LOADED, *model)[1]['std_leaves_out'] == ''
+    assert words not in ' '.join(run(*LOADED, *model)[1].split())
 
 
 @pytest.mark.parametrize('written', ['-0.00001', '-1e-5', '-1.0E-05', '-.00001', '-1.e-5'])
@@ -312,9 +344,10 @@ def test_replay_has_every_setting_as_an_option_with_its_default(run):
 
 
 def test_options_of_replay_reach_the_estimator(run_json, recording, tmp_path):
-    output = tmp_path / 'out.mcap'
-    options = ['--stations', '9', '--frame-id', 'base', '--wrench-frame', 'pneunet_base',
-               '--wrench-sign', '-1', '--pressure-offset', '-5e3']  # fmt: skip
+    output, model = tmp_path / 'out.mcap', tmp_path / 'wide.yaml'
+    save_model(replace(ARM, domain=WIDE), model)
+    options = ['--model', model, '--stations', '9', '--frame-id', 'base', '--wrench-frame',
+               'pneunet_base', '--wrench-sign', '-1', '--pressure-offset', '-5e3']  # fmt: skip
     code, _ = run_json('replay', recording, '--output', output, *options)
     assert code == 0
     message = next(iter(open_recording(output).messages(['/pneunet/centerline']))).message
@@ -608,7 +641,8 @@ def test_the_demo_with_a_bad_model_leaves_nothing(run, tmp_path):
 
 def test_the_demo_without_one_estimate_says_so_and_its_picture_is_one(run_json, tmp_path):
     model = tmp_path / 'high.yaml'
-    text = MODEL.read_text()
+    save_model(replace(ARM, domain=None), model)
+    text = model.read_text()
     for row in re.findall(r'pressure: \[(.*?)\]', text):
         moved = ', '.join(str(float(value) + 5e5) for value in row.split(','))
         text = text.replace(f'pressure: [{row}]', f'pressure: [{moved}]')

@@ -223,7 +223,7 @@ def test_an_uncertain_camera_is_an_error_of_the_model():
         *list(events(seen_of(KNOWN)))[:2]
     )
     expected = monitored.predict()
-    np.testing.assert_allclose(expected.errors[-1], 0.01 * np.stack([expected.x, expected.y]),
+    np.testing.assert_allclose(expected.errors[-2], 0.01 * np.stack([expected.x, expected.y]),
                                atol=1e-9)  # fmt: skip
 
 

@@ -19,12 +19,14 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.pressure_tare import pressure_zero
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.model.domain import Domain
+from pneunet_ros.model.domain_position import LOAD_BEYOND, LOADS_UNKNOWN, PRESSURE_BEYOND
 from pneunet_ros.model.equilibrium import tip_jacobian
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw
 from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
-from support.example_arms import WIDE
+from support.example_arms import TABLE_1, WIDE
 
 SECOND = 1_000_000_000
 PAPER_ARM = load_model(share_path('config/paper_arm.yaml'))
@@ -66,6 +68,12 @@ def fed(estimator: Estimator, *readings):
 
 def last(estimator: Estimator, *readings):
     return fed(estimator, *readings)[1][-1]
+
+
+def linear_covariance(estimate: ShapeEstimate):
+    """Return the covariance of the tip without what errors do to second order."""
+    further = estimate.second_order.stations(estimate.shape.arclength)[:, -1]
+    return estimate.tip_covariance - np.outer(further, further)
 
 
 PLAIN = estimator_with()
@@ -142,7 +150,7 @@ def test_an_unloaded_arm_needs_no_wrench_and_hears_none():
     assert estimate.shape.end_moment == 0.0
     assert estimate.wrench_age is None
     np.testing.assert_allclose(
-        estimate.tip_covariance,
+        linear_covariance(estimate),
         60.0**2 * np.outer(estimate.jacobian[:, 0], estimate.jacobian[:, 0]),
         rtol=1e-9,
     )
@@ -405,6 +413,171 @@ def test_a_reading_that_is_refused_still_moves_the_lag():
     assert outcomes[3].chamber_pressure == heard.chamber_pressure > 25e3
 
 
+# The domain
+
+
+SHIPPED = estimator_with(PAPER_ARM)
+
+
+def test_table_1_is_estimated_without_a_word():
+    for row in TABLE_1:
+        estimate = last(SHIPPED, wrench(1, row.force, 0.0), pressure(1, row.pressure))
+        assert estimate.warnings == ()
+        assert not estimate.shape.extrapolated
+
+
+def test_noise_at_rest_is_no_extrapolation():
+    for value in (-60.0, -479.0):
+        assert (
+            last(estimator_with(PAPER_ARM, wrench_required=False), pressure(1, value)).warnings
+            == ()
+        )
+
+
+@pytest.mark.parametrize('force', [(0.0, -5.0), (-0.3, 0.0), (5.0, 0.0), (1e6, 1e6)])
+def test_a_load_far_beyond_the_calibrated_ones_gives_no_estimate(force):
+    refusal = last(SHIPPED, wrench(1, force, 0.0), pressure(1))
+    assert (refusal.reason, refusal.error) == ('load_out_of_domain', True)
+    assert 'is outside the calibrated loads' in refusal.sentence
+
+
+def test_a_load_beyond_the_calibrated_ones_is_flagged_and_the_less_sure_the_further():
+    deviations = []
+    for push in (0.02, 0.06, 0.1, 0.14):
+        beyond = last(SHIPPED, wrench(1, (-push, 0.0), 0.0), pressure(1))
+        known = last(PLAIN, wrench(1, (-push, 0.0), 0.0), pressure(1))
+        assert beyond.warnings == (LOAD_BEYOND,)
+        assert beyond.shape.extrapolated
+        np.testing.assert_array_equal(beyond.shape.x, known.shape.x)
+        added = beyond.tip_covariance - known.tip_covariance
+        assert np.linalg.eigvalsh(added)[0] > -1e-9
+        assert (beyond.std_x >= known.std_x).all()
+        deviations.append(beyond.position.error[0])
+    assert deviations == sorted(deviations)
+
+
+def test_a_pressure_beyond_the_range_is_less_sure():
+    at = replace(PAPER_ARM, domain=Domain(pressure=(0.0, 30e3), end_load=[[0.2, 0.0, 0.0, 0.0]]))
+    beyond = last(estimator_with(at, wrench_required=False), pressure(1, 31e3))
+    known = last(UNLOADED, pressure(1, 31e3))
+    assert beyond.warnings == (PRESSURE_BEYOND,)
+    assert beyond.tip_covariance[1, 1] > 2.0 * known.tip_covariance[1, 1]
+
+
+def test_a_model_without_domain_warns_under_a_load():
+    bare = estimator_with(replace(PAPER_ARM, domain=None))
+    assert last(bare, wrench(1), pressure(1)).warnings == (LOADS_UNKNOWN,)
+    assert last(bare, wrench(1, (0.0, 0.0), 0.0), pressure(1)).warnings == ()
+
+
+# Out of the plane
+
+
+@pytest.mark.parametrize(
+    ('part', 'limit'), [('force_z', 0.03132), ('moment_x', 0.003508), ('moment_y', 0.003508)]
+)
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_wrench_out_of_the_plane_is_a_warning_and_then_an_error(part, limit, sign):
+    """A tenth of the largest force of Table 1, 0.3132 N, and of its moment at 0.112 m."""
+    name = {'force_z': 'Fz', 'moment_x': 'Mx', 'moment_y': 'My'}[part]
+    at = wrench(1, moment=0.0)
+    for share, words in ((0.99, ()), (1.01, (f'{name} of the end wrench is beyond',))):
+        beside = replace(at, **{part: sign * share * limit})
+        estimate = last(SHIPPED, beside, pressure(1))
+        assert len(estimate.warnings) == len(words)
+        assert all(text in said for text, said in zip(words, estimate.warnings, strict=True))
+    assert isinstance(
+        last(SHIPPED, replace(at, **{part: sign * 2.99 * limit}), pressure(1)), ShapeEstimate
+    )
+    refusal = last(SHIPPED, replace(at, **{part: sign * 3.01 * limit}), pressure(1))
+    assert (refusal.reason, refusal.error) == ('out_of_plane', True)
+    assert refusal.sentence.startswith(f'{name} of the end wrench is ')
+    assert 'out_of_plane_limit' in refusal.sentence
+
+
+def test_the_limit_out_of_the_plane_is_a_setting_and_noise_is_within():
+    beside = replace(wrench(1, moment=0.0), force_z=0.5)
+    assert (
+        last(estimator_with(PAPER_ARM, out_of_plane_limit=2.0), beside, pressure(1)).warnings == ()
+    )
+    noisy = replace(wrench(1, moment=0.0), force_z=0.0039)
+    strict = estimator_with(PAPER_ARM, out_of_plane_limit=0.001)
+    assert last(strict, noisy, pressure(1)).warnings == ()
+    assert len(last(strict, replace(noisy, force_z=0.0041), pressure(1)).warnings) == 1
+
+
+def test_what_is_not_measured_is_not_out_of_the_plane():
+    silent = replace(wrench(1), force_z=math.nan, moment_x=math.nan, moment_y=math.nan)
+    assert last(PLAIN, silent, pressure(1)).warnings == ()
+    infinite = last(PLAIN, replace(silent, moment_x=math.inf), pressure(1))
+    assert infinite.reason == 'out_of_plane'
+
+
+def test_a_turned_sensor_turns_what_is_out_of_the_plane():
+    turned = estimator_with(PAPER_ARM, wrench_yaw=math.pi / 2, wrench_sign=-1)
+    seen = replace(wrench(1, (-FORCE[1], FORCE[0]), 0.0), moment_x=0.02)
+    assert last(turned, seen, pressure(1)).sentence.startswith('My of the end wrench is -0.02')
+
+
+# A stamp ahead of its time
+
+
+HOUR = 3600.0
+CREEPING = replace(
+    ARM,
+    effects=(
+        EFFECTS['creep'](amplitude=0.1, time_constant=20.0),
+        EFFECTS['pressure_lag'](time_constant=0.5),
+    ),
+)
+
+
+@pytest.mark.parametrize('ahead', [1.5, 30.0, HOUR])
+def test_one_pressure_stamp_ahead_costs_no_history(ahead):
+    creeping = estimator_with(CREEPING, wrench_required=False)
+    path = [pressure(1, 10e3), pressure(1.1, 40e3), pressure(1.2, 40e3)]
+    after = [pressure(1.4, 41e3), pressure(1.5, 42e3)]
+    _, clean = fed(creeping, *path, *after)
+    state, troubled = fed(creeping, *path, pressure(1.3 + ahead, 41e3), *after)
+    assert state.resets == 0
+    assert dict(state.rejected) == {'ahead': 1}
+    assert any('ahead of its time' in text for text in troubled[-2].warnings)
+    for one, other in zip(clean[-2:], troubled[-2:], strict=True):
+        np.testing.assert_allclose(one.shape.tip, other.shape.tip, rtol=1e-9)
+        assert one.chamber_pressure == other.chamber_pressure
+    assert troubled[-1].warnings == ()
+
+
+def test_one_wrench_stamp_ahead_costs_no_history():
+    path = [wrench(1), pressure(1, 10e3), wrench(1.1), pressure(1.1, 40e3)]
+    after = [wrench(1.3), pressure(1.3, 41e3)]
+    creeping = estimator_with(CREEPING)
+    _, clean = fed(creeping, *path, *after)
+    state, troubled = fed(creeping, *path, wrench(1.2 + HOUR), *after)
+    assert (state.resets, dict(state.rejected)) == (0, {'ahead': 1})
+    np.testing.assert_allclose(clean[-1].shape.tip, troubled[-1].shape.tip, rtol=1e-9)
+
+
+def test_both_stamps_ahead_cost_no_history():
+    path = [wrench(1), pressure(1, 10e3), wrench(1.1), pressure(1.1, 40e3)]
+    after = [wrench(1.3), pressure(1.3, 41e3)]
+    state, outcomes = fed(
+        estimator_with(CREEPING), *path, wrench(1.2 + HOUR), pressure(1.2 + HOUR), *after
+    )
+    assert (state.resets, dict(state.rejected)) == (0, {'ahead': 2})
+    assert isinstance(outcomes[-1], ShapeEstimate)
+
+
+def test_time_that_goes_on_after_a_pause_is_time():
+    creeping = estimator_with(CREEPING, wrench_required=False)
+    path = [pressure(1, 10e3), pressure(1.1, 40e3), pressure(HOUR, 40e3)]
+    state, outcomes = fed(creeping, *path, pressure(HOUR + 0.1, 41e3), pressure(HOUR - 5.0))
+    assert state.resets == 1
+    assert state.before is None
+    assert not state.rejected
+    assert outcomes[3].warnings == ()
+
+
 # Zero of the pressure sensor
 
 
@@ -546,7 +719,7 @@ def test_the_free_end_is_as_sure_as_the_tip_also_where_the_arm_is_straight_and_f
 
 def test_the_variance_of_a_message_counts_instead_of_the_models():
     def covariance_with(variance: float):
-        return last(PLAIN, wrench(1), pressure(1, variance=variance)).tip_covariance
+        return linear_covariance(last(PLAIN, wrench(1), pressure(1, variance=variance)))
 
     column = last(PLAIN, wrench(1), pressure(1)).jacobian[:, 0]
     added = covariance_with(500.0**2) - covariance_with(0.0)
@@ -560,7 +733,9 @@ def test_a_gain_in_the_model_scales_what_an_error_of_the_reading_means():
     arm = replace(ARM, effects=(EFFECTS['pressure_gain'](gain=1.1),))
     gained = last(estimator_with(arm, wrench_required=False), pressure(1, PRESSURE / 1.1))
     plain = last(UNLOADED, pressure(1))
-    np.testing.assert_allclose(gained.tip_covariance, 1.21 * plain.tip_covariance, rtol=1e-6)
+    np.testing.assert_allclose(
+        linear_covariance(gained), 1.21 * linear_covariance(plain), rtol=1e-6
+    )
 
 
 # Settings
@@ -639,7 +814,7 @@ def test_an_uncertain_gain_spreads_the_tip_like_an_uncertain_pressure():
     _, estimate = Estimator(arm=arm, settings=settings).step(EstimatorState(), reading)
     expected = estimate.jacobian[:, 0] * 20e3 * 0.02
     np.testing.assert_allclose(
-        estimate.tip_covariance, np.outer(expected, expected), rtol=1e-6, atol=1e-15
+        linear_covariance(estimate), np.outer(expected, expected), rtol=1e-6, atol=1e-15
     )
 
 

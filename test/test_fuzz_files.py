@@ -196,6 +196,8 @@ HOSTILE = {
     'hexadecimal': f'schema_version: 0x{"f" * 100_000}\n',
     'many documents': '---\na: 1\n' * 10_000,
     'many anchors': ''.join(f'- &a{index} 1\n' for index in range(3000)),
+    'a zero in a text': 'schema_version: 1\nname: "a\\0b"\n',
+    'half a character in a text': 'schema_version: 1\nname: "\\ud800"\n',
     'zeros': '\0' * 1000,
     'nothing': '',
 }
@@ -225,6 +227,15 @@ def test_a_file_without_end_is_not_read_to_its_end(tmp_path, kind):
         found = answer(mcap_files, tmp_path)
     else:
         found = answer(KINDS[kind][0], endless)
+    assert 'it is a device, and a file is needed' in str(found)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_huge_file_is_not_read_to_its_end(tmp_path, kind):
+    path = tmp_path / 'file.yaml'
+    with path.open('wb') as stream:
+        stream.truncate(10_000_000_000)
+    found = answer(KINDS[kind][0], path)
     assert f'larger than {LARGEST_FILE // 1_000_000} MB' in str(found)
 
 

@@ -141,3 +141,32 @@ def test_known_effects_are_no_hypotheses():
     assert [item.name for item in hypotheses(without=('creep', 'gravity'))] == [
         name for name in every if name not in ('creep', 'gravity')
     ]
+
+
+@pytest.mark.parametrize('name', sorted(EFFECTS))
+def test_no_number_leads_out_of_the_bounds_by_a_single_bit(name):
+    tried = hypothesis(EFFECTS[name])
+    random = np.random.default_rng(11)
+    for place, item in enumerate(tried.coordinates):
+        ends = [end for end in (item.low, item.high) if math.isfinite(end)]
+        around = [math.nextafter(end, way) for end in ends for way in (-math.inf, math.inf)]
+        drawn = random.normal(item.mean, 30.0 * item.std, 200).tolist()
+        low, high = item.bounds
+        for number in (*ends, *around, *drawn, -math.inf, math.inf):
+            assert low <= item.value(number) <= high
+            numbers = tried.mean.copy()
+            numbers[place] = number
+            tried.effect(numbers)  # refuses what is out of bounds
+
+
+def test_a_fit_may_end_at_the_bound_of_the_camera_scale():
+    # 1.0 + (0.1 - 1.0) is 0.09999999999999998, and ended a diagnosis.
+    tried = hypothesis(EFFECTS['camera_scale'])
+    assert tried.effect(tried.low).factor == 0.1
+    assert tried.effect(tried.high).factor == 10.0
+
+
+def test_what_is_linear_in_its_size():
+    linear = {name for name, kind in EFFECTS.items() if hypothesis(kind).is_linear}
+    assert {'pressure_lag', 'hysteresis', 'softening'}.isdisjoint(linear)
+    assert {'creep', 'gravity', 'extensibility', 'camera_scale'} <= linear

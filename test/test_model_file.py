@@ -109,6 +109,39 @@ def test_every_number_of_the_shipped_model_has_a_source():
     assert all('paper' in text or 'representative' in text for text in arm.sources.values())
 
 
+def test_the_domain_is_read_written_and_may_be_left_out(write, tmp_path):
+    arm = load_model(write())
+    assert arm.domain.pressure == arm.pressure_range == (0.0, 55e3)
+    assert arm.domain.end_load.tolist() == [[0.25, 0.0, 0.0, 0.0], [0.15, 0.2, 0.0, 54e3]]
+    save_model(arm, tmp_path / 'again.yaml')
+    again = load_model(tmp_path / 'again.yaml')
+    assert again.domain.end_load.tolist() == arm.domain.end_load.tolist()
+    assert model_hash(again) == model_hash(arm)
+    line = next(line for line in EXAMPLE.splitlines() if line.startswith('domain:'))
+    for text in ('', 'domain: null', 'domain:'):
+        bare = load_model(write(line, text))
+        assert bare.domain is None
+        assert model_hash(bare) != model_hash(arm)
+        save_model(bare, tmp_path / 'bare.yaml', overwrite=True)
+        assert load_model(tmp_path / 'bare.yaml').domain is None
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'words'),
+    [
+        ('domain: {pressure: [0.0, 55000.0], ', 'domain: {', 'domain.pressure is missing'),
+        ('domain: {', 'domain: {forces: 3, ', 'unknown key domain.forces; known here: pressure'),
+        ('[0.25, 0.0, 0.0, 0.0], ', '[0.25, 0.0, 0.0], ', 'domain.end_load must be a table'),
+        ('[0.25, 0.0, 0.0, 0.0], ', '[.nan, 0.0, 0.0, 0.0], ', 'domain.end_load holds NaN'),
+        ('[0.25, 0.0, 0.0, 0.0], ', '[0.25, 0.0, 0.0, true], ', 'domain.end_load must be a table'),
+        ('0.0, 54000.0]', '0.0, 56000.0]', 'a pressure outside domain.pressure, 0 to 55000 Pa'),
+    ],
+)
+def test_a_domain_that_is_none_is_refused(write, old, new, words):
+    with pytest.raises(ModelError, match=words):
+        load_model(write(old, new))
+
+
 LAW = EXAMPLE[EXAMPLE.index('moment_law:') : EXAMPLE.index('effects:')]
 
 

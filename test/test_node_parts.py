@@ -65,7 +65,8 @@ def manual_row(field, read_only):
     allowed = ', '.join(str(choice) for choice in meta.get('choices') or ())
     if 'bounds' in meta:
         low, high = meta['bounds']
-        allowed = f'{low:g} to {high:g}' + (f' {meta["unit"]}' if 'unit' in meta else '')
+        unit = meta.get('unit', '-')
+        allowed = f'{low:g} to {high:g}' + ('' if unit == '-' else f' {unit}')
     when = 'at start' if field.name in read_only else 'any time'
     default = repr(field.default).lower() if isinstance(field.default, bool) else field.default
     return f'| `{field.name}` | `{default!s}` | {allowed} | {when} | {meta["meaning"]} |'

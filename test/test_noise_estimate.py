@@ -146,3 +146,22 @@ def test_neither_static_frames_nor_a_known_load_tell_of_noise_in_time():
     found = estimate_noise(known, PAPER.target_arclength, ASSUMED).noise
     assert (found.force_std, found.moment_std) == (ASSUMED.force_std, ASSUMED.moment_std)
     assert found.target_std < 2.0 * TRUE.target_std
+
+
+def test_frames_in_which_nothing_was_attached_do_not_make_the_force_sensor_better():
+    # A wrench of exactly zero is no reading: the laboratory's loads are hung on after a rest.
+    found = []
+    for seed in range(8):
+        some = []
+        for run in runs(TRUE, seed):
+            resting = np.arange(len(run.stamp_ns)) < FRAMES // 4
+            some.append(
+                replace(
+                    run,
+                    force=np.where(resting[:, None], 0.0, run.force),
+                    moment=np.where(resting, 0.0, run.moment),
+                )
+            )
+        estimate = estimate_noise(some, PAPER.target_arclength, ASSUMED)
+        found.append(estimate.noise.force_std / TRUE.force_std)
+    assert np.mean(found) == pytest.approx(1.0, abs=0.03)

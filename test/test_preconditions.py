@@ -71,7 +71,7 @@ def test_good_recordings_pass():
         (FREE, [scaled(LOADED[0], force=1e3)], 'weights: an end force .* must be in N'),
         ([bent(FREE[0], x=FREE[0].x[:, 1:], y=FREE[0].y[:, 1:])], [], 'up has 22 targets and the'),
         ([FREE[0].thin(2)], [], 'up: 2 frames .* at least 3 are needed'),
-        ([few_targets(FREE[0])], [], 'up shows fewer than 4 targets'),
+        ([few_targets(FREE[0])], [], 'up shows fewer than 4 targets, and never the last'),
     ],
 )
 def test_what_cannot_be_calibrated_is_refused(free, loaded, sentence):

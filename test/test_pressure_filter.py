@@ -10,7 +10,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.pressure_filter import filter_pressure
+from pneunet_ros.measurement.pressure_filter import filter_pressure, FilteredPressure
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made
@@ -42,9 +42,10 @@ def course(rate: float) -> Array:
     return np.interp(np.arange(0.0, CORNERS[-1], 1.0 / rate), CORNERS, PRESSURES)
 
 
-def joined(run: RecordingData, filtered: RecordingData) -> Array:
+def joined(run: RecordingData, filtered: FilteredPressure) -> Array:
     """Return filtered readings, joined by straight lines, at all readings of the run."""
-    return np.interp(run.reading_stamp_ns, filtered.reading_stamp_ns, filtered.pressure)
+    lines = filtered.run
+    return np.interp(run.reading_stamp_ns, lines.reading_stamp_ns, lines.pressure)
 
 
 @pytest.mark.parametrize('rate', RATES)
@@ -68,7 +69,7 @@ def test_straight_lines_without_noise_are_kept_to_the_last_corner(rate: float):
 def test_a_hold_is_level_so_that_no_play_moves_in_it():
     noise = STD * np.random.default_rng(5).standard_normal(2000)
     run = with_readings(np.where(np.arange(2000) < 900, 10e3, 40e3) + noise)
-    filtered = filter_pressure(run, STD)
+    filtered = filter_pressure(run, STD).run
     levels = np.unique(np.round(filtered.pressure, 6))
     assert levels == pytest.approx([10e3, 40e3], abs=4.0 * STD / np.sqrt(900))
     # The noise of the readings themselves would drag it along by twice its largest value.
@@ -89,19 +90,35 @@ def test_a_pulse_of_one_reading_and_what_swings_from_reading_to_reading_are_kept
 def test_there_are_fewer_readings_and_frames_keep_theirs():
     run = with_readings(course(50.0) + STD * np.random.default_rng(7).standard_normal(1800), 50.0)
     filtered = filter_pressure(run, STD)
-    assert filtered.pressure.size < 150
-    own = filtered.reading_stamp_ns[filtered.reading]
+    assert filtered.run.pressure.size < 150
+    own = filtered.run.reading_stamp_ns[filtered.run.reading]
     assert np.array_equal(own, run.reading_stamp_ns[run.reading])
-    assert np.array_equal(filtered.stamp_ns, run.stamp_ns)
-    assert filtered.reading_stamp_ns[[0, -1]].tolist() == run.reading_stamp_ns[[0, -1]].tolist()
+    assert np.array_equal(filtered.run.stamp_ns, run.stamp_ns)
+    ends = filtered.run.reading_stamp_ns[[0, -1]]
+    assert ends.tolist() == run.reading_stamp_ns[[0, -1]].tolist()
+    # Without a memory, a frame has the pressure that was read.
+    np.testing.assert_allclose(filtered.run.frame_pressure + filtered.noise, run.frame_pressure)
+
+
+def test_a_frame_between_two_readings_is_on_the_line_between_them():
+    run = with_readings(np.linspace(0.0, 60e3, 1000), 10.0)
+    period = NANOSECONDS_PER_SECOND // 10
+    for late, shift in ((0.4, 0.4), (-0.4, -0.4), (0.05, 0.0)):
+        moved = replace(run, stamp_ns=run.reading_stamp_ns[run.reading] + round(late * period))
+        moved = replace(moved, stamp_ns=moved.stamp_ns.clip(*run.reading_stamp_ns[[0, -1]]))
+        filtered = filter_pressure(moved, STD)
+        inner = slice(1, -1)
+        wanted = (run.reading + shift) * 60e3 / 999
+        assert filtered.run.frame_pressure[inner] == pytest.approx(wanted[inner], abs=0.01)
+        assert np.abs(filtered.noise).max() < 0.01
 
 
 @pytest.mark.parametrize('count', [1, 2])
 def test_readings_too_few_for_a_line_are_left_alone(count: int):
     run = made(paper_arm(), np.linspace(0.0, 1e4, count))
-    assert np.array_equal(filter_pressure(run, STD).pressure, run.pressure)
+    assert np.array_equal(filter_pressure(run, STD).run.pressure, run.pressure)
 
 
 def test_static_frames_have_no_order_in_which_to_lie_on_a_line():
     run = replace(made(paper_arm(), np.full(9, 1e4)), static=True)
-    assert filter_pressure(run, STD) is run
+    assert filter_pressure(run, STD).run is run

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+
 import cv2
 from matplotlib.image import imread
 import numpy as np
@@ -184,6 +186,23 @@ def test_images_of_odd_or_other_size_are_frames_too(steps, tmp_path):
         for size in ((641, 479), (641, 479), (320, 240)):
             video.add(image(*size), steps[0].outcome, steps[0].state)
     assert [frame.shape for frame in frames_of(tmp_path / 'v.mp4')] == 3 * [(478, 640, 3)]
+
+
+@pytest.mark.parametrize('room', [100, 3000, 20_000])
+def test_a_film_that_finds_no_room_is_an_error_and_is_not_there(steps, tmp_path, room):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with (
+        pytest.raises(RecordingError, match=r'v\.mp4 cannot be written: .*nothing of it was kept'),
+        write_video(tmp_path / 'v.mp4', RATE) as video,
+    ):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+        try:
+            for step in steps:
+                video.add(step.item.reading, step.outcome, step.state)
+            video.close()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_video_of_nothing_says_so(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from contextlib import suppress
 import random
 import tracemalloc
@@ -14,6 +15,7 @@ from pneunet_ros.messages.readings import (
     PRESSURE_TYPE,
     WRENCH_TYPE,
 )
+from pneunet_ros.recordings.limits import RecordingLimits
 from pneunet_ros.recordings.message_store import jazzy, serialize
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -316,6 +318,51 @@ def test_other_storage_is_refused(tmp_path, old, new, sentence):
     metadata.write_text(metadata.read_text().replace(old, new))
     with pytest.raises(RecordingError, match=f'{sentence}.*ros2 bag convert'):
         open_recording(folder)
+
+
+@pytest.mark.parametrize('name', [r'a\0b', r'\ud800', r'..', r''])
+def test_a_name_that_no_file_of_a_folder_can_have_is_refused(tmp_path, name):
+    folder = write_readings(tmp_path / 'bag')
+    metadata = folder / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace('- bag.mcap', f'- "{name}"', 1))
+    with pytest.raises(RecordingError, match=r'bag/metadata\.yaml'):
+        open_recording(folder)
+
+
+def test_a_file_is_named_once(tmp_path):
+    folder = write_readings(tmp_path / 'bag')
+    metadata = folder / 'metadata.yaml'
+    text = metadata.read_text().replace('  - bag.mcap\n', '  - bag.mcap\n' * 2000, 1)
+    metadata.write_text(text)
+    with pytest.raises(RecordingError, match=r'names bag\.mcap 2000 times'):
+        open_recording(folder)
+
+
+def test_names_that_no_topic_has_are_left_out_and_said_shortly(tmp_path):
+    many = [(f'/{index}{"a" * 5000}', 'cdr', PRESSURE_TYPE, 'ros2msg', '') for index in range(50)]
+    recording = open_recording(write_channels(tmp_path / 'r.mcap', [GOOD, *many]))
+    assert [topic.name for topic in recording.topics] == ['/p']
+    assert 'a topic or a type has at most 255 characters, not 50' in recording.sentences[0]
+    assert recording.sentences[-1].startswith('30 more channels of ')
+    assert sum(map(len, recording.sentences)) < 20_000
+
+
+def test_a_recording_of_which_nothing_is_left_says_why(tmp_path):
+    options = {'repeat_channels': False, 'chunk_size': 10**6}
+    path = write_by_mcap(tmp_path / 'r.mcap', list(range(20)), **options)
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) // 4] ^= 1
+    path.write_bytes(raw)
+    with pytest.raises(RecordingError, match=r'it holds no messages; .*damaged chunk was skipped'):
+        open_recording(path).find('pressure', PRESSURE_TYPE)
+
+
+def test_chunks_that_all_overlap_are_not_held_in_memory_for_ever(tmp_path, monkeypatch):
+    monkeypatch.setattr('pneunet_ros.recordings.recording.LIMITS', RecordingLimits(waiting=50_000))
+    times = [index % 2 * 10**6 + index for index in range(400)]
+    recording = open_recording(write_by_mcap(tmp_path / 'r.mcap', times))
+    with pytest.raises(RecordingError, match='in chunks that overlap in time'):
+        deque(recording.raw_messages([PRESSURE]), maxlen=0)
 
 
 def test_a_missing_recording_or_file_of_it_is_named(tmp_path):

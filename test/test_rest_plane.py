@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from pneunet_ros.vision.rest_plane import bow, Failure, RestAverage, row_at_rest, row_points
+from pneunet_ros.vision.camera_settings import CurvedRestPlane, RestPlane
+from pneunet_ros.vision.rest_plane import (
+    bow,
+    Failure,
+    plane_at_rest,
+    RestSearch,
+    row_at_rest,
+    row_points,
+)
+from pneunet_ros.vision.settings import RestPlaneSettings
 import pytest
 from support.target_rows import arc, ARCLENGTH, away_from, Mixture, SPACING
 
@@ -75,23 +84,110 @@ def test_no_row_says_how_many_areas_there_were():
     assert '17 bright areas' in result.sentence
 
 
-def test_frames_at_rest_are_averaged():
+LENGTH = ARCLENGTH[-1]
+SETTINGS = RestPlaneSettings()
+
+
+def frames_at_rest(count, at=(-0.15, 0.02), noise=1e-4):
+    """Return rows of a straight arm (count, targets, 2), normalized."""
     rng = np.random.default_rng(9)
-    ends = np.array([[-0.15, 0.02], [0.12, 0.02]])
-    frames = ends + rng.normal(0.0, 1e-4, (5, 2, 2))
-    rest = RestAverage()
+    row = SCALE * arc(0.0, 0.0) + np.array(at)
+    return row + rng.normal(0.0, noise, (count, *row.shape))
+
+
+def averaged(frames, rest=None):
+    rest = RestSearch() if rest is None else rest
     for frame in frames:
         rest = rest.with_frame(frame, SCALE * SPACING)
+    return rest
+
+
+def test_frames_at_rest_are_averaged():
+    frames = frames_at_rest(5)
+    rest = averaged(frames)
     assert rest.frames == 5
-    assert rest.ends == pytest.approx(frames.mean(axis=0), abs=1e-15)
-    plane = rest.plane(ARCLENGTH)
-    assert plane.points(rest.ends) == pytest.approx(np.array([[0.0, 0.0], [0.11, 0.0]]), abs=1e-12)
+    (place,) = rest.places
+    assert place.points == pytest.approx(frames.mean(axis=0), abs=1e-15)
+    plane = plane_at_rest(place.points, ARCLENGTH, RestPlane())
+    assert plane.points(place.points[[0, -1]]) == pytest.approx(
+        np.array([[0.0, 0.0], [LENGTH, 0.0]]), abs=1e-12
+    )
 
 
 def test_an_arm_that_moves_is_not_at_rest():
-    ends = np.array([[-0.15, 0.02], [0.12, 0.02]])
-    rest = RestAverage().with_frame(ends, SCALE * SPACING)
-    moved = ends + np.array([[0.0, 0.0], [0.0, 0.2 * SCALE * SPACING]])
-    rest = rest.with_frame(moved, SCALE * SPACING)
+    frame = frames_at_rest(1)[0]
+    moved = frame + np.outer(np.linspace(0.0, 0.2 * SCALE * SPACING, len(frame)), [0.0, 1.0])
+    rest = averaged([frame, moved])
     assert rest.frames == 1
-    assert np.array_equal(rest.ends, moved)
+    assert np.array_equal(rest.places[0].points, moved)
+
+
+def test_one_bad_frame_does_not_begin_the_rest_anew():
+    frames = frames_at_rest(5)
+    rest = averaged([*frames[:3], frames_at_rest(1, at=(-0.1, 0.1))[0], *frames[3:]])
+    assert rest.places[0].frames == 5
+    assert rest.places[0].points == pytest.approx(frames.mean(axis=0), abs=1e-15)
+    assert rest.lacks(5, SETTINGS) == ''
+
+
+def test_only_so_many_places_are_remembered_and_the_richest_among_them():
+    rest = averaged(frames_at_rest(3))
+    for place in range(2 * SETTINGS.places):
+        rest = averaged(frames_at_rest(1, at=(0.05 * place, 0.3)), rest)
+    assert len(rest.places) == SETTINGS.places
+    assert rest.frames == 3
+
+
+def test_targets_may_be_missing_in_frames_of_the_rest():
+    frames = frames_at_rest(5)
+    frames[1, 4] = frames[2, 22] = frames[3, 22] = np.nan
+    place = averaged(frames).places[0]
+    assert place.seen.tolist() == [5] * 4 + [4] + [5] * 17 + [3]
+    assert place.points[22] == pytest.approx(frames[[0, 1, 4], 22].mean(axis=0), abs=1e-15)
+    assert place.lacks(5, SETTINGS) == ''
+
+
+def test_what_is_missing_is_said():
+    frames = frames_at_rest(5)
+    frames[1:, 22] = frames[:, 7] = np.nan
+    said = averaged(frames[:3]).lacks(5, SETTINGS)
+    assert said == '3 of 5 frames of the arm at rest, target 7 never seen'
+    said = averaged(frames).lacks(5, SETTINGS)
+    assert said == (
+        '5 of 5 frames of the arm at rest, target 22 seen in 1 of them, 3 are needed, '
+        'target 7 never seen'
+    )
+
+
+def test_targets_are_recognized_where_the_arm_has_rested():
+    first, second = frames_at_rest(2)
+    others = np.random.default_rng(3).uniform(-0.4, 0.4, (50, 2))
+    points = np.concatenate([second[1:-1], away_from(second, others, 0.01)])
+    found = averaged([first]).recognize(points, ARCLENGTH)
+    assert np.isnan(found[[0, -1]]).all()
+    assert np.array_equal(found[1:-1], second[1:-1])
+    assert averaged([first]).recognize(points[8:], ARCLENGTH) is None
+    assert RestSearch().recognize(points, ARCLENGTH) is None
+
+
+@pytest.mark.parametrize('turn', [0.0, 0.7])
+def test_an_arm_bent_at_rest_gives_scale_along_its_arc_and_frame_at_its_clamp(turn):
+    turned = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    row = SCALE * arc(25.0, 5.0) @ turned + np.array([-0.1, 0.05])
+    row[5] = np.nan
+    plane = plane_at_rest(row, ARCLENGTH, CurvedRestPlane())
+    back = plane.points(row)
+    expected = arc(25.0, 5.0) * [1.0, -1.0]  # y is up where the image goes down
+    expected[5] = np.nan
+    assert np.nanmax(np.hypot(*(back - expected).T)) < 2e-5
+
+
+def test_a_row_without_its_last_target_says_so():
+    mixture, row = view()
+    there = mixture.who != TARGETS[-1]
+    points, areas = mixture.points[there], mixture.areas[there]
+    clamp_pixel = tuple(FOCAL * row[0] + ORIGIN)
+    result = row_at_rest(points, FOCAL * points + ORIGIN, areas, ARCLENGTH, clamp_pixel, 0.02)
+    assert isinstance(result, Failure)
+    assert result.reason == 'no_row'
+    assert 'target 22 is not seen' in result.sentence

@@ -13,6 +13,7 @@ from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.selection import (
     choose_best,
     evidence_margin,
+    is_absent,
     is_adequate,
     is_worth_adding,
     Record,
@@ -20,6 +21,7 @@ from pneunet_ros.diagnosis.selection import (
     Trial,
 )
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
+from pneunet_ros.effects.pressure_lag import PressureLag
 import pytest
 from support.lab_designs import asked
 
@@ -193,3 +195,38 @@ def test_adequate_is_every_test_at_a_share_of_the_level_or_within_what_a_law_may
     assert is_adequate((lack(0.0), lack(5.0)), LEVEL)
     assert not is_adequate((lack(0.0), lack(100.0)), LEVEL)
     assert is_adequate((lack(0.0), lack(100.0)), LEVEL, allowed=101.0)
+
+
+def fit_of(**numbers: list[float]) -> Any:
+    """Return the numbers of effects that were fitted, each with a standard error of 0.1."""
+    values = np.concatenate(list(numbers.values()))
+    return SimpleNamespace(
+        hypotheses=tuple(asked(name) for name in numbers),
+        numbers=values,
+        covariance=0.01 * np.eye(values.size),
+    )
+
+
+def test_an_effect_without_a_size_is_absent():
+    both = fit_of(creep=[0.5, 2.0], pressure_lag=[0.0])
+    assert is_absent(both, 'pressure_lag')
+    assert not is_absent(both, 'creep')
+    # A time constant is no size: it may be anything where there is no amplitude.
+    assert is_absent(fit_of(creep=[-0.09, 2.0]), 'creep')
+    assert not is_absent(fit_of(gravity=[0.0, 0.11]), 'gravity')
+
+
+def test_what_led_out_of_a_poor_minimum_is_left_out_however_poor_the_rest_was(monkeypatch):
+    whole, smaller = trial('creep pressure_lag', 900.0), trial('creep', 899.0)
+    monkeypatch.setattr(selection, 'refit', lambda *rest: smaller.refit)
+    monkeypatch.setattr(Selection, 'test_trial', lambda *rest: smaller)
+    for lag, left in ((0.0, smaller), (0.5, None)):
+        fit = fit_of(creep=[0.5, 2.0], pressure_lag=[lag])
+        fit.effects = (asked('creep').effect(np.array([0.5, 2.0])), PressureLag())
+        fit.linearization = None
+        search = Scripted()
+        search.tried[frozenset({'creep'})] = trial('creep', 100.0).record
+        found = Selection.leave_out(
+            search, whole, Trial(record=whole.record, refit=fit), 'pressure_lag', 897.0
+        )
+        assert found is left

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 import shutil
@@ -108,6 +109,38 @@ def test_what_is_wrong_is_one_sentence_and_leaves_nothing(run, tmp_path, argumen
     assert (code, out) == (2, '')
     assert words in err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_that_would_not_fit_into_memory_is_refused(run, tmp_path):
+    text = share_path('scenarios/unloaded_ramp.yaml').read_text()
+    shutil.copy(share_path('scenarios/lab_arm.yaml'), tmp_path)
+    (tmp_path / 'long.yaml').write_text(text.replace('duration: 40.0', 'duration: 1.0e5'))
+    code, out, err = run('long.yaml', '--output', 'out.mcap')
+    assert (code, out) == (2, '')
+    assert 'a recording of 100000 s would have 4.48e+08 frames by elements' in err
+    assert not (tmp_path / 'out.mcap').exists()
+
+
+@pytest.mark.parametrize('name', ['[/]', '[bold]x', r'\x1b[2J'])
+def test_no_name_of_a_scenario_is_markup(run, tmp_path, name):
+    text = share_path('scenarios/unloaded_ramp.yaml').read_text()
+    shutil.copy(share_path('scenarios/lab_arm.yaml'), tmp_path)
+    lines = [f'name: "{name}"' if line.startswith('name:') else line for line in text.split('\n')]
+    (tmp_path / 'odd.yaml').write_text('\n'.join(lines))
+    code, out, err = run('odd.yaml', '--output', 'out.mcap')
+    assert (code, err) == (0, '')
+    assert f'{name} on lab-arm' in out
+
+
+def test_recording_and_truth_stand_together_or_not_at_all(run, tmp_path, monkeypatch):
+    def fail(path):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr('pneunet_ros.recordings.recording_writer.write_checksums', fail)
+    code, _, err = run('unloaded_ramp', '--output', 'out.mcap')
+    assert code == 2
+    assert 'No space left on device; nothing of it was kept' in err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_existing_files_are_refused(run, tmp_path):

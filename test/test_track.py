@@ -14,7 +14,7 @@ from pneunet_ros.messages.tracker import (
     TARGET_POINT,
     TRACKER_OUTPUTS,
 )
-from pneunet_ros.offline.track import record_tracking, track_steps, TrackTally
+from pneunet_ros.offline.track import look_ahead, record_tracking, track_steps, TrackTally
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording import open_recording
@@ -236,6 +236,45 @@ def test_an_image_of_another_size_writes_nothing(tmp_path):
     refused = [step.outcome for step in steps if isinstance(step.outcome, Refusal)]
     assert [refusal.reason for refusal in refused] == ['wrong_size']
     assert open_recording(tmp_path / 'out.mcap').topic('/pneunet/targets').count == FRAMES - 1
+
+
+# Recordings that do not begin at rest
+
+
+def test_frames_before_the_rest_are_tracked_by_it(tmp_path):
+    path = write_messages(tmp_path / 'in.mcap', film(SHOWN[::-1]))
+    stream, looked = open_images(path, SourceRequest()), []
+    start, sentence = look_ahead(stream, TRACKER, lambda: looked.append(1))
+    assert len(looked) == FRAMES
+    assert f'up to number {FRAMES}' in sentence
+    steps = list(track_steps(stream, TRACKER, start=start))
+    tracked_frames = outcomes(steps)
+    assert len(tracked_frames) == FRAMES
+    for index, outcome in enumerate(tracked_frames):
+        x, y = place_of(FRAMES - 1 - index)
+        found = outcome.sightings
+        seen = np.isfinite(found.x)
+        assert np.flatnonzero(~seen).tolist() == ([HIDDEN] if index == 0 else [])
+        np.testing.assert_allclose(found.x[seen], x[seen], atol=6e-5)
+        np.testing.assert_allclose(found.y[seen], y[seen], atol=6e-5)
+
+
+def test_a_recording_that_begins_at_rest_is_tracked_as_live(source):
+    start, sentence = look_ahead(open_images(source, SourceRequest()), TRACKER, lambda: None)
+    assert sentence == ''
+    assert start.plane is None
+
+
+def test_a_recording_without_rest_says_what_is_missing(tmp_path):
+    path = write_messages(tmp_path / 'in.mcap', film(SHOWN[: REST - 2]))
+    stream = open_images(path, SourceRequest())
+    start, sentence = look_ahead(stream, TRACKER, lambda: None)
+    assert (start.plane, sentence) == (None, '')
+    tally = TrackTally(targets=TARGETS)
+    for step in track_steps(stream, TRACKER, start=start):
+        tally.count(step)
+    assert tally.explained == 0
+    assert f'{REST - 2} of {REST} frames of the arm at rest' in tally.sentences['resting']
 
 
 # The tally

@@ -384,9 +384,11 @@ def test_a_step_is_pure(watching):
     assert same_values(one[0], two[0])
 
 
-def test_an_arm_without_targets_cannot_be_tracked():
-    with pytest.raises(ModelError, match='4 targets or more'):
-        Tracker(replace(ARM, target_arclength=np.zeros(0)), CameraSettings())
+@pytest.mark.parametrize('count', [0, 2])
+def test_an_arm_with_fewer_targets_than_three_cannot_be_tracked(count):
+    arm = replace(ARM, target_arclength=np.linspace(0.0, 0.11, count))
+    with pytest.raises(ModelError, match='3 targets or more'):
+        Tracker(arm, CameraSettings())
 
 
 def test_a_row_of_other_dots_beside_the_arm_is_no_arm():

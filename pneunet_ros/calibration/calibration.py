@@ -25,6 +25,7 @@ from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.tip_pose import with_tip_target
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain, spanned_domain
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
@@ -90,8 +91,13 @@ def calibrate(
     if kind is not None and kind not in MOMENT_LAW_PARAMETERS:
         allowed = ', '.join(MOMENT_LAW_PARAMETERS)
         raise RequestError(f'the moment law must be one of {allowed}, not {kind}')
-    check_runs(unloaded, loaded, frame, first=earlier is None, settings=settings)
-    unloaded = [run.without_load() for run in unloaded]
+    painted = frame.target_arclength
+    count = len(unloaded)
+    frame, runs = with_tip_target(
+        frame, [*unloaded, *loaded], wanted=earlier is not None and earlier.has_tip(painted.size)
+    )
+    unloaded, loaded = [run.without_load() for run in runs[:count]], runs[count:]
+    check_runs(runs[:count], loaded, frame, first=earlier is None, settings=settings)
     runs = [*unloaded, *loaded]
     noise = estimate_noise(runs, frame.target_arclength, frame.sensors, settings.noise_estimate)
     known = frame.domain if earlier is not None else None
@@ -121,7 +127,12 @@ def calibrate(
     covariance, explained_variance = low_rank(joint, settings=settings.experiments)
     outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(
-        arm=replace(joint.arm, covariance=covariance, domain=domain_of(joint, known)),
+        arm=replace(
+            joint.arm,
+            target_arclength=painted,
+            covariance=covariance,
+            domain=domain_of(joint, known),
+        ),
         noise=noise,
         posterior=posterior,
         free=free,
@@ -139,7 +150,7 @@ def calibrate(
     )
 
 
-def domain_of(joint: Fit, known: Domain | None) -> Domain:
+def domain_of(joint: Fit, known: Domain | None = None) -> Domain:
     """Return what the recordings of a fit spanned, and what was known before."""
     seen = [
         np.column_stack([run.inputs.loads, run.inputs.pressure])[run.solved] for run in joint.runs

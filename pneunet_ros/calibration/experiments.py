@@ -247,6 +247,12 @@ class FitSequence:
                 f'{kilopascals(earlier.low):.4g} to {kilopascals(earlier.high):.4g} kPa; '
                 'calibrate anew with all recordings'
             )
+        if earlier.placement.size != 2 * self.frame.target_arclength.size:
+            raise RequestError(
+                f'the calibration to be continued knows {earlier.placement.size // 2} targets, '
+                f'and the new recordings have {self.frame.target_arclength.size} (the pose of the '
+                'tip counts as one); calibrate anew with all recordings'
+            )
         kind = kind or earlier.kind or PiecewiseLinearLaw.kind
         if earlier.kind and earlier.kind != kind:
             raise RequestError(

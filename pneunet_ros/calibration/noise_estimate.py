@@ -16,6 +16,7 @@ from pneunet_ros.calibration.settings import NOISE_ESTIMATE, NoiseEstimateSettin
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
@@ -39,14 +40,19 @@ def estimate_noise(
     """Estimate all standard deviations; what the runs cannot tell is kept as `assumed`.
 
     arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion;
-    nor do static ones, which have no order in time.
+    nor do static ones, which have no order in time. A load of exactly zero is no reading.
     """
+    headings = [run for run in runs if run.heading is not None]
+    if headings and assumed.heading_std == 0.0:
+        assumed = replace(assumed, heading_std=known.heading)
     runs = [run for run in runs if len(run.stamp_ns) >= known.fewest and not run.static]
     loaded = [run for run in runs if run.loaded and not run.load_known]
+    loads = [load_readings(run) for run in loaded]
     readings = {
         'pressure': [run.pressure for run in runs],
-        'force': [values for run in loaded for values in run.force.T],
-        'moment': [run.moment for run in loaded if np.any(run.moment != 0.0)],
+        'force': [values for load in loads for values in load.T[:END_LOAD_MOMENT]],
+        'moment': [load[:, END_LOAD_MOMENT] for load in loads if np.any(load[:, END_LOAD_MOMENT])],
+        'heading': [np.unwrap(run.heading) for run in runs if run.heading is not None],
     }
     found: dict[str, tuple[float | None, str]] = {
         f'{name}_std': (
@@ -68,12 +74,20 @@ def estimate_noise(
     noise, sources = assumed, {}
     for item in fields(SensorNoise):
         std, sentence = found[item.name]
+        if item.name == 'heading_std' and not headings:
+            continue
         if std is None:
             sources[item.name] = 'assumed; these recordings cannot tell'
             continue
         sources[item.name] = sentence
         noise = replace(noise, **{item.name: float(f'{max(std, SMALLEST):.3g}')})
     return NoiseEstimate(noise=noise, sources=sources)
+
+
+def load_readings(run: RecordingData) -> Array:
+    """Return F1, F2 (N) and M (N m) of the frames in which something was attached, (n, 3)."""
+    load = np.column_stack([run.force, run.moment])
+    return load[np.any(load != 0.0, axis=1)]
 
 
 def quiet_series(

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.calibration.low_rank import shape_jacobian
 from pneunet_ros.calibration.parameters import correlation, Parameters
+from pneunet_ros.calibration.posterior import all_information
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import (
     CalibrationSettings,
@@ -33,7 +34,7 @@ def consider_nonuniformity(fit: Fit, known: ResolutionSettings = RESOLUTION) -> 
     if parameters.shapes is None:
         return fit
     prior = departure_prior(parameters, fit.values, known)
-    errors = fit.covariance @ fit.information[:, : parameters.cells]
+    errors = fit.covariance @ all_information(fit)[:, : parameters.cells]
     errors[: parameters.cells] -= np.eye(parameters.cells)
     covariance = fit.covariance + errors @ prior @ errors.T
     return replace(fit, covariance=frozen_array(covariance))

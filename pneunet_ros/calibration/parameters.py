@@ -139,8 +139,8 @@ class Parameters:
         known = np.clip(inputs.pressure, *arm.moment_law.pressure_range)
         base = self.law.law(values[self.cells :]).sections(known, arm.length, arm.weight)
         softened = np.ones_like(base)  # by the effects: the rigidity alone
-        rods = arm.rods(inputs.pressure, inputs.histories)
-        softened[:, :, RIGIDITY] = rods.sections[:, :, RIGIDITY] / base[:, :, RIGIDITY]
+        sections = arm.rods(inputs.pressure, inputs.histories).sections[:, : base.shape[1]]
+        softened[:, :, RIGIDITY] = sections[:, :, RIGIDITY] / base[:, :, RIGIDITY]
         slope = self.law.slopes(known)
         for place, (section, column) in enumerate(columns):
             factor = softened[:, section, column]

@@ -16,7 +16,8 @@ class PosteriorState(PriorState):
 
     pressure (rows,) Pa and arclength (knots,) s / l of the table of kappa_p0; kind and stiffness
     (N m^2) of the moment law's parameters over low to high (Pa), kind '' where none was fitted.
-    shapes: as of `Parameters`, 0 for as many as there are knots.
+    shapes: as of `Parameters`, 0 for as many as there are knots. information (n, n): that of all
+    recordings so far on the values, without what was believed before.
     """
 
     pressure: Array
@@ -25,6 +26,7 @@ class PosteriorState(PriorState):
     stiffness: float
     low: float
     high: float
+    information: Array
     shapes: int = 0
 
     def __post_init__(self) -> None:
@@ -32,8 +34,23 @@ class PosteriorState(PriorState):
         for name in ('pressure', 'arclength', 'values', 'placement'):
             values = getattr(self, name)
             object.__setattr__(self, name, frozen_array(values, (np.size(values),)))
+        known = (self.values.size,) * 2
+        object.__setattr__(self, 'information', frozen_array(self.information, known))
         size = self.values.size + self.placement.size
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
+
+    def has_tip(self, painted: int) -> bool:
+        """Whether the tip's pose was one target more than so many."""
+        return self.placement.size == 2 * (painted + 1)
+
+
+def all_information(fit: Fit) -> Array:
+    """Return that of the recordings of a fit, and of those before it that it goes on from."""
+    total, earlier = np.array(fit.information), fit.parameters.known
+    if isinstance(earlier, PosteriorState):
+        size = earlier.values.size
+        total[:size, :size] += earlier.information
+    return total
 
 
 def posterior_of(fit: Fit, low: float, high: float) -> PosteriorState:
@@ -50,4 +67,5 @@ def posterior_of(fit: Fit, low: float, high: float) -> PosteriorState:
         values=fit.values,
         placement=fit.placement.ravel(),
         covariance=fit.shared_covariance,
+        information=all_information(fit),
     )

@@ -165,8 +165,11 @@ def check_targets(
             f'{run.name} has {run.x.shape[1]} targets and the arm {arm.target_arclength.size}; '
             'recordings of different arms cannot be calibrated together (see --arm)'
         )
-    if np.count_nonzero(run.seen.any(axis=0)) < min(known.fewest_targets, run.x.shape[1]):
-        raise RecordingError(f'{run.name} shows fewer than {known.fewest_targets} targets')
+    seen = np.count_nonzero(run.seen, axis=0) > 0
+    if np.count_nonzero(seen) < known.fewest_targets and not seen[-1]:
+        raise RecordingError(
+            f'{run.name} shows fewer than {known.fewest_targets} targets, and never the last'
+        )
 
 
 def check_units(run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS) -> None:
@@ -177,10 +180,10 @@ def check_units(run: RecordingData, arm: Arm, known: PreconditionSettings = PREC
             f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa'
         )
     reach = float(np.nanmax(np.hypot(run.x, run.y)))
-    if reach > known.longest * arm.length:
+    if reach > known.longest * arm.reach:
         raise RecordingError(
             f'{run.name}: a target {reach:.3g} m from the clamp, and the arm is '
-            f'{arm.length:.3g} m long; targets must be in m, in the base frame at the clamp, and '
+            f'{arm.reach:.3g} m long; targets must be in m, in the base frame at the clamp, and '
             'of this arm (see --arm)'
         )
     middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach

@@ -51,7 +51,9 @@ def resolve(
     runs = [*unloaded, *loaded]
     seen = np.any([run.seen.any(axis=0) for run in runs], axis=0)
     targets = arm.target_arclength[seen].tolist()
-    shapes = min(max(count_apart([0.0, *targets], known.apart * arm.length) - 1, 1), known.knots)
+    shapes = count_apart([0.0, *targets], known.apart * arm.length) - 1
+    with_heading = any(run.heading is not None for run in runs)
+    shapes = min(max(shapes + with_heading, 1), known.knots)
     pressure = np.sort(np.concatenate([run.frame_pressure for run in runs]))
     same = max(known.same_pressure, known.noise_span * arm.sensors.pressure_std)
     pressures = count_apart(pressure.tolist(), same)
@@ -63,9 +65,11 @@ def resolve(
             f'{count_of(targets, "target")}, {places(targets)}'
         )
     elif shapes < known.knots:
+        heading = ' and a heading of the tip' if with_heading else ''
         notes.append(
             f'the curvature along the arm is described by {shapes} numbers, as many as there are '
-            f'targets beyond the clamp that stand apart ({count_of(targets, "target")} seen)'
+            f'targets beyond the clamp that stand apart{heading} '
+            f'({count_of(targets, "target")} seen)'
         )
     if constant:
         notes.append(

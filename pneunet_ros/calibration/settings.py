@@ -54,6 +54,9 @@ class NoiseEstimateSettings:
     smooth_degree: int = tuning(6, 'of the polynomial that a straight arm follows')
     fewest_targets: int = tuning(12, 'for a placement')
     straightest: float = tuning(0.1, 'share of the unloaded frames')
+    heading: float = tuning(
+        0.02, 'of a measured heading, where nothing tells', unit='rad', source='invented'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

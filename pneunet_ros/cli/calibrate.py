@@ -24,6 +24,7 @@ from pneunet_ros.cli.verb import (
     progress_bar,
 )
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.printable import printable
 from pneunet_ros.core.settings import settings_changed
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
@@ -168,8 +169,8 @@ def provenance_of(
     return {
         'source': f'pneunet calibrate {__version__}',
         'recordings': inputs_of(paths),
-        'arm': (arguments.arm or arguments.earlier or Path(PAPER_ARM)).name,
-        'continued': None if arguments.earlier is None else arguments.earlier.name,
+        'arm': printable((arguments.arm or arguments.earlier or Path(PAPER_ARM)).name),
+        'continued': None if arguments.earlier is None else printable(arguments.earlier.name),
         'chi_squared_per_coordinate': round(joint.chi_squared / joint.dof, 4),
         'coordinates': joint.dof,
         'settings': settings_changed(calibration.settings),

@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 from pneunet_ros import __version__
-from pneunet_ros.cli.diagnose_summary import show
+from pneunet_ros.cli.diagnose_summary import show, show_unsettled
 from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.cli.simulate import seed
 from pneunet_ros.cli.verb import (
@@ -27,11 +27,11 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.diagnosis import diagnose
-from pneunet_ros.diagnosis.result import CLEAR
+from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 from pneunet_ros.offline.calibration_files import inputs_of
-from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis
+from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis, write_unsettled
 from rich.progress import Progress
 import scipy
 
@@ -41,6 +41,7 @@ def options(parser: ArgumentParser) -> None:
     parser.epilog = (
         'Exit codes: 0 the answer is "none" or "named"; 1 done, and the answer is "inseparable", '
         '"unknown" or "unobservable"; 2 request or file was wrong. '
+        'A model that cannot be fitted to the recordings is 1, too, and gives no model.yaml. '
         'Files: report.html, model.yaml (with what was missing), diagnosis.json.'
     )
     parser.add_argument(
@@ -128,22 +129,28 @@ def run(arguments: Namespace) -> int:
                 executor=executor,
                 on_progress=on_progress,
             )
-        content = write_diagnosis(
-            found,
-            folder,
-            frame=frame,
-            training=training,
-            held_out=held_out,
-            provenance={
-                'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},
-                'inputs': inputs,
-                'versions': versions(),
-            },
-            on_progress=on_progress,
-        )
+        provenance = {
+            'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},
+            'inputs': inputs,
+            'versions': versions(),
+        }
+        if isinstance(found, UnsettledDiagnosis):
+            content = write_unsettled(found, folder, frame=frame, provenance=provenance)
+        else:
+            content = write_diagnosis(
+                found,
+                folder,
+                frame=frame,
+                training=training,
+                held_out=held_out,
+                provenance=provenance,
+                on_progress=on_progress,
+            )
     if arguments.json:
         seconds = time.perf_counter() - started
         print_json(content | {'output': arguments.output, 'seconds': seconds} | read.summary)
+    elif isinstance(found, UnsettledDiagnosis):
+        show_unsettled(found, read.sentences, arguments.output, output_console())
     else:
         show(found, read.sentences, arguments.output, output_console())
     return DONE if found.answer in CLEAR else NEGATIVE

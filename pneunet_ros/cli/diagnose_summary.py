@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.reports.diagnosis.error_figures import error_sentence
 from pneunet_ros.reports.diagnosis.files import MODEL, NUMBERS, PAGE
 from pneunet_ros.reports.diagnosis.tables import (
@@ -28,6 +28,7 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
     """Print the answer first, then what it rests on."""
     console.print(Text(diagnosis.sentence, style='bold'))
     console.print(f'({ANSWERS[diagnosis.answer]})')
+    console.print(Text(f'How sure: {diagnosis.certainty}'))
     console.print(rich_table(error_table(diagnosis), 'Model error'))
     if diagnosis.before.held_out is None:
         console.print('no recording was held out: the model error was not tested on one')
@@ -51,6 +52,17 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
     for sentence in (*left_out, *diagnosis.notes):
         console.print(Text(f'note: {sentence}'))
     for name in (PAGE, MODEL, NUMBERS):
+        console.print(f'wrote {directory / name}')
+
+
+def show_unsettled(
+    diagnosis: UnsettledDiagnosis, left_out: Sequence[str], directory: Path, console: Console
+) -> None:
+    """Print what happened; there is no number to print."""
+    console.print(Text(diagnosis.sentence, style='bold'))
+    for sentence in (*left_out, *diagnosis.notes):
+        console.print(Text(f'note: {sentence}'))
+    for name in (PAGE, NUMBERS):
         console.print(f'wrote {directory / name}')
 
 

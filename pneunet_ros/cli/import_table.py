@@ -21,8 +21,9 @@ def options(parser: ArgumentParser) -> None:
     """Add the options."""
     parser.epilog = (
         f'Known columns: {known_names()}. Targets count from 0 at the clamp. Strings: a pulls '
-        'along x, b along y, each turned counter-clockwise by its angle. Empty cells: no reading, '
-        'target not seen.'
+        'along x, b along y, each turned counter-clockwise by its angle. tip_x, tip_y, '
+        'tip_heading: the pose of the tip; each may be missing. Empty cells: no reading, target '
+        'not seen.'
     )
     parser.add_argument('table', type=Path, metavar='TABLE.csv', help='comma-separated, UTF-8')
     parser.add_argument(

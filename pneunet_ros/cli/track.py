@@ -30,7 +30,13 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.offline.track import record_tracking, track_steps, TrackStep, TrackTally
+from pneunet_ros.offline.track import (
+    look_ahead,
+    record_tracking,
+    track_steps,
+    TrackStep,
+    TrackTally,
+)
 from pneunet_ros.recordings.image_files import FOLDER_RATE, NO_LENS
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest, TOPIC_NAMES
 from pneunet_ros.recordings.image_stream import ImageStream
@@ -129,7 +135,11 @@ def run(arguments: Namespace) -> int:
             )
         followers = [tally.count, *followers_of(arguments, stack, stream, arm, unit)]
         bar = stack.enter_context(progress_bar(shown=not arguments.json))
-        task = bar.add_task('tracking', total=stream.frames)
+        task = bar.add_task('looking for the arm at rest', total=stream.frames)
+        start, ahead = look_ahead(stream, tracker, lambda: bar.advance(task))
+        bar.reset(task, description='tracking')
+        if ahead:
+            sentences = (*sentences, ahead)
         times = [time.perf_counter()]
 
         def on_progress(step: TrackStep) -> None:
@@ -141,11 +151,11 @@ def run(arguments: Namespace) -> int:
                     bar.update(task, completed=tally.frames)
 
         if writer is None:
-            for step in track_steps(stream, tracker):
+            for step in track_steps(stream, tracker, start=start):
                 on_progress(step)
         else:
             left_out = record_tracking(
-                writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress
+                writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress, start
             )
             sentences = (*sentences, *left_out)
         seconds = time.perf_counter() - times[0]

@@ -105,7 +105,7 @@ def add_settings(parser: ArgumentParser, names: Collection[str] | None = None) -
         if names is not None and item.name not in names:
             continue
         meaning, unit = item.metadata['meaning'], item.metadata.get('unit')
-        shown = f' {unit}' if unit else ''
+        shown = f' {unit}' if unit not in (None, '-') else ''
         option: dict[str, Any] = {'help': f'{meaning} (default: {item.default}{shown})'}
         if isinstance(item.default, bool):
             option['action'] = BooleanOptionalAction
@@ -113,7 +113,7 @@ def add_settings(parser: ArgumentParser, names: Collection[str] | None = None) -
             option['type'] = type(item.default)
             option['choices'] = item.metadata.get('choices') or None
             if not option['choices']:
-                option['metavar'] = (unit or item.name.split('_')[-1]).upper()
+                option['metavar'] = (shown.strip() or item.name.split('_')[-1]).upper()
         group.add_argument(
             f'--{item.name.replace("_", "-")}', dest=item.name, default=item.default, **option
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -90,3 +90,8 @@ class Image:
             return self.pixels[:, :, 0]
         grey: Any = cv2.cvtColor(np.ascontiguousarray(self.pixels), _TO_GREY[self.encoding])
         return np.asarray(grey, np.uint8)
+
+    def inverted(self) -> Image:
+        """Return the image in grey, with dark and bright exchanged."""
+        dark = np.asarray(cv2.bitwise_not(np.ascontiguousarray(self.grey())), np.uint8)
+        return replace(self, encoding='mono8', step=self.width, data=dark.reshape(-1))

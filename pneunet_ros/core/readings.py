@@ -38,6 +38,17 @@ class WrenchReading:
     moment_y: float = 0.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipPoseReading:
+    """Where the tip is (m) and where it points (rad), in the frame `frame_id`; NaN: unknown."""
+
+    stamp_ns: int
+    x: float
+    y: float
+    heading: float
+    frame_id: str
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TargetSightings:
     """Where the white targets on the arm were seen: an entry per target, in order along the arm.

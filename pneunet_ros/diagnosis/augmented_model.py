@@ -12,7 +12,7 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.diagnosis.hypothesis import Coordinate
 from pneunet_ros.diagnosis.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.result import Estimated, NamedEffect, Shift
-from pneunet_ros.diagnosis.settings import AugmentedModelSettings, DEFAULTS, DiagnosisSettings
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
 
@@ -76,18 +76,18 @@ def free_numbers(refit: Refit) -> list[tuple[str, Coordinate, float]]:
     ]
 
 
-def describe_effects(
-    refit: Refit,
-    probability: Mapping[str, float],
-    settings: AugmentedModelSettings = DEFAULTS.augmented_model,
-) -> tuple[NamedEffect, ...]:
-    """Return the effects with their parameters and errors, the most probable first."""
+def describe_effects(refit: Refit, probability: Mapping[str, float]) -> tuple[NamedEffect, ...]:
+    """Return the effects with their parameters and errors, the most probable first.
+
+    The error of a parameter has that of its law in it, relative to what is not neutral.
+    """
+    law_errors = {item.name: item.kind.law_error for item in refit.hypotheses}
     parameters: dict[str, dict[str, Estimated]] = {}
     stds = np.sqrt(np.diag(refit.covariance))
     for (name, item, number), std in zip(free_numbers(refit), stds, strict=True):
         value = item.value(number)
-        size = value - (0.0 if item.reciprocal else item.neutral)
-        error = np.hypot(std * abs(item.slope(number)), settings.law_worth * size)
+        size = value - (0.0 if item.reciprocal or item.shape else item.neutral)
+        error = np.hypot(std * abs(item.slope(number)), law_errors[name] * size)
         estimated = Estimated(value=value, std=float(error), unit=item.unit)
         parameters.setdefault(name, {})[item.parameter] = estimated
     effects = [

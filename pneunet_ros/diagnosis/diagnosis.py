@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from pneunet_ros.core.progress import OnProgress, say_nothing
@@ -16,6 +16,7 @@ from pneunet_ros.diagnosis.augmented_model import (
     parameter_shifts,
 )
 from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base
+from pneunet_ros.diagnosis.confirmation import Confirmer
 from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.hypothesis import hypotheses, Hypothesis
@@ -34,12 +35,14 @@ from pneunet_ros.diagnosis.result import (
     Diagnosis,
     Evaluation,
     Evidence,
+    UnsettledDiagnosis,
 )
 from pneunet_ros.diagnosis.score_test import Candidate, detection_limits, effect_cosines
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection, Trial
 from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
     DiagnosisSettings,
+    HypothesisSettings,
     SelectionSettings,
 )
 from pneunet_ros.measurement.dataset import RecordingData
@@ -50,13 +53,15 @@ from pneunet_ros.model.arm import Arm
 class Verdict:
     """The answer: the model that holds, and effects that cannot be distinguished from its own.
 
-    probability: how probable it is that each effect is missing.
+    probability: how probable it is that each effect is missing; notes: why the best set of effects
+    is not named, or what of its name could not be tested.
     """
 
     answer: Answer
     trial: Trial
     alternatives: tuple[str, ...] = ()
-    probability: Mapping[str, float]
+    probability: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def diagnose(
@@ -68,7 +73,7 @@ def diagnose(
     executor: Executor | None = None,
     on_progress: OnProgress = say_nothing,
     settings: DiagnosisSettings = DEFAULTS,
-) -> Diagnosis:
+) -> Diagnosis | UnsettledDiagnosis:
     """Diagnose a model by recordings: what it lacks, or what the recordings could have shown.
 
     The base model is refitted to the training recordings together with every hypothesis; held-out
@@ -77,7 +82,7 @@ def diagnose(
     Args:
         model: the arm, with the effects that are known already.
         training: recordings of pressure (Pa), end load (N, N m) and targets (m, base frame), at
-            least one of them without a load.
+            least one of them without a load. A measured pose of the tip is not used.
         held_out: others, in the same range of pressure and force; may be empty.
         seed: of the simulated clean data behind the thresholds.
         executor: where they are simulated; here if None.
@@ -85,7 +90,8 @@ def diagnose(
         settings: the numbers by which it decides.
 
     Returns:
-        The answer, with the model before and after; all numbers in SI.
+        The answer, with the model before and after, all numbers in SI; without any of them where
+        the fit of the base model does not settle.
 
     Raises:
         RequestError: no training recording is without a load.
@@ -93,20 +99,28 @@ def diagnose(
         ModelError: the model has no shape in most of the recordings.
 
     """
+    training, held_out = (
+        [run.without_tip_pose() for run in runs] for runs in (training, held_out)
+    )
     base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
+    if not base.fit.converged:
+        return unsettled(base.fit.status, seed, settings)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
     asked = hypotheses(known, settings.hypothesis)
     selection = Selection(
         linearization=linearize(base, *recordings, settings),
-        hypotheses=considered_hypotheses(asked, training),
+        hypotheses=considered_hypotheses(asked, training, settings.hypothesis),
         seed=seed,
         on_progress=on_progress,
         map_function=map if executor is None else executor.map,
         settings=settings,
     )
     first = selection.fit_base()
+    if not (first.refit.converged or first.refit.settled):
+        return unsettled('the cost still changes from step to step', seed, settings)
     best = selection.select_forward(first)
+    selection.fit_rivals(first, best)
     candidates = selection.score_candidates(first)
     detectable = detection_limits(asked, candidates, settings.score_test)
     verdict = decide(selection, first, best, detectable)
@@ -114,16 +128,43 @@ def diagnose(
     return conclude(selection, first, best, verdict, detectable, recordings)
 
 
+def unsettled(status: str, seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:
+    """Return that the base model could not be fitted; status: how the search ended."""
+    return UnsettledDiagnosis(
+        sentence=(
+            'The model could not be fitted to the training recordings '
+            f'({status}), so nothing can be said of what it lacks.'
+        ),
+        notes=(
+            'check length, targets, units and the moment law of the model, and the recordings by '
+            '`pneunet check`; a calibration from the unloaded recordings alone shows which '
+            'recording does not fit',
+        ),
+        seed=seed,
+        settings=settings,
+    )
+
+
 def considered_hypotheses(
-    asked: Sequence[Hypothesis], training: Sequence[RecordingData]
+    asked: Sequence[Hypothesis],
+    training: Sequence[RecordingData],
+    settings: HypothesisSettings = DEFAULTS.hypothesis,
 ) -> tuple[Hypothesis, ...]:
-    """Return the effects that may be named: static frames tell nothing of one with a memory."""
-    static = all(run.static for run in training)
+    """Return the effects that may be named, without those that act as another pressure scale.
+
+    One with a memory only if a recording can show it: frames in time, and not too few.
+    """
+    in_time = any(carries_time(run, settings) for run in training)
     return tuple(
         item
         for item in asked
-        if not item.confounded_with_pressure_scale and not (static and item.has_memory)
+        if not item.confounded_with_pressure_scale and (in_time or not item.has_memory)
     )
+
+
+def carries_time(run: RecordingData, settings: HypothesisSettings) -> bool:
+    """Whether the frames of a recording can show an effect that lives by the past."""
+    return not run.static and len(run.stamp_ns) >= settings.fewest_in_time
 
 
 def linearize(
@@ -156,7 +197,7 @@ def conclude(
     before = after = evaluate(first, runs, recordings, settings)
     if added:
         after = evaluate(verdict.trial, runs, recordings, settings)
-    floor = noise_floor(after.arm, recordings[1] or recordings[0], noise)
+    floor, floor_std = noise_floor(after.arm, recordings[1] or recordings[0], noise)
     frames, frames_after = (
         collect_frames(trial.refit, settings.localization) for trial in (first, verdict.trial)
     )
@@ -166,10 +207,9 @@ def conclude(
     removed = removed_share(before.rms, after.rms, floor)
     return Diagnosis(
         answer=verdict.answer,
-        sentence=describe_verdict(verdict, before.rms, after.rms),
-        effects=describe_effects(
-            verdict.trial.refit, verdict.probability, settings.augmented_model
-        ),
+        sentence=describe_verdict(verdict, before, after),
+        certainty=describe_certainty(selection, first, best, verdict),
+        effects=describe_effects(verdict.trial.refit, verdict.probability),
         alternatives=verdict.alternatives,
         where=misfit_shares(frames),
         where_sentence=describe_misfit(frames),
@@ -177,6 +217,7 @@ def conclude(
         before=before,
         after=after,
         noise_floor=floor,
+        noise_floor_std=floor_std,
         closed=None if first.record.adequate else removed,
         adequacy_before=worst_test(first.record.tests, level),
         adequacy_after=worst_test(verdict.trial.record.tests, level),
@@ -185,7 +226,7 @@ def conclude(
         evidence=collect_evidence(selection, candidates, cosines),
         cosines=cosines,
         proposal=propose_experiment(first.refit, wanted, rivals, settings),
-        notes=write_notes(first, best, verdict),
+        notes=(*verdict.notes, *notes_on_time(selection, recordings[0])),
         seed=selection.seed,
         settings=settings,
     )
@@ -196,44 +237,68 @@ def decide(
 ) -> Verdict:
     """Decide on the answer by the base model, the best set of effects, and all that was tried."""
     if not best.record.adequate:
-        return Verdict(answer='unknown', trial=first, probability={})
+        return Verdict(answer='unknown', trial=first, notes=closest_notes(best.record))
     if not best.names:
         observable = any(item.observable for item in detectable.values())
-        answer: Answer = 'none' if observable else 'unobservable'
-        return Verdict(answer=answer, trial=first, probability={})
-    settings = selection.settings.selection
+        return Verdict(answer='none' if observable else 'unobservable', trial=first)
+    confirmer = Confirmer.of(selection, first.record)
     rivals = [
         item
         for item in selection.tried.values()
-        if item.adequate and item.plausible and item is not best.record
+        if item.adequate
+        and item.plausible
+        and item is not best.record
+        and not confirmer.objections(item)
     ]
-    least = best.record.evidence - evidence_margin(best.record.evidence, settings)
+    settings = selection.settings
     others = {
         name
         for item in rivals
-        if item.dof <= best.record.dof and item.evidence > least
+        if passes_alike(item, best.record, settings.selection)
         for name in item.names
     }
     alternatives = tuple(sorted(others - set(best.names)))
+    confirmation = confirmer.confirm(best.record, alternatives)
+    if confirmation.objections:
+        notes = closest_notes(best.record, confirmation.objections)
+        return Verdict(answer='unknown', trial=first, notes=notes)
     return Verdict(
         answer='inseparable' if alternatives else 'named',
         trial=best,
         alternatives=alternatives,
-        probability=effect_probabilities([best.record, *rivals], settings),
+        probability=effect_probabilities(
+            [best.record, *rivals], settings, confirmed=not confirmation.untested
+        ),
+        notes=confirmation.untested,
     )
 
 
+def passes_alike(
+    rival: Record, best: Record, settings: SelectionSettings = DEFAULTS.selection
+) -> bool:
+    """Whether a rival that passes, with no more effects, explains the recordings as well.
+
+    By evidence; or by chi squared alone, as what tells two effects apart is then the prior.
+    """
+    if len(rival.names) > len(best.names):
+        return False
+    least = best.evidence - evidence_margin(best.evidence, settings)
+    return rival.evidence > least or rival.gain > best.gain - 2.0 * settings.least_evidence
+
+
 def effect_probabilities(
-    records: Sequence[Record], settings: SelectionSettings = DEFAULTS.selection
+    records: Sequence[Record], settings: DiagnosisSettings = DEFAULTS, *, confirmed: bool = True
 ) -> dict[str, float]:
     """Return how probable it is that each effect is missing, over sets that may be the answer.
 
-    Evidence counts by what laws of effects are worth, as it does for the answer.
+    Evidence counts by what laws of effects are worth, as it does for the answer. None is surer
+    than names were right in blind trials; confirmed: nothing of the name is untested.
     """
     logs = np.array([item.evidence for item in records])
-    margin = evidence_margin(float(logs.max()), settings)
-    weights = np.exp((logs - logs.max()) * settings.least_evidence / margin)
-    weights /= weights.sum()
+    margin = evidence_margin(float(logs.max()), settings.selection)
+    weights = np.exp((logs - logs.max()) * settings.selection.least_evidence / margin)
+    known = settings.confirmation
+    weights *= (1.0 - (known.wrong if confirmed else known.unconfirmed)) / weights.sum()
     names = sorted({name for item in records for name in item.names})
     pairs = list(zip(weights, records, strict=True))
     return {
@@ -323,34 +388,50 @@ def alike_effects(
     return tuple(sorted({name for pair in pairs for name in pair} - set(names)))
 
 
-def write_notes(first: Trial, best: Trial, verdict: Verdict) -> tuple[str, ...]:
-    """Return what else one should know."""
-    notes = []
-    if verdict.answer == 'unknown' and best.names:
-        worst = min(best.record.tests, key=lambda item: item.p_value)
-        notes.append(
-            f'{" + ".join(best.names)} reduces chi squared most, by {best.record.gain:.0f}, but '
-            f'fails the lack-of-fit test of {worst.name}: it is not what is missing, or not alone'
-        )
-    if not first.refit.converged:
-        notes.append('the fit of the base model has not converged')
-    return tuple(notes)
+def closest_notes(best: Record, objections: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return what comes closest to an explanation, and why it is not named."""
+    if not best.names:
+        return ()
+    if not objections:
+        worst = min(best.tests, key=lambda item: item.p_value)
+        objections = (f'it fails the lack-of-fit test of {worst.name}',)
+    names = ' + '.join(best.names)
+    return (
+        f'closest is {names}, which reduces chi squared by {best.gain:.0f}; it is not named: '
+        f'{"; ".join(objections)}',
+    )
 
 
-def describe_verdict(verdict: Verdict, before: float, after: float) -> str:
-    """Return the answer in one sentence; before, after: model error (m, rms)."""
+def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tuple[str, ...]:
+    """Say which effects were not considered, as no recording could show them."""
+    settings = selection.settings.hypothesis
+    if any(carries_time(run, settings) for run in training):
+        return ()
+    known = {effect.name for effect in selection.linearization.point.arm.effects}
+    names = [item.name for item in hypotheses(tuple(known), settings) if item.has_memory]
+    why = f'no training recording has {settings.fewest_in_time} frames'
+    if all(run.static for run in training):
+        why = 'frames are static, their stamps mean nothing'
+    return (f'{why}: effects with a time in them were not considered ({", ".join(names)})',)
+
+
+def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) -> str:
+    """Return the answer in one sentence."""
     names = ' and '.join(verdict.trial.names)
     reduced = (
         f'adding {"it" if len(verdict.trial.names) == 1 else "them"} reduces the model error from '
-        f'{millimeters(before):.2f} to {millimeters(after):.2f} mm rms.'
+        f'{millimeters(before.rms):.2f} to {millimeters(after.rms):.2f} mm rms.'
     )
+    if before.held_out is None:
+        reduced += ' No recording was held out: it was not tested on anything new.'
     match verdict.answer:
         case 'none':
             return 'The residuals are consistent with noise: no effect is missing that is visible.'
         case 'unobservable':
             return 'No effect of the library is observable in these recordings.'
         case 'unknown':
-            return 'The model lacks something, and no effect of the library explains it.'
+            closest = ' The notes say what came closest.' if verdict.notes else ''
+            return f'The model lacks something that no effect of the library explains.{closest}'
         case 'named':
             return f'The model lacks {names}: {reduced}'
     others = ' or '.join(verdict.alternatives)
@@ -358,3 +439,35 @@ def describe_verdict(verdict: Verdict, before: float, after: float) -> str:
         f'The model lacks {names} or {others}, which cannot be distinguished with these data: '
         f'{reduced}'
     )
+
+
+def describe_certainty(selection: Selection, first: Trial, best: Trial, verdict: Verdict) -> str:
+    """Say what was compared, and by how much it differs."""
+    confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
+    worst = min(base.tests, key=lambda item: item.p_value)
+    tested = (
+        f'what the base model leaves has p-value {worst.p_value:.2g} at worst, in {worst.name}'
+    )
+    if not best.names:
+        strongest = selection.score_candidates(first)[:1]
+        score = ''.join(
+            f'; the strongest single effect, {item.name}, would take {item.gain:.1f} from chi '
+            'squared'
+            for item in strongest
+        )
+        return f'Compared with clean data, {tested}{score}.'
+    left, before = confirmer.chi_squared(record), confirmer.chi_squared(base)
+    names = ' + '.join(best.names)
+    sentence = f'{names} brings chi squared per coordinate from {before:.3g} to {left:.3g}'
+    if confirmer.has_held_out:
+        ends = [confirmer.chi_squared(item, held_out=True) for item in (base, record)]
+        sentence += f', and from {ends[0]:.3g} to {ends[1]:.3g} in held-out recordings'
+    others = [item for item in selection.tried.values() if not set(best.names) <= set(item.names)]
+    others = [item for item in others if item.names]
+    if others:
+        second = max(others, key=lambda item: item.gain)
+        return (
+            f'{sentence} (1 is noise alone); the next best, {" + ".join(second.names)}, leaves '
+            f'{confirmer.chi_squared(second):.3g}.'
+        )
+    return f'{sentence} (1 is noise alone); no other effect was worth a fit.'

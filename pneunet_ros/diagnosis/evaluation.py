@@ -12,7 +12,7 @@ from pneunet_ros.diagnosis.result import Misfit
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.noise_model import attached_std, target_std
+from pneunet_ros.measurement.noise_model import attached_std, target_std, target_stds
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -46,11 +46,29 @@ def distances(error: Array) -> Array:
     return lengths[np.isfinite(lengths)]
 
 
-def noise_floor(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> float:
-    """Return the rms (m) that a perfect model would have: white noise, placement, readings."""
-    stds = [std[np.isfinite(std)] for std in noise_stds(arm, runs, noise)]
-    squares = np.concatenate(stds) ** 2
-    return float(np.sqrt(squares.mean())) if squares.size else 0.0
+def noise_floor(
+    arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise
+) -> tuple[float, float]:
+    """Return the rms (m) that a perfect model would have, and how far it scatters about that.
+
+    White noise, placement, readings. White noise is every coordinate's own, what readings move is
+    one error of a frame, and a painted place one error of a target.
+    """
+    squares, variance = 0.0, 0.0
+    seen = np.zeros((2, arm.target_arclength.size))
+    white = target_stds(replace(noise, placement_std=0.0), np.array(noise.target_std))
+    for std in noise_stds(arm, runs, noise):
+        known = np.isfinite(std)
+        square = np.where(known, std, 0.0) ** 2
+        by_readings = np.maximum(square - known * target_std(noise) ** 2, 0.0).sum(axis=(1, 2))
+        squares += float(square.sum())
+        variance += 2.0 * float((known * white**4).sum() + (by_readings**2).sum())
+        seen += known.sum(axis=0)
+    variance += 2.0 * noise.placement_std**4 * float((seen**2).sum())
+    if not squares:
+        return 0.0, 0.0
+    floor = float(np.sqrt(squares / seen.sum()))
+    return floor, float(np.sqrt(variance) / seen.sum()) / (2.0 * floor)
 
 
 def noise_stds(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> tuple[Array, ...]:

@@ -18,7 +18,7 @@ class Coordinate:
     """A parameter of an effect as a number: a size is 0 where neutral; a shape is a logarithm.
 
     A parameter whose neutral value is infinite is its reciprocal; std: half of the prior range,
-    low and high: the bounds, all in the coordinate.
+    low and high: the bounds, all in the coordinate; bounds: those of the parameter (SI), closed.
     """
 
     parameter: str
@@ -30,15 +30,18 @@ class Coordinate:
     mean: float
     low: float
     high: float
+    bounds: tuple[float, float]
 
     def value(self, coordinate: float) -> float:
-        """Return the parameter (SI) at a coordinate."""
+        """Return the parameter (SI) at a coordinate, within its bounds to the last bit."""
         coordinate = min(max(coordinate, self.low), self.high)
         if self.shape:
-            return math.exp(coordinate)
-        if self.reciprocal:
-            return math.inf if coordinate <= 0.0 else 1.0 / coordinate
-        return self.neutral + coordinate
+            value = math.exp(coordinate)
+        elif self.reciprocal:
+            value = math.inf if coordinate <= 0.0 else 1.0 / coordinate
+        else:
+            value = self.neutral + coordinate
+        return min(max(value, self.bounds[0]), self.bounds[1])  # 1.0 + (0.1 - 1.0) is not 0.1
 
     def of(self, value: float) -> float:
         """Return the coordinate of a parameter."""
@@ -76,6 +79,11 @@ class Hypothesis:
     def has_memory(self) -> bool:
         """Whether it lives by the history of pressure, so that points are not linear in it."""
         return self.kind.actuate is not Effect.actuate
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether points are linear in its size: without a memory, or with a shape beside it."""
+        return not self.has_memory or len(self.sizes) < self.size
 
     @property
     def confounded_with_pressure_scale(self) -> bool:
@@ -122,11 +130,9 @@ class Hypothesis:
     def starts(self) -> list[tuple[int, Array]]:
         """Return where the effect is tried: which size is moved, and all numbers there."""
         shapes, settings, starts = self.shapes(), self.settings, []
-        # An effect with a shape is linear in its size.
-        nonlinear = self.has_memory and len(shapes) == 1
         for shape in shapes:
             for which in self.sizes:
-                for share in settings.first_sizes if nonlinear else (settings.first_size,):
+                for share in (settings.first_size,) if self.is_linear else settings.first_sizes:
                     numbers = shape.copy()
                     numbers[which] = 2.0 * share * self.coordinates[which].std
                     starts.append((which, numbers))
@@ -149,7 +155,8 @@ def hypothesis(
 
 def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
     """Return the coordinate of a declared parameter."""
-    neutral, (low, high) = float(parameter.default), parameter.metadata['bounds']
+    neutral, bounds = float(parameter.default), parameter.metadata['bounds']
+    low, high = bounds
     first, last = parameter.metadata['prior']
     reciprocal, shape = math.isinf(neutral), bool(parameter.metadata['shape'])
     mean = 0.0
@@ -173,6 +180,7 @@ def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
         mean=mean,
         low=low,
         high=high,
+        bounds=bounds,
     )
 
 

@@ -98,20 +98,16 @@ class KnownInputs:
         self.filtered = [
             filter_pressure(run, noise.pressure_std, settings.pressure_filter) for run in runs
         ]
-        self.pressure_noise = [
-            run.frame_pressure - filtered.frame_pressure
-            for run, filtered in zip(runs, self.filtered, strict=True)
-        ]
         self.known: dict[tuple[Effect, ...], list[Inputs]] = {}
 
     def of(self, arm: Arm) -> list[Inputs]:
         """Return what acted on an arm in all runs; the noise of a reading has no past."""
         key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting))
         if key not in self.known:
-            all_inputs = inputs_of(arm, self.filtered)
+            all_inputs = inputs_of(arm, [item.run for item in self.filtered])
             self.known[key] = [
-                replace(inputs, pressure=inputs.pressure + more)
-                for inputs, more in zip(all_inputs, self.pressure_noise, strict=True)
+                replace(inputs, pressure=inputs.pressure + item.noise)
+                for inputs, item in zip(all_inputs, self.filtered, strict=True)
             ]
         return self.known[key]
 

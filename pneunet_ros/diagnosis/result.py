@@ -29,7 +29,11 @@ class Estimated:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedEffect:
-    """An effect that is missing in the model, its parameters by name, and how probable it is."""
+    """An effect that is missing in the model, and its parameters by name.
+
+    probability: that it is, by the evidence of all sets that were fitted, and by how often a name
+    of this kind was wrong in blind trials.
+    """
 
     name: str
     parameters: Mapping[str, Estimated]
@@ -154,11 +158,13 @@ class HeatMap:
 class Diagnosis:
     """The result of `diagnose`.
 
-    answer: one of five; sentence: the same in words. effects: what is missing, strongest first;
+    answer: one of five; sentence: the same in words; certainty: what was compared, and by how much
+    it differs. effects: what is missing, strongest first;
     alternatives: names of effects that cannot be distinguished from it with these data. where:
     shares of the misfit, in words `where_sentence`; heat_maps: over arclength and another axis.
     before, after: the base model, and the one with the effects (the same where none was added).
-    noise_floor (m): the rms that a perfect model would have. closed: share of the reducible error
+    noise_floor (m): the rms that a perfect model would have, and how far its rms may be from that
+    on these recordings. closed: share of the reducible error
     on held-out recordings that was removed, None where there was none. adequacy_before, _after:
     the worst lack-of-fit test. detectable: detection limit by effect. shift: base quantities, by
     dotted name, that were biased by the missing effect. evidence: what was tried, best first.
@@ -168,6 +174,7 @@ class Diagnosis:
 
     answer: Answer
     sentence: str
+    certainty: str
     effects: tuple[NamedEffect, ...]
     alternatives: tuple[str, ...]
     where: tuple[Share, ...]
@@ -176,6 +183,7 @@ class Diagnosis:
     before: Evaluation
     after: Evaluation
     noise_floor: float
+    noise_floor_std: float
     closed: float | None
     adequacy_before: Adequacy
     adequacy_after: Adequacy
@@ -187,3 +195,17 @@ class Diagnosis:
     notes: tuple[str, ...]
     seed: int
     settings: DiagnosisSettings = DEFAULTS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnsettledDiagnosis:
+    """A diagnosis that ended with the base model: its fit has not settled, so no number is one.
+
+    sentence: what happened; notes: what else should be known; seed and settings as asked for.
+    """
+
+    sentence: str
+    notes: tuple[str, ...]
+    seed: int
+    settings: DiagnosisSettings = DEFAULTS
+    answer: Answer = 'unknown'

@@ -86,7 +86,7 @@ def score_effect(
         if best is not None and best.gain >= gain:
             continue
         start = numbers.copy()
-        if hypothesis.has_memory:
+        if not hypothesis.is_linear:
             share = float(np.clip(share, settings.smallest_step, settings.largest_step))
         start[which] *= share
         best = Candidate(

@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.progress import OnProgress
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.lack_of_fit import lack_of_fit_tests, LackOfFit, MapFunction
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
+from pneunet_ros.diagnosis.unevenness import log_probability_uneven, uneven_columns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -21,8 +24,12 @@ class Record:
     """What came of effects that were fitted jointly.
 
     dof: their numbers; evidence over the base, in log probability; gain in chi squared; tests:
-    what they leave; plausible: no size is far beyond its prior range. run_chi_squared:
-    of the whitened residuals of each run, held-out ones too.
+    what they leave; plausible: no size is far beyond its prior range. outside_prior: sentences on
+    parameters beyond theirs. run_chi_squared: of the whitened residuals of each run, held-out ones
+    too, and coordinates: their number. log_probability: of the training runs, without: of all but
+    each in turn, both linearized at the fit to all; predicted: of the held-out runs given the
+    training ones; uneven: of the training runs where the arm may bend unevenly along it, None
+    where its curvature is free there. held_out (rows,): whitened residuals of held-out runs.
     """
 
     names: tuple[str, ...]
@@ -33,6 +40,13 @@ class Record:
     adequate: bool
     plausible: bool
     run_chi_squared: tuple[float, ...] = ()
+    coordinates: tuple[int, ...] = ()
+    outside_prior: tuple[str, ...] = ()
+    log_probability: float = 0.0
+    without: tuple[float, ...] = ()
+    predicted: float = 0.0
+    uneven: float | None = None
+    held_out: tuple[Array, ...] = ()
 
     @property
     def excess(self) -> float:
@@ -84,6 +98,7 @@ class Selection:
             raise ModelError(
                 'a held-out recording has no shape with the model of the training ones'
             )
+        uneven = uneven_columns(trial.linearization, self.settings.calibration.resolution)
         lack_of_fit, gaussian = self.settings.lack_of_fit, at_fit[1]
         tests = lack_of_fit_tests(all_runs, gaussian, self.seed, self.map_function, lack_of_fit)
         allowed = 0.0 if base is None else lack_of_fit.law_error * base.record.excess
@@ -97,6 +112,15 @@ class Selection:
             adequate=is_adequate(tests, lack_of_fit.level, allowed),
             plausible=is_plausible(trial, self.settings.selection.plausible),
             run_chi_squared=gaussian.squares,
+            coordinates=tuple(2 * int(run.seen.sum()) for run in all_runs.runs),
+            outside_prior=parameters_outside_prior(trial, self.settings.score_test.prior_range),
+            log_probability=trial.gaussian.log_probability(),
+            without=tuple(
+                trial.gaussian.log_probability(which) for which in range(all_runs.training)
+            ),
+            predicted=predicted_probability(gaussian, all_runs.training),
+            uneven=log_probability_uneven(trial.gaussian, uneven) if uneven else None,
+            held_out=gaussian.residuals[all_runs.training :],
         )
         self.tried[frozenset(record.names)] = record
         return Trial(record=record, refit=trial)
@@ -115,6 +139,20 @@ class Selection:
                 return best
             best = self.eliminate_backward(base, better)
         return best
+
+    def fit_rivals(self, base: Trial, best: Trial) -> None:
+        """Fit, beside one effect that is the answer, those that score as well and were not."""
+        candidates = self.score_candidates(base) if len(best.names) == 1 else []
+        scores = {item.name: item.gain for item in candidates}
+        least = scores.get(best.names[0], 0.0) if best.names else 0.0
+        least -= 2.0 * self.settings.selection.least_evidence
+        for item in candidates:
+            if item.gain < least or frozenset((item.name,)) in self.tried:
+                continue
+            settings, linearization = self.settings.refit, base.refit.linearization
+            fit = refit(linearization, (item.hypothesis,), item.start, settings.rounds, settings)
+            if fit is not None:
+                self.test_trial(fit, base)
 
     def score_candidates(self, trial: Trial) -> list[Candidate]:
         """Return the effects that may be added to a trial, scored once."""
@@ -205,7 +243,7 @@ class Selection:
         pairs = zip(trial.refit.hypotheses, trial.refit.effects, strict=True)
         rest = [(item, effect) for item, effect in pairs if item.name != name]
         known = self.tried.get(frozenset(item.name for item, _ in rest))
-        if known is not None and known.evidence < least:
+        if known is not None and known.evidence < least and not is_absent(trial.refit, name):
             return None
         hypotheses = tuple(item for item, _ in rest)
         numbers = np.concatenate([item.numbers(effect) for item, effect in rest])
@@ -253,6 +291,19 @@ def is_worth_adding(
     return better.record.excess < settings.most_left * trial.record.excess
 
 
+def is_absent(fit: Refit, name: str) -> bool:
+    """Whether an effect of a fit has no size that differs from nothing by its standard error.
+
+    It led the fit out of a poor minimum of the others, and is not what explains.
+    """
+    stds = split_numbers(fit.hypotheses, np.sqrt(np.diag(fit.covariance)))
+    parts = zip(fit.hypotheses, split_numbers(fit.hypotheses, fit.numbers), stds, strict=True)
+    return any(
+        item.name == name and all(abs(numbers[size]) <= std[size] for size in item.sizes)
+        for item, numbers, std in parts
+    )
+
+
 def is_plausible(fit: Refit, most: float) -> bool:
     """Whether no size of the effects is further from its prior mean than so many deviations."""
     parts = split_numbers(fit.hypotheses, fit.numbers)
@@ -260,6 +311,34 @@ def is_plausible(fit: Refit, most: float) -> bool:
         bool(np.all(np.abs(numbers - item.mean) <= most * item.std))
         for item, numbers in zip(fit.hypotheses, parts, strict=True)
     )
+
+
+def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
+    """Return a sentence on every parameter that is beyond its prior range by two of its errors.
+
+    ends: of the range of a size, in prior standard deviations; that of a shape ends at one.
+    """
+    stds = np.split(np.sqrt(np.diag(fit.covariance)), np.cumsum([i.size for i in fit.hypotheses]))
+    parts = split_numbers(fit.hypotheses, fit.numbers)
+    return tuple(
+        f'{item.name}.{coordinate.parameter} = {coordinate.value(float(number)):.3g} '
+        f'{coordinate.unit} lies outside its prior range'
+        for item, numbers, errors in zip(fit.hypotheses, parts, stds, strict=False)
+        for coordinate, number, error in zip(item.coordinates, numbers, errors, strict=True)
+        if abs(number - coordinate.mean) - 2.0 * error
+        > (1.0 if coordinate.shape else ends) * coordinate.std
+    )
+
+
+def predicted_probability(gaussian: GaussianModel, training: int) -> float:
+    """Return the log probability of held-out runs given those of the training, the first."""
+    known = GaussianModel.of(
+        gaussian.columns[:training],
+        gaussian.residuals[:training],
+        gaussian.position,
+        gaussian.grams[:training],
+    )
+    return gaussian.log_probability() - known.log_probability()
 
 
 def evidence_margin(evidence: float, settings: SelectionSettings = DEFAULTS.selection) -> float:

@@ -51,6 +51,7 @@ class HypothesisSettings:
     first_sizes: tuple[float, ...] = tuning((0.05, 0.25, 0.8), 'sizes else', unit='prior range')
     shapes: int = tuning(5, 'values of a shape parameter over its prior range')
     shape_margin: float = tuning(10.0, 'factor by which a shape may leave its prior range')
+    fewest_in_time: int = tuning(20, 'frames of a recording that may show an effect with memory')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,6 +118,23 @@ class SelectionSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ConfirmationSettings:
+    """What a name requires besides passing the tests, and how sure it then is."""
+
+    most_left: float = tuning(
+        2.0, 'chi squared per coordinate of the training that a law may leave', unit='noise alone'
+    )
+    fall: float = tuning(2.7, 'fall of held-out chi squared: 95 % one-sided', source='convention')
+    shown: float = tuning(16.0, 'held-out chi squared of what is added, for a test: four sigma')
+    wrong: float = tuning(
+        0.02,
+        'probability that a confirmed name is wrong',
+        source='blind trials: 1 of 97 names, and one more (docs/diagnosis.md)',
+    )
+    unconfirmed: float = tuning(0.1, 'the same, where a part of it could not be tested')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LocalizationSettings:
     """Shares of the misfit over arclength, pressure, force, time and direction."""
 
@@ -144,7 +162,6 @@ class AugmentedModelSettings:
     """The base model fitted with the effects, and their standard errors."""
 
     settled: float = tuning(0.3, 'step at which the fit has converged', unit='std of all')
-    law_worth: float = tuning(0.05, 'relative error of the plain law of an effect')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,6 +176,7 @@ class DiagnosisSettings:
     lack_of_fit: LackOfFitSettings = LackOfFitSettings()
     refit: RefitSettings = RefitSettings()
     selection: SelectionSettings = SelectionSettings()
+    confirmation: ConfirmationSettings = ConfirmationSettings()
     localization: LocalizationSettings = LocalizationSettings()
     experiment_design: ExperimentDesignSettings = ExperimentDesignSettings()
     augmented_model: AugmentedModelSettings = AugmentedModelSettings()

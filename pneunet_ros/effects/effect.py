@@ -132,11 +132,17 @@ NO_TERMS = Terms()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect(abc.ABC):
-    """A physical effect on top of the base model; the module names its four places."""
+    """A physical effect on top of the base model; the module names its four places.
+
+    law_error: standard deviation, relative, of its parameters as the law of a real arm has them:
+    no arm follows a law with few parameters exactly, and where it does not, the parameters depend
+    on how it was moved. An effect whose law leaves out more says so, and why.
+    """
 
     name: ClassVar[str]
     place: ClassVar[Place]
     meaning: ClassVar[str]
+    law_error: ClassVar[float] = 0.05  # invented
 
     def __post_init__(self) -> None:
         """Refuse parameters outside their bounds."""

@@ -30,8 +30,8 @@ class PressureElongation(Effect):
         unit='1/Pa^2',
         meaning='quadratic part',
         bounds=(-1e-9, 1e-9),
-        prior=(-5e-11, 5e-11),
-        source='prior: as much as the linear part at 66 kPa',
+        prior=(-1e-10, 1e-10),
+        source='prior: 27 real actuators of docs/calibration.md, to -7e-11, and some more',
     )
 
     def terms(self, pressure: Array) -> Terms:

@@ -26,6 +26,9 @@ class Softening(Effect):
     name: ClassVar[str] = 'softening'
     place: ClassVar[Place] = 'material'
     meaning: ClassVar[str] = 'rigidity x (1 - loss p_max / p_range) below p_max (Mullins)'
+    # A part of it recovers within minutes, and near p_max rubber comes back to its first curve
+    # little by little, not at once. Invented, of that size.
+    law_error: ClassVar[float] = 0.1
     loss: float = quantity(
         0.0,
         unit='-',

@@ -51,7 +51,7 @@ class Estimator:
 
     def __post_init__(self) -> None:
         """Prepare stations and the table."""
-        stations = station_arclength(self.arm.length, self.settings.stations)
+        stations = station_arclength(self.arm.reach, self.settings.stations)
         object.__setattr__(self, 'arclength', stations)
         object.__setattr__(self, 'table', PerturbationTable(arm=self.arm))
 
@@ -135,7 +135,10 @@ class Estimator:
         if curved is None or not propagate_covariance(
             noise, sensitivity.tip, stations, covariance, std
         ):
-            sentence = 'the shape answers to its loads without bound (limit point)'
+            sentence = (
+                'the shape answers to its loads without bound (limit point), '
+                'or readings and model are too uncertain for any covariance'
+            )
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
             return state.with_reading(reading.stamp_ns, history), refusal
         if curved.step < 1.0:
@@ -223,10 +226,10 @@ class Estimator:
 
 def with_model_error(noise: Array, position: DomainPosition) -> Array:
     """Return the noise input matrix with the model's own error beyond its domain, as sources."""
-    if not len(position.error):
+    if not any(position.error):
         return noise
     more = np.zeros((len(position.error), noise.shape[1]))
-    more[:, : PRESSURE + 1] = position.error
+    more[:, : PRESSURE + 1] = np.diag(position.error)
     return np.vstack([noise, more])
 
 

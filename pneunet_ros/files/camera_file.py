@@ -15,6 +15,7 @@ from pneunet_ros.vision.camera_settings import (
     AdaptiveBand,
     AreaLimits,
     CameraSettings,
+    CurvedRestPlane,
     FixedBand,
     GreyBand,
     HomographyPlane,
@@ -26,7 +27,9 @@ from pneunet_ros.vision.camera_settings import (
 SCHEMA_VERSION = 1
 CAMERA_FILE = YamlFile(kind='camera file', error=CameraError)
 CALIBRATION_FILE = YamlFile(kind='camera_info file', error=CameraError)
-PLANES = {plane.method: plane for plane in (RestPlane, HomographyPlane, PosePlane)}
+PLANES = {
+    plane.method: plane for plane in (RestPlane, CurvedRestPlane, HomographyPlane, PosePlane)
+}
 BANDS = {band.method: band for band in (AdaptiveBand, FixedBand)}
 CALIBRATION = (
     'image_width',

@@ -90,8 +90,8 @@ def arm_from_mapping(content: Any) -> Arm:
     """Build the arm from the content of a model file."""
     top = MODEL_FILE.block(content, '', TOP, OPTIONAL)
     MODEL_FILE.check_version(top['schema_version'], SCHEMA_VERSION)
-    arm_keys = ('length', 'weight', 'clamp_angle', 'target_arclength')
-    arm = MODEL_FILE.block(top['arm'], 'arm', arm_keys, {'clamp_angle', 'target_arclength'})
+    arm_keys = ('length', 'weight', 'tip_cap', 'clamp_angle', 'target_arclength')
+    arm = MODEL_FILE.block(top['arm'], 'arm', arm_keys, set(arm_keys[2:]))
     curvature_keys = ('pressure', 'arclength', 'curvature')
     curvature = MODEL_FILE.block(top['intrinsic_curvature'], 'intrinsic_curvature', curvature_keys)
     if not isinstance(top['name'], str) or not top['name']:
@@ -102,7 +102,7 @@ def arm_from_mapping(content: Any) -> Arm:
         **{
             key: MODEL_FILE.number(value, f'arm.{key}')
             for key, value in arm.items()
-            if key != arm_keys[3]
+            if key != arm_keys[4]
         },
         target_arclength=or_default(arm.get('target_arclength'), []),
         intrinsic_curvature=IntrinsicCurvature(**curvature),
@@ -125,6 +125,7 @@ def mapping_from_arm(arm: Arm) -> dict[str, Any]:
         'arm': {
             'length': arm.length,
             'weight': arm.weight,
+            'tip_cap': arm.tip_cap,
             'clamp_angle': arm.clamp_angle,
             'target_arclength': arm.target_arclength.tolist(),
         },

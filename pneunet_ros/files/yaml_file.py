@@ -47,8 +47,21 @@ class PlainConstructor(SafeConstructor):
             )
         return number
 
+    def construct_yaml_str(self, node: Any) -> str:
+        """Refuse escapes of what no text can hold: a zero, or half a character."""
+        text: str = super().construct_yaml_str(node)
+        if any(character == '\0' or '\ud800' <= character <= '\udfff' for character in text):
+            raise ConstructorError(
+                problem='a text with a zero or half a character', problem_mark=node.start_mark
+            )
+        return text
 
-PlainConstructor.add_constructor('tag:yaml.org,2002:int', PlainConstructor.construct_yaml_int)
+
+for tag, construct in (
+    ('int', PlainConstructor.construct_yaml_int),
+    ('str', PlainConstructor.construct_yaml_str),
+):
+    PlainConstructor.add_constructor(f'tag:yaml.org,2002:{tag}', construct)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,10 +34,11 @@ class RecordingData:
     (frames,) the pressure reading that belongs to each. force (frames, 2) N and moment (frames,)
     N m are the end load at the frames in the base frame, as read; `loaded` is False where nothing
     was attached, and the load then exactly zero. x, y (frames, targets) m in the base frame, NaN
-    where a target was not seen. static: frames are steady states in any order, their stamps mean
-    nothing. pressurized: False where no pressure was recorded; it is then zero. load_known: the
-    load is a known constant, which no sensor has read. Raises RecordingError where these do not
-    fit together.
+    where a target was not seen. tip_pose (frames, 3): x, y m and heading rad of the tip, NaN where
+    not measured; None: never (see `measurement.tip_pose`). static: frames are steady states in any
+    order, their stamps mean nothing. pressurized: False where no pressure was recorded; it is then
+    zero. load_known: the load is a known constant, which no sensor has read. Raises RecordingError
+    where these do not fit together.
     """
 
     name: str
@@ -50,6 +51,7 @@ class RecordingData:
     moment: Array
     x: Array
     y: Array
+    tip_pose: Array | None = None
     static: bool = False
     pressurized: bool = True
     load_known: bool = False
@@ -71,6 +73,8 @@ class RecordingData:
             'x': (frames, targets),
             'y': (frames, targets),
         }
+        if self.tip_pose is not None:
+            shapes['tip_pose'] = (frames, 3)
         for name, shape in shapes.items():
             object.__setattr__(self, name, frozen_array(getattr(self, name), shape))
         for name in ('reading_stamp_ns', 'stamp_ns'):
@@ -121,6 +125,8 @@ class RecordingData:
             name: getattr(self, name)[kept]
             for name in ('stamp_ns', 'reading', 'force', 'moment', 'x', 'y')
         }
+        if self.tip_pose is not None:
+            cut['tip_pose'] = self.tip_pose[kept]
         return replace(self, **cut)
 
     @property
@@ -135,6 +141,17 @@ class RecordingData:
             return freeze(np.linspace(0.0, 1.0, len(self.stamp_ns)))
         span = max(int(self.stamp_ns[-1] - self.stamp_ns[0]), 1)
         return freeze((self.stamp_ns - self.stamp_ns[0]) / span)
+
+    def without_tip_pose(self) -> RecordingData:
+        """Return the run as if the pose of the tip had not been measured."""
+        return replace(self, tip_pose=None)
+
+    @property
+    def heading(self) -> Array | None:
+        """Heading (rad) of the tip in every frame, (frames,) NaN where not measured."""
+        if self.tip_pose is None or not np.isfinite(self.tip_pose[:, 2]).any():
+            return None
+        return freeze(self.tip_pose[:, 2])
 
     @property
     def frame_pressure(self) -> Array:

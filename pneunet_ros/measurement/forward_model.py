@@ -198,4 +198,5 @@ def knot_rotation(arm: Arm) -> Array:
     shares = arm.intrinsic_curvature.arclength
     spline = CubicSpline(shares, np.eye(shares.size), axis=1)
     powers = np.moveaxis(spline.antiderivative().c[::-1], (0, 1, 2), (2, 1, 0))
-    return np.ascontiguousarray(powers * arm.length ** (1.0 - np.arange(float(ROTATION_WIDTH))))
+    powers = powers * arm.length ** (1.0 - np.arange(float(ROTATION_WIDTH)))
+    return np.ascontiguousarray(arm.with_cap(powers))

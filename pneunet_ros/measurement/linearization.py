@@ -11,9 +11,10 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import disturbance_jacobian
-from pneunet_ros.measurement.forward_model import Columns, ForwardModel
+from pneunet_ros.measurement.forward_model import as_points, Columns, ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.noise_model import reading_errors
+from pneunet_ros.measurement.tip_pose import heading_residual
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import THETA
@@ -41,7 +42,8 @@ class FittedRun:
     m: what placement and camera add; fields (frames, 6, targets) as of
     `solver.interpolation.at_stations`; whitened (frames,) the squared whitened residual and dof
     (frames,) the number of its coordinates.
-    Frames that have no equilibrium (`solved` False) count nothing.
+    Frames that have no equilibrium (`solved` False) count nothing. Coordinates are x, then y of
+    all targets, then the heading of the last, the tip, in a run that has it.
     """
 
     run: RecordingData
@@ -60,21 +62,27 @@ class FittedRun:
 
     @property
     def counted(self) -> npt.NDArray[np.bool_]:
-        """Which coordinates count, (frames, 2 targets): those seen, where the model is solved."""
-        seen = self.run.seen & self.solved[:, None]
-        return np.concatenate([seen, seen], axis=1)
+        """Which coordinates count, (frames, coordinates): those seen, where it is solved."""
+        parts = [self.run.seen, self.run.seen]
+        if self.run.heading is not None:
+            parts.append(np.isfinite(self.run.heading)[:, None])
+        return np.concatenate(parts, axis=1) & self.solved[:, None]
 
     def whiten_residual(self, whitening: Whitening) -> Array:
-        """Return the whitened residual (frames, 2 targets)."""
-        return whitening(self.residual.reshape(len(self.solved), -1, 1))[:, :, 0]
+        """Return the whitened residual (frames, coordinates)."""
+        residual = self.residual.reshape(len(self.solved), -1)
+        if self.run.heading is not None:
+            heading = heading_residual(self.run.heading, self.fields[:, THETA, -1])
+            residual = np.column_stack([residual, heading])
+        return whitening(residual[:, :, None])[:, :, 0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunLinearization:
     """One recording around one point: y = h(x) + e.
 
-    jacobian (frames, 2 targets, parameters + disturbances of the run) of the measured points;
-    white_residual (frames, 2 targets); whitening: of what targets' noise and readings leave.
+    jacobian (frames, coordinates, parameters + disturbances of the run) of what is measured;
+    white_residual (frames, coordinates); whitening: of what targets' noise and readings leave.
     """
 
     fitted: FittedRun
@@ -105,10 +113,10 @@ def predict(
         points=model.points.copy(),
         disturbance=moving @ disturbance,
         whitened=np.zeros(len(solved)),
-        dof=2 * np.count_nonzero(run.seen & solved[:, None], axis=1),
+        dof=np.zeros(len(solved), dtype=np.int64),
         solved=solved,
     )
-    return fitted, moving
+    return replace(fitted, dof=np.count_nonzero(fitted.counted, axis=1)), moving
 
 
 def parameter_jacobian(
@@ -134,11 +142,17 @@ def linearize(
     """
     arm = parameters.arm(values)
     fitted, moving = predict(model, arm, run, inputs, disturbance)
-    by_input = model.point_jacobian(arm, inputs, parameters.columns)
+    fields = model.jacobian(arm, inputs, parameters.columns)
+    by_input = as_points(fields)
+    moving = moving.reshape(*by_input.shape[:2], -1)
+    std: float | Array = noise.target_std
+    if run.heading is not None:  # the camera's place does not turn it
+        by_input = np.concatenate([by_input, fields[:, None, :, THETA, -1]], axis=1)
+        moving = np.pad(moving, ((0, 0), (0, 1), (0, 0)))
+        std = np.append(np.full(by_input.shape[1] - 1, noise.target_std), noise.heading_std)
     errors = reading_errors(noise, arm, run, inputs, by_input)
-    whitening = Whitening(noise.target_std, errors, fitted.counted)
+    whitening = Whitening(std, errors, fitted.counted)
     jacobian = parameter_jacobian(parameters, values, by_input, inputs)
-    moving = moving.reshape(*jacobian.shape[:2], -1)
     white = fitted.whiten_residual(whitening)
     return RunLinearization(
         fitted=replace(fitted, whitened=np.sum(white**2, axis=1)),

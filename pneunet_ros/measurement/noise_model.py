@@ -51,14 +51,16 @@ def reading_errors(
 ) -> Array:
     """Return what one sigma of each reading of a frame moves, (frames, 2 targets, errors) m.
 
-    jacobian (frames, 2 targets, >= 3 + knots) as of `ForwardModel.point_jacobian`. Pressure acts
-    by the table of kappa_p0. The last two are the camera between the nodes of its path.
+    jacobian (frames, 2 targets, >= 3 + knots) as of `ForwardModel.point_jacobian`, and more rows
+    of what the camera does not move. Pressure acts by the table of kappa_p0. The last two are the
+    camera between the nodes of its path.
     """
     slope = arm.intrinsic_curvature.slope(inputs.pressure)
     knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
     pressure = noise.pressure_std * np.matmul(knots, slope[:, :, None])
     loads = jacobian[:, :, :LOADS] * attached_std(noise, run)[:, None]
     camera = camera_errors(noise.drift_std * BETWEEN_NODES, run.x.shape[1])
+    camera = np.pad(camera, ((0, jacobian.shape[1] - len(camera)), (0, 0)))
     camera = np.broadcast_to(camera, (*jacobian.shape[:2], 2))
     return np.concatenate([pressure, loads, camera] if run.loaded else [pressure, camera], axis=2)
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.dataset import RecordingData
 
@@ -28,35 +29,65 @@ class PressureFilterSettings:
     slope: float = tuning(9.0, 'gain of a slope over none', unit='chi squared')
     scatter: float = tuning(4.0, 'chi squared of a line above its mean', unit='std')
     least_std: float = tuning(1e-3, 'stands for readings without noise', unit='Pa')
+    same_instant: float = tuning(0.1, 'distance of a frame from its reading', unit='period')
 
 
 PRESSURE_FILTER = PressureFilterSettings()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilteredPressure:
+    """A run with the corners of its pressure, and a reading at the instant of each of its frames.
+
+    noise (frames,) Pa: by how much the reading of each frame lies above its line.
+    """
+
+    run: RecordingData
+    noise: Array
+
+
 def filter_pressure(
     run: RecordingData, std: float, settings: PressureFilterSettings = PRESSURE_FILTER
-) -> RecordingData:
-    """Return a run with the corners of its pressure, and a reading for each of its frames.
+) -> FilteredPressure:
+    """Return the straight lines that a run's pressure follows.
 
     Between corners the readings lie on a straight line within their noise, std (Pa), so that a
     step, a turning point and all else that can be seen in the readings stays where it was; a step
-    between two readings, and readings that noise does not explain, are kept as they are.
-    So are static frames.
+    between two readings, and readings that noise does not explain, are kept as they are. A frame
+    between two readings is on the line between them. Static frames are left alone.
     """
     if run.static:
-        return run
+        return FilteredPressure(run=run, noise=np.zeros(len(run.stamp_ns)))
     stamps = run.reading_stamp_ns
     seconds = (stamps - stamps[0]) / NANOSECONDS_PER_SECOND
     lines = Lines(seconds, run.pressure, max(std, settings.least_std), settings)
     pieces = lines.pieces()
     fitted = np.concatenate([lines.fitted(*piece) for piece in pieces])
-    kept = np.unique(np.concatenate([np.array(pieces).ravel(), run.reading]))
-    return replace(
-        run,
-        reading_stamp_ns=stamps[kept],
-        pressure=fitted[kept],
-        reading=np.searchsorted(kept, run.reading),
+    instants = frame_instants(run, settings)
+    kept = np.union1d(stamps[np.array(pieces).ravel()], instants)
+    return FilteredPressure(
+        run=replace(
+            run,
+            reading_stamp_ns=kept,
+            pressure=np.interp((kept - stamps[0]) / NANOSECONDS_PER_SECOND, seconds, fitted),
+            reading=np.searchsorted(kept, instants),
+        ),
+        noise=run.frame_pressure - fitted[run.reading],
     )
+
+
+def frame_instants(run: RecordingData, settings: PressureFilterSettings) -> Stamps:
+    """Return when every frame was taken, (frames,) ns: at its reading where they hardly differ.
+
+    A camera that is triggered by the readings has stamps with a jitter of their own.
+    """
+    own = run.reading_stamp_ns[run.reading]
+    if len(run.reading_stamp_ns) < 2:
+        return own
+    period = float(np.median(np.diff(run.reading_stamp_ns)))
+    together = np.abs(run.stamp_ns - own) <= settings.same_instant * period
+    instants: Stamps = np.where(together, own, run.stamp_ns)
+    return instants.clip(run.reading_stamp_ns[0], run.reading_stamp_ns[-1])
 
 
 class Lines:

@@ -25,6 +25,7 @@ from pneunet_ros.solver.columns import (
     FORCE_X,
     FORCE_Y,
     LOADS,
+    NODE_MOMENT,
     PANEL_FLEXIBILITY,
     PANEL_FORCE_X,
     PANEL_FORCE_Y,
@@ -35,6 +36,7 @@ from pneunet_ros.solver.interpolation import at_stations
 from pneunet_ros.solver.settings import ACCEPTED, SOLVER
 from pneunet_ros.solver.solution import SolverNodes
 
+SCALES = slice(PANEL_LENGTH, PANEL_FLEXIBILITY + 1)
 SECOND_MOMENT = 3.0  # E[xi^4] of a normal xi
 
 
@@ -89,7 +91,6 @@ def second_order(
     Source: second-order filters by central differences, Norgaard, Poulsen, Ravn, Automatica 36
     (2000).
     """
-    solution = sensitivity.solution
     direction = leading_error(sensitivity.tip, noise)
     further = direction[LOADS:]
     panels = along(further, sensitivity.panel_changes)
@@ -99,25 +100,19 @@ def second_order(
     ends[END_X:] += direction[:LOADS]
     nodes = along(direction, sensitivity.node_changes)
     rotation = along(further, sensitivity.rotation_changes)
+    known = sensitivity.solution.panels[:, SCALES]
+    largest = (np.abs(panels[:, SCALES]) / np.abs(known)).max()
     for step in settings.steps:
-        sides = []
-        for distance in (-step, step):
-            side = SolverNodes(
-                panels=solution.panels + distance * panels,
-                ends=solution.ends + distance * ends,
-                nodes=solution.nodes + distance * nodes,
-                counts=solution.counts,
-            )
-            if not settle(side, sensitivity):
-                break
-            sides.append(side)
-        else:
-            turned = np.array([-step, step])[:, None, None] * rotation
+        if not step * largest < 1.0:
+            continue  # a length or a rigidity would change its sign
+        before = settle(sensitivity, -step * panels, -step * ends, -step * nodes)
+        after = settle(sensitivity, step * panels, step * ends, step * nodes)
+        if before is not None and after is not None:
             return SecondOrder(
                 sensitivity=sensitivity,
-                before=sides[0],
-                after=sides[1],
-                rotation=sensitivity.rotation + turned,
+                before=before,
+                after=after,
+                rotation=sensitivity.rotation + np.multiply.outer([-step, step], rotation),
                 step=step,
             )
     return None
@@ -137,17 +132,33 @@ def leading_error(tip: Array, noise: Array) -> Array:
     return direction
 
 
-def settle(side: SolverNodes, sensitivity: Sensitivity) -> bool:
-    """Bring a rod that was moved along a tangent to equilibrium; whether that is of the kind."""
-    scales = side.panels[:, [PANEL_LENGTH, PANEL_FLEXIBILITY]]
-    if not (scales * sensitivity.solution.panels[:, [PANEL_LENGTH, PANEL_FLEXIBILITY]] > 0).all():
-        return False
+def settle(
+    sensitivity: Sensitivity, panels: Array, ends: Array, nodes: Array
+) -> SolverNodes | None:
+    """Solve the rod beside a solution, from changes of its tables along a tangent.
+
+    None where Newton's method goes further than the tangent, or to a rod of another stability:
+    that is no neighbor any more.
+    """
+    known = sensitivity.solution
+    moved = SolverNodes(
+        panels=known.panels + panels,
+        ends=known.ends + ends,
+        nodes=known.nodes + nodes,
+        counts=known.counts,
+    )
+    predicted = moved.nodes.copy()
     residual, _ = newton(
-        side.panels, side.ends, side.nodes, SOLVER.frame_iterations, SOLVER.tolerance
+        moved.panels, moved.ends, moved.nodes, SOLVER.frame_iterations, SOLVER.tolerance
     )
     if not residual <= ACCEPTED:
-        return False
-    return sensitivity.stable is None or is_stable(side) is sensitivity.stable
+        return None
+    further = np.abs(moved.nodes - predicted)[:, :NODE_MOMENT].max()
+    if further > np.abs(nodes)[:, :NODE_MOMENT].max() + ACCEPTED:
+        return None
+    if sensitivity.stable is not None and is_stable(moved) is not sensitivity.stable:
+        return None
+    return moved
 
 
 def along(amounts: Array, changes: Array) -> Array:

@@ -17,8 +17,13 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import MessageError
-from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
+from pneunet_ros.core.frames import BASE_FRAME, heading_quaternion, planar_heading
+from pneunet_ros.core.readings import (
+    PressureReading,
+    TargetSightings,
+    TipPoseReading,
+    WrenchReading,
+)
 from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.builders import (
@@ -35,6 +40,7 @@ from pneunet_ros.messages.tracker import TARGETS_OUTPUT
 
 PRESSURE_TYPE = 'sensor_msgs/msg/FluidPressure'
 WRENCH_TYPE = 'geometry_msgs/msg/WrenchStamped'
+TIP_POSE_TYPE = 'geometry_msgs/msg/PoseStamped'
 # What a point of `targets` may hold beside its coordinates and its id.
 _MEASURED_IN_IMAGE = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
 
@@ -58,7 +64,8 @@ class Sensor(Input[ReadingType]):
     """A topic of readings, and what a reading is as a row of numbers: SI, gauge, base frame.
 
     label: what a reading is called in sentences. components: what a row holds; with `per_target`
-    a row of each, an entry for each target, NaN where it was not seen. `message(stamp_ns, row,
+    a row of each, an entry for each target, NaN where it was not seen; with `partial` some of the
+    components may be unknown, NaN. `message(stamp_ns, row,
     frame_id, types)` builds the message of a row. `row(message, settings, targets)` returns stamp
     (ns) and row, or raises MessageError; without it, a row is what the reading has under the names
     of the components. needed: whether the estimator reads the topic by these settings. rank:
@@ -71,6 +78,7 @@ class Sensor(Input[ReadingType]):
     row: Callable[[Any, EstimatorSettings, int | None], tuple[int, Array]] | None = None
     needed: Callable[[EstimatorSettings], bool] = lambda settings: False
     per_target: bool = False
+    partial: bool = False
     rank: int = 0
 
     def read(
@@ -91,6 +99,8 @@ class Sensor(Input[ReadingType]):
 
     def present(self, values: Array) -> npt.NDArray[np.bool_]:
         """Return which of these rows (rows, *row_shape) are readings."""
+        if self.partial:
+            return np.asarray(np.isfinite(values).any(axis=1))
         complete = np.asarray(np.isfinite(values).all(axis=1))
         return np.asarray(complete.any(axis=1)) if self.per_target else complete
 
@@ -125,6 +135,24 @@ def decode_wrench(message: Any) -> WrenchReading:
         raise MessageError(f'a message is no usable {WRENCH_TYPE}: {error}') from error
 
 
+def decode_tip_pose(message: Any) -> TipPoseReading:
+    """Return the planar part of a PoseStamped as it is; MessageError on another content.
+
+    A quaternion that is none (all zeros, NaN) says that no heading was measured.
+    """
+    try:
+        place, turned = message.pose.position, message.pose.orientation
+        return TipPoseReading(
+            stamp_ns=nanoseconds(message.header.stamp),
+            x=float(place.x),
+            y=float(place.y),
+            heading=planar_heading(*(float(getattr(turned, name)) for name in 'xyzw')),
+            frame_id=str(message.header.frame_id),
+        )
+    except UNFIT as error:
+        raise MessageError(f'a message is no usable {TIP_POSE_TYPE}: {error}') from error
+
+
 def pressure_message(
     stamp_ns: int, row: Array, frame_id: str, types: MessageTypes, variance: float = 0.0
 ) -> Any:
@@ -145,6 +173,19 @@ def wrench_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes
         wrench=types('geometry_msgs/msg/Wrench')(
             force=vector(x=force_x, y=force_y, z=0.0),
             torque=vector(x=0.0, y=0.0, z=moment),
+        ),
+    )
+
+
+def tip_pose_message(stamp_ns: int, row: Array, frame_id: str, types: MessageTypes) -> Any:
+    """Build a PoseStamped of x, y (m) and heading (rad) of the tip, (3,), NaN where unknown."""
+    x, y, heading = map(float, row)
+    z, w = heading_quaternion(heading)
+    return types(TIP_POSE_TYPE)(
+        header=header(stamp_ns, frame_id, types),
+        pose=types('geometry_msgs/msg/Pose')(
+            position=types('geometry_msgs/msg/Point')(x=x, y=y, z=0.0),
+            orientation=types('geometry_msgs/msg/Quaternion')(x=0.0, y=0.0, z=z, w=w),
         ),
     )
 
@@ -244,6 +285,16 @@ def targets_row(
     return sightings.stamp_ns, np.array([sightings.x, sightings.y])
 
 
+def tip_pose_row(message: Any, settings: EstimatorSettings, _: int | None) -> tuple[int, Array]:
+    """Return stamp and x, y (m), heading (rad) of the tip; UnusableTopic: another frame."""
+    reading = decode_tip_pose(message)
+    if reading.frame_id != settings.frame_id:
+        raise UnusableTopic(
+            f'the tip pose is in frame {reading.frame_id!r}, and must be in {settings.frame_id!r}'
+        )
+    return reading.stamp_ns, np.array([reading.x, reading.y, reading.heading])
+
+
 PRESSURE = Sensor(
     name='pressure',
     type=PRESSURE_TYPE,
@@ -283,8 +334,26 @@ TARGETS = Sensor(
     per_target=True,
     rank=2,
 )
+TIP_POSE = Sensor(
+    name='tip_pose',
+    type=TIP_POSE_TYPE,
+    label='tip pose',
+    components=(
+        Component(name='tip_x', kind='length', shown_unit='mm', shown_per_si=1e3),
+        Component(name='tip_y', kind='length', shown_unit='mm', shown_per_si=1e3),
+        Component(
+            name='tip_heading', kind='angle', shown_unit='deg', shown_per_si=math.degrees(1.0)
+        ),
+    ),
+    decode=decode_tip_pose,
+    row=tip_pose_row,
+    message=tip_pose_message,
+    partial=True,
+    rank=2,
+)
 SENSORS: tuple[Sensor[Any], ...] = (
     PRESSURE,
     END_WRENCH,
     TARGETS,
+    TIP_POSE,
 )

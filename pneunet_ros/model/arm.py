@@ -20,10 +20,19 @@ from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import MomentLaw
 from pneunet_ros.model.parameter_path import Move, move_numbers, unknown_quantity
 from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
-from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, MOMENT_OFFSET, SECTION_WIDTH
+from pneunet_ros.solver.columns import (
+    CLAMP_ANGLE,
+    CLAMP_WIDTH,
+    MOMENT_OFFSET,
+    RIGIDITY,
+    ROTATION_WIDTH,
+    SECTION_WIDTH,
+    START,
+)
 from pneunet_ros.solver.rod import Rods, RodTable
 
 EXTRAPOLATION = DOMAIN.pressure_margin  # of the calibrated range, beyond either end
+RIGID = 1e9  # times as stiff as the section before is the cap
 ONE_PRESSURE = 100.0  # Pa, either side of the row of a table that has but one: what noise reads
 
 
@@ -43,6 +52,9 @@ class Arm:
     name: str
     length: float = quantity(unit='m', meaning='length of the material line', bounds=(1e-4, 10.0))
     weight: float = quantity(unit='N', meaning='mg, the scale of forces', bounds=(1e-6, 1e4))
+    tip_cap: float = quantity(
+        0.0, unit='m', meaning='rigid part beyond the soft end', bounds=(0.0, 10.0)
+    )
     clamp_angle: float = quantity(0.0, unit='rad', meaning='theta(0)', bounds=(-7.0, 7.0))
     target_arclength: Array = field(default_factory=lambda: np.zeros(0))
     intrinsic_curvature: IntrinsicCurvature
@@ -69,11 +81,12 @@ class Arm:
         check_quantities(self, 'arm')
         targets = table_array(self.target_arclength, 'arm.target_arclength', 1)
         inside = targets.size == 0 or (
-            targets[0] >= 0.0 and targets[-1] <= self.length * (1 + 1e-9)
+            targets[0] >= 0.0 and targets[-1] <= self.reach * (1 + 1e-9)
         )
         if not inside or not np.all(np.diff(targets) > 0.0):
             raise ModelError(
                 f'arm.target_arclength must increase within 0 and the length {self.length} m'
+                + (f' and the cap of {self.tip_cap} m' if self.tip_cap else '')
             )
         names = [effect.name for effect in self.effects]
         if len(set(names)) != len(names):
@@ -89,9 +102,10 @@ class Arm:
         object.__setattr__(self, 'history_dependent', tuple(dependent))
         object.__setattr__(self, 'sources', MappingProxyType(dict(self.sources)))
         object.__setattr__(self, 'provenance', MappingProxyType(dict(self.provenance)))
-        object.__setattr__(
-            self, 'knots', frozen_array(self.length * self.intrinsic_curvature.arclength)
-        )
+        knots = self.length * self.intrinsic_curvature.arclength
+        if self.tip_cap:
+            knots = np.append(knots, self.reach)
+        object.__setattr__(self, 'knots', frozen_array(knots))
         low, high = self.moment_law.pressure_range
         rows = self.intrinsic_curvature.pressure
         low, high = max(low, float(rows[0])), min(high, float(rows[-1]))
@@ -124,6 +138,25 @@ class Arm:
                 )
         object.__setattr__(self, 'pressure_range', (low, high))
         object.__setattr__(self, 'load_hull', hull)
+
+    @property
+    def reach(self) -> float:
+        """From the clamp to the tip along the arm, its rigid cap included (m)."""
+        return self.length + self.tip_cap
+
+    def add_terms(self, terms: Terms, sections: Array, clamp: Array) -> None:
+        """Add what an effect does to records of the rod; its cap stays rigid and without load."""
+        soft = sections[:, : sections.shape[1] - 1] if self.tip_cap else sections
+        terms.add_to(soft, clamp)
+
+    def with_cap(self, rotation: Array) -> Array:
+        """Return rotation (..., pieces, 5) of the soft part, and of the cap, which is straight."""
+        if not self.tip_cap:
+            return rotation
+        cap = np.zeros_like(rotation[..., :1, :])
+        width = self.knots[-2] - self.knots[-3]
+        cap[..., 0, 0] = rotation[..., -1, :] @ width ** np.arange(float(ROTATION_WIDTH))
+        return np.concatenate([rotation, cap], axis=-2)
 
     def beyond_range(self, pressure: float) -> float:
         """How far a pressure is outside the calibrated range, as a share of it; 0 inside.
@@ -197,9 +230,13 @@ class Arm:
         rows = np.union1d(rows[(rows > ends[0]) & (rows < ends[1])], ends)
         known = np.clip(rows, *law.pressure_range)
         base = law.sections(known, self.length, self.weight)
-        sections = np.zeros((rows.size, base.shape[1], SECTION_WIDTH))
-        sections[:, :, : MOMENT_OFFSET + 1] = base
-        rotation = self.intrinsic_curvature.rotation_of(rows, self.length)
+        soft = base.shape[1]
+        sections = np.zeros((rows.size, soft + bool(self.tip_cap), SECTION_WIDTH))
+        sections[:, :soft, : MOMENT_OFFSET + 1] = base
+        if self.tip_cap:
+            sections[:, soft, START] = self.length
+            sections[:, soft, RIGIDITY] = RIGID * base[:, -1, RIGIDITY]
+        rotation = self.with_cap(self.intrinsic_curvature.rotation_of(rows, self.length))
         return RodTable(
             pressure=frozen_array(rows),
             sections=frozen_array(sections),
@@ -218,12 +255,12 @@ class Arm:
         clamp = np.zeros((pressure.size, CLAMP_WIDTH))
         clamp[:, CLAMP_ANGLE] = self.clamp_angle
         for terms in self.terms(pressure, history):
-            terms.add_to(sections, clamp)
+            self.add_terms(terms, sections, clamp)
             if terms.row_weights is not None:
                 mixture = self.intrinsic_curvature.mixed_rotation(terms.row_weights, self.length)
-                rotation = terms.mix_rows(rotation, mixture)
+                rotation = terms.mix_rows(rotation, self.with_cap(mixture))
         return Rods(
-            length=self.length,
+            length=self.reach,
             pressure=pressure,
             sections=sections,
             clamp=clamp,
@@ -240,7 +277,11 @@ class Arm:
         moves = []
         for name, amount in changes.items():
             first, *rest = name.split('.')
-            if first == 'arm' and rest and rest[0] in ('length', 'weight', 'clamp_angle'):
+            if (
+                first == 'arm'
+                and rest
+                and rest[0] in ('length', 'weight', 'tip_cap', 'clamp_angle')
+            ):
                 moves.append(Move(path=tuple(rest), amount=amount, name=name))
             elif first in ('intrinsic_curvature', 'moment_law', 'effects', 'sensors'):
                 moves.append(Move(path=(first, *rest), amount=amount, name=name))

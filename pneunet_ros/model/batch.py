@@ -101,7 +101,7 @@ def solve_many(
         raise RequestError('pressures, forces and moments must be finite numbers')
     if start.solution is None:
         raise RequestError(f'the start is no shape: {start.status}')
-    arclength = station_arclength(arm.length, stations)
+    arclength = station_arclength(arm.reach, stations)
     rods = arm.rods(pressure, history)
     guesses = predict_nodes(arm, start, np.column_stack([loads, pressure]))
     nodes, residual = np.empty_like(guesses), np.empty(pressure.size)

@@ -7,6 +7,7 @@ extrapolated and says so; further out it says nothing. `locate_load` is the rule
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, table_array
@@ -15,6 +16,7 @@ from pneunet_ros.core.settings import tuning
 from scipy.optimize import nnls
 
 MOST_LOADS = 64  # rows of `domain.end_load`: each costs time at every reading
+ONE_SUM = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 FAR = 1e9  # N; what lies further is no further
 ROUNDING = 1e-9  # of a load: what arithmetic leaves of a distance that is none
 MOMENT, PRESSURE = 2, 3  # columns of `domain.end_load`, after F1 and F2
@@ -34,11 +36,16 @@ class DomainSettings:
         8.0, 'pressure beyond the range that its noise explains', unit='pressure_std'
     )
     load_noise: float = tuning(4.0, 'load beyond the hull that its noise explains', unit='sigma')
-    stiffness_error: float = tuning(
-        0.3, 'one sigma of the answer to the load beyond the hull', unit='of the answer'
+    load_error: float = tuning(
+        0.2,
+        "one sigma of the model's own error beyond the hull, as a force in any direction",
+        unit='of the force beyond it',
+        source='measured: acceptance/load_domain.py',
     )
-    curvature_error: float = tuning(
-        0.3, 'one sigma of the answer to the pressure beyond the range', unit='of the answer'
+    pressure_error: float = tuning(
+        0.3,
+        "one sigma of the model's own error beyond the range, as a pressure",
+        unit='of the pressure beyond it',
     )
     thinning: float = tuning(
         0.01, 'how far from the hull a load may be that is left out', unit='of its size'
@@ -120,23 +127,24 @@ class LoadHull:
         if furthest == 0.0:
             return np.zeros(4)
         system = np.vstack([offsets.T / furthest, np.ones(len(offsets))])
-        weights, _ = nnls(system, np.array([0.0, 0.0, 0.0, 0.0, 1.0]))
+        weights, _ = nnls(system, ONE_SUM)
         way: Array = (weights @ offsets) / weights.sum()
         return way
 
-    def beyond(self, load: Array, noise: Array) -> tuple[float, Array]:
-        """Return how far beyond the hull a load (4,) is, of its size, and the way there (4,) N.
-
-        noise (4,) SI, of the load: so much along the way is no distance.
-        """
+    def distance(self, load: Array, noise: Array) -> float:
+        """Return how far (N) a load (4,) is beyond the hull, less noise (4,) on the way, SI."""
         way = self.way_out(load)
-        distance = float(np.linalg.norm(way))
-        if distance <= ROUNDING * float(np.max(np.abs(load * self.scale))):
-            return 0.0, 0.0 * way
-        left = 1.0 - float(np.linalg.norm(way * noise * self.scale)) / distance**2
-        if left <= 0.0:
-            return 0.0, 0.0 * way
-        return (left * distance / self.size if self.size > 0.0 else np.inf), left * way
+        distance = math.sqrt(way @ way)
+        if distance <= ROUNDING * min(float(np.max(np.abs(self.scale * load))), FAR):
+            return 0.0
+        along = way * noise * self.scale
+        return max(distance - math.sqrt(along @ along) / distance, 0.0)
+
+    def share(self, distance: float) -> float:
+        """Return a distance (N) as a share of the size of the hull."""
+        if distance == 0.0:
+            return 0.0
+        return distance / self.size if self.size > 0.0 else math.inf
 
 
 def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> LoadHull:

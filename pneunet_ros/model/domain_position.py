@@ -6,9 +6,10 @@ The one rule for estimator, replay, verbs and reports.
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
-from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
@@ -18,7 +19,6 @@ OUT_OF_RANGE, LOAD_OUT_OF_DOMAIN = 'out_of_range', 'load_out_of_domain'
 PRESSURE_BEYOND = 'pressure beyond the calibrated range: extrapolated'
 LOAD_BEYOND = 'end load beyond the calibrated loads: extrapolated'
 LOADS_UNKNOWN = 'the model has no domain: for which end loads it was calibrated is not known'
-NO_ERROR = freeze(np.zeros((0, 4)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,15 +26,15 @@ class DomainPosition:
     """Where a load stands to the domain of a model.
 
     pressure_beyond, load_beyond: how far outside, of the range and of the size of the hull of
-    loads; 0 inside, load_beyond NaN where the model has no domain. error (sources, 4): what one
-    sigma of the model's own error out there amounts to, in F1, F2 (N), M (N m) and p (Pa); no rows
-    inside. reason and sentence: why there must be no estimate, as a key and in words; empty where
+    loads; 0 inside, load_beyond NaN where the model has no domain. error: one sigma of the model's
+    own error out there, as independent errors of F1, F2 (N), M (N m) and p (Pa), 0 inside. reason
+    and sentence: why there must be no estimate, as a key and in words; empty where
     there may be one. notes: what limits an estimate, in words without numbers.
     """
 
     pressure_beyond: float
     load_beyond: float
-    error: Array
+    error: tuple[float, float, float, float]
     reason: str
     sentence: str
     notes: tuple[str, ...]
@@ -73,46 +73,45 @@ def locate_load(
     std = std or (sensors.force_std, sensors.force_std, sensors.moment_std, sensors.pressure_std)
     noise = settings.load_noise * np.array(std)
     low, high = arm.pressure_range
-    at = np.array([load.force_x, load.force_y, load.moment, min(max(chamber, low), high)])
+    inside = min(max(chamber, low), high)
+    at = np.array([load.force_x, load.force_y, load.moment, inside])
     pressure_beyond = arm.beyond_range(chamber)
-    load_beyond, errors = load_position(arm, at, noise, settings)
-    reason, sentence, notes = '', '', []
+    load_beyond, distance = beyond_loads(arm, at, noise)
+    reason, sentence = '', ''
     if pressure_beyond > settings.pressure_margin:
         reason, sentence = OUT_OF_RANGE, out_of_range(arm, chamber)
     elif load_beyond > settings.load_margin:
         reason, sentence = LOAD_OUT_OF_DOMAIN, out_of_domain(arm, at, load_beyond, settings)
-    elif pressure_beyond > 0.0:
-        notes.append(PRESSURE_BEYOND)
-        excess = np.array([[0.0, 0.0, 0.0, chamber - at[PRESSURE]]])
-        errors = np.vstack([errors, settings.curvature_error * excess])
-    if not reason and load_beyond != 0.0:
-        notes.append(LOAD_BEYOND if load_beyond > 0.0 else LOADS_UNKNOWN)
+    notes = (
+        (pressure_beyond > 0.0, PRESSURE_BEYOND),
+        (load_beyond > 0.0, LOAD_BEYOND),
+        (math.isnan(load_beyond), LOADS_UNKNOWN),
+    )
+    force = settings.load_error * distance
+    excess = chamber - inside if pressure_beyond > 0.0 else 0.0
+    error = (force, force, 0.0, settings.pressure_error * excess)
     return DomainPosition(
         pressure_beyond=pressure_beyond,
         load_beyond=load_beyond,
-        error=NO_ERROR if reason else freeze(errors),
+        error=error,
         reason=reason,
         sentence=sentence,
-        notes=tuple(notes),
+        notes=tuple(text for holds, text in notes if holds),
     )
 
 
-def load_position(
-    arm: Arm, at: Array, noise: Array, settings: DomainSettings
-) -> tuple[float, Array]:
-    """Return how far beyond the hull a load (4,) is, and the errors (sources, 4) out there."""
-    hull, acting = arm.load_hull, at[:PRESSURE]
-    if not np.any(acting):
-        return 0.0, NO_ERROR
-    if hull is None:
-        return (np.nan if np.any(np.abs(acting) > noise[:PRESSURE]) else 0.0), NO_ERROR
-    beyond, way = hull.beyond(at, noise)
-    if not 0.0 < beyond <= settings.load_margin:
-        return beyond, NO_ERROR
-    errors = np.zeros((2, 4))
-    errors[0, :PRESSURE] = way[:PRESSURE] / hull.scale[:PRESSURE]
-    errors[1, :PRESSURE] = way[PRESSURE] / hull.size * acting
-    return beyond, settings.stiffness_error * errors
+def beyond_loads(arm: Arm, at: Array, noise: Array) -> tuple[float, float]:
+    """Return how far beyond the loads of its domain a load (4,) is: of their size, and in N.
+
+    NaN where there is a load, beyond its noise (4,), and the arm has no domain.
+    """
+    acting = at[:PRESSURE]
+    if not acting.any():
+        return 0.0, 0.0
+    if arm.load_hull is None:
+        return (math.nan if (abs(acting) > noise[:PRESSURE]).any() else 0.0), 0.0
+    distance = arm.load_hull.distance(at, noise)
+    return arm.load_hull.share(distance), distance
 
 
 def out_of_range(arm: Arm, pressure: float) -> str:

@@ -119,13 +119,13 @@ def solve(
     load = arm.sense(Load(pressure=pressure, force_x=force[0], force_y=force[1], moment=moment))
     chamber = steady_pressure(arm, load.pressure)
     known = start.solution if start is not None else None
-    arclength = station_arclength(arm.length, stations)
+    arclength = station_arclength(arm.reach, stations)
     shape = solve_rod(arm, arm.rods(np.array([chamber])), load, known, arclength)
     return with_position(arm, shape, load, chamber)
 
 
 def with_position(arm: Arm, shape: Shape, load: Load, chamber: float) -> Shape:
-    """Return a shape that says where its load, at a chamber pressure (Pa), is to the domain."""
+    """Return a shape that says where its load, at a pressure in the chamber, stands."""
     position = locate_load(arm, load, chamber)
     if not (shape.converged and position.words):
         return shape

@@ -80,7 +80,7 @@ def solve_tip(
     check_finite(pressure=pressure, tip_x=tip[0], tip_y=tip[1], moment=moment)
     load = arm.sense(Load(pressure=pressure, moment=moment))
     rods = arm.rods(np.array([steady_pressure(arm, load.pressure)]))
-    arclength = station_arclength(arm.length, stations)
+    arclength = station_arclength(arm.reach, stations)
     search = TipSearch(
         arm=arm, rods=rods, load=load, tip=np.array(tip, dtype=np.float64), settings=settings
     )

@@ -89,7 +89,7 @@ class PerturbationTable:
             clamp[place, CLAMP_ANGLE] = side.clamp_angle
             for number, effect in enumerate(side.effects):
                 if number not in changing:
-                    effect.terms(rows).add_to(records[0], clamp[place : place + 1])
+                    side.add_terms(effect.terms(rows), records[0], clamp[place : place + 1])
             sections.append(records[0])
             rotation.append(records[1])
         stacked = RodTable(
@@ -100,12 +100,15 @@ class PerturbationTable:
         values = {
             'neighbors': sides,
             'distance': np.array(distance),
-            'length': np.array([[item.length for item in side] for side in by_cause]),
+            'length': np.array([[item.reach for item in side] for side in by_cause]),
             'knots': np.array([[item.knots for item in side] for side in by_cause]),
             'clamp': clamp,
             'table': stacked,
             'row_rotation': np.array(
-                [over_meters(side.intrinsic_curvature.rotation, side.length) for side in sides]
+                [
+                    side.with_cap(over_meters(side.intrinsic_curvature.rotation, side.length))
+                    for side in sides
+                ]
             ),
             'changing': changing,
             'alike': group_equal_terms(sides, changing),
@@ -159,7 +162,7 @@ class PerturbationTable:
         for which, arm in self.alike:
             terms = [arm.effects[place].terms(at) for place in self.changing]
             for item in (*terms, *arm.history_terms(history)):
-                item.add_to(sections[which], clamp[which])
+                arm.add_terms(item, sections[which], clamp[which])
                 if item.row_weights is not None:
                     mixture = np.tensordot(item.row_weights, self.row_rotation[which], axes=(0, 1))
                     rotation[which] = item.mix_rows(rotation[which], mixture)

@@ -34,6 +34,10 @@ class SensorNoise:
         0.0, unit='m', meaning='slow drift of the camera', bounds=_POSITIVE
     )
 
+    heading_std: float = quantity(
+        0.0, unit='rad', meaning='measured heading of the tip; 0: not known', bounds=_POSITIVE
+    )
+
     def __post_init__(self) -> None:
         """Check the values."""
         check_quantities(self, 'sensors')
@@ -80,7 +84,7 @@ def error_left_out(covariance: ModelCovariance | None, sources: Mapping[str, str
         return "the model's own error is not in the standard deviations: it has no covariance"
     stiffness = tuple(f'moment_law.{name}' for name in STIFFNESS)
     known = any(name.startswith(stiffness) for name in covariance.quantities)
-    said = [sources[key] for key in ('moment_law', *stiffness) if key in sources]
+    said = [sources[key] for key in ('moment_law', *stiffness) if key in sources][:1]
     if known and not any(word in text for text in said for word in NOT_MEASURED):
         return ''
     return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Mapping
 import time
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -10,7 +11,7 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.nodes.health import Report
+from pneunet_ros.nodes.health import Level, Report
 from pneunet_ros.nodes.log import Log
 from pneunet_ros.nodes.parameters import ParameterTable, without_effect
 from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher
@@ -23,6 +24,7 @@ from std_srvs.srv import Trigger
 
 DEFAULT_NAMESPACE = '/pneunet'  # where no other is given with `-r __ns:=/other`
 REPORT_PERIOD = 1.0  # s
+SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events')  # of all nodes
 
 
 class Configuration(Protocol):
@@ -144,14 +146,35 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         say = self.log.error if refusal.error else self.log.warn
         say(refusal.reason, refusal.sentence, time.monotonic())
 
+    def rivals(self) -> str:
+        """Say which other node stands in the place of this one; empty where none does."""
+        shared = {*SHARED_TOPICS, self.info.topic_name}
+        own = Counter(publisher.topic_name for publisher in self.publishers)
+        topics = [
+            topic
+            for topic, count in own.items()
+            if topic not in shared and self.count_publishers(topic) > count
+        ]
+        known = [(name, namespace) for name, namespace in self.get_node_names_and_namespaces()]
+        sentences = []
+        if known.count((self.get_name(), self.get_namespace())) > 1:
+            sentences.append(f'another node is named {self.get_fully_qualified_name()}, too')
+        if topics:
+            sentences.append(f'somebody else publishes on {", ".join(sorted(topics))}, too')
+        return '; '.join(sentences)
+
     def publish_report(self, what: str, report: Report) -> None:
         """Publish diagnostics on `what`; the stamp is now, as that is what they tell of."""
-        model = self.configuration.model
-        values = {'model': model, **report.values}
+        model, rivals = self.configuration.model, self.rivals()
+        level, message = report.level, report.message
+        if rivals:
+            message = rivals if level is Level.OK else f'{message}; {rivals}'
+            level = max(level, Level.WARN)
+        values = {'model': model, **report.values, 'rivals': rivals}
         status = DiagnosticStatus(
-            level=bytes([report.level]),
+            level=bytes([level]),
             name=f'{self.get_fully_qualified_name()[1:]}: {what}',
-            message=report.message,
+            message=message,
             hardware_id=model,
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )

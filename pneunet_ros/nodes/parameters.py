@@ -49,7 +49,7 @@ class ParameterTable:
         unit = meta.get('unit')
         descriptor = ParameterDescriptor(
             name=item.name,
-            description=meta['meaning'] + (f' ({unit})' if unit else ''),
+            description=meta['meaning'] + (f' ({unit})' if unit not in (None, '-') else ''),
             read_only=item.name in self.read_only,
         )
         if 'bounds' in meta:

@@ -17,6 +17,7 @@ from pneunet_ros.calibration.moment_law_parameters import (
 )
 from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.core.errors import ModelError, PneunetError, RecordingError
+from pneunet_ros.core.printable import printable
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
 from pneunet_ros.files.regular_file import open_regular
@@ -44,7 +45,7 @@ def file_hash(path: Path) -> str:
 def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:
     """Return file, hash and role of every recording."""
     return [
-        {'file': path.name, 'sha256': file_hash(path), 'role': role}
+        {'file': printable(path.name), 'sha256': file_hash(path), 'role': role}
         for role, paths in roles
         for path in paths
     ]
@@ -75,7 +76,7 @@ def described_arm(
         sources['moment_law'] = f'not fitted, there was no loaded recording; as in {frame.name}'
     for key, text in calibration.noise.sources.items():
         sources[f'sensors.{key}'] = text
-    return replace(arm, name=name, sources=sources, provenance=provenance)
+    return replace(arm, name=printable(name), sources=sources, provenance=provenance)
 
 
 def knowledge_file(model: Path) -> Path:
@@ -97,7 +98,8 @@ def load_knowledge(model: Path) -> PosteriorState:
     path = knowledge_file(model)
     try:
         needed = [item.name for item in fields(PosteriorState) if item.default is MISSING]
-        values = read_arrays(path, needed, ['shapes'])
+        needed.remove('information')  # older files have none
+        values = read_arrays(path, needed, ['shapes', 'information'])
         kind = values.pop('kind')
         for name, array in values.items():
             if array.dtype.kind not in 'iuf' or not np.isfinite(array).all():
@@ -108,6 +110,7 @@ def load_knowledge(model: Path) -> PosteriorState:
             allowed = ', '.join(MOMENT_LAW_PARAMETERS)
             raise ValueError(f'the kind of its moment law is none of {allowed}')
         values['shapes'] = int(values.get('shapes', 0))
+        values.setdefault('information', np.zeros((values['values'].size,) * 2))
         return PosteriorState(**values, kind=str(kind))
     except FileNotFoundError:
         raise ModelError(

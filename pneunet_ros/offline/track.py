@@ -10,6 +10,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.serializer import MessageSerializer
@@ -18,6 +19,7 @@ from pneunet_ros.recordings.image_sources import IMAGE_TYPES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording_writer import RecordingWriter
+from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
@@ -35,14 +37,46 @@ class TrackStep:
     state: TrackerState
 
 
+def look_ahead(
+    stream: ImageStream, tracker: Tracker, on_frame: Callable[[], None]
+) -> tuple[TrackerState, str]:
+    """Return what the tracker begins with, and a sentence where that is not nothing.
+
+    A recording that begins with the arm bent or hidden gets scale and base frame from the frames
+    further on in which the arm rests; one that begins at rest is tracked as it would be live, and
+    so is one whose camera_info changes or whose stamps jump before the rest. `on_frame` is called
+    for each frame that was looked at.
+    """
+    state, frames = TrackerState(), 0
+    for item in stream.read(()):
+        if isinstance(item.reading, Image | Lens):
+            state, outcome = tracker.step(state, item.reading)
+            if outcome is not None:
+                frames += 1
+                on_frame()
+        if state.plane is not None or state.resets:
+            break
+    at_once = sum(state.unexplained.values()) < tracker.settings.rest_frames
+    if state.plane is None or state.resets or at_once:
+        return TrackerState(), ''
+    return TrackerState(plane=state.plane), (
+        'the images do not begin with the arm at rest: scale and base frame come from frames up '
+        f'to number {frames}, and those before are tracked by them, too'
+    )
+
+
 def track_steps(
-    stream: ImageStream, tracker: Tracker, others: Collection[str] = ()
+    stream: ImageStream,
+    tracker: Tracker,
+    others: Collection[str] = (),
+    start: TrackerState | None = None,
 ) -> Iterator[TrackStep]:
     """Feed images and lenses to the tracker in the order of their log time.
 
-    Messages of the topics in `others` pass by, with the outcome None.
+    Messages of the topics in `others` pass by, with the outcome None. start: what the tracker
+    begins with, by `look_ahead`; None: nothing, as live.
     """
-    state = TrackerState()
+    state = start or TrackerState()
     for item in stream.read(others):
         outcome: Tracking | Refusal | None = None
         if isinstance(item.reading, PneunetError):
@@ -66,11 +100,12 @@ def record_tracking(
     frame_id: str,
     with_images: bool,
     on_progress: Callable[[TrackStep], None],
+    start: TrackerState | None = None,
 ) -> tuple[str, ...]:
     """Write all that the tracker measured, and the other topics of a recording unchanged.
 
-    with_images: copy images, too. `on_progress` sees every step. Returns sentences about
-    topics that were left out.
+    with_images: copy images, too. `on_progress` sees every step. start: as of `track_steps`.
+    Returns sentences about topics that were left out.
     """
     outputs = {
         output.name: writer.add(f'{stream.namespace}/{output.name}', output.type)
@@ -88,7 +123,7 @@ def record_tracking(
         except RecordingError as error:
             sentences.append(f'{topic.name} was not copied: {error}')
     serializer = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=frame_id)
-    for step in track_steps(stream, tracker, copies):
+    for step in track_steps(stream, tracker, copies, start):
         on_progress(step)
         item = step.item
         if item.topic in copies:

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
 from pneunet_ros.recordings.recording import open_recording
 
@@ -34,7 +35,8 @@ def read_run(
 
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
     within half a median period; frames without one, and those in which no target was seen, are
-    left out. Without a topic of it, or with `wrench_required` false, nothing was attached.
+    left out. Without a topic of it, or with `wrench_required` false, nothing was attached. Without
+    one of pressure the arm has none. The pose of the tip belongs to the nearest frame, too.
 
     Args:
         path: of an .mcap file or a rosbag2 folder.
@@ -52,12 +54,14 @@ def read_run(
     recording = open_recording(path)
     sensors: list[Sensor[Any]] = [
         PRESSURE,
+        TIP_POSE,
         TARGETS,
         *([END_WRENCH] if settings.wrench_required else []),
     ]
     topics: dict[str, str] = {}
     for sensor in sensors:
-        topic = find_series(recording, sensor, overrides, required=sensor is TARGETS)
+        required = sensor is TARGETS and TIP_POSE.name not in topics
+        topic = find_series(recording, sensor, overrides, required=required)
         if topic is not None:
             topics[sensor.name] = topic
     series = read_series(recording, topics, settings, targets)
@@ -68,9 +72,11 @@ def read_run(
             raise RecordingError(f'{path}: {item.topic} holds nothing that can be used: {why}')
         sentences += item.sentences()
 
-    frames, readings = series[TARGETS.name], series.get(PRESSURE.name)
-    wrench = series.get(END_WRENCH.name)
-    keep = TARGETS.present(frames.values)
+    readings, wrench = series.get(PRESSURE.name), series.get(END_WRENCH.name)
+    frames, points, pose = _frames(series, targets)
+    keep = TARGETS.present(points)
+    if pose is not None:
+        keep |= TIP_POSE.present(pose)
     _say_left_out(sentences, frames, ~keep, 'no target was seen')
     if readings is None:
         sentences.append('there is no pressure topic: the arm is taken to have no pressure, 0 Pa')
@@ -93,10 +99,30 @@ def read_run(
         loaded=wrench is not None,
         force=load[keep, :2],
         moment=load[keep, 2],
-        x=frames.values[keep, 0],
-        y=frames.values[keep, 1],
+        x=points[keep, 0],
+        y=points[keep, 1],
+        tip_pose=None if pose is None else pose[keep],
     )
     return run, tuple(sentences)
+
+
+def _frames(
+    series: Mapping[str, ReadingSeries], targets: int
+) -> tuple[ReadingSeries, Array, Array | None]:
+    """Return what has the stamps of the frames, targets (frames, 2, targets) and tip (frames, 3).
+
+    A pose of the tip belongs to the frame whose stamp is nearest; without a topic of targets it is
+    the frame.
+    """
+    poses = series.get(TIP_POSE.name)
+    if TARGETS.name not in series:
+        assert poses is not None
+        return poses, np.full((len(poses.stamp_ns), 2, targets), np.nan), poses.values
+    frames = series[TARGETS.name]
+    if poses is None:
+        return frames, frames.values, None
+    at, matched = nearest(frames.stamp_ns, poses)
+    return frames, frames.values, np.where(matched[:, None], poses.values[at], np.nan)
 
 
 def _match(

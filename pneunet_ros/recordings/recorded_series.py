@@ -34,7 +34,8 @@ class ReadingSeries:
     """The usable readings of a sensor: stamps (readings,) that increase, and a row for each.
 
     values (readings, *sensor.row_shape): pressure (readings, 1) Pa gauge; end_wrench (readings, 3)
-    N, N, N m in the base frame; targets (readings, 2, targets) m, NaN where not seen. `left_out`
+    N, N, N m in the base frame; targets (readings, 2, targets) m, NaN where not seen; tip_pose
+    (readings, 3) m, m, rad, NaN where not measured. `left_out`
     counts the rest by reason.
     """
 
@@ -133,7 +134,7 @@ def _in_order(
     stretches: list[list[int]] = [[]]
     for index, stamp_ns in enumerate(stamps):
         last = stamps[stretches[-1][-1]] if stretches[-1] else None
-        if not sensor.per_target and not np.isfinite(rows[index]).all():
+        if not sensor.per_target and not sensor.present(rows[index][None])[0]:
             reason = 'not_finite'
         else:
             reason, _ = stamp_fault(sensor.label, last, stamp_ns)

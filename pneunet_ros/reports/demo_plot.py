@@ -10,7 +10,7 @@ import numpy as np
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.reports.style import as_shapes, draw_force, panels, PressureColors
+from pneunet_ros.reports.style import as_shapes, draw_force, figure_text, panels, PressureColors
 from pneunet_ros.solver.columns import START
 
 ELLIPSE_SIGMAS = 2.0
@@ -43,7 +43,7 @@ def draw_holds(arm: Arm, holds: Sequence[ShapeEstimate], path: Path, title: str)
         ylabel='moment (mN m)',
     )
     colors.bar(figure, moments)
-    figure.suptitle(title, fontsize=14)
+    figure.suptitle(figure_text(title), fontsize=14)
     figure.savefig(path, dpi=130, format=path.suffix.lstrip('.') or 'png')
 
 

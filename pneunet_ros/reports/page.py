@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import jinja2
+from pneunet_ros.core.printable import printable
 
 
 def render_page(template: str, **content: Any) -> str:
@@ -16,4 +17,4 @@ def render_page(template: str, **content: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(template).render(**content)
+    return printable(environment.get_template(template).render(**content))

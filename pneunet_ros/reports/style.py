@@ -13,6 +13,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.printable import printable
 from pneunet_ros.core.units import kilopascals
 
 WIDTH = 11.0  # inches, a page
@@ -133,4 +134,9 @@ def short(name: str) -> str:
     """Shorten the name of a recording: the file, without its folder and suffix."""
     last = name.rstrip('/').rsplit('/', 1)[-1]
     stem = last.removesuffix('.mcap')
-    return stem if len(stem) <= SHORTEST_NAME else f'{stem[: SHORTEST_NAME - 1]}…'
+    return figure_text(stem if len(stem) <= SHORTEST_NAME else f'{stem[: SHORTEST_NAME - 1]}…')
+
+
+def figure_text(text: str) -> str:
+    """Return a text as matplotlib shows it as it is: a $ begins no formula."""
+    return printable(text).replace('$', r'\$')

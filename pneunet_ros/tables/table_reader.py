@@ -97,7 +97,10 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         along_axes = dict(zip(IN_BASE, string_force(*strings), strict=True))
 
     def values_of(sensor: Sensor[Any]) -> Array:
-        """Rows of a sensor: a component without a column is 0, and without any there is none."""
+        """Rows of a sensor: a component without a column is 0, and without any there is none.
+
+        Where components may be unknown, such a one is unknown.
+        """
         names = [item.name for item in sensor.components]
         if sensor.per_target:
             values = [[si(name, target) for target in range(count)] for name in names]
@@ -105,7 +108,8 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
         given = {name for name in names if name in along_axes or (name, None) in columns}
         if not given:
             return np.full((len(stamp_ns), len(names)), np.nan)
-        parts = [along_axes.get(n, si(n)) if n in given else nothing for n in names]
+        absent = np.full(len(stamp_ns), np.nan) if sensor.partial else nothing
+        parts = [along_axes.get(n, si(n)) if n in given else absent for n in names]
         return np.stack(parts, axis=1)
 
     found = ReadingTable(

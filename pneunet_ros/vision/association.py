@@ -36,8 +36,9 @@ from pneunet_ros.vision.beam_search import (
 class AssociationSettings:
     """When blobs are a row of targets."""
 
-    most_blobs: int = tuning(400, 'blobs among which a row is looked for, at most')
-    least_targets: int = tuning(4, 'must be seen for a row to be one')
+    most_blobs: int = tuning(2000, 'blobs among which a row is looked for, at most')
+    least_targets: int = tuning(3, 'of an arm, for which a row can be told from other areas')
+    least_followed: int = tuning(4, 'must be seen for a row to be one; all of an arm with fewer')
     least_share: float = tuning(0.4, 'of the targets must be seen for a row to be one')
     alike: float = tuning(0.5, 'share of blobs that two readings of one row have in common')
 
@@ -59,7 +60,7 @@ class TargetRow(NamedTuple):
 
 def least_seen(targets: int, settings: AssociationSettings = ASSOCIATION) -> int:
     """Return how many of so many targets must be seen for a row to be one."""
-    return min(targets, max(settings.least_targets, math.ceil(settings.least_share * targets)))
+    return min(targets, max(settings.least_followed, math.ceil(settings.least_share * targets)))
 
 
 def row_from_clamp(

@@ -1,15 +1,15 @@
 """Blobs: bright areas of a camera image that can be targets, before they have an identity.
 
-OpenCV outlines what is brighter than its surroundings; `centroid` measures each of them. The
-center is our own: that of OpenCV's connected components, at half height, is off by 0.081 to
-0.048 px (dots of 3 to 8 px radius, noise 4) where ours is by 0.018 to 0.010 px.
+Whatever the light, a target is brighter than what is just around it. So the image is cut at many
+grey levels; what is as round as an ellipse at some of them, and large enough, may be a blob. There
+`centroid` fits an ellipse to the edge, from which all numbers come.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -20,35 +20,44 @@ from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, GreyBan
 from pneunet_ros.vision.centroid import (
     ANGLE,
     AREA,
-    CENTROID,
-    CentroidSettings,
     COLUMNS,
     CONTRAST,
-    cut_crops,
     Integers,
     Look,
     MAJOR,
-    measure_crops,
+    measure_outlines,
     MINOR,
+    outlines,
+    SEEN,
     STD,
     U,
     V,
 )
+from pneunet_ros.vision.ellipse_fit import ELLIPSE, EllipseSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlobSettings:
     """How bright areas are told from what is behind them."""
 
-    most: int = tuning(1000, 'areas of an image that are measured')
+    most: int = tuning(500, 'areas of an image that are measured, those that stand out most')
     least_contrast: float = tuning(
         4.0, 'between a blob and its background where the band is fixed', unit='grey level'
     )
-    window: int = tuning(24, 'half side of the window of the background, at least', unit='px')
-    window_share: float = tuning(2.0, 'the same, in diameters of the largest blob')
-    margin: int = tuning(8, 'added to the longest possible blob', unit='px')
-    least_box: float = tuning(0.5, 'area of the box around a blob', unit='smallest area')
-    samples: int = tuning(9, 'pixels from the middle of that window to its side')
+    levels: int = tuning(2, 'at which an area stands out that has the least contrast')
+    speck: int = tuning(3, 'side of the square over which noise is averaged', unit='px')
+    least_area: float = tuning(0.5, 'of an area where it is cut', unit='smallest area')
+    largest_area: float = tuning(1.5, 'the same', unit='largest area')
+    roundness: float = tuning(0.88, 'area over that of the ellipse with the same moments')
+    longer: float = tuning(1.2, 'an area where it is cut, of the largest elongation')
+    nested: float = tuning(0.35, 'between centers of one blob at two levels', unit='radius')
+    growth: float = tuning(2.0, 'area of a blob from one level to the next, at most')
+    blur: float = tuning(0.9, 'of an edge, expected', unit='px')
+    blur_std: float = tuning(0.3, 'one sigma of that', unit='px')
+    shape_std: float = tuning(0.3, 'one sigma of size and shape before a fit', unit='radius')
+    seen: float = tuning(0.5, 'share of the edge that an ellipse must explain', source='measured')
+    twice: float = tuning(0.5, 'between blobs that are one', unit='radius')
+    beyond: float = tuning(1.0, 'around a place, beyond its reach', unit='diameter')
 
 
 BLOBS = BlobSettings()
@@ -62,18 +71,16 @@ def _row(column: int, meaning: str) -> Any:
 class Blobs:
     """Bright areas of an image that can be targets; NaN in all quantities where there is none.
 
-    `table` (COLUMNS, n) has the quantities below as rows. `crowded`: there were so many bright
-    areas that none is given.
+    `table` (COLUMNS, n) has the quantities below as rows, and those that only `centroid` names.
     """
 
     table: Array
-    crowded: bool = False
 
     u = _row(U, 'Centers in the image, from left to right, px.')
     v = _row(V, 'Centers in the image, from top to bottom, px.')
     area = _row(AREA, 'How large they are, px^2.')
-    major = _row(MAJOR, 'Largest axis of the ellipse with the same moments, px.')
-    minor = _row(MINOR, 'Smallest axis of that ellipse, px.')
+    major = _row(MAJOR, 'Largest axis of the ellipse, px.')
+    minor = _row(MINOR, 'Smallest axis of the ellipse, px.')
     angle = _row(ANGLE, 'Where the largest axis points, rad from +u towards +v.')
     std = _row(STD, 'Standard error of the center per axis, the larger of both, px.')
     contrast = _row(CONTRAST, 'How much brighter they are than the background, grey levels.')
@@ -82,115 +89,233 @@ class Blobs:
         return int(self.table.shape[1])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Components:
-    """Connected white areas of an image, n of which may be targets by their length.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Appearance:
+    """What counts as a blob: the camera file's part, and how that is used."""
 
-    grey (height, width); boxes (n, 4) left, top, width, height in px; seeds (n, 2): u, v of a
-    pixel of each; level (n,): the grey level from which pixels are white there.
+    band: GreyBand
+    limits: AreaLimits
+    blobs: BlobSettings = BLOBS
+    ellipse: EllipseSettings = ELLIPSE
+
+    @property
+    def look(self) -> Look:
+        """How bright and how large a blob is."""
+        if isinstance(self.band, AdaptiveBand):
+            return Look(limits=self.limits, brightest=math.inf, contrast=self.band.contrast)
+        return Look(
+            limits=self.limits, brightest=self.band.high, contrast=self.blobs.least_contrast
+        )
+
+    @property
+    def levels(self) -> list[int]:
+        """Grey levels at which the image is cut, from the highest down."""
+        if not isinstance(self.band, AdaptiveBand):
+            return [math.ceil(self.band.low)]
+        step = max(1, math.floor(self.band.contrast / self.blobs.levels))
+        return list(range(255 - step, 0, -step))
+
+
+def find_blobs(image: Image, appearance: Appearance) -> Blobs:
+    """Return all blobs of an image that are within the limits, but for those it cuts off."""
+    grey = image.grey()
+    areas = round_areas(grey, appearance)
+    rows = _distinct(_measured(grey, areas.starts(appearance), appearance), appearance.blobs)
+    return Blobs(freeze(rows.T.copy()))
+
+
+def nearest_blobs(
+    image: Image, places: Array, reach: float, across: float, appearance: Appearance
+) -> Array:
+    """Return the blob nearest to each place (n, 2) px, rows (n, COLUMNS).
+
+    NaN where no blob that can be a target has its center within `reach` px; across: diameter (px)
+    that it may have.
+    """
+    nearest = np.full((len(places), COLUMNS), np.nan)
+    if not len(places):
+        return nearest
+    grey = image.grey()
+    half = math.ceil(reach + appearance.blobs.beyond * across) + 1
+    asked = np.flatnonzero(
+        (np.abs(places - 0.5 * np.array([image.width, image.height])) < 1e5).all(axis=1)
+    )
+    corners = np.rint(places[asked]).astype(np.int64) - half
+    side = 2 * half + 1
+    # Pieces of the image one below the other, with a dark line between them.
+    pieces = np.zeros((len(asked), side + 1, side), np.uint8)
+    for piece, (left, top) in zip(pieces, corners.tolist(), strict=True):
+        right, bottom = min(left + side, image.width), min(top + side, image.height)
+        from_u, from_v = max(left, 0), max(top, 0)
+        if from_u < right and from_v < bottom:
+            piece[from_v - top : bottom - top, from_u - left : right - left] = grey[
+                from_v:bottom, from_u:right
+            ]
+    areas = round_areas(pieces.reshape(-1, side), appearance)
+    which, down = np.divmod(areas.centers[:, 1], side + 1.0)
+    piece_of = which.astype(np.int64)
+    centers: Array = np.column_stack([areas.centers[:, 0], down]) + corners[piece_of]
+    starts = areas._replace(centers=centers).starts(appearance)
+    rows = _measured(grey, starts, appearance)
+    for number, place in enumerate(asked.tolist()):
+        mine = rows[piece_of == number]
+        distance = np.hypot(mine[:, U] - places[place, 0], mine[:, V] - places[place, 1])
+        distance = np.where(np.isfinite(distance), distance, np.inf)
+        if len(mine) and distance.min() <= reach:
+            nearest[place] = mine[distance.argmin()]
+    return nearest
+
+
+def blobs_at(image: Image, starts: Array, appearance: Appearance) -> Array:
+    """Return the blobs whose edges are near `outlines`, rows (n, COLUMNS), NaN where none is."""
+    return _measured(image.grey(), starts, appearance)
+
+
+def _measured(grey: Bytes, starts: Array, appearance: Appearance) -> Array:
+    """Return rows (n, COLUMNS) of the blobs at outlines, NaN where there is none."""
+    rows = measure_outlines(grey, starts, appearance.look, appearance.ellipse)
+    rows[~(rows[:, SEEN] >= appearance.blobs.seen)] = np.nan
+    return rows
+
+
+def _distinct(rows: Array, settings: BlobSettings) -> Array:
+    """Return the rows that are blobs, each once: of two in one place the better one."""
+    rows = rows[np.isfinite(rows[:, U])]
+    rows = rows[np.argsort(-rows[:, SEEN], kind='stable')]
+    apart = np.hypot(*(rows[:, None, [U, V]] - rows[None, :, [U, V]]).transpose(2, 0, 1))
+    same = apart < settings.twice * np.sqrt(np.minimum(rows[:, None, AREA], rows[:, AREA]) / np.pi)
+    return np.asarray(rows[~np.tril(same, -1).any(axis=1)])
+
+
+class RoundAreas(NamedTuple):
+    """Areas that are as round as ellipses at some grey levels.
+
+    centers (n, 2) px; moments (n, 3) px^2: uu, uv, vv about them.
     """
 
-    grey: Bytes
-    boxes: Integers
-    seeds: Integers
-    level: Integers
-    look: Look
-    centroid: CentroidSettings
+    centers: Array
+    moments: Array
 
-    def measure(self, chosen: Integers) -> Blobs:
-        """Measure the areas with these indices; those that cannot be targets are left out."""
-        rows = [np.empty((0, COLUMNS))]
-        boxes, seeds, level = self.boxes[chosen], self.seeds[chosen], self.level[chosen]
-        # Crops of about one size at a time.
-        sizes = np.ceil(np.log2(np.maximum(boxes[:, 2:].max(1), 16)))
-        for size in np.unique(sizes):
-            alike = sizes == size
-            crops = cut_crops(self.grey, boxes[alike], seeds[alike], level[alike], self.centroid)
-            with np.errstate(invalid='ignore', divide='ignore'):
-                rows.append(measure_crops(crops, level[alike], self.look, self.centroid))
-        table = np.concatenate(rows)
-        return Blobs(freeze(table[np.isfinite(table[:, U])].T.copy()))
-
-    def nearest(self, places: Array, reach: float) -> Array:
-        """Return the blob nearest to each place (n, 2) px, rows (n, COLUMNS).
-
-        NaN where no blob that can be a target has its center within `reach` px.
-        """
-        nearest = np.full((len(places), COLUMNS), np.nan)
-        u, v = places.T
-        left, top, width, height = self.boxes.T[:, :, None]
-        off_u = np.maximum(left - u, u - (left + width - 1))
-        off_v = np.maximum(top - v, v - (top + height - 1))
-        near = (off_u <= reach) & (off_v <= reach)  # never where a place is NaN
-        blobs = self.measure(np.flatnonzero(near.any(1)))
-        if len(blobs):
-            distance = np.hypot(u[:, None] - blobs.u, v[:, None] - blobs.v)
-            within = distance.min(1) <= reach
-            nearest[within] = blobs.table.T[distance.argmin(1)[within]]
-        return nearest
+    def starts(self, appearance: Appearance) -> Array:
+        """Return where fits of their edges begin."""
+        uu, uv, vv = self.moments.T
+        root = np.sqrt(uu * vv - uv * uv)
+        scale = 2.0 / np.sqrt(uu + vv + 2.0 * root)
+        axes = np.column_stack([uu + root, uv, vv + root]) * scale[:, None]
+        blobs, one = appearance.blobs, np.ones(len(uu))
+        return outlines(
+            self.centers, axes, blobs.blur * one, blobs.shape_std * one, blobs.blur_std * one
+        )
 
 
-def find_components(
-    image: Image,
-    band: GreyBand,
-    limits: AreaLimits,
-    settings: BlobSettings = BLOBS,
-    centroid: CentroidSettings = CENTROID,
-) -> Components:
-    """Find the connected white areas of an image."""
-    grey = image.grey()
-    if isinstance(band, AdaptiveBand):
-        level = level_of_white(grey, math.ceil(band.contrast), limits, settings)
-        brightest, contrast = 255, band.contrast
-    else:
-        level = np.full_like(grey, math.ceil(band.low))
-        brightest, contrast = math.floor(band.high), settings.least_contrast
-    white = cv2.compare(grey, level, cv2.CMP_GE)
-    # Much faster than the statistics of connected components: only edges are looked at.
-    contours, links = cv2.findContours(white, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-    outer = [contour for at, contour in enumerate(contours) if links[0, at, 3] < 0]
-    boxes = np.array([cv2.boundingRect(contour) for contour in outer], np.int64).reshape(-1, 4)
-    seeds = np.array([contour[0, 0] for contour in outer], np.int64).reshape(-1, 2)
-    longest = math.ceil(math.sqrt(4.0 / math.pi * limits.largest * limits.elongation))
-    longest += settings.margin
-    least = settings.least_box * limits.smallest
-    possible = (boxes[:, 2:].max(1) <= longest) & (boxes[:, 2:].prod(1) >= least)
-    boxes, seeds = boxes[possible], seeds[possible]
-    return Components(
-        grey=grey,
-        boxes=boxes,
-        seeds=seeds,
-        level=level[seeds[:, 1], seeds[:, 0]].astype(np.int64),
-        look=Look(limits=limits, brightest=brightest, contrast=contrast),
-        centroid=centroid,
+def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:
+    """Find what is as round as an ellipse and brighter than what is around it.
+
+    An area is as it is at the middle one of the grey levels at which it is there. Where there are
+    too many, those at most levels.
+    """
+    settings = appearance.blobs
+    soft = np.asarray(cv2.blur(grey, (settings.speck, settings.speck)), np.uint8)
+    highest = int(soft.max(initial=0))
+    found: list[Array] = []
+    chains: list[Integers] = []
+    above, chain_above, chain_count = np.empty((0, 6)), np.empty(0, np.int64), 0
+    for level in appearance.levels:
+        if level > highest:
+            continue
+        areas = _cut_at(soft, level, appearance)
+        chain = _continued(areas, above, chain_above, settings)
+        new = chain < 0
+        chain[new] = chain_count + np.arange(np.count_nonzero(new))
+        chain_count += int(np.count_nonzero(new))
+        found.append(areas)
+        chains.append(chain)
+        above, chain_above = areas, chain
+    if not chain_count:
+        return RoundAreas(np.empty((0, 2)), np.empty((0, 3)))
+    table, chain = np.concatenate(found), np.concatenate(chains)
+    order = np.argsort(chain, kind='stable')
+    length = np.bincount(chain)
+    middle = order[np.cumsum(length) - length + length // 2]
+    kept = np.argsort(-length, kind='stable')[: settings.most]
+    return RoundAreas(table[middle[kept], 1:3], table[middle[kept], 3:])
+
+
+def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
+    """Return the round areas at a level or brighter, (n, 6): area, center u, v, uu, uv, vv."""
+    settings, limits = appearance.blobs, appearance.limits
+    _, white = cv2.threshold(grey, level - 1, 255, cv2.THRESH_BINARY)
+    contours, _ = cv2.findContours(white, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    # As long as an ellipse of the largest area can be around, at most.
+    longest = 8.0 * math.sqrt(settings.largest_area * limits.largest * limits.elongation)
+    shortest = 2.0 * math.sqrt(settings.least_area * limits.smallest)
+    usable = [contour for contour in contours if shortest <= len(contour) <= longest]
+    if not usable:
+        return np.empty((0, 6))
+    table = _polygon_moments(usable)
+    area, uu, uv, vv = table[:, [0, 3, 4, 5]].T
+    with np.errstate(invalid='ignore', divide='ignore'):
+        root = np.sqrt(uu * vv - uv * uv)
+        round_enough = area >= settings.roundness * 4.0 * math.pi * root
+        ratio = (uu + vv) / (2.0 * root)
+    most = settings.longer * limits.elongation
+    possible = (
+        (area >= settings.least_area * limits.smallest)
+        & (area <= settings.largest_area * limits.largest)
+        & round_enough
+        & (ratio <= 0.5 * (most + 1.0 / most))
     )
+    found: Array = table[possible]
+    holes = table[area < -limits.hole]
+    if len(found) and len(holes):
+        apart = np.hypot(*(found[:, None, 1:3] - holes[None, :, 1:3]).transpose(2, 0, 1))
+        within = (apart < np.sqrt(found[:, :1] / math.pi)) & (-holes[:, 0] < found[:, :1])
+        found = found[~within.any(axis=1)]
+    return found
 
 
-def level_of_white(
-    grey: Bytes, contrast: int, limits: AreaLimits, settings: BlobSettings
-) -> Bytes:
-    """Return grey values above the median of surroundings that are wide against any blob."""
-    diameter = math.sqrt(4.0 / math.pi * limits.largest)
-    half = max(settings.window, math.ceil(settings.window_share * 0.5 * diameter))
-    stride = half // settings.samples
-    height, width = grey.shape
-    rows = np.minimum(np.arange(stride // 2, height + stride // 2, stride), height - 1)
-    columns = np.minimum(np.arange(stride // 2, width + stride // 2, stride), width - 1)
-    few = cv2.medianBlur(grey[np.ix_(rows, columns)], 2 * (half // stride) + 1)
-    level = np.minimum(few, 255 - contrast) + np.uint8(contrast)
-    return np.asarray(cv2.resize(level, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)
+def _polygon_moments(contours: list[Any]) -> Array:
+    """Return area, center u, v and moments uu, uv, vv of the pixels within contours, (n, 6).
+
+    Those of holes have negative areas.
+    """
+    sizes = np.array([len(contour) for contour in contours])
+    first = np.cumsum(sizes) - sizes
+    points = np.concatenate(contours)[:, 0].astype(np.float64)
+    x, y = (points - np.repeat(points[first], sizes, axis=0)).T
+    after = np.arange(len(points)) + 1
+    after[first + sizes - 1] = first
+    x2, y2 = x[after], y[after]
+    cross = x2 * y - x * y2  # contours of areas turn from +v to +u
+    terms = np.column_stack([
+        cross, cross * (x + x2), cross * (y + y2), cross * (x * x + x * x2 + x2 * x2),
+        cross * (2.0 * (x * y + x2 * y2) + x * y2 + x2 * y), cross * (y * y + y * y2 + y2 * y2),
+        np.hypot(x2 - x, y2 - y),
+    ])  # fmt: skip
+    sums = np.add.reduceat(terms, first)
+    area = 0.5 * sums[:, 0]
+    # The contour leads through the middle of pixels: half a pixel is outside of it.
+    outer = 0.5 * sums[:, 6] + 1.0
+    with np.errstate(invalid='ignore', divide='ignore'):
+        center = sums[:, 1:3] / (6.0 * area[:, None])
+        square = sums[:, 3:6] / (np.array([12.0, 24.0, 12.0]) * area[:, None])
+        square -= center[:, [0, 0, 1]] * center[:, [0, 1, 1]]
+        square *= ((area + outer) / area)[:, None]
+    whole = np.where(area > 0.0, area + outer, area + outer - 2.0)
+    return np.column_stack([whole, center + points[first], square])
 
 
-def find_blobs(
-    image: Image,
-    band: GreyBand,
-    limits: AreaLimits,
-    settings: BlobSettings = BLOBS,
-    centroid: CentroidSettings = CENTROID,
-) -> Blobs:
-    """Return all blobs of an image that are within the limits, but for those it cuts off."""
-    components = find_components(image, band, limits, settings, centroid)
-    count = len(components.boxes)
-    if count > settings.most:
-        return Blobs(np.empty((COLUMNS, 0)), crowded=True)
-    return components.measure(np.arange(count))
+def _continued(areas: Array, above: Array, chain: Integers, settings: BlobSettings) -> Integers:
+    """Return of which chain areas are a further part, -1 of none.
+
+    above: the areas one level higher, of these chains.
+    """
+    if not len(areas) or not len(above):
+        return np.full(len(areas), -1)
+    apart = np.hypot(*(areas[:, None, 1:3] - above[None, :, 1:3]).transpose(2, 0, 1))
+    reach = settings.nested * np.sqrt(areas[:, 0] / math.pi) + 0.5
+    grown = areas[:, :1] / above[:, 0]
+    apart[(apart > reach[:, None]) | (grown > settings.growth)] = np.inf
+    nearest = apart.argmin(axis=1)
+    there = np.isfinite(apart[np.arange(len(areas)), nearest])
+    return np.where(there, chain[nearest], -1)

@@ -11,6 +11,8 @@ from pneunet_ros.core.arrays import Array, table_array
 from pneunet_ros.core.errors import CameraError
 from pneunet_ros.core.units import check_quantities, quantity
 
+BRIGHT, DARK, AUTO = 'bright', 'dark', 'auto'
+POLARITIES = (AUTO, BRIGHT, DARK)
 UNIT = 0.01  # a quaternion this near to unit length was rounded and is normalized
 
 
@@ -30,6 +32,17 @@ class RestPlane:
     """
 
     method: ClassVar[str] = 'rest'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurvedRestPlane:
+    """Scale and base frame come from the arm at rest where it is bent even then.
+
+    The scale is the arclength between the targets, x points along the arm at the clamp. The camera
+    looks along -z of the base frame at the working plane.
+    """
+
+    method: ClassVar[str] = 'curved_rest'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,19 +101,19 @@ class PosePlane:
         object.__setattr__(self, 'quaternion', quaternion)
 
 
-PlaneMethod = RestPlane | HomographyPlane | PosePlane
+PlaneMethod = RestPlane | CurvedRestPlane | HomographyPlane | PosePlane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedBand:
-    """White is what lies within these grey levels."""
+    """Targets are what lies within these grey levels."""
 
     method: ClassVar[str] = 'fixed'
     low: float = quantity(
-        150.0, unit='grey level', meaning='darkest that is white', bounds=(1.0, 255.0)
+        150.0, unit='grey level', meaning='darkest that a target is', bounds=(1.0, 255.0)
     )
     high: float = quantity(
-        255.0, unit='grey level', meaning='brightest that is white', bounds=(1.0, 255.0)
+        255.0, unit='grey level', meaning='brightest that a target is', bounds=(1.0, 255.0)
     )
 
     def __post_init__(self) -> None:
@@ -109,19 +122,27 @@ class FixedBand:
         if not self.low < self.high:
             raise CameraError(f'grey_band.low = {self.low} must be below high = {self.high}')
 
+    def inverted(self) -> FixedBand:
+        """Return the band of the same pixels in an inverted image."""
+        return FixedBand(low=max(255.0 - self.high, 1.0), high=max(255.0 - self.low, 1.5))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdaptiveBand:
-    """White is what is brighter than its surroundings by a contrast, whatever the light."""
+    """Targets stand out from what is around them by a contrast, whatever the light."""
 
     method: ClassVar[str] = 'adaptive'
     contrast: float = quantity(
-        30.0, unit='grey level', meaning='least height above the surroundings', bounds=(2.0, 255.0)
+        30.0, unit='grey level', meaning='from the surroundings, at least', bounds=(2.0, 255.0)
     )
 
     def __post_init__(self) -> None:
         """Check the contrast."""
         check_quantities(self, 'grey_band', CameraError)
+
+    def inverted(self) -> AdaptiveBand:
+        """Return itself: a contrast is the same in an inverted image."""
+        return self
 
 
 GreyBand = FixedBand | AdaptiveBand
@@ -129,7 +150,7 @@ GreyBand = FixedBand | AdaptiveBand
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AreaLimits:
-    """Which white areas can be targets."""
+    """Which areas can be targets."""
 
     smallest: float = quantity(
         12.0, unit='px^2', meaning='areas below are dropped', bounds=(4.0, 1e6)
@@ -141,7 +162,7 @@ class AreaLimits:
         2.5, unit='-', meaning='largest axis over smallest, at most', bounds=(1.0, 20.0)
     )
     hole: float = quantity(
-        20.0, unit='px^2', meaning='dark holes up to this are closed', bounds=(0.0, 1e5)
+        20.0, unit='px^2', meaning='holes up to this are closed', bounds=(0.0, 1e5)
     )
 
     def __post_init__(self) -> None:
@@ -157,8 +178,9 @@ class AreaLimits:
 class CameraSettings:
     """Everything in `config/camera.yaml`: the working plane, and how targets look.
 
-    plane: how pixels become points of the base frame; grey_band, area: which pixels are white, and
-    which white areas can be targets; clamp_pixel: where the target next to the clamp is in the
+    plane: how pixels become points of the base frame; polarity: whether targets are bright on a
+    dark arm, dark on a pale one, or either, by what shows a row; grey_band, area: which pixels can
+    be targets, and which areas of them; clamp_pixel: where the target next to the clamp is in the
     image, roughly (u, v) px; None: the left-most end of the row of targets is the clamp. Raises
     CameraError for values outside their bounds.
     """
@@ -173,6 +195,9 @@ class CameraSettings:
         unit='-',
         meaning='largest distance of a target from the line, of its length, at rest',
         bounds=(1e-4, 0.2),
+    )
+    polarity: str = dataclasses.field(
+        default=AUTO, metadata={'meaning': 'bright or dark targets, or whichever show a row'}
     )
     grey_band: GreyBand = field(default_factory=AdaptiveBand)
     area: AreaLimits = field(default_factory=AreaLimits)
@@ -189,6 +214,10 @@ class CameraSettings:
         if self.clamp_pixel is not None:
             clamp_pixel = finite_numbers(self.clamp_pixel, 'clamp_pixel', 2)
             object.__setattr__(self, 'clamp_pixel', clamp_pixel)
+        if self.polarity not in POLARITIES:
+            raise CameraError(
+                f'polarity must be one of {", ".join(POLARITIES)}, not {self.polarity!r}'
+            )
         if isinstance(self.rest_frames, bool) or not isinstance(self.rest_frames, int):
             raise CameraError(f'rest_frames must be an integer, not {self.rest_frames!r}')
         if not 1 <= self.rest_frames <= 1000:

@@ -64,9 +64,10 @@ def consistent_spacing(
     """Return which targets lie on a smooth row at their distances (targets,).
 
     First goes, one by one, what is at a wrong distance from most of its neighbors, then what is
-    furthest off a smooth curve through them, until all that is left fits. x, y are in m, or have
-    been scaled so that the arm has about its length. One at either end of the row is not believed
-    when it is `farthest` spacings or more from the next.
+    furthest off a smooth curve through them, until all that is left fits; an arm with three
+    targets has no such curve. x, y are in m, or have been scaled so that the arm has about its
+    length. One at either end of the row is not believed when it is `farthest` spacings or more
+    from the next.
     """
     seen = np.isfinite(x) & np.isfinite(y)
     others = np.empty(x.size, np.int64)
@@ -84,7 +85,7 @@ def consistent_spacing(
                 worst, worst_at = bad, target
         if worst_at >= 0:
             seen[worst_at] = False
-        elif smooth:
+        elif smooth or x.size < 4:
             return seen
         else:
             smooth = True
@@ -267,7 +268,8 @@ def consistent_size(
     of the target. Light and motion change neighbors alike.
     """
     size = area / usual
-    alike, longer = size / _local_median(size), elongation / _local_median(elongation)
+    one = np.ones_like(area)
+    alike, longer = size / _local_median(size, one), elongation / _local_median(elongation, one)
     return np.asarray(
         (size >= gating.smallest)
         & (size <= gating.largest)
@@ -277,23 +279,27 @@ def consistent_size(
     )
 
 
-def _local_median(values: Array) -> Array:
-    """Return the median of a value and its three neighbors on either side; 1 of fewer than 3."""
+def _local_median(values: Array, of_few: Array) -> Array:
+    """Return the median of a value and its three neighbors on either side, (n,); NaN is none.
+
+    of_few (n,): what is returned where fewer than three are known.
+    """
     padded = np.pad(values, 3, constant_values=np.nan)
     near = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 7), axis=1)
     count = np.count_nonzero(np.isfinite(near), axis=1)
     row = np.arange(len(values))
     median = 0.5 * (near[row, np.maximum(count - 1, 0) // 2] + near[row, count // 2])
-    return np.where(count > 2, median, 1.0)
+    return np.where(count > 2, median, of_few)
 
 
 def initial_area(area: Array, gating: GatingSettings = GATING) -> Array:
     """Return how large targets are to be expected after they are found (targets,).
 
-    A target starts no smaller than most, as it may be covered in part, and hardly larger, as a
-    glint may hang on to it; NaN is one not seen.
+    A target starts no smaller than its neighbors, as it may be covered in part, and hardly larger,
+    as a glint may hang on to it; NaN is one not seen. Sizes may change along the arm.
     """
-    known = area[np.isfinite(area)]
-    middle = float(np.median(known)) if known.size else math.nan
+    known = np.isfinite(area)
+    of_few = np.full(area.size, np.median(area[known]) if known.any() else math.nan)
+    middle = _local_median(area, of_few)
     first: Array = np.clip(area, middle / gating.largest_growth, gating.first_growth * middle)
-    return np.where(np.isnan(area), middle, first)
+    return np.where(known, first, middle)

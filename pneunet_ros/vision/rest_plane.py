@@ -1,45 +1,157 @@
-"""Scale and base frame from the arm at rest, the paper's way: its row of targets is straight.
+"""Scale and base frame from the arm at rest: the paper's way where its row of targets is straight.
 
-Some frames are averaged. What is looked for has the number and spacing of the targets and nothing
-more, as neither its place nor its scale is known.
+Some frames are averaged, in any order and with targets missing. What is looked for has the number
+and spacing of the targets and nothing more, as neither its place nor its scale is known.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.vision.association import rows_anywhere, share_of_blobs, TargetRow
+from pneunet_ros.vision.camera_settings import CurvedRestPlane, PlaneMethod
 from pneunet_ros.vision.gating import consistent_spacing, gating_numbers
 from pneunet_ros.vision.settings import RestPlaneSettings, VISION, VisionSettings
 from pneunet_ros.vision.working_plane import Plane, plane_from_rest
 
+HEADING_DEGREE = 3  # of the polynomial that an arm's heading at rest is along it
 RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
+
+Counts = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RestAverage:
-    """Where the ends of the row are on average, normalized, and over how many frames."""
+    """Where the targets are on average while the arm stays in a place, and over how many frames.
 
-    frames: int = 0
-    ends: Array = field(default_factory=lambda: np.zeros((2, 2)))
+    points (targets, 2) normalized, NaN for a target never seen; seen (targets,): in how many of
+    the frames.
+    """
+
+    frames: int
+    points: Array
+    seen: Counts
+
+    def off(self, points: Array) -> float:
+        """Return how far a target of a frame (targets, 2) is from its average, at most."""
+        apart = np.hypot(*(points - self.points).T)
+        return math.inf if np.isnan(apart).all() else float(np.nanmax(apart))
+
+    def with_frame(self, points: Array) -> RestAverage:
+        """Return the average with one more frame (targets, 2), NaN where a target is not seen."""
+        found = np.isfinite(points[:, 0])
+        seen = self.seen + found
+        before = np.where(self.seen[:, None] > 0, self.points, points)
+        moved = np.where(found[:, None], points - before, 0.0)
+        average = before + moved / np.maximum(seen, 1)[:, None]
+        return RestAverage(frames=self.frames + 1, points=freeze(average), seen=seen)
+
+    def lacks(self, wanted: int, settings: RestPlaneSettings) -> str:
+        """Say what is missing to an average of so many frames; empty where nothing is."""
+        least = math.ceil(settings.ends * wanted)
+        rare = [end for end in (0, len(self.seen) - 1) if self.seen[end] < least]
+        if self.frames >= wanted and not rare:
+            return ''
+        words = [f'{self.frames} of {wanted} frames of the arm at rest']
+        for end in rare if self.frames >= wanted else ():
+            words.append(f'target {end} seen in {self.seen[end]} of them, {least} are needed')
+        words += [f'target {target} never seen' for target in np.flatnonzero(self.seen == 0)]
+        return ', '.join(words)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RestSearch:
+    """Places in which the arm has been seen resting; the latest that a frame was added to first.
+
+    A frame that fits none of them begins another one, and takes nothing from the others.
+    """
+
+    places: tuple[RestAverage, ...] = ()
+
+    @property
+    def frames(self) -> int:
+        """The frames of the place of which there are most."""
+        return max((place.frames for place in self.places), default=0)
+
+    def lacks(self, wanted: int, settings: RestPlaneSettings) -> str:
+        """Say what is missing to the latest place; empty where nothing is, or none is known."""
+        return self.places[0].lacks(wanted, settings) if self.places else ''
 
     def with_frame(
-        self, ends: Array, spacing: float, settings: RestPlaneSettings = VISION.rest_plane
-    ) -> RestAverage:
-        """Return the average with one more frame (2, 2); it begins anew where the arm moved."""
-        if self.frames and np.hypot(*(ends - self.ends).T).max() > settings.still * spacing:
-            return RestAverage(frames=1, ends=ends)
-        frames = self.frames + 1
-        return RestAverage(frames=frames, ends=self.ends + (ends - self.ends) / frames)
+        self, points: Array, spacing: float, settings: RestPlaneSettings = VISION.rest_plane
+    ) -> RestSearch:
+        """Return what is known with one more frame (targets, 2); its place comes first.
 
-    def plane(self, arclength: Array) -> Plane:
-        """Return the working plane; arclength (targets,) m."""
-        return plane_from_rest(
-            self.ends[0], self.ends[1], float(arclength[0]), float(arclength[-1])
+        spacing: of neighboring targets, in the unit of the points.
+        """
+        off = [place.off(points) for place in self.places]
+        others = list(self.places)
+        here = RestAverage(
+            frames=0, points=np.full_like(points, np.nan), seen=np.zeros(len(points), np.int64)
         )
+        if off and min(off) <= settings.still * spacing:
+            here = others.pop(int(np.argmin(off)))
+        elif len(others) == settings.places:
+            others.pop(int(np.argmin([place.frames for place in others])))
+        return RestSearch(places=(here.with_frame(points), *others))
+
+    def recognize(
+        self, points: Array, arclength: Array, settings: RestPlaneSettings = VISION.rest_plane
+    ) -> Array | None:
+        """Return the targets (targets, 2) among points (n, 2) where the arm has rested before.
+
+        NaN where a target is not there; None where too few are, in every place.
+        """
+        for place in sorted(self.places, key=lambda place: -place.frames):
+            reach = settings.still * spacing_of(place.points, arclength)
+            apart = np.hypot(*(place.points[:, None] - points).transpose(2, 0, 1))
+            apart = np.where(np.isnan(apart), math.inf, apart)
+            near = np.asarray(apart.min(axis=1) <= reach)
+            if np.count_nonzero(near) >= settings.seen * len(near):
+                found: Array = np.where(near[:, None], points[apart.argmin(axis=1)], np.nan)
+                return found
+        return None
+
+
+def plane_at_rest(points: Array, arclength: Array, method: PlaneMethod) -> Plane:
+    """Return the working plane of an arm at rest: targets (n, 2) normalized, arclength (n,) m.
+
+    The first and the last must be there. A straight arm tells by its ends; one that is bent
+    even at rest by its length along the arc, and by its heading at the clamp.
+    """
+    first, last = points[0], points[-1]
+    if isinstance(method, CurvedRestPlane):
+        last = _unrolled(points, arclength)
+    return plane_from_rest(first, last, float(arclength[0]), float(arclength[-1]))
+
+
+def _unrolled(points: Array, arclength: Array) -> Array:
+    """Return where the last target (2,) would be if the arm went on straight from the clamp.
+
+    The length is that of the arcs between neighbors. The heading at the first target is that of a
+    smooth curve: the headings of the chords, each that of the arm in its middle, as a polynomial.
+    """
+    seen = np.flatnonzero(np.isfinite(points[:, 0]))
+    steps, places = np.diff(points[seen], axis=0), arclength[seen]
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    middle = 0.5 * (places[1:] + places[:-1])
+    share = (middle - places[0]) / (places[-1] - places[0])
+    course = np.polynomial.Polynomial.fit(share, heading, min(HEADING_DEGREE, heading.size - 1))
+    turn = course.deriv()(share) * np.diff(places) / (places[-1] - places[0])
+    length = float(np.sum(np.hypot(*steps.T) * (1.0 + turn**2 / 24.0)))
+    at_clamp = float(course(0.0))
+    return np.asarray(points[0] + length * np.array([math.cos(at_clamp), math.sin(at_clamp)]))
+
+
+def spacing_of(points: Array, arclength: Array) -> float:
+    """Return the least distance of neighbors along the arm, in the unit of points (targets, 2)."""
+    seen = np.flatnonzero(np.isfinite(points[:, 0]))
+    steps = np.hypot(*np.diff(points[seen], axis=0).T)
+    return float(np.median(steps / np.diff(arclength[seen])) * np.diff(arclength).min())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,32 +171,36 @@ def row_at_rest(
     straightness: float,
     vision: VisionSettings = VISION,
 ) -> TargetRow | Failure:
-    """Find the straight row of targets among blobs, first target at the clamp.
+    """Find the row of targets at rest among blobs, first target at the clamp.
 
     points (blobs, 2) normalized; pixels (blobs, 2); areas (blobs,) px^2; arclength (targets,) m;
     clamp_pixel: (u, v) of the first target, None for the left-most end; straightness: largest
-    distance from the line between the ends, of its length.
+    distance from the line between the ends, of its length; infinite for an arm that is bent.
     """
     count = arclength.size
-    rows = rows_anywhere(points, areas, arclength, vision.association, vision.beam_search)
-    rows = [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
-    if clamp_pixel is not None and rows:
-        near = vision.rest_plane.near_clamp
-        rows = [row for row in rows if _begins_at(row_points(row, pixels), clamp_pixel, near)]
+    rows = regular_rows(points, areas, arclength, vision)
+    if not rows:
+        short = (
+            ''
+            if clamp_pixel is None
+            else _short_row(points, pixels, areas, arclength, clamp_pixel, vision)
+        )
+        return Failure(
+            reason='no_row',
+            sentence=short
+            or f'no row of {count} targets at their distances among {len(points)} bright '
+            'areas: is the whole arm in view, straight, and are target_arclength, grey_band and '
+            'area right?',
+        )
+    if clamp_pixel is not None:
+        rows = _rows_from(clamp_pixel, rows, pixels, vision)
         if not rows:
             return Failure(
                 reason='wrong_clamp',
                 sentence=f'no row of {count} targets begins at clamp_pixel {list(clamp_pixel)}',
             )
-    if not rows:
-        return Failure(
-            reason='no_row',
-            sentence=f'no row of {count} targets at their distances among {len(points)} bright '
-            'areas: is the whole arm in view, straight, and are target_arclength, grey_band and '
-            'area right?',
-        )
     best = rows[0]
-    if any(share_of_blobs(row, best) == 0.0 for row in rows):
+    if any(share_of_blobs(row, best) < vision.association.alike for row in rows):
         return Failure(
             reason='several_rows',
             sentence=f'there is more than one row of {count} targets: give clamp_pixel, or take '
@@ -98,9 +214,39 @@ def row_at_rest(
             reason='not_straight',
             sentence=f'the arm is not straight: a target is {off:.1%} of the length off the line '
             f'between the ends, {straightness:.1%} is allowed (rest_straightness); scale and base '
-            'frame come from the arm at rest',
+            'frame come from the arm at rest; if it is bent even then, plane.method: '
+            f'{CurvedRestPlane.method}',
         )
     return best
+
+
+def regular_rows(
+    points: Array, areas: Array, arclength: Array, vision: VisionSettings = VISION
+) -> list[TargetRow]:
+    """Find all rows of targets that lie on a smooth line; arguments as of `row_at_rest`."""
+    rows = rows_anywhere(points, areas, arclength, vision.association, vision.beam_search)
+    return [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
+
+
+def _short_row(
+    points: Array,
+    pixels: Array,
+    areas: Array,
+    arclength: Array,
+    clamp_pixel: tuple[float, float],
+    vision: VisionSettings,
+) -> str:
+    """Say which target at the end of a row from the clamp is missing; empty where none is."""
+    count = arclength.size
+    if count <= vision.association.least_targets:
+        return ''
+    short = regular_rows(points, areas, arclength[:-1], vision)
+    if not _rows_from(clamp_pixel, short, pixels, vision):
+        return ''
+    return (
+        f'a row of {count - 1} targets begins at clamp_pixel, but {count} are needed: '
+        f'target {count - 1} is not seen'
+    )
 
 
 def bow(points: Array) -> float:
@@ -118,19 +264,25 @@ def row_points(row: TargetRow, points: Array) -> Array:
 
 def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool:
     """Whether enough targets of a row, both ends among them, lie on a smooth line (targets, 2)."""
-    length = float(arclength[-1] - arclength[0])
-    size = math.hypot(*(points[-1] - points[0]))
-    if not size > 0.0:
+    spacing = spacing_of(points, arclength)
+    if not spacing > 0.0:
         return False
-    x, y = np.ascontiguousarray(points.T) * (length / size)
+    x, y = np.ascontiguousarray(points.T) * (np.diff(arclength).min() / spacing)
     gating = gating_numbers(vision.gating)
     seen = consistent_spacing(x, y, arclength, gating.farthest, gating)
     least = vision.rest_plane.seen * arclength.size
     return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= least)
 
 
-def _begins_at(pixels: Array, clamp_pixel: tuple[float, float], near: float) -> bool:
-    """Whether the first target of a row (targets, 2) is at the clamp, to `near` spacings."""
-    steps = np.hypot(*np.diff(pixels, axis=0).T)
-    away = math.hypot(*(pixels[0] - np.array(clamp_pixel)))
-    return bool(away <= near * np.nanmedian(steps))
+def _rows_from(
+    clamp_pixel: tuple[float, float], rows: list[TargetRow], pixels: Array, vision: VisionSettings
+) -> list[TargetRow]:
+    """Return the rows whose first target is at the clamp: of all that are, the nearest one."""
+    there = []
+    for row in rows:
+        at = row_points(row, pixels)
+        away = math.hypot(*(at[0] - np.array(clamp_pixel)))
+        if away <= vision.rest_plane.near_clamp * np.nanmedian(np.hypot(*np.diff(at, axis=0).T)):
+            there.append((away, row))
+    nearest = min((away for away, _ in there), default=math.inf)
+    return [row for away, row in there if away == nearest]

@@ -5,7 +5,7 @@ Tables of blobs have one line per target with the columns of `centroid`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -14,10 +14,24 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.vision.association import least_seen, row_from_clamp
-from pneunet_ros.vision.blobs import Blobs, find_blobs, find_components
+from pneunet_ros.vision.blobs import Appearance, Blobs, blobs_at, find_blobs, nearest_blobs
 from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import CameraSettings
-from pneunet_ros.vision.centroid import ANGLE, AREA, COLUMNS, MAJOR, MINOR, STD, U, V
+from pneunet_ros.vision.camera_settings import CameraSettings, CurvedRestPlane
+from pneunet_ros.vision.centroid import (
+    ANGLE,
+    AREA,
+    axes_of,
+    BLUR,
+    COLUMNS,
+    EXACT,
+    MAJOR,
+    MINOR,
+    outlines,
+    SEEN,
+    STD,
+    U,
+    V,
+)
 from pneunet_ros.vision.gating import (
     consistent_motion,
     consistent_size,
@@ -27,7 +41,14 @@ from pneunet_ros.vision.gating import (
     initial_area,
     Mask,
 )
-from pneunet_ros.vision.rest_plane import Failure, row_at_rest, row_points
+from pneunet_ros.vision.rest_plane import (
+    Failure,
+    plane_at_rest,
+    RestSearch,
+    row_at_rest,
+    row_points,
+)
+from pneunet_ros.vision.row_look import looks_of_neighbors, share_of_area
 from pneunet_ros.vision.settings import VisionSettings
 from pneunet_ros.vision.working_plane import Plane
 
@@ -37,7 +58,8 @@ class TrackedRow:
     """A row of targets as it was in a frame, from which the next one is predicted.
 
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
-    area (targets,): how large each is to be expected, px^2; seen (targets,): whether it was;
+    area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
+    looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
     spacing: distance of neighbors, px.
     """
 
@@ -45,6 +67,7 @@ class TrackedRow:
     pixels: Array
     velocity: Array
     area: Array
+    table: Array
     seen: Mask
     spacing: float
 
@@ -55,6 +78,17 @@ class TrackedRow:
         """
         seconds = seconds_between(self.stamp_ns, stamp_ns)
         return np.asarray(self.pixels + min(seconds, longest) * self.velocity)
+
+    def outlines(self, places: Array, vision: VisionSettings) -> Array:
+        """Return where edges are expected of targets that look as they did; places (n, 2) px."""
+        one, blobs = np.ones(len(places)), vision.blobs
+        return outlines(
+            places,
+            axes_of(self.table),
+            self.table[:, BLUR],
+            blobs.shape_std * one,
+            blobs.blur_std * one,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,39 +117,87 @@ class View:
     settings: CameraSettings
     vision: VisionSettings
 
+    @property
+    def appearance(self) -> Appearance:
+        """What counts as a blob."""
+        return self.vision.appearance(self.settings)
+
 
 def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] | None:
     """Find the row near where it must be by now, and what comes next; None where it is lost."""
-    camera, vision, count = view.settings, view.vision, view.arclength.size
+    vision, count = view.vision, view.arclength.size
     settings = vision.row_tracker
-    components = find_components(
-        view.image, camera.grey_band, camera.area, vision.blobs, vision.centroid
-    )
     predicted = last.predict(view.image.stamp_ns, settings.longest_prediction)
-    nearest = components.nearest(predicted, camera.gate * last.spacing)
-    row = gate_row(view, nearest, last.area, last)
+    table = blobs_at(view.image, last.outlines(predicted, vision), view.appearance)
+    table = with_nearest(view, table, predicted, view.settings.gate * last.spacing)
+    row = gate_row(view, table, last.area, last)
     for _ in range(settings.most_passes):
         if row.seen == count or row.seen < 2:
             break
-        lost = np.flatnonzero(np.isnan(row.std))
-        places = expected_pixels(view, row.points)[lost]
-        table = row.table.copy()
-        table[lost] = components.nearest(places, settings.reach_again * last.spacing)
+        places = expected_pixels(view, row.points)
+        table = with_nearest(view, row.table, places, settings.reach_again * last.spacing)
         more = gate_row(view, table, last.area, last)
         if more.seen <= row.seen:
             break
         row = more
-    if row.seen < vision.association.least_targets or not is_at_clamp(view, row.points):
+    row = with_partial(view, row, last.area, last)
+    least = min(count, vision.association.least_followed)
+    if row.seen < least or not is_at_clamp(view, row.points):
         return None
     return row, next_row(view, row, last)
 
 
+def with_nearest(view: View, table: Array, places: Array, reach: float) -> Array:
+    """Return a table with the nearest blob for each target that is not seen.
+
+    places (targets, 2) px; reach: from there, px.
+    """
+    table, lost = table.copy(), np.isnan(table[:, U])
+    if lost.any():
+        across = float(np.nanmax(table[:, MAJOR], initial=0.0))
+        across = across or math.sqrt(view.settings.area.largest)
+        table[lost] = nearest_blobs(view.image, places[lost], reach, across, view.appearance)
+    return table
+
+
+def with_partial(
+    view: View, row: ObservedRow, usual: Array, last: TrackedRow | None = None
+) -> ObservedRow:
+    """Return a row with the targets of which a part is seen, where their neighbors tell the rest.
+
+    Arguments as of `gate_row`.
+    """
+    settings = view.vision.row_look
+    if row.seen <= settings.fewest:
+        return row
+    places = np.where(
+        np.isnan(row.table[:, :2]), expected_pixels(view, row.points), row.table[:, :2]
+    )
+    expected = looks_of_neighbors(row.table, places, settings)
+    share = share_of_area(row.table, expected)
+    partial = ~((row.table[:, EXACT] >= settings.exact) & (share >= settings.least_area))
+    asked = np.flatnonzero(partial)
+    found = np.full_like(row.table, np.nan)
+    found[asked] = blobs_at(view.image, expected[asked], view.appearance)
+    reach = settings.moved * np.sqrt(np.nanmax(usual, initial=0.0) / math.pi)
+    believed = np.hypot(*(found[:, :2] - places).T) <= reach
+    believed &= (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
+    if not believed.any():
+        return row
+    table = np.where(believed[:, None], found, row.table)
+    more = gate_row(view, table, usual, last)
+    return more if more.seen >= row.seen else row
+
+
 def search_row(view: View) -> ObservedRow | Failure:
     """Find the row that starts at the clamp among all blobs of the frame."""
+    blobs = candidate_blobs(view)
+    return blobs if isinstance(blobs, Failure) else row_among(view, blobs)
+
+
+def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
+    """Find the row that starts at the clamp among these blobs."""
     vision = view.vision
-    blobs = candidate_blobs(view.image, view.settings, vision)
-    if isinstance(blobs, Failure):
-        return blobs
     points = view.plane.points(view.lens.undistort(np.column_stack([blobs.u, blobs.v])))
     usable = np.flatnonzero(np.isfinite(points[:, 0]))
     row = row_from_clamp(
@@ -125,7 +207,8 @@ def search_row(view: View) -> ObservedRow | Failure:
     least = least_seen(targets, vision.association)
     table, chosen = np.full((targets, COLUMNS), np.nan), row.chosen >= 0
     table[chosen] = blobs.table.T[usable[row.chosen[chosen]]]
-    found = gate_row(view, table, initial_area(table[:, AREA], vision.gating))
+    usual = initial_area(table[:, AREA], vision.gating)
+    found = with_partial(view, gate_row(view, table, usual), usual)
     if found.seen < least or not is_at_clamp(view, found.points):
         return Failure(
             reason='no_row',
@@ -136,42 +219,53 @@ def search_row(view: View) -> ObservedRow | Failure:
     return found
 
 
-def search_at_rest(
-    image: Image, lens: Lens, arclength: Array, settings: CameraSettings, vision: VisionSettings
-) -> Array | Failure:
-    """Find first and last target of the straight arm, normalized (2, 2)."""
-    blobs = candidate_blobs(image, settings, vision)
+def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
+    """Find the targets of the arm at rest, normalized (targets, 2), NaN where one is not seen.
+
+    view: its plane is not known yet, and not used; rest: where the arm has rested so far. A row
+    that is found must be what is found again from its clamp once the plane is known by it: what
+    a frame says does not depend on what was known before.
+    """
+    settings, vision, arclength = view.settings, view.vision, view.arclength
+    blobs = candidate_blobs(view)
     if isinstance(blobs, Failure):
         return blobs
     pixels = np.column_stack([blobs.u, blobs.v])
-    points = lens.undistort(pixels)
+    points = view.lens.undistort(pixels)
     usable = np.isfinite(points[:, 0])
+    bent = isinstance(settings.plane, CurvedRestPlane)
     row = row_at_rest(
         points[usable],
         pixels[usable],
         blobs.area[usable],
         arclength,
         settings.clamp_pixel,
-        settings.rest_straightness,
+        math.inf if bent else settings.rest_straightness,
         vision,
     )
     if isinstance(row, Failure):
-        return row
-    return row_points(row, points[usable])[[0, -1]]
-
-
-def candidate_blobs(
-    image: Image, settings: CameraSettings, vision: VisionSettings
-) -> Blobs | Failure:
-    """Return the blobs of a frame that can be targets, or why there are none to look at."""
-    blobs = find_blobs(image, settings.grey_band, settings.area, vision.blobs, vision.centroid)
-    most = vision.association.most_blobs
-    if blobs.crowded or len(blobs) > most:
+        again = rest.recognize(points[usable], arclength, vision.rest_plane)
+        return again if row.reason == 'no_row' and again is not None else row
+    at_rest = row_points(row, points[usable])
+    plane = plane_at_rest(at_rest, arclength, settings.plane)
+    found = row_among(replace(view, plane=plane), blobs)
+    if isinstance(found, Failure):
+        return found
+    again = view.lens.undistort(found.table[:, :2])
+    same = np.count_nonzero((again == at_rest).all(axis=1))
+    if same < vision.rest_plane.seen * arclength.size:
         return Failure(
-            reason='too_many_areas',
-            sentence=f'more than {most} bright areas could be targets: narrow '
-            'grey_band or area, or darken the background',
+            reason='no_row',
+            sentence=f'of the row of {arclength.size} targets at rest only {same} are found '
+            'again from its clamp: are their places those of target_arclength, and their sizes '
+            'like those of their neighbors?',
         )
+    return again
+
+
+def candidate_blobs(view: View) -> Blobs | Failure:
+    """Return the blobs of a frame that can be targets, or why there are none to look at."""
+    blobs = find_blobs(view.image, view.appearance)
     if len(blobs) == 0:
         return Failure(
             reason='no_areas',
@@ -188,6 +282,7 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
         pixels=row.table[:, :2],
         velocity=np.zeros((len(row.table), 2)),
         area=initial_area(row.table[:, AREA], view.vision.gating),
+        table=row.table,
         seen=np.zeros(len(row.table), np.bool_),
         spacing=math.nan,
     )
@@ -213,11 +308,13 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
             velocity[:, axis] = np.interp(arclength, arclength[both], moved[:, axis])
     steps = np.hypot(*np.diff(pixels, axis=0).T)
     known = steps[np.isfinite(steps)]
+    looked = np.where(seen[:, None], row.table, last.table)
     return TrackedRow(
         stamp_ns=view.image.stamp_ns,
         pixels=pixels,
         velocity=velocity,
         area=area,
+        table=looked,
         seen=seen,
         spacing=float(np.median(known)) if known.size else math.nan,
     )

@@ -8,10 +8,12 @@ from typing import Any
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.association import ASSOCIATION, AssociationSettings
 from pneunet_ros.vision.beam_search import BEAM_SEARCH, BeamSearchSettings
-from pneunet_ros.vision.blobs import BLOBS, BlobSettings
-from pneunet_ros.vision.centroid import CENTROID, CentroidSettings
+from pneunet_ros.vision.blobs import Appearance, BLOBS, BlobSettings
+from pneunet_ros.vision.camera_settings import CameraSettings
 from pneunet_ros.vision.curvature_prior import PRIOR, PriorSettings
+from pneunet_ros.vision.ellipse_fit import ELLIPSE, EllipseSettings
 from pneunet_ros.vision.gating import GATING, GatingSettings
+from pneunet_ros.vision.row_look import ROW_LOOK, RowLookSettings
 from pneunet_ros.vision.smoother import SMOOTHER, SmootherSettings
 
 
@@ -35,6 +37,8 @@ class RestPlaneSettings:
     still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
     near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')
     seen: float = tuning(0.8, 'share of the targets, at least')
+    ends: float = tuning(0.5, 'share of the frames in which first and last target are, at least')
+    places: int = tuning(4, 'places in which it may rest that are remembered')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +46,8 @@ class VisionSettings:
     """The settings of each step from an image to the measured curve."""
 
     blobs: BlobSettings = BLOBS
-    centroid: CentroidSettings = CENTROID
+    ellipse: EllipseSettings = ELLIPSE
+    row_look: RowLookSettings = ROW_LOOK
     association: AssociationSettings = ASSOCIATION
     beam_search: BeamSearchSettings = BEAM_SEARCH
     gating: GatingSettings = GATING
@@ -55,6 +60,12 @@ class VisionSettings:
     def parts(self) -> tuple[Any, ...]:
         """The settings of all steps, as `settings_used` takes them."""
         return tuple(getattr(self, item.name) for item in fields(self))
+
+    def appearance(self, camera: CameraSettings) -> Appearance:
+        """Return what counts as a blob for a camera."""
+        return Appearance(
+            band=camera.grey_band, limits=camera.area, blobs=self.blobs, ellipse=self.ellipse
+        )
 
 
 VISION = VisionSettings()

@@ -15,8 +15,21 @@ from pneunet_ros.core.readings import TargetSightings, unseen_targets
 from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import CameraSettings, HomographyPlane, PosePlane
-from pneunet_ros.vision.rest_plane import Failure, RestAverage, RESTING
+from pneunet_ros.vision.camera_settings import (
+    AUTO,
+    BRIGHT,
+    CameraSettings,
+    DARK,
+    HomographyPlane,
+    PosePlane,
+)
+from pneunet_ros.vision.rest_plane import (
+    Failure,
+    plane_at_rest,
+    RESTING,
+    RestSearch,
+    spacing_of,
+)
 from pneunet_ros.vision.row_tracker import (
     follow_row,
     search_at_rest,
@@ -27,8 +40,12 @@ from pneunet_ros.vision.row_tracker import (
     View,
 )
 from pneunet_ros.vision.settings import VISION, VisionSettings
-from pneunet_ros.vision.smoother import MeasuredCurve, smoother_for
+from pneunet_ros.vision.smoother import FEWEST_TARGETS, MeasuredCurve, smoother_for
 from pneunet_ros.vision.working_plane import Plane, plane_from_homography, plane_from_pose
+
+# Reasons of frames that do not show the arm, those that tell most first.
+TELLING = ('not_straight', 'wrong_clamp', 'several_rows', 'no_row', 'no_areas')
+UNKNOWN = Plane(base_from_normalized=np.eye(3))  # one meter from the camera, as good as any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,19 +63,28 @@ class Tracking:
     sentence: str = ''
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Polarity:
+    """Whether targets are bright or dark, and why that is known."""
+
+    name: str
+    evidence: str
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackerState:
     """All that a tracker remembers from one frame to the next.
 
     `frames` were looked at, `explained` of them show the arm; `unexplained` counts the others by
     reason, `rejected` the images that were not looked at. `trouble` says why there is no working
-    plane for this lens.
+    plane for this lens; `polarity` is None until a row of targets has shown it.
     """
 
     lens: Lens | None = None
     plane: Plane | None = None
     trouble: str = ''
-    rest: RestAverage = field(default_factory=RestAverage)
+    rest: RestSearch = field(default_factory=RestSearch)
+    polarity: Polarity | None = None
     row: TrackedRow | None = None
     stamp_ns: int | None = None
     frames: int = 0
@@ -102,7 +128,8 @@ class Tracker:
     the image is measured by `centroid`, who is who by `association`, the curve (Eq 1) by
     `smoother`.
 
-    Raises ModelError for an arm with fewer than four targets.
+    Raises ModelError for an arm with fewer than three targets: nothing tells two of them from two
+    glints.
     """
 
     def __init__(
@@ -117,7 +144,11 @@ class Tracker:
             )
         self.arm, self.settings, self.vision = arm, settings, vision
         self.arclength = arm.target_arclength
-        self.smoother = smoother_for(arm, settings=vision.smoother, prior=vision.prior)
+        self.smoother = (
+            smoother_for(arm, settings=vision.smoother, prior=vision.prior)
+            if count >= FEWEST_TARGETS
+            else None
+        )
 
     def step(
         self, state: TrackerState, reading: Image | Lens
@@ -134,49 +165,88 @@ class Tracker:
         state, refusal = self._admitted(state, reading)
         if refusal is not None:
             return state.count_rejected(refusal.reason), refusal
-        state, failure = self._at_rest(state, reading)
-        if failure is not None:
-            return self._unexplained(state, reading, failure)
-        assert state.lens is not None and state.plane is not None
+        if self.settings.polarity == AUTO and state.polarity is None:
+            return self._look_both_ways(state, reading)
+        name = self.settings.polarity if state.polarity is None else state.polarity.name
+        return self._look(state, reading, name)
+
+    def _look_both_ways(self, state: TrackerState, image: Image) -> tuple[TrackerState, Tracking]:
+        """Look for bright and for dark targets; what shows a row alone decides, once it is whole.
+
+        A row of either kind in one image is no answer.
+        """
+        looks = {name: self._look(state, image, name) for name in (BRIGHT, DARK)}
+        shown = [name for name, (_, it) in looks.items() if it.reason in ('', RESTING)]
+        said = {name: it.sentence for name, (_, it) in looks.items()}
+        if len(shown) == 1:
+            (name,) = shown
+            (other,) = looks.keys() - {name}
+            state, tracking = looks[name]
+            if tracking.reason:
+                return state, tracking
+            evidence = (
+                f'{name}: {tracking.sightings.seen} of {self.arclength.size} targets in a row; '
+                f'{other}: {said[other]}'
+            )
+            return replace(state, polarity=Polarity(name=name, evidence=evidence)), tracking
+        if shown:
+            sentence = 'bright and dark areas both show a row of targets: set polarity'
+            return self._unexplained(
+                state, image, Failure(reason='several_rows', sentence=sentence)
+            )
+        reason = min((it.reason for _, it in looks.values()), key=TELLING.index)
+        sentence = '; '.join(f'{name}: {words}' for name, words in said.items())
+        return self._unexplained(state, image, Failure(reason=reason, sentence=sentence))
+
+    def _look(
+        self, state: TrackerState, image: Image, polarity: str
+    ) -> tuple[TrackerState, Tracking]:
+        """Look for targets of a polarity."""
+        assert state.lens is not None
+        settings = self.settings
+        if polarity == DARK:
+            image = image.inverted()
+            settings = replace(settings, grey_band=settings.grey_band.inverted())
         view = View(
-            image=reading,
+            image=image,
             lens=state.lens,
-            plane=state.plane,
+            plane=state.plane or UNKNOWN,
             arclength=self.arclength,
             clamp_angle=self.arm.clamp_angle,
-            settings=self.settings,
+            settings=settings,
             vision=self.vision,
         )
+        if state.plane is None:
+            state, failure = self._at_rest(state, view)
+            if state.plane is None:
+                return self._unexplained(state, image, failure)
+            view = replace(view, plane=state.plane)
         followed = None if state.row is None else follow_row(view, state.row)
         if followed is None:
             observed = search_row(view)
             if isinstance(observed, Failure):
-                return self._unexplained(state, reading, observed)
+                return self._unexplained(state, image, observed)
             followed = observed, start_row(view, observed)
         observed, row = followed
         targets = target_sightings(view, observed)
-        return state.with_row(row), Tracking(
-            sightings=targets, curve=self.smoother.smooth(targets)
-        )
+        curve = None if self.smoother is None else self.smoother.smooth(targets)
+        return state.with_row(row), Tracking(sightings=targets, curve=curve)
 
-    def _at_rest(self, state: TrackerState, image: Image) -> tuple[TrackerState, Failure | None]:
-        """Get the working plane from the arm at rest, unless it is known."""
-        if state.plane is not None:
-            return state, None
-        assert state.lens is not None
-        found = search_at_rest(image, state.lens, self.arclength, self.settings, self.vision)
+    def _at_rest(self, state: TrackerState, view: View) -> tuple[TrackerState, Failure]:
+        """Take a frame into what is known of the rest; why there is no plane yet, if so."""
+        wanted, settings = self.settings.rest_frames, self.vision.rest_plane
+        found = search_at_rest(view, state.rest)
         if isinstance(found, Failure):
-            return state, found
-        length = self.arclength[-1] - self.arclength[0]
-        spacing = float(
-            np.min(np.diff(self.arclength)) / length * np.hypot(*(found[1] - found[0]))
-        )
-        rest = state.rest.with_frame(found, spacing, self.vision.rest_plane)
-        wanted = self.settings.rest_frames
-        if rest.frames >= wanted:
-            return replace(state, rest=rest, plane=rest.plane(self.arclength)), None
-        sentence = f'scale and base frame: {rest.frames} of {wanted} frames of the arm at rest'
-        return replace(state, rest=rest), Failure(reason=RESTING, sentence=sentence)
+            lacks = state.rest.lacks(wanted, settings)
+            sentence = f'{found.sentence}; so far {lacks}' if lacks else found.sentence
+            return state, Failure(reason=found.reason, sentence=sentence)
+        spacing = spacing_of(found, self.arclength)
+        rest = state.rest.with_frame(found, spacing, settings)
+        lacks, plane = rest.lacks(wanted, settings), None
+        if not lacks:
+            plane = plane_at_rest(rest.places[0].points, self.arclength, self.settings.plane)
+        failure = Failure(reason=RESTING, sentence=f'scale and base frame: {lacks}')
+        return replace(state, rest=rest, plane=plane), failure
 
     def _unexplained(
         self, state: TrackerState, image: Image, failure: Failure
@@ -207,8 +277,11 @@ class Tracker:
         return state if same_values(state.lens, lens) else self._through(state.fresh(), lens)
 
     def _through(self, state: TrackerState, lens: Lens | None) -> TrackerState:
-        """Return the state with a lens, and the working plane where that is known beforehand."""
-        method, plane, trouble = self.settings.plane, None, ''
+        """Return the state with a lens, and the working plane where that is known beforehand.
+
+        A state that begins with a plane, of the same arm at rest before the same camera, keeps it.
+        """
+        method, plane, trouble = self.settings.plane, state.plane, ''
         try:
             if lens is not None and isinstance(method, HomographyPlane):
                 plane = plane_from_homography(lens, method)

@@ -32,8 +32,8 @@ HELD_OUT = 'random_mix'
 HIDDEN: Mapping[str, Mapping[str, float]] = {
     'load_offset': {'offset': 0.006},
     'extensibility': {'axial_stiffness': 20.0},
-    'force_misalignment': {'angle': 0.15},
-    'hysteresis': {'width': 8e3},
+    'force_misalignment': {'angle': 0.09},
+    'hysteresis': {'width': 3.5e3},
     'softening': {'loss': 0.3},
 }
 BETWEEN = 5.0  # s from one recording to the next

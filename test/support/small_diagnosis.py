@@ -190,6 +190,7 @@ def diagnosis(
     found = Diagnosis(
         answer='named',
         sentence=f'The model lacks {effect.name}: <it> explains all that noise does not.',
+        certainty=f'{effect.name} brings <chi squared> from 9 to 1.',
         effects=(
             NamedEffect(
                 name=effect.name,
@@ -204,6 +205,7 @@ def diagnosis(
         before=before,
         after=after,
         noise_floor=1.1e-4,
+        noise_floor_std=4e-6,
         closed=0.97,
         adequacy_before=Adequacy(statistic=900.0, threshold=60.0, p_value=1.0 / 301.0),
         adequacy_after=Adequacy(statistic=41.0, threshold=60.0, p_value=0.43),

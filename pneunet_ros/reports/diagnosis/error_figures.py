@@ -160,11 +160,24 @@ def error_sentence(diagnosis: Diagnosis) -> str:
     first, last, kind = before.training, after.training, 'training'
     if before.held_out is not None and after.held_out is not None:
         first, last, kind = before.held_out, after.held_out, 'held-out'
-    sentence = f'On {kind} recordings {change_text(first, last)}'
-    if diagnosis.closed is not None:
-        removed = 100.0 * diagnosis.closed
-        sentence += f', which removed {removed:.0f} % of the reducible error'
-    return f'{sentence}.'
+    return f'On {kind} recordings {change_text(first, last)}{removed_text(diagnosis)}.'
+
+
+def removed_text(diagnosis: Diagnosis) -> str:
+    """Say how much of the reducible error was removed; never more than all of it."""
+    if diagnosis.closed is None:
+        return ''
+    if diagnosis.closed >= 1.0:
+        after = millimeters(diagnosis.after.rms)
+        floor, scatter = (
+            millimeters(value) for value in (diagnosis.noise_floor, diagnosis.noise_floor_std)
+        )
+        return (
+            f', all of what was reducible: {after:.3f} mm, noise alone {floor:.3f} '
+            f'± {scatter:.3f} mm'
+        )
+    removed = min(100.0 * diagnosis.closed, 99.0)
+    return f', which removed {removed:.0f} % of the reducible error'
 
 
 def change_text(first: Misfit, last: Misfit) -> str:

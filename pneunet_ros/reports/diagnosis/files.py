@@ -9,17 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.calibration.calibration import domain_of
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.units import quantities
-from pneunet_ros.diagnosis.result import Diagnosis, Misfit
+from pneunet_ros.diagnosis.result import Diagnosis, Misfit, UnsettledDiagnosis
+from pneunet_ros.diagnosis.settings import DiagnosisSettings
 from pneunet_ros.files.json_text import json_text, plain
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.figures import FIGURES
-from pneunet_ros.reports.diagnosis.report import report_page
+from pneunet_ros.reports.diagnosis.report import report_page, unsettled_page
 from pneunet_ros.reports.diagnosis.tables import added_effects
 from pneunet_ros.reports.figure import draw_figures
 
@@ -56,12 +58,46 @@ def write_diagnosis(
     return content
 
 
+def write_unsettled(
+    diagnosis: UnsettledDiagnosis, folder: Path, *, frame: Arm, provenance: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write the page and the JSON of a diagnosis without numbers; there is no model to write."""
+    folder.mkdir()
+    origin = {**provenance, 'seed': diagnosis.seed}
+    (folder / PAGE).write_text(unsettled_page(diagnosis, frame.name, origin), encoding='utf-8')
+    content: dict[str, Any] = plain(
+        {
+            'answer': diagnosis.answer,
+            'sentence': diagnosis.sentence,
+            'effects': [],
+            'alternatives': [],
+            'where': [],
+            'gap': dict.fromkeys(('training', 'heldout', 'noise_floor_m', 'closed')),
+            'adequacy': dict.fromkeys(('before', 'after')),
+            'detectable': {},
+            'parameter_shift': {},
+            'notes': diagnosis.notes,
+            **provenance,
+            **ending(diagnosis.seed, diagnosis.settings),
+        }
+    )
+    (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')
+    return content
+
+
+def ending(seed: int, settings: DiagnosisSettings) -> dict[str, Any]:
+    """Return what every JSON of a diagnosis ends with."""
+    used = {'used': settings_used(settings), 'not_default': settings_changed(settings)}
+    return {'seed': seed, 'settings': used}
+
+
 def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
-    before, after, settings = diagnosis.before, diagnosis.after, diagnosis.settings
+    before, after = diagnosis.before, diagnosis.after
     content = {
         'answer': diagnosis.answer,
         'sentence': diagnosis.sentence,
+        'certainty': diagnosis.certainty,
         'effects': [asdict(effect) for effect in diagnosis.effects],
         'alternatives': diagnosis.alternatives,
         'where': [
@@ -80,6 +116,7 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
             'training': misfits_content(before.training, after.training),
             'heldout': misfits_content(before.held_out, after.held_out),
             'noise_floor_m': diagnosis.noise_floor,
+            'noise_floor_std_m': diagnosis.noise_floor_std,
             'closed': diagnosis.closed,
         },
         'adequacy': {
@@ -95,8 +132,7 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
         'proposal': diagnosis.proposal,
         'notes': diagnosis.notes,
         **provenance,
-        'seed': diagnosis.seed,
-        'settings': {'used': settings_used(settings), 'not_default': settings_changed(settings)},
+        **ending(diagnosis.seed, diagnosis.settings),
     }
     plain_content: dict[str, Any] = plain(content)
     return plain_content
@@ -134,7 +170,11 @@ def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any
         **provenance,
     }
     return replace(
-        arm, name='+'.join([frame.name, *added]), sources=sources, provenance=plain(about)
+        arm,
+        name='+'.join([frame.name, *added]),
+        domain=domain_of(diagnosis.after.fit),
+        sources=sources,
+        provenance=plain(about),
     )
 
 

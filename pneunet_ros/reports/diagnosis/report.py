@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pneunet_ros.diagnosis.result import CLEAR, Diagnosis
+from pneunet_ros.diagnosis.result import CLEAR, Diagnosis, UnsettledDiagnosis
 from pneunet_ros.reports.calibration.tables import flat
 from pneunet_ros.reports.calibration.verdict import stiffness_text
 from pneunet_ros.reports.diagnosis.error_figures import error_sentence
@@ -28,6 +28,7 @@ from pneunet_ros.reports.page import render_page
 from pneunet_ros.reports.settings import REPORT_SETTINGS
 
 TEMPLATE = 'diagnosis_report.html.jinja'
+UNSETTLED = 'unsettled_report.html.jinja'
 
 
 def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[str, Any]) -> str:
@@ -56,6 +57,11 @@ def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[st
         detectable=detectable_table(diagnosis),
         provenance=flat(provenance),
     )
+
+
+def unsettled_page(diagnosis: UnsettledDiagnosis, name: str, provenance: Mapping[str, Any]) -> str:
+    """Return the page of a diagnosis that has no number; name: of the model."""
+    return render_page(UNSETTLED, diagnosis=diagnosis, name=name, provenance=flat(provenance))
 
 
 def stiffness_change(diagnosis: Diagnosis) -> str:

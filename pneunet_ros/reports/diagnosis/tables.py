@@ -17,7 +17,7 @@ ANSWERS = {
     'none': 'none: the residuals are consistent with noise',
     'named': 'named: with it the residuals are consistent with noise',
     'inseparable': 'inseparable: several effects cannot be distinguished with these data',
-    'unknown': 'unknown: something is missing, and it is no effect of the library',
+    'unknown': 'unknown: something is missing, and no effect of the library can be named',
     'unobservable': 'unobservable: these recordings could not have shown any effect',
 }
 MOST_SHIFTS = 25  # quantities in the table of the report
@@ -70,15 +70,14 @@ def effect_table(diagnosis: Diagnosis) -> Table:
             EFFECTS[effect.name].meaning,
             name,
             with_error(found),
-            f'{100.0 * effect.probability:.1f} %',
         )
         for effect in diagnosis.effects
         for name, found in effect.parameters.items()
     ]
     return Table(
-        columns=('effect', 'meaning', 'parameter', 'value, standard error', 'probability'),
+        columns=('effect', 'meaning', 'parameter', 'value, standard error'),
         rows=tuple(rows),
-        numbers=(3, 4),
+        numbers=(3,),
     )
 
 

@@ -17,9 +17,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.errors import shortened
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.reports.style import figure_text
 from pneunet_ros.reports.tracking.heat_map import heat
 from pneunet_ros.reports.tracking.preview_video import overlay_of
 from pneunet_ros.tables.length_unit import LengthUnit
@@ -33,6 +35,7 @@ HEAT = ListedColormap([MISSING, '#d8b08c', '#9fb4cb', '#6b90bb', SEEN]).with_ext
 )
 WIDTH = 20.0  # inches
 PICTURES = 5
+LONGEST_TITLE = 150  # letters
 CURVES = 60  # at most, of centerlines; half as many are always there when there were more
 BANDS = 8  # curvatures with their uncertainty
 SIGMAS = 2.0
@@ -127,7 +130,7 @@ class Preview:
         self._draw_pictures(parts[0])
         self._draw_curves(parts[1], unit)
         self._draw_history(parts[2], unit)
-        figure.suptitle(title, fontsize=17)
+        figure.suptitle(figure_text(shortened(title, LONGEST_TITLE)), fontsize=17)
         figure.savefig(path, dpi=110, format='png')
 
     def _seconds(self, log_time_ns: int) -> float:

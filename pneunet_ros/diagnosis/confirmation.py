@@ -1,0 +1,170 @@
+"""What a name requires besides passing the tests: held-out recordings, priors, stability.
+
+A set of effects that leaves residuals consistent with noise may still be the wrong one. It keeps
+its name only if it predicts held-out recordings better, if every parameter lies within its prior,
+and if no other set becomes the answer when a training recording is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+
+from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
+from pneunet_ros.diagnosis.settings import DiagnosisSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Confirmation:
+    """What speaks against a name, and what of it could not be tested; sentences."""
+
+    objections: tuple[str, ...] = ()
+    untested: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Confirmer:
+    """The requirements of a name.
+
+    base: the model without any effect more; tried: all sets that were fitted; training: names of
+    the training recordings, the first of all runs.
+    """
+
+    base: Record
+    tried: tuple[Record, ...]
+    training: tuple[str, ...]
+    settings: DiagnosisSettings
+
+    @classmethod
+    def of(cls, selection: Selection, base: Record) -> Confirmer:
+        """Take all sets of a selection."""
+        runs = selection.linearization.runs[: selection.linearization.training]
+        return cls(
+            base=base,
+            tried=tuple(selection.tried.values()),
+            training=tuple(run.name for run in runs),
+            settings=selection.settings,
+        )
+
+    def confirm(self, record: Record, alternatives: Collection[str] = ()) -> Confirmation:
+        """Hold a set of effects against the requirements; alternatives: names it may be, too."""
+        return Confirmation(
+            objections=(*self.objections(record), *self.other_names(record, alternatives)),
+            untested=(*self.held_out_untested(record), *self.stability_untested(record)),
+        )
+
+    def objections(self, record: Record) -> tuple[str, ...]:
+        """Return what speaks against a set of effects by itself."""
+        return (
+            *self.what_is_left(record),
+            *self.held_out_objections(record),
+            *record.outside_prior,
+            *self.uneven_arm(record),
+        )
+
+    def chi_squared(self, record: Record, *, held_out: bool = False) -> float:
+        """Return chi squared per coordinate of the training runs, or of the held-out ones."""
+        count = len(self.training)
+        part = slice(count, None) if held_out else slice(count)
+        return sum(record.run_chi_squared[part]) / max(sum(record.coordinates[part]), 1)
+
+    def what_is_left(self, record: Record) -> tuple[str, ...]:
+        """Object to a law that leaves more than laws may."""
+        left, most = self.chi_squared(record), self.settings.confirmation.most_left
+        worst = min(record.tests, key=attrgetter('p_value'))
+        if left <= most or worst.p_value > self.settings.lack_of_fit.level / len(record.tests):
+            return ()
+        return (
+            f'it leaves chi squared per coordinate {left:.2g} in training recordings, where noise '
+            f'alone leaves 1 (p-value {worst.p_value:.1g} of {worst.name})',
+        )
+
+    @property
+    def has_held_out(self) -> bool:
+        """Whether any recording was held out."""
+        return len(self.base.run_chi_squared) > len(self.training)
+
+    def shown(self, record: Record) -> float:
+        """Return the held-out chi squared of what was added: the fall if it is right."""
+        pairs = zip(self.base.held_out, record.held_out, strict=True)
+        return float(sum(((before - after) ** 2).sum() for before, after in pairs))
+
+    def held_out_objections(self, record: Record) -> tuple[str, ...]:
+        """Object where held-out recordings are not predicted better, or their error rises."""
+        settings, count = self.settings.confirmation, len(self.training)
+        if not self.has_held_out:
+            return ()
+        before, after = (sum(item.run_chi_squared[count:]) for item in (self.base, record))
+        means = [self.chi_squared(item, held_out=True) for item in (self.base, record)]
+        if after > before + settings.fall:
+            return (
+                'held-out chi squared per coordinate rises from '
+                f'{means[0]:.3g} to {means[1]:.3g} with it',
+            )
+        fall = 2.0 * (record.predicted - self.base.predicted)
+        if fall < settings.fall and self.shown(record) >= settings.shown:
+            return (
+                'held-out recordings are not predicted significantly better with it (chi squared '
+                f'per coordinate {means[0]:.3g} before, {means[1]:.3g} after)',
+            )
+        return ()
+
+    def held_out_untested(self, record: Record) -> tuple[str, ...]:
+        """Say that nothing new tests it."""
+        if not self.has_held_out:
+            return ('no recording was held out: it was not tested on anything new',)
+        if self.shown(record) < self.settings.confirmation.shown:
+            return ('the held-out recordings hardly show it: nothing new tests it',)
+        return ()
+
+    def uneven_arm(self, record: Record) -> tuple[str, ...]:
+        """Object where an arm that bends unevenly, which no target shows, needs no effect."""
+        if record.uneven is None or self.base.uneven is None:
+            return ()
+        if record.uneven - self.base.uneven >= self.settings.selection.least_evidence:
+            return ()
+        share = self.settings.calibration.resolution.nonuniform
+        return (
+            f'an arm that bends unevenly, by {share:g} of its curvature along it, explains it as '
+            'well, and these targets do not show how it bends',
+        )
+
+    def other_names(self, record: Record, alternatives: Collection[str]) -> tuple[str, ...]:
+        """Object where another set becomes the answer without one of the training recordings.
+
+        By the linearized fit of each set to all of them, from which one is taken out.
+        """
+        margin = evidence_margin(record.evidence, self.settings.selection)
+        allowed = {*record.names, *alternatives}
+        others = [
+            item
+            for item in self.tried
+            if (set(item.names) - allowed or 0 < len(item.names) < len(record.names))
+            and item.log_probability <= record.log_probability + margin
+        ]
+        if len(self.training) < 2 or not others:
+            return ()
+        sentences = []
+        for which, name in enumerate(self.training):
+            best = max(others, key=lambda item: item.without[which])
+            if best.without[which] > record.without[which] + margin:
+                names = ' + '.join(best.names)
+                sentences.append(f'without {Path(name).name} the name would be {names}')
+        return tuple(sentences)
+
+    def stability_untested(self, record: Record) -> tuple[str, ...]:
+        """Say that the name hangs on one recording, or that there is only one."""
+        if len(self.training) < 2:
+            return (
+                'there is one training recording: whether the name stays without it could not be '
+                'tested',
+            )
+        least = evidence_margin(record.evidence, self.settings.selection)
+        alone = [
+            Path(name).name
+            for which, name in enumerate(self.training)
+            if record.without[which] - self.base.without[which] < least
+        ]
+        return tuple(f'it shows in {name} alone of the training recordings' for name in alone)

@@ -1,0 +1,84 @@
+"""How a target looks by its neighbors in the row: size, shape and blur change little along it.
+
+A target of which only a part is seen (cut off by the end of the arm, behind a finger, before a
+background of its own grey) is where an outline like those of its neighbors fits that part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.vision.centroid import AREA, axes_of, BLUR, EXACT, Integers, outlines
+from pneunet_ros.vision.ellipse_fit import AXIS_XX, AXIS_XY, AXIS_YY
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowLookSettings:
+    """When a target is looked at as its neighbors look, and how well these tell."""
+
+    neighbors: int = tuning(6, 'the nearest, by which a target is known')
+    fewest: int = tuning(3, 'of them')
+    exact: float = tuning(
+        0.94, 'share of the edge on the outline, of a whole blob', source='measured'
+    )
+    least_area: float = tuning(
+        0.985, 'of a whole blob, over that by its neighbors', source='measured'
+    )
+    least_std: float = tuning(0.0015, 'one sigma of size and shape, at least', unit='radius')
+    blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px')
+    whole: float = tuning(0.87, 'area of a target seen in great part, over that by its neighbors')
+    seen: float = tuning(0.7, 'share of the edge that shows a target of which less is seen')
+    moved: float = tuning(0.5, 'a target by a part of it, off where it was seen', unit='radius')
+
+
+ROW_LOOK = RowLookSettings()
+
+
+def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
+    """Return how targets look by their neighbors, as `outlines` at places (targets, 2) px.
+
+    table (targets, COLUMNS), NaN where one is not seen. Axes and blur are on a line over the
+    nearest neighbors whose edges are whole; how far these are off it is how well it tells. NaN for
+    a target that has too few.
+    """
+    whole = np.flatnonzero(table[:, EXACT] >= settings.exact)
+    axes, radius = axes_of(table), np.sqrt(table[:, AREA] / math.pi)
+    count = len(table)
+    expected, blur, std = (
+        np.full((count, 3), np.nan),
+        np.full(count, np.nan),
+        np.full(count, np.nan),
+    )
+    for target in range(count):
+        others = whole[whole != target]
+        near = others[np.argsort(np.abs(others - target), kind='stable')[: settings.neighbors]]
+        if len(near) >= settings.fewest:
+            expected[target], off = _line_at(target, near, axes)
+            std[target] = off / float(np.median(radius[near]))
+            blur[target] = float(np.median(table[near, BLUR]))
+    std = np.maximum(std, settings.least_std)
+    return outlines(places, expected, blur, std, np.full(count, settings.blur_std))
+
+
+def _line_at(target: int, near: Integers, values: Array) -> tuple[Array, float]:
+    """Return values (k,) of a line over neighbors at a target, and one sigma of them."""
+    away = (near - target).astype(np.float64)
+    design = np.column_stack([np.ones_like(away), away])
+    inverse = np.linalg.inv(design.T @ design)
+    line = inverse @ design.T @ values[near]
+    off = values[near] - design @ line
+    free = max(len(near) - 2, 1) * values.shape[1]
+    return line[0], float(np.sqrt((1.0 + inverse[0, 0]) * np.sum(off * off) / free))
+
+
+def share_of_area(table: Array, expected: Array) -> Array:
+    """Return how large targets are over how large their neighbors say they are (targets,).
+
+    expected: as `looks_of_neighbors`.
+    """
+    size = expected[:, AXIS_XX] * expected[:, AXIS_YY] - expected[:, AXIS_XY] ** 2
+    return np.asarray(table[:, AREA] / (math.pi * size))
