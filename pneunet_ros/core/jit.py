@@ -11,6 +11,7 @@ ones in their places (`core.kernel_cache` has them compiled meanwhile, in a proc
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 import hashlib
 import importlib.util
 import os
@@ -44,7 +45,10 @@ def fingerprint(package: Path) -> str:
     return whole.hexdigest()
 
 
-SOURCES = fingerprint(Path(__file__).parent.parent) if HAVE_NUMBA else ''
+@cache
+def sources() -> str:
+    """Return the fingerprint of this package."""
+    return fingerprint(Path(__file__).parent.parent)
 
 
 class Waiting:
@@ -113,7 +117,7 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
         compiled = numba.njit(**options)(function)
         if 'cache' in options:
             index = compiled._cache._cache_file
-            index._source_stamp = (index._source_stamp, SOURCES)
+            index._source_stamp = (index._source_stamp, sources())
     except (RuntimeError, AttributeError):
         # Nowhere to keep a cache, neither beside this file nor in the home folder; or a numba
         # that keeps it in another way.
@@ -128,8 +132,8 @@ def use_compiled() -> None:
     Those that are on the disk are loaded first, so that no caller waits for them.
     """
     compiled = {id(function): dispatcher(function, options) for function, options in WAITING.plain}
-    for kernel_function in compiled.values():
-        load_kept(kernel_function)
+    for compiled_kernel in compiled.values():
+        load_kept(compiled_kernel)
     for module in list(sys.modules.values()):
         names = getattr(module, '__dict__', {})
         for name, value in list(names.items()):

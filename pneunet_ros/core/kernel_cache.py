@@ -39,7 +39,7 @@ def cache_folder() -> Path:
 
 def kept_file() -> Path:
     """Return the file that says that the kernels are on the disk."""
-    parts = [jit.SOURCES, platform.python_version(), processor()]
+    parts = [jit.sources(), platform.python_version(), processor()]
     for library in ('numba', 'llvmlite', 'numpy'):
         try:
             parts.append(version(library))
@@ -92,32 +92,36 @@ def start_compiling() -> subprocess.Popen[bytes]:
     )
 
 
-def compile_meanwhile(on_ready: Callable[[], None] = lambda: None) -> None:
-    """Answer from plain Python until a process of its own has compiled the kernels.
+def answer_first() -> None:
+    """Let kernels run as plain Python where they are not on the disk; before any is imported."""
+    if not kernels_kept():
+        jit.answer_first()
 
-    To be called before any kernel is imported. on_ready: is called in another thread when the
-    compiled ones have taken over.
+
+def compile_meanwhile() -> bool:
+    """Have the kernels compiled in a process of its own, and use them when they are there.
+
+    Whether there was something to compile. Another thread waits for them and puts them in place.
     """
     if kernels_kept():
-        return
-    jit.answer_first()
+        return False
     process = start_compiling()
 
     def take_over() -> None:
-        while process.poll() is None:
-            time.sleep(LOOK_AGAIN)
+        process.wait()
         if kernels_kept():
             jit.use_compiled()
-            on_ready()
 
     Thread(target=take_over, name='kernels', daemon=True).start()
+    return True
 
 
-def compile_now(on_wait: Callable[[], None] = lambda: None) -> None:
-    """Wait until the kernels are compiled, where they are not; on_wait: is called meanwhile."""
+def compile_first(on_wait: Callable[[], None]) -> None:
+    """Wait until the kernels are on the disk, and use them; on_wait: is called meanwhile."""
     if kernels_kept():
         return
     process = start_compiling()
     while process.poll() is None:
         on_wait()
         time.sleep(LOOK_AGAIN)
+    jit.use_compiled()

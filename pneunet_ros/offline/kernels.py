@@ -1,4 +1,4 @@
-"""Every kernel called once, on recordings that are shipped: what has to be compiled before work."""
+"""Every kernel called once, on recordings that are shipped: so all are compiled before work."""
 
 from __future__ import annotations
 
