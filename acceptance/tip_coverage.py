@@ -85,14 +85,15 @@ def truth_of(seed: int, name: str) -> LabTruth:
 def errors_of(arm: Arm, truth: LabTruth, seed: int) -> dict[str, Array]:
     """Estimate every frame of a history from noisy readings of it, and compare with the truth.
 
-    Returns nees (frames,) of the tip, and within (frames, places, 2): error over std of x and y.
-    NaN where there was no estimate.
+    Returns nees (frames,) of the tip, within (frames, places, 2): error over std of x and y, and
+    flagged (frames,): an extrapolation. NaN where there was no estimate.
     """
     estimator, state, noise = Estimator(arm=arm), EstimatorState(), LabNoise()
     random = np.random.default_rng([seed, 11])
     size = np.array([noise.force_std, noise.force_std, noise.moment_std, noise.pressure_std])
     nees = np.full(truth.time.size, np.nan)
     within = np.full((truth.time.size, len(PLACES), 2), np.nan)
+    flagged = np.zeros(truth.time.size, dtype=bool)
     true = np.stack([truth.x, truth.y])
     for frame, time in enumerate(truth.time.tolist()):
         load = (*truth.force[frame], truth.moment[frame], truth.pressure[frame])
@@ -105,6 +106,7 @@ def errors_of(arm: Arm, truth: LabTruth, seed: int) -> dict[str, Array]:
         state, estimate = estimator.step(state, PressureReading(stamp_ns=stamp, pressure=pressure))
         if not isinstance(estimate, ShapeEstimate):
             continue
+        flagged[frame] = estimate.shape.extrapolated
         error = true[:, frame, -1] - np.array(estimate.shape.tip[:2])
         nees[frame] = error @ np.linalg.solve(estimate.tip_covariance[:2, :2], error)
         fields = (
@@ -117,7 +119,7 @@ def errors_of(arm: Arm, truth: LabTruth, seed: int) -> dict[str, Array]:
                 off -= np.interp(place, estimate.shape.arclength, found)
                 sigma = np.interp(place, estimate.shape.arclength, std)
                 within[frame, which, axis] = off / sigma
-    return {'nees': nees, 'within': within}
+    return {'nees': nees, 'within': within, 'flagged': flagged}
 
 
 def one_rig(seed: int) -> dict[str, dict[str, Array]]:
@@ -135,21 +137,27 @@ def one_rig(seed: int) -> dict[str, dict[str, Array]]:
 
 def summary_of(rigs: list[dict[str, dict[str, Array]]]) -> dict:
     """Return coverage and mean NEES per history and of all together, and what misses a goal."""
-    nees = {name: np.array([rig[name]['nees'] for rig in rigs]) for name in rigs[0]}
-    within = {name: np.array([rig[name]['within'] for rig in rigs]) for name in rigs[0]}
-    rows = {name: row_of(nees[name], within[name]) for name in nees}
-    pooled = row_of(*(np.concatenate(list(item.values()), axis=1) for item in (nees, within)))
+    found = {
+        name: {key: np.array([rig[name][key] for rig in rigs]) for key in rigs[0][name]}
+        for name in rigs[0]
+    }
+    rows = {name: row_of(**item) for name, item in found.items()}
+    together = list(found.values())
+    pooled = row_of(
+        **{key: np.concatenate([item[key] for item in together], axis=1) for key in together[0]}
+    )
     least = min(row['covered'] for row in rows.values())
-    found = {'pooled': pooled['covered'], 'least': least, 'nees': pooled['nees']}
-    missed = [name for name, (low, high) in GOALS.items() if not low <= found[name] <= high]
+    reached = {'pooled': pooled['covered'], 'least': least, 'nees': pooled['nees']}
+    missed = [name for name, (low, high) in GOALS.items() if not low <= reached[name] <= high]
     return {'histories': rows, 'pooled': pooled, 'missed': missed}
 
 
-def row_of(nees: Array, within: Array) -> dict:
-    """Return what came of frames: nees (rigs, frames), within (rigs, frames, places, 2)."""
+def row_of(nees: Array, within: Array, flagged: Array) -> dict:
+    """Return what came of frames: as of `errors_of`, with rigs as the first axis."""
     known = np.isfinite(nees)
     return {
         'frames': int(known.sum()),
+        'flagged': int(flagged.sum()),
         'refused': int((~known).sum()),
         'covered': float(np.mean(nees[known] <= IN_ELLIPSE)),
         'worst_rig': float(min(np.mean(row[np.isfinite(row)] <= IN_ELLIPSE) for row in nees)),
@@ -162,15 +170,14 @@ def row_of(nees: Array, within: Array) -> dict:
 def show(summary: dict, rigs: int) -> None:
     """Print for people."""
     table = Table(title=f'Tip in its 95 % ellipse, {rigs} rigs')
-    columns = 'loads', 'frames', 'refused', 'covered', 'worst rig', 'mean NEES', 'largest'
+    columns = 'loads', 'frames', 'flagged', 'refused', 'covered', 'worst rig', 'NEES', 'largest'
     for column in (*columns, *(f'x, y at {place:g} l' for place in PLACES)):
         table.add_column(column)
     for name, row in (*summary['histories'].items(), ('all', summary['pooled'])):
         places = (f'{value:.3f}' for value in row['places_covered'])
         table.add_row(
             name,
-            str(row['frames']),
-            str(row['refused']),
+            *(str(row[count]) for count in ('frames', 'flagged', 'refused')),
             f'{row["covered"]:.3f}',
             f'{row["worst_rig"]:.3f}',
             f'{row["nees"]:.2f}',

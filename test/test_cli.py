@@ -185,7 +185,7 @@ def test_predict_gives_all_numbers_of_the_contract(run_json):
     assert code == 0
     assert set(answer) == PREDICTED
     assert (answer['converged'], answer['stable']) == (True, True)
-    assert answer['status'] == 'converged, stable'
+    assert answer['status'].startswith('converged, stable')
     assert answer['residual'] < 1e-10
     assert (answer['pressure'], answer['force']) == (31e3, [0.175, 0.07])
     assert answer['moment_at_end'] == 2e-4
@@ -641,8 +641,7 @@ def test_the_demo_with_a_bad_model_leaves_nothing(run, tmp_path):
 
 def test_the_demo_without_one_estimate_says_so_and_its_picture_is_one(run_json, tmp_path):
     model = tmp_path / 'high.yaml'
-    save_model(replace(ARM, domain=None), model)
-    text = model.read_text()
+    text = re.sub(r'\ndomain:\n( .*\n)+', '\n', MODEL.read_text())
     for row in re.findall(r'pressure: \[(.*?)\]', text):
         moved = ', '.join(str(float(value) + 5e5) for value in row.split(','))
         text = text.replace(f'pressure: [{row}]', f'pressure: [{moved}]')

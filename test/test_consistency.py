@@ -29,6 +29,7 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import (
     innovation,
     predict_targets,
@@ -223,8 +224,9 @@ def test_an_uncertain_camera_is_an_error_of_the_model():
         *list(events(seen_of(KNOWN)))[:2]
     )
     expected = monitored.predict()
-    np.testing.assert_allclose(expected.errors[-2], 0.01 * np.stack([expected.x, expected.y]),
-                               atol=1e-9)  # fmt: skip
+    np.testing.assert_allclose(
+        expected.errors[PRESSURE + 1], 0.01 * np.stack([expected.x, expected.y]), atol=1e-9
+    )
 
 
 def test_chi_square_is_that_of_the_whole_covariance():

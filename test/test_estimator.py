@@ -509,8 +509,9 @@ def test_the_limit_out_of_the_plane_is_a_setting_and_noise_is_within():
 def test_what_is_not_measured_is_not_out_of_the_plane():
     silent = replace(wrench(1), force_z=math.nan, moment_x=math.nan, moment_y=math.nan)
     assert last(PLAIN, silent, pressure(1)).warnings == ()
-    infinite = last(PLAIN, replace(silent, moment_x=math.inf), pressure(1))
-    assert infinite.reason == 'out_of_plane'
+    beside = last(PLAIN, replace(silent, moment_x=1.0), pressure(1))
+    assert beside.reason == 'out_of_plane'
+    assert last(PLAIN, replace(silent, force_z=-math.inf)).reason == 'not_finite'
 
 
 def test_a_turned_sensor_turns_what_is_out_of_the_plane():

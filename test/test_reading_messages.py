@@ -159,6 +159,6 @@ def test_a_row_of_every_sensor_comes_back_from_its_message(sensor):
     message = recorded(sensor.message(STAMP, row, BASE, ROSBAGS_TYPES), sensor.type)
     stamp_ns, read = sensor.read(message, EstimatorSettings())
     assert stamp_ns == STAMP
-    np.testing.assert_array_equal(read, row)
+    np.testing.assert_allclose(read, row, rtol=1e-14)
     assert sensor.present(read[None]).tolist() == [True]
     assert sensor.present(np.full((1, *row.shape), np.nan)).tolist() == [False]

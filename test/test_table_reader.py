@@ -37,7 +37,19 @@ def test_all_columns_at_once(tmp_path):
     assert math.isnan(table.values['targets'][1, 0, 2])
     assert table.present()['targets'].tolist() == [True, True, False]
     # A wrench with a hole is none.
-    assert table.counts() == {'pressure': 2, 'end_wrench': 1, 'targets': 2}
+    assert table.counts() == {'pressure': 2, 'end_wrench': 1, 'targets': 2, 'tip_pose': 0}
+
+
+def test_the_pose_of_the_tip_may_be_known_in_part(tmp_path):
+    table = read(
+        tmp_path, 'time_s,tip_x_mm,tip_y_mm,tip_heading_deg\n1,100,20,90\n2,,,45\n3,90,30,\n4,,,\n'
+    )
+    pose = table.values['tip_pose']
+    np.testing.assert_allclose(pose[0], [0.1, 0.02, math.pi / 2.0])
+    np.testing.assert_array_equal(np.isfinite(pose).sum(axis=1), [3, 1, 2, 0])
+    assert table.present()['tip_pose'].tolist() == [True, True, True, False]
+    only = read(tmp_path, 'time_s,pressure_pa,tip_heading_rad\n1,0,0.5\n')
+    np.testing.assert_array_equal(only.values['tip_pose'], [[np.nan, np.nan, 0.5]])
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,8 @@ def _be_the_verb(case: Case, said: list[Pipe]) -> None:
     try:
         for number, pipe in enumerate(said, start=1):
             os.dup2(pipe.writer, number)
+        sys.stdout = os.fdopen(1, 'w', encoding='utf-8')
+        sys.stderr = os.fdopen(2, 'w', encoding='utf-8', errors='backslashreplace')
         os.chdir(case.folder)
         mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
         limit = mapped + int(LIMITS['address_space'])
@@ -212,7 +214,7 @@ def fault_of(path: Path) -> str:
                 pass
             return '; '.join(recording.sentences)
         if path.suffix == '.npz':
-            with np.load(path) as content:
+            with path.open('rb') as binary, np.load(binary) as content:
                 for name in content.files:
                     content[name]
         elif path.suffix == '.csv':

@@ -9,6 +9,8 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.model.arm import Arm
 
+TINY = 1e-300  # no limit at all, of sensors without noise
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutOfPlaneSettings:
@@ -60,8 +62,7 @@ def out_of_plane(
     """Return what of an end wrench is out of the plane, against its limit.
 
     The limit is a share of the largest force of the arm's domain and of its moment, and no less
-    than noise. Without a domain the weight of the arm stands for the force. What is not measured,
-    NaN, is within.
+    than noise. Without a domain the weight of the arm stands for the force.
     """
     if arm.domain is None:
         force, moment = arm.weight, arm.weight * arm.length
@@ -75,20 +76,11 @@ def out_of_plane(
         ('Mx', wrench.moment_x, largest_moment),
         ('My', wrench.moment_y, largest_moment),
     )
-    worst = max(parts, key=lambda part: beyond(part[1], part[2]))
-    component, value, limit = worst
-    times = beyond(value, limit)
+    component, value, limit = max(parts, key=lambda part: abs(part[1]) / max(part[2], TINY))
     return OutOfPlane(
         component=component,
         value=value,
         limit=limit,
-        warns=times > 1.0,
-        stops=times > numbers.stop,
+        warns=abs(value) > limit,
+        stops=abs(value) > numbers.stop * limit,
     )
-
-
-def beyond(value: float, limit: float) -> float:
-    """Return how many times its limit a component is; 0 where it is not measured."""
-    if value != value or value == 0.0:
-        return 0.0
-    return abs(value) / limit if limit > 0.0 else float('inf')

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -16,17 +18,24 @@ def gauge_pressure(settings: EstimatorSettings, pressure: float) -> float:
 
 
 def base_wrench(settings: EstimatorSettings, reading: WrenchReading) -> WrenchReading:
-    """Return the end load in the base frame behind what a sensor reports."""
+    """Return the end load in the base frame behind what a sensor reports.
+
+    Of what is out of the plane, what was not measured is taken to be zero.
+    """
     sign = float(settings.wrench_sign)
     force = rotate(settings.wrench_yaw, sign * reading.force_x, sign * reading.force_y)
-    bending = rotate(settings.wrench_yaw, sign * reading.moment_x, sign * reading.moment_y)
+    force_z, moment_x, moment_y = (
+        0.0 if math.isnan(part) else sign * part
+        for part in (reading.force_z, reading.moment_x, reading.moment_y)
+    )
+    bending = rotate(settings.wrench_yaw, moment_x, moment_y)
     return WrenchReading(
         stamp_ns=reading.stamp_ns,
         force_x=force[0],
         force_y=force[1],
         moment=sign * reading.moment,
         frame_id=settings.frame_id,
-        force_z=sign * reading.force_z,
+        force_z=force_z,
         moment_x=bending[0],
         moment_y=bending[1],
     )

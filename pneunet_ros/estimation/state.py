@@ -86,7 +86,9 @@ def admit(state: EstimatorState, reading: Reading) -> tuple[EstimatorState, Refu
     last = state.pressure_stamp_ns
     if isinstance(reading, WrenchReading):
         last = None if state.wrench is None else state.wrench.stamp_ns
-        values: tuple[float, ...] = (reading.force_x, reading.force_y, reading.moment)
+        beside = reading.force_z, reading.moment_x, reading.moment_y  # NaN: not measured
+        known = (part for part in beside if not math.isnan(part))
+        values: tuple[float, ...] = (reading.force_x, reading.force_y, reading.moment, *known)
     else:
         values = (reading.pressure, reading.variance)
     stamp_ns = reading.stamp_ns

@@ -25,6 +25,7 @@ ARM_KEYS = (
     'name',
     'length',
     'weight',
+    'tip_cap',
     'clamp_angle',
     'targets',
     'intrinsic_curvature',
@@ -83,7 +84,7 @@ def scenario_from_mapping(content: Any, folder: Path) -> Scenario:
 
 def arm_from_mapping(content: Any, where: str) -> LabArm:
     """Build the arm of the lab from its file, or from the block `arm` of a scenario."""
-    optional = {'schema_version', 'clamp_angle'} if where else {'clamp_angle'}
+    optional = {'tip_cap', 'clamp_angle', *(['schema_version'] if where else [])}
     values = FILE.block(content, where, ARM_KEYS, optional)
     FILE.check_version(values.get('schema_version', SCHEMA_VERSION), SCHEMA_VERSION)
     prefix = f'{where}.' if where else ''
@@ -94,6 +95,7 @@ def arm_from_mapping(content: Any, where: str) -> LabArm:
         name=text(values['name'], f'{prefix}name'),
         length=FILE.number(values['length'], f'{prefix}length'),
         weight=FILE.number(values['weight'], f'{prefix}weight'),
+        tip_cap=FILE.number(values.get('tip_cap', 0.0), f'{prefix}tip_cap'),
         clamp_angle=FILE.number(values.get('clamp_angle', 0.0), f'{prefix}clamp_angle'),
         targets=table_array(values['targets'], f'{prefix}targets', 1, RequestError),
         curvature_pressure=table_array(

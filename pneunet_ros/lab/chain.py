@@ -105,12 +105,19 @@ class ChainShape:
     y: Array
 
     def points(self, arclength: npt.ArrayLike) -> tuple[Array, Array, Array]:
-        """Return x, y (m) and theta (rad) at places along the arm (m), each (frames, places)."""
-        s = np.asarray(arclength, np.float64)
+        """Return x, y (m) and theta (rad) at places along the arm (m), each (frames, places).
+
+        Beyond the free end the arm goes on straight, as its rigid cap.
+        """
+        places = np.asarray(arclength, np.float64)
+        s = np.minimum(places, self.chain.length)
         joints = self.chain.element * np.arange(self.x.shape[1], dtype=np.float64)
         ends = np.concatenate([[0.0], self.chain.middles, [self.chain.length]])
         x, y = between(joints, self.x, s), between(joints, self.y, s)
-        return freeze(x), freeze(y), freeze(between(ends, self.angles, s))
+        theta = between(ends, self.angles, s)
+        x += (places - s) * np.cos(theta)
+        y += (places - s) * np.sin(theta)
+        return freeze(x), freeze(y), freeze(theta)
 
     def curvature(self, arclength: npt.ArrayLike) -> Array:
         """Return the curvature (1/m, per unstretched length) at places (m), (frames, places)."""
@@ -119,8 +126,10 @@ class ChainShape:
         places = h * np.arange(count, dtype=np.float64)
         span[[0, -1]] *= 0.5
         places[[0, -1]] += 0.25 * h, -0.25 * h
-        s = np.clip(np.asarray(arclength, np.float64), places[0], places[-1])
-        return freeze(between(places, np.diff(self.angles, axis=1) / span, s))
+        wanted = np.asarray(arclength, np.float64)
+        s = np.clip(wanted, places[0], places[-1])
+        curvature = between(places, np.diff(self.angles, axis=1) / span, s)
+        return freeze(np.where(wanted > self.chain.length, 0.0, curvature))
 
 
 def between(places: Array, values: Array, at: Array) -> Array:

@@ -15,6 +15,7 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import check_quantities, quantity
 
+CAP_BEGINS = 1e-9  # beyond the soft end, of half the length
 VARIATION = 0.15  # largest share by which a seed changes a parameter of the arm
 
 
@@ -31,6 +32,9 @@ class LabArm:
     name: str
     length: float = quantity(unit='m', meaning='length', bounds=(1e-3, 10.0))
     weight: float = quantity(unit='N', meaning='mg', bounds=(1e-6, 1e4))
+    tip_cap: float = quantity(
+        0.0, unit='m', meaning='rigid part beyond the soft end', bounds=(0.0, 10.0)
+    )
     clamp_angle: float = quantity(0.0, unit='rad', meaning='theta(0)', bounds=(-7.0, 7.0))
     targets: Array
     curvature_pressure: Array
@@ -60,14 +64,19 @@ class LabArm:
             values = getattr(self, name)
             if values.size < 2 or not np.all(np.diff(values) > 0.0):
                 raise RequestError(f'arm: {name} must hold two or more increasing values')
-        if self.targets[0] < 0.0 or self.targets[-1] > self.length:
-            raise RequestError(f'arm: targets must lie between 0 and the length {self.length} m')
+        if self.targets[0] < 0.0 or self.targets[-1] > self.reach:
+            raise RequestError(f'arm: targets must lie between 0 and the length {self.reach} m')
         if not np.all((self.split > 0.0) & (self.split < 1.0)):
             raise RequestError('arm: split must lie between 0 and 1 (l1 / l)')
         if not np.all(self.rigidity > 0.0):
             raise RequestError('arm: rigidity must be positive: the lab finds least energy')
         if not self.pressure_range[0] < self.pressure_range[1]:
             raise RequestError('arm: curvature and moment law have no pressures in common')
+
+    @property
+    def reach(self) -> float:
+        """Length with the cap (m)."""
+        return self.length + self.tip_cap
 
     @property
     def pressure_range(self) -> tuple[float, float]:
@@ -89,7 +98,8 @@ class LabArm:
     def intrinsic_curvature(self, arclength: npt.ArrayLike) -> Array:
         """Return kappa0 (1/m) of every row at places along the arm (m), (rows, places)."""
         u = 2.0 * np.asarray(arclength, np.float64) / self.length - 1.0
-        return freeze(np.asarray(legendre.legval(u, self.modes.T)))
+        curvature = np.asarray(legendre.legval(u, self.modes.T))
+        return freeze(np.where(u > 1.0 + CAP_BEGINS, 0.0, curvature))
 
     def turning_angle(self, arclength: npt.ArrayLike) -> Array:
         """Return the angle (rad) that the unloaded arm has turned at places (m), for each row."""

@@ -268,7 +268,7 @@ class LabLoadOffset(LabEffect):
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Move the point of action."""
-        beyond = 0.3 * self.richness * self.offset
+        beyond = chain.beyond + 0.3 * self.richness * self.offset
         return replace(chain, beside=self.offset, beyond=beyond)
 
 

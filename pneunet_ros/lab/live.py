@@ -239,7 +239,7 @@ class Film:
     def __init__(self, lab: LiveLab) -> None:
         """Draw what does not move."""
         self._lab = lab
-        self._outline = np.linspace(0.0, lab.scenario.arm.length, OUTLINE)
+        self._outline = np.linspace(0.0, lab.scenario.arm.reach, OUTLINE)
         self._renderer = Renderer(SCENE)
 
     def image(self, shape: ChainShape, random: np.random.Generator) -> Bytes:

@@ -49,7 +49,7 @@ def simulate(scenario: Scenario, memory: LabMemory | None = None) -> LabRecordin
     arm, weights = scenario.arm, sample(course, course.weights, times)
     chamber = sample(course, course.chamber[:, None], times)[:, 0]
     shape = equilibrium_shape(chain_of(scenario, course, times, events.force_at(times)))
-    arclength = np.linspace(0.0, arm.length, int(scenario.detail.stations))
+    arclength = np.linspace(0.0, arm.reach, int(scenario.detail.stations))
     x, y, theta = shape.points(arclength)
     placement = draw_placement(
         random_stream('placement', arm.seed), arm.targets.size, scenario.noise
@@ -177,6 +177,7 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
         split=split,
         force=force,
         moment=freeze(np.zeros(times.size)),
+        beyond=arm.tip_cap,
     )
     for effect in scenario.effects:
         chain = effect.build(arm, chain, chamber)

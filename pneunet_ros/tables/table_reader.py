@@ -28,7 +28,7 @@ from pneunet_ros.tables.columns import (
 from pneunet_ros.tables.csv_table import CsvTable, read_csv, TableRequest
 from pneunet_ros.tables.reading_table import ReadingTable
 
-MOST_PLACES = 50_000_000  # rows by targets
+MOST_PLACES = 15_000_000  # rows by targets; 650 MB while they are read
 FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no stamp" in a header
 
 

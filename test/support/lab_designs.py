@@ -6,7 +6,7 @@ The base model is fitted once, to recordings without any effect; others begin th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 import functools
 
 import numpy as np
@@ -24,7 +24,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
-from support.lab_run import run_of
+from support.lab_run import LAB_SENSORS, run_of
 
 FRAMES = 24
 TRAINING = ('unloaded_ramp', 'unloaded_staircase', 'strings', 'force_sweeps')
@@ -67,7 +67,7 @@ def frame() -> Arm:
 def noise() -> SensorNoise:
     """Return the noise of the lab's sensors."""
     own = load_scenario(share_path('scenarios/strings.yaml')).noise
-    return SensorNoise(**{item.name: getattr(own, item.name) for item in fields(SensorNoise)})
+    return SensorNoise(**{name: getattr(own, name) for name in LAB_SENSORS})
 
 
 @functools.cache

@@ -15,6 +15,8 @@ from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.model.uncertainty import SensorNoise
 
+# The sensors that the lab has: all but the one that measures the heading of the tip.
+LAB_SENSORS = tuple(item.name for item in fields(SensorNoise) if item.name != 'heading_std')
 KNOTS = 41  # of the true model's splines, which are then within 1e-6 m of the truth at the tip
 
 
@@ -55,6 +57,7 @@ def true_model(scenario: Scenario) -> Arm:
         name=f'{arm.name}, the truth',
         length=arm.length,
         weight=arm.weight,
+        tip_cap=arm.tip_cap,
         clamp_angle=arm.clamp_angle,
         target_arclength=arm.targets,
         intrinsic_curvature=IntrinsicCurvature(
@@ -69,7 +72,5 @@ def true_model(scenario: Scenario) -> Arm:
             moment_offset=np.zeros_like(arm.rigidity),
         ),
         effects=tuple(effects),
-        sensors=SensorNoise(
-            **{item.name: getattr(noise, item.name) for item in fields(SensorNoise)}
-        ),
+        sensors=SensorNoise(**{name: getattr(noise, name) for name in LAB_SENSORS}),
     )

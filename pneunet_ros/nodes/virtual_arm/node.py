@@ -176,8 +176,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
 
     def tip(self, shape: ChainShape, stamp_ns: int) -> Any:
         """Return the pose of the true free end."""
-        length = self.configuration.lab.scenario.arm.length
-        x, y, theta = (float(rows[0, 0]) for rows in shape.points([length]))
+        tip = self.configuration.lab.scenario.arm.reach
+        x, y, theta = (float(rows[0, 0]) for rows in shape.points([tip]))
         tip = RCLPY_TYPES(TIP_TYPE)(
             header=header(stamp_ns, self.configuration.node.frame_id, RCLPY_TYPES)
         )
