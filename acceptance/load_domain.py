@@ -107,26 +107,18 @@ def draw_samples(arm: Arm, count: int, random: np.random.Generator) -> list[Samp
     The nearest are beyond what noise of the readings explains, twice.
     """
     hull = arm.load_hull
-    assert hull is not None and arm.domain is not None
+    assert hull is not None
     low, high = arm.pressure_range
     samples = []
     for index in range(count):
         near, pressure = random.uniform() < NEAR, random.uniform(max(low, 0.0), high)
         angle = random.uniform(-math.pi, math.pi)
         toward = np.array([math.cos(angle), math.sin(angle), 0.0, 0.0])
-        if index % 6 == 5:  # a pressure outside, under a load that was seen
-            out = (
-                random.uniform(0.015, 0.05)
-                if near
-                else 0.05 * (FURTHEST / 0.05) ** random.uniform()
-            )
-            load = (
-                random.uniform(0.0, 0.5)
-                * arm.domain.end_load[random.integers(len(arm.domain.end_load))]
-            )
-            below = not near and random.uniform() < 0.5
-            pressure = low - out * (high - low) if below else high + out * (high - low)
-            samples.append(Sample(pressure=pressure, force=(load[0], load[1]), beyond=out))
+        if index % 6 == 5:  # a pressure, of the unloaded arm
+            share, below = random.uniform(), not near and random.uniform() < 0.5
+            out = random.uniform(0.021, 0.05) if near else 0.05 * (FURTHEST / 0.05) ** share
+            at_rest = low - out * (high - low) if below else high + out * (high - low)
+            samples.append(Sample(pressure=at_rest, force=(0.0, 0.0), beyond=out))
             continue
         wanted = random.uniform(0.06, 0.5) if near else 0.5 * (FURTHEST / 0.5) ** random.uniform()
         at = np.array([0.0, 0.0, 0.0, pressure])

@@ -63,7 +63,10 @@ class Bench:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """What was hidden in a set, and what was said."""
+    """What was hidden in a set, and what was said.
+
+    visible: the elongation is above the detection limit that the answer gives.
+    """
 
     strain: float
     uneven: float
@@ -73,17 +76,20 @@ class Found:
     answer: str
     effects: tuple[str, ...]
     alternatives: tuple[str, ...]
+    visible: bool
 
     @property
     def score(self) -> str:
-        """`right`, `unobservable`, `unknown`, `missed`, `false name` or `time`."""
+        """`right`, `too faint`, `unobservable`, `unknown`, `missed`, `false name` or `time`."""
         names = {*self.effects, *self.alternatives}
         if names & IN_TIME:
             return 'time'
         if names:
             return 'right' if self.strain and WANTED in names else 'false name'
+        if self.answer == 'none' and self.strain:
+            return 'missed' if self.visible else 'too faint'
         if self.answer == 'none':
-            return 'missed' if self.strain else 'right'
+            return 'right'
         return self.answer
 
 
@@ -170,6 +176,7 @@ def diagnosed(which: int, seed: int) -> Found:
     bench = made(which, seed)
     training, held_out = recorded(bench, seed + which)
     found = diagnose(model(bench), training, held_out)
+    limit = getattr(found, 'detectable', {}).get(WANTED)
     return Found(
         strain=bench.strain,
         uneven=bench.uneven,
@@ -179,6 +186,7 @@ def diagnosed(which: int, seed: int) -> Found:
         answer=found.answer,
         effects=tuple(item.name for item in getattr(found, 'effects', ())),
         alternatives=getattr(found, 'alternatives', ()),
+        visible=limit is not None and bench.strain / bench.pressure[-1] > limit.smallest,
     )
 
 
@@ -196,7 +204,7 @@ def summary(found: list[Found]) -> dict[str, dict[str, int]]:
 def show(found: list[Found]) -> None:
     """Print the counts and every set that was not right."""
     console = Console(width=110, highlight=False)
-    scores = ('right', 'unobservable', 'unknown', 'missed', 'false name', 'time')
+    scores = ('right', 'too faint', 'unobservable', 'unknown', 'missed', 'false name', 'time')
     table = Table(title='few static frames of clamp and tip')
     table.add_column('hidden')
     for name in scores:

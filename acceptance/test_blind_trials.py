@@ -11,7 +11,7 @@ import pickle
 from types import SimpleNamespace
 
 from blind.baselines import pysindy, staged, stepwise
-from blind.designs import DESIGNS
+from blind.designs import DESIGNS, DURATION, RATED
 from blind.hidden import HIDEABLE, SIZES
 from blind.record import Record
 from blind.reference import driven
@@ -30,6 +30,8 @@ import blind_trials
 import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.lab.sensors import regular_times
+from pneunet_ros.lab.simulation import FRAME_OFFSET
 import pytest
 
 
@@ -264,6 +266,49 @@ def test_the_same_seed_is_the_same_trial_and_blocks_differ(hidden_trial):
 def test_free_recordings_have_no_load():
     protocols = (*DESIGNS['free'].training, *DESIGNS['free'].held_out)
     assert not any(protocol.timeline().loaded for protocol in protocols)
+
+
+@pytest.mark.parametrize('name', sorted(RATED))
+def test_rated_designs_last_as_long_as_others_and_frames_are_triggered_by_readings(name):
+    design = RATED[name]
+    timelines = [item.timeline() for item in (*design.training, *design.held_out)]
+    assert [item.duration for item in timelines] == pytest.approx([DURATION] * 8)
+    loaded = [item.loaded for item in timelines]
+    assert loaded[0]  # the first ramp of all is under a load
+    assert not all(loaded)
+    assert all(item.pressure.max() < 66e3 and item.pressure.min() >= 0.0 for item in timelines)
+    assert name.endswith(f'_{design.rates.pressure:g}')
+    frames = regular_times(design.rates.frames, DURATION, FRAME_OFFSET)
+    assert len(frames) >= 40
+    readings = regular_times(design.rates.pressure, DURATION)
+    assert np.abs(frames[:, None] - readings).min(axis=1) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_every_effect_meets_every_rated_design():
+    random = np.random.default_rng(0)
+    labels = [labelled('rated_single', SCORING + k, random) for k in range(12 * len(HIDEABLE))]
+    met = {(label.design, *label.effects) for label in labels}
+    assert met == {(design, name) for design in RATED for name in HIDEABLE}
+    assert labels[0].key == f'rated_single/{SCORING}'
+    assert labelled('rated_nothing', 2, random).effects == {}
+    assert len(labelled('rated_pairs', 2, random).effects) == 2
+
+
+def test_a_false_companion_is_no_right_name_alone():
+    hidden = truth('rated_single', ROTATED)
+    known = {'of': 'camera_rotation'}
+    found = summary_of(
+        [
+            (hidden, answer('named', ['camera_rotation'], **known)),
+            (hidden, answer('named', ['camera_rotation', 'creep'], **known)),
+            (hidden, answer('named', ['gravity'], **known)),
+            (truth('rated_nothing'), answer('none')),
+        ]
+    )
+    single = found['rated_single']
+    counts = [single[name]['count'] for name in ('alone', 'companion', 'wrong')]
+    assert counts == [1, 1, 2]
+    assert found['rated_nothing']['any_name']['count'] == 0
 
 
 def test_a_record_goes_on_where_it_was(tmp_path):

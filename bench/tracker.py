@@ -41,6 +41,7 @@ from pneunet_ros.vision.blobs import (  # noqa: E402
     find_blobs,
 )
 from pneunet_ros.vision.camera_settings import CameraSettings  # noqa: E402
+from pneunet_ros.vision.settings import VISION  # noqa: E402
 from pneunet_ros.vision.tracker import Tracker, TrackerState  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import track  # noqa: E402
@@ -75,7 +76,7 @@ def center_errors(images: int) -> list[dict[str, float]]:
             dots = Dots(x=places[:, 0], y=places[:, 1], radius=radius * 1e-4, grey=WHITE)
             grey, truth = renderer.render(FrameState(dots=dots), rng)
             image = as_image(grey, stamp_ns=number + 1)
-            areas = find_blobs(image, settings.grey_band, settings.area)
+            areas = find_blobs(image, VISION.appearance(settings))
             apart_u = areas.u[None] - truth.centroid_u[:, None]
             apart_v = areas.v[None] - truth.centroid_v[:, None]
             nearest = np.hypot(apart_u, apart_v).argmin(axis=1)

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from functools import cache
 
+import cv2
 import numpy as np
 from pneunet_ros.core.image import ENCODINGS, Image
-from pneunet_ros.vision.blobs import Appearance, Blobs, find_blobs, nearest_blobs
+from pneunet_ros.vision.blobs import (
+    Appearance,
+    Blobs,
+    blobs_at,
+    BlobSettings,
+    find_blobs,
+    nearest_blobs,
+)
 from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, FixedBand
+from pneunet_ros.vision.centroid import axes_of, BLUR, outlines, STD
 import pytest
 from support.center_bound import center_bound, draw_dot
 
@@ -66,8 +75,10 @@ def statistics(radius, noise, phases=10, repeats=24, **look):
 def test_a_center_is_nearly_as_good_as_it_can_be(radius, noise, blur):
     errors, areas = statistics(radius, noise, blur=blur)
     rms = np.sqrt(np.mean(errors**2))
-    assert rms < 2.0 * center_bound(radius, noise, blur=blur)
-    assert np.sqrt(np.mean(areas.std**2)) == pytest.approx(rms, rel=0.22)
+    # No optics draw an edge without any blur: the model is of one that is a pixel wide.
+    sharp = blur == 0.0
+    assert rms < (2.3 if sharp else 1.5) * center_bound(radius, noise, blur=blur)
+    assert 0.8 < np.sqrt(np.mean(areas.std**2)) / rms < (1.6 if sharp else 1.4)
     assert np.abs(errors.mean(0)).max() < 0.005 + 3 * rms / np.sqrt(len(errors))
 
 
@@ -87,17 +98,17 @@ def test_looks_do_not_matter_much(look):
     rms = np.sqrt(np.mean(errors**2))
     bound = center_bound(5.0, 4.0, amplitude=min(look.get('amplitude', 160.0), 215.0))
     assert rms < 3.0 * bound
-    assert np.sqrt(np.mean(areas.std**2)) == pytest.approx(rms, rel=0.25)
+    assert 0.75 < np.sqrt(np.mean(areas.std**2)) / rms < 1.45
     assert np.abs(errors.mean(0)).max() < 0.005
 
 
 def test_the_place_within_a_pixel_does_not_matter():
     for u in np.linspace(-0.5, 0.5, 11):
         center = np.array([20 + u, 20 + 0.3 * u])
-        for blur in (0.0, 0.7):
+        for blur, most in ((0.0, 0.011), (0.7, 0.003)):
             areas = measured(draw_dot((41, 41), center, 4.0, blur=blur), [(20, 20)])
-            assert areas.u[0] == pytest.approx(center[0], abs=0.008)
-            assert areas.v[0] == pytest.approx(center[1], abs=0.008)
+            assert areas.u[0] == pytest.approx(center[0], abs=most)
+            assert areas.v[0] == pytest.approx(center[1], abs=most)
 
 
 @pytest.mark.parametrize('angle', [0.0, 0.5, -1.2])
@@ -238,15 +249,14 @@ def test_small_dark_holes_are_closed():
     closed = measured(picture, [(20, 20)])
     assert closed.area[0] == pytest.approx(whole.area[0], rel=0.01)
     assert closed.u[0] == pytest.approx(whole.u[0], abs=0.01)
-    open_hole = measured(picture, [(20, 20)], limits=AreaLimits(hole=8.0))
-    assert open_hole.area[0] == pytest.approx(whole.area[0] - 12.0, abs=1.5)
+    assert np.isnan(measured(picture, [(20, 20)], limits=AreaLimits(hole=1.0)).u[0])
 
 
 def test_a_half_covered_dot_shows_in_its_area():
     picture = draw_dot((41, 41), (20.0, 20.0), 6.0)
     picture[:, :20] = 40.0
     areas = measured(picture, [(22, 20)])
-    assert areas.area[0] == pytest.approx(np.pi * 18 + 6, rel=0.1)
+    assert areas.area[0] == pytest.approx(np.pi * 18 + 6, rel=0.15)
     assert areas.major[0] / areas.minor[0] > 1.5
 
 
@@ -279,14 +289,67 @@ def test_strange_frames_do_no_harm():
             assert not (distance > 20.0).any()
 
 
-def test_spots_are_counted_until_there_are_too_many():
+def test_of_too_many_spots_those_that_stand_out_most_are_measured():
     column, row = np.meshgrid(np.arange(20), np.arange(10))
     centers = np.column_stack([20 + 30 * column.ravel(), 20 + 30 * row.ravel()])
     found = found_in(image_of(dots((320, 620), centers)))
     assert len(found) == 200
-    crowd = np.tile(np.pad(np.full((4, 4), 200), 3), (40, 40))
-    areas = found_in(image_of(crowd))
-    assert len(areas) == 0 and areas.crowded
+    dim = dots((320, 620), centers, noise=1.0) * np.where(np.arange(620) < 305, 1.0, 0.5)
+    few = Appearance(band=BAND, limits=LIMITS, blobs=BlobSettings(most=100))
+    most = find_blobs(image_of(dim), few)
+    assert len(most) == 100 and most.u.max() < 305
+
+
+def cut_dot(center, radius, cut, beyond, noise=2.0, seed=0):
+    """Return a dot on a dark arm that ends `cut` radii right of its center, before `beyond`."""
+    fine = 8
+    u = (np.arange(41 * fine) + 0.5) / fine - 0.5 - center[0]
+    v = ((np.arange(41 * fine) + 0.5) / fine - 0.5 - center[1])[:, None]
+    picture = np.where((np.hypot(u, v) <= radius), 220.0, 45.0)
+    picture = np.where(u + 0.0 * v > cut * radius, beyond, picture)
+    picture = picture.reshape(41, fine, 41, fine).mean((1, 3))
+    random = np.random.default_rng(seed)
+    return cv2.GaussianBlur(picture, (0, 0), 0.7) + noise * random.standard_normal((41, 41))
+
+
+@pytest.mark.parametrize('beyond', [20.0, 120.0, 190.0, 250.0])
+def test_a_target_cut_off_by_the_end_of_the_arm_is_where_its_center_would_be(beyond):
+    whole = measured(draw_dot((41, 41), (20.0, 20.0), 5.0, blur=0.7), [(20, 20)]).table.T
+    errors, claims = [], []
+    for seed in range(20):
+        center = 20.0 + np.random.default_rng(seed).uniform(-0.5, 0.5, 2)
+        image = image_of(cut_dot(center, 5.0, 0.7, beyond, seed=seed))
+        tied = outlines(center[None] + 0.3, axes_of(whole), whole[:, BLUR], [0.0015], [0.1])
+        (row,) = blobs_at(image, tied, Appearance(band=BAND, limits=LIMITS))
+        errors.append(row[:2] - center)
+        claims.append(row[STD])
+    rms = np.sqrt(np.mean(np.square(errors)))
+    assert rms < 0.06
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.05
+    assert np.sqrt(np.mean(np.square(claims))) > 0.6 * rms
+
+
+def test_a_background_that_differs_all_around_does_not_move_a_dot():
+    random = np.random.default_rng(4)
+    errors, claims = [], []
+    pixel = np.arange(-20, 21)
+    for angle in np.arange(0.0, 6.0, 0.5):
+        center = 20.0 + random.uniform(-0.5, 0.5, 2)
+        dot = draw_dot((41, 41), center, 5.0, amplitude=1.0, background=0.0, blur=0.7)
+        side = np.cos(angle) * pixel + np.sin(angle) * pixel[:, None]
+        behind = cv2.GaussianBlur(np.where(side > 0.0, 150.0, 40.0), (0, 0), 0.7)
+        picture = behind + dot * (225.0 - behind) + 2.0 * random.standard_normal((41, 41))
+        row = measured(picture, [(20, 20)])
+        errors.append([row.u[0] - center[0], row.v[0] - center[1]])
+        claims.append(row.std[0])
+    assert np.abs(errors).max() < 0.1
+    assert np.sqrt(np.mean(np.square(errors))) < np.sqrt(np.mean(np.square(claims)))
+
+
+def test_dark_dots_are_found_in_the_inverted_image():
+    picture = dots((70, 120), CENTERS)
+    dark = image_of(255.0 - np.clip(np.rint(picture), 0, 255), 'rgb8', padding=5)
+    assert np.array_equal(found_in(dark.inverted()).table, found_in(image_of(picture)).table)
 
 
 def test_a_blurred_frame_gives_dim_dots_or_none():

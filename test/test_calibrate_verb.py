@@ -217,6 +217,16 @@ def test_the_output_is_a_yaml_file(run, lab):
     assert 'model.json must end in .yaml' in err
 
 
+def test_a_report_that_cannot_be_written_leaves_no_model_either(run, lab, monkeypatch):
+    Path('file').write_text('')
+    code, out, err = run(
+        '--unloaded', *files(lab, FREE[:1]), '--output', 'model.yaml', '--report', 'file/report'
+    )
+    assert (code, out) == (2, '')
+    assert 'file/report cannot be written' in err
+    assert [path.name for path in Path().iterdir()] == ['file']
+
+
 def test_without_convergence_there_is_no_model(run, lab, monkeypatch):
     whole = calibrate.calibrate
 

@@ -10,7 +10,7 @@ from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np
 from pneunet_ros.core.errors import CameraError
-from pneunet_ros.files.camera_file import load_camera, load_camera_info
+from pneunet_ros.files.camera_file import load_camera, load_camera_info, settings_from_mapping
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import (
     AdaptiveBand,
@@ -109,7 +109,19 @@ def test_every_key_of_the_shipped_file_is_commented():
             keys.append(line.split(':')[0].strip())
             assert above.strip().startswith('#') or '#' in line, f'{line}: no comment'
         above = line
-    assert len(keys) == 15
+    assert len(keys) == 16
+
+
+def test_polarity_is_one_of_three():
+    assert settings_from_mapping({'schema_version': 1}).polarity == 'auto'
+    assert settings_from_mapping({'schema_version': 1, 'polarity': 'dark'}).polarity == 'dark'
+    with pytest.raises(CameraError, match='polarity must be one of auto, bright, dark'):
+        settings_from_mapping({'schema_version': 1, 'polarity': 'white'})
+
+
+def test_a_fixed_band_of_dark_targets_is_that_of_the_inverted_image():
+    band = FixedBand(low=10.0, high=90.0).inverted()
+    assert (band.low, band.high) == (165.0, 245.0)
 
 
 @pytest.mark.parametrize('owner', [RestPlane, HomographyPlane, PosePlane, AdaptiveBand, FixedBand])

@@ -176,6 +176,35 @@ def test_a_wrong_request_is_one_sentence_on_stderr(run, arguments, words):
     assert words in err
 
 
+@pytest.mark.parametrize('name', ['a' * 300 + '.mcap', '/', 'link.mcap', 'loop/out.mcap'])
+def test_an_output_that_cannot_be_is_one_sentence(run, recording, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    Path('link.mcap').symlink_to('nowhere')
+    Path('loop').symlink_to('loop')
+    code, out, err = run('replay', recording, '--output', name)
+    assert (code, out) == (2, '')
+    assert err.count('\n') == 1
+    assert 'cannot be written' in err
+    assert names(tmp_path) == ['link.mcap', 'loop']
+
+
+def test_a_word_that_is_none_is_shown_and_does_nothing(run):
+    code, _, err = run('predict', '--pressure', '1', '\x1b[2J\x1b]0;owned\x07' + 'a' * 10_000)
+    assert code == 2
+    assert '\x1b' not in err
+    assert len(err) < 5000
+
+
+def test_what_the_system_refuses_is_one_sentence(run, monkeypatch, tmp_path):
+    def full(path):
+        raise OSError(28, 'No space left on device', '/tmp/x')
+
+    monkeypatch.setattr('pneunet_ros.cli.verb.load_model', full)
+    assert run(*LOADED) == (2, '', 'pneunet predict: /tmp/x: No space left on device\n')
+    monkeypatch.setattr('pneunet_ros.cli.verb.load_model', lambda path: bytearray(1 << 62))
+    assert run(*LOADED) == (2, '', 'pneunet predict: there is not enough memory for this\n')
+
+
 # predict
 
 
@@ -186,7 +215,7 @@ def test_predict_gives_all_numbers_of_the_contract(run_json):
     assert set(answer) == PREDICTED
     assert (answer['converged'], answer['stable']) == (True, True)
     assert answer['status'].startswith('converged, stable')
-    assert answer['residual'] < 1e-10
+    assert answer['residual'] < 1e-6
     assert (answer['pressure'], answer['force']) == (31e3, [0.175, 0.07])
     assert answer['moment_at_end'] == 2e-4
     for name in ('arclength', 'x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment'):
@@ -316,7 +345,7 @@ def test_replay_sums_up_and_writes_inputs_and_outputs(run_json, recording, tmp_p
     assert summary['topics'] == {'pressure': PRESSURE, 'end_wrench': WRENCH}
     assert (summary['recording'], summary['output']) == (str(recording), str(output))
     assert summary['model'] == 'paper-arm'
-    assert summary['worst_residual'] < 1e-10
+    assert summary['worst_residual'] < 1e-6
     assert 'outside the calibrated range' in summary['last_refusal']
     written = {topic.name: topic.count for topic in open_recording(output).topics}
     assert written == {PRESSURE: 30, WRENCH: 30} | {
@@ -339,7 +368,7 @@ def test_replay_has_every_setting_as_an_option_with_its_default(run):
     text = ' '.join(out.split())
     for item in fields(EstimatorSettings):
         assert re.search(rf'^  --{item.name.replace("_", "-")}\b', out, re.MULTILINE), item.name
-        unit = f' {item.metadata["unit"]}' if 'unit' in item.metadata else ''
+        unit = f' {item.metadata["unit"]}' if item.metadata.get('unit', '-') != '-' else ''
         assert f'{item.metadata["meaning"]} (default: {item.default}{unit})' in text, item.name
 
 
@@ -458,7 +487,7 @@ def test_track_without_one_explained_frame_exits_1(run_json, run, tmp_path):
     assert open_recording(tmp_path / 'out.mcap').topic('/pneunet/targets').count == 3
     code, out, err = run('track', folder, '--camera-info', 'none')
     assert (code, err) == (1, '')
-    assert 'last no_areas: no bright area' in out
+    assert 'last no_areas: bright: no area' in out
 
 
 def test_track_goes_on_after_an_image_that_is_cut_off(run_json, tmp_path):

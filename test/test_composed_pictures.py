@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 import numpy as np
 from pneunet_ros import load_model
+from pneunet_ros.core.readings import unseen_targets
 from pneunet_ros.core.share import share_path
+from pneunet_ros.vision.tracker import Tracking
 import pytest
 
 pytest.importorskip('skimage', reason='the photographs of scikit-image')
 pytest.importorskip('sklearn', reason='the photographs of scikit-learn')
 
 from support.composed_pictures import Composer, Composition, HEIGHT, photograph, PHOTOGRAPHS, WIDTH
+from support.tracked_films import Score, score_film
 
 
 @pytest.fixture(scope='module')
@@ -56,3 +60,40 @@ def test_the_same_number_gives_the_same_frame():
     first, again = (Composer(composition).frame(13) for _ in range(2))
     assert np.array_equal(first.picture, again.picture)
     assert np.array_equal(first.u, again.u)
+
+
+@pytest.mark.parametrize(
+    ('name', 'polarity', 'disturbances'),
+    [('gravel', 'bright', ()), ('china', 'dark', ('jpeg', 'flicker')), ('brick', 'dark', ())],
+)
+def test_the_arm_is_tracked_before_a_photograph(arm, name, polarity, disturbances):
+    """Five frames of rest, then it moves; acceptance/composed_pictures.py looks at many more."""
+    composition = Composition(
+        photograph=name,
+        polarity=polarity,
+        disturbances=frozenset(disturbances),
+        begin=3,
+        frames=9,
+    )
+    numbers = score_film(composition, arm).numbers()
+    assert (numbers['resting'], numbers['unexplained']) == (4, 0)
+    assert numbers['found_share'] == numbers['tip_found_share'] == 1.0
+    assert numbers['false'] == numbers['swapped'] == 0
+    assert numbers['rms_px'] < 0.1
+    assert 0.7 < numbers['normalized'] < 1.5
+
+
+def test_a_score_tells_what_is_lost_false_and_swapped():
+    frame = Composer(Composition(photograph='brick', polarity='bright')).frame(0)
+    seen = unseen_targets(1, 23)
+    u, v, std = frame.u.copy(), frame.v.copy(), np.full(23, 1e-5)
+    u[3] = np.nan  # lost
+    u[5] += 5.0  # false
+    u[[7, 8]] = u[[8, 7]]  # swapped
+    score = Score()
+    tracking = Tracking(sightings=replace(seen, u=u, v=v, std=std), curve=None)
+    score.count(tracking, frame, 1e-4)
+    numbers = score.numbers()
+    assert (score.visible, score.found, score.false, score.swapped) == (23, 22, 3, 2)
+    assert numbers['tip_found_share'] == 1.0
+    assert numbers['tip_rms_px'] == 0.0

@@ -12,10 +12,12 @@ from pneunet_ros.cli import diagnose
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.recordings.lab_files import write_lab
 from pneunet_ros.reports import figure as report_figure
+from pneunet_ros.reports.diagnosis.files import NUMBERS, PAGE
 import pytest
 from support.small_diagnosis import diagnosis
 
@@ -195,3 +197,22 @@ def test_help_says_what_the_codes_mean(run):
     assert code == 0
     assert 'unobservable' in out
     assert '--heldout' in out
+
+
+def test_a_model_that_cannot_be_fitted_is_said_first_and_has_no_numbers(run, lab, monkeypatch):
+    sentence = 'The model could not be fitted: nothing can be said.'
+    unsettled = UnsettledDiagnosis(sentence=sentence, notes=('check the units',), seed=0)
+    monkeypatch.setattr(diagnose, 'diagnose', lambda *_, **__: unsettled)
+    code, out, err = run(*given(lab))
+    assert (code, err) == (1, '')
+    assert out.startswith(sentence)
+    assert 'note: check the units' in out
+    assert 'chi2' not in out
+    assert sorted(path.name for path in Path('out').iterdir()) == [NUMBERS, PAGE]
+    assert sentence in Path('out', PAGE).read_text()
+    code, out, _ = run(*given(lab, '--overwrite', '--json'))
+    said = json.loads(out)
+    assert code == 1
+    assert (said['answer'], said['effects'], said['detectable']) == ('unknown', [], {})
+    assert set(said['gap'].values()) == {None}
+    assert [item['role'] for item in said['inputs']] == ['training', 'training']

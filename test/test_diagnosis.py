@@ -12,17 +12,27 @@ from pneunet_ros.calibration.noise_estimate import estimate_noise
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import base_fit as base
-from pneunet_ros.diagnosis.diagnosis import diagnose, effect_probabilities
-from pneunet_ros.diagnosis.result import Diagnosis
-from pneunet_ros.diagnosis.selection import Record
+from pneunet_ros.diagnosis.diagnosis import (
+    considered_hypotheses,
+    diagnose,
+    effect_probabilities,
+    is_settled,
+    passes_alike,
+)
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.diagnosis.hypothesis import hypotheses
+from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
+from pneunet_ros.diagnosis.selection import Record, Selection
+from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.files.scenario_file import load_scenario
 import pytest
-from support.lab_designs import frame, HIDDEN, recorded, TRAINING
+from support.lab_designs import fitted, frame, HIDDEN, recorded, TRAINING
 from support.lab_run import true_model
 
 STRUCTURE = ('placement_std', 'registration_std', 'drift_std')
+SURE = 1.0 - DEFAULTS.confirmation.wrong
 WHITE_SIZE = 1.6e-4  # m: rms that the true model has on these recordings
 
 
@@ -107,7 +117,7 @@ def test_a_hidden_effect_is_named_with_its_size():
     assert answer.answer == 'named'
     (effect,) = answer.effects
     assert effect.name == 'load_offset'
-    assert effect.probability > 0.99
+    assert effect.probability == pytest.approx(SURE)
     size = effect.parameters['offset']
     assert abs(size.value - HIDDEN['load_offset']['offset']) < 3.0 * size.std
     assert size.std < 0.1 * size.value
@@ -228,13 +238,65 @@ def record(names: tuple[str, ...], evidence: float) -> Record:
 
 
 def test_probabilities_are_those_of_what_evidence_tells_apart():
-    alone = effect_probabilities([record(('pressure_lag',), 5364.0)])
-    assert alone == {'pressure_lag': 1.0}
+    lag = record(('pressure_lag',), 5364.0)
+    # Nothing is surer than names were right in blind trials.
+    assert effect_probabilities([lag]) == {'pressure_lag': SURE}
+    assert effect_probabilities([lag], confirmed=False)['pressure_lag'] == 0.9
     # One per cent of the evidence does not tell two laws apart, half of it does.
     near = effect_probabilities([record(('pressure_lag',), 5364.0), record(('creep',), 5415.0)])
     assert 0.1 < near['pressure_lag'] < near['creep'] < 0.9
     far = effect_probabilities([record(('pressure_lag',), 5364.0), record(('creep',), 2700.0)])
-    assert far['pressure_lag'] > 0.999
+    assert far['pressure_lag'] > 0.999 * SURE
     both = effect_probabilities([record(('gravity', 'creep'), 50.0), record(('creep',), 20.0)])
-    assert both['creep'] == pytest.approx(1.0)
-    assert both['gravity'] > 0.99
+    assert both['creep'] == pytest.approx(SURE)
+    assert both['gravity'] > 0.99 * SURE
+
+
+def test_static_frames_and_too_few_of_them_show_no_effect_with_a_time_in_it():
+    ramp = recorded()[0]
+    memory = {'pressure_lag', 'hysteresis', 'creep', 'softening'}
+    swallowed = {'pressure_gain', 'pressure_offset'}
+    few, static = ramp.thin(19), replace(ramp, static=True)
+    for runs, without in (
+        ([ramp], swallowed),
+        ([few, ramp.thin(20)], swallowed),
+        ([few], swallowed | memory),
+        ([static], swallowed | memory),
+        ([static, ramp], swallowed),
+    ):
+        names = {item.name for item in considered_hypotheses(hypotheses(), runs)}
+        assert names == set(EFFECTS) - without
+
+
+def test_what_passes_alike():
+    best = record(('creep',), 100.0)
+    assert passes_alike(record(('gravity',), 98.0), best)
+    assert not passes_alike(record(('gravity',), 90.0), best)
+    # The same chi squared: the prior alone tells them apart.
+    assert passes_alike(replace(record(('gravity',), 90.0), gain=best.gain - 5.0), best)
+    assert not passes_alike(replace(record(('gravity', 'creep'), 99.0), gain=1e6), best)
+
+
+def test_a_fit_that_stopped_before_its_end_has_not_settled():
+    fit = fitted()
+    assert is_settled(fit)
+    stopped = replace(fit, converged=False)
+    assert is_settled(stopped)  # where a step more gains nothing
+    known = fit.gaussian
+    residuals = [
+        rest + 100.0 * columns[:, 0]
+        for rest, columns in zip(known.residuals, known.columns, strict=True)
+    ]
+    away = GaussianModel.of(known.columns, residuals, known.position)
+    assert not is_settled(replace(stopped, gaussian=away, steady=False))
+
+
+def test_a_base_that_does_not_settle_is_said_and_has_no_numbers(monkeypatch):
+    monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.is_settled', lambda *_: False)
+    monkeypatch.setattr(Selection, 'select_forward', lambda *_: pytest.fail('went on'))
+    ramp, _, strings, *_ = recorded()
+    answer = diagnose(frame(), [ramp.thin(24), strings.thin(24)], [], seed=3)
+    assert isinstance(answer, UnsettledDiagnosis)
+    assert answer.answer == 'unknown'
+    assert 'did not settle' in answer.sentence
+    assert not any(letter.isdigit() for letter in answer.sentence)

@@ -21,7 +21,7 @@ from pneunet_ros.model.domain_position import (
 from pneunet_ros.model.equilibrium import solve
 import pytest
 from scipy.spatial import ConvexHull
-from support.example_arms import LENGTH, paper_arm, TABLE_1
+from support.example_arms import LENGTH, paper_arm, TABLE_1, WIDE
 
 QUIET = np.zeros(4)
 RANGE = (0.0, 60e3)
@@ -125,12 +125,13 @@ def test_few_vertices_stand_for_all_loads_that_were_seen():
     )
     domain = spanned_domain(loads, LENGTH, (0.0, 66e3))
     assert len(domain.end_load) <= DOMAIN.most_loads
-    assert domain.pressure == (0.0, loads[:, 3].max())
+    assert domain.pressure == pytest.approx((0.0, loads[:, 3].max()), rel=1e-5)
     hull = load_hull(domain.end_load, domain.pressure, LENGTH)
     clipped = np.clip(loads, [-1, -1, -1, 0.0], np.inf)
     furthest = max(hull.share(distance(hull, *load)) for load in clipped)
     assert furthest < 0.15
-    assert domain.largest_force == pytest.approx(np.hypot(*loads[:, :2].T).max())
+    assert domain.largest_force == pytest.approx(np.hypot(*loads[:, :2].T).max(), rel=1e-5)
+    assert all(float(f'{value:.6g}') == value for value in domain.end_load.ravel())
 
 
 def test_an_arm_that_was_never_loaded_spans_its_pressures_alone():
@@ -146,6 +147,13 @@ def test_weights_along_a_line_are_two_vertices_with_the_unloaded_arm():
     )
     domain = spanned_domain(loads, LENGTH, (0.0, 66e3))
     assert sorted(domain.end_load[:, 1:].tolist()) == [[0.3, 0.0, 0.0], [0.3, 0.0, 5e4]]
+
+
+def test_what_is_known_is_said_in_words():
+    assert paper_arm().domain.words == '0 to 66 kPa, end forces up to 0.313 N'
+    assert WIDE.words.endswith('end forces up to 0.849 N and end moments up to 10 mN m')
+    never = Domain(pressure=(0.0, 5e3), end_load=[[0, 0, 0, 0]])
+    assert never.words == '0 to 5 kPa, no end load'
 
 
 # What the file may hold

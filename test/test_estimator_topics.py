@@ -64,6 +64,7 @@ def test_topics_are_those_of_the_contract():
         ('pressure', 'sensor_msgs/msg/FluidPressure', 'in'),
         ('end_wrench', 'geometry_msgs/msg/WrenchStamped', 'in'),
         ('targets', 'sensor_msgs/msg/PointCloud2', 'in'),
+        ('tip_pose', 'geometry_msgs/msg/PoseStamped', 'in'),
         ('centerline', 'nav_msgs/msg/Path', 'out'),
         ('curvature', 'std_msgs/msg/Float64MultiArray', 'out'),
         ('shape', 'sensor_msgs/msg/PointCloud2', 'out'),
@@ -88,9 +89,16 @@ def test_a_pressure_message_is_a_reading(types):
     assert type(reading.pressure) is float
 
 
-def test_a_wrench_message_is_a_reading_of_its_planar_part(types):
+def test_a_wrench_message_is_a_reading_with_what_is_out_of_the_plane(types):
     assert decode_wrench(wrench_message(types)) == WrenchReading(
-        stamp_ns=3_250_000_001, force_x=0.175, force_y=0.07, moment=1e-3, frame_id='load_cell'
+        stamp_ns=3_250_000_001,
+        force_x=0.175,
+        force_y=0.07,
+        moment=1e-3,
+        force_z=9.0,
+        moment_x=8.0,
+        moment_y=7.0,
+        frame_id='load_cell',
     )
 
 

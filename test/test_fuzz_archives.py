@@ -28,6 +28,7 @@ KNOWLEDGE = {
     'low': np.array(0.0),
     'high': np.array(6e4),
     'values': np.arange(2.0),
+    'information': np.eye(2),
     'placement': np.arange(2.0),
     'covariance': np.eye(4),
 }

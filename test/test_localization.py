@@ -75,7 +75,10 @@ def test_a_misfit_in_one_stretch_is_found_there(axis, which):
     assert (own[which].start, own[which].stop) == pytest.approx((edges[which], edges[which + 1]))
     assert own[which].share > 0.95
     assert own[which].p_value < 1e-12
-    assert own[which].sentence.startswith(f'{own[which].share:.0%} of the misfit lies')
+    assert own[which].sentence.startswith(
+        f'{own[which].share:.0%} of the misfit and {own[which].seen:.0%} of what was seen lie '
+    )
+    assert sum(share.seen for share in own) == pytest.approx(1.0)
     assert all(share.p_value > 1e-3 for share in own if share is not own[which])
     assert sum(share.share for share in own) == pytest.approx(1.0)
 
@@ -102,7 +105,9 @@ def test_a_misfit_while_the_pressure_falls():
     assert falling.share > 0.95
     assert falling.sentence.endswith('while the pressure falls')
     assert rising.sentence == 'the residuals are consistent with noise while the pressure rises'
-    assert describe_misfit(found).endswith('differs for rising and falling pressure')
+    assert describe_misfit(found).endswith(
+        'differs, frame by frame, for rising and falling pressure'
+    )
 
 
 @pytest.mark.parametrize('lost', [0.0, 0.1])
@@ -113,7 +118,8 @@ def test_the_sentence_says_what_grows_and_what_does_not(lost):
     squares[:, 15] *= 1.5
     assert describe_misfit(replace(frames, squares=squares)) == (
         'the misfit grows with the force, hardly depends on the pressure, hardly depends on time, '
-        'is largest at 0.79 of the length and is the same for rising and falling pressure'
+        'is largest at 0.79 of the length and is the same, frame by frame, for rising and falling '
+        'pressure'
     )
     less = frames.squares * (1.0 + 20.0 * np.exp(-frames.axes['pressure'][:, None] / 10e3))
     assert 'falls with the pressure' in describe_misfit(replace(frames, squares=less))
@@ -125,7 +131,7 @@ def test_a_misfit_everywhere_grows_with_nothing(lost):
     words = describe_misfit(worse(frames, np.ones(COUNT, dtype=bool)))
     assert 'grows' not in words
     assert 'falls with' not in words
-    assert words.endswith('is the same for rising and falling pressure')
+    assert words.endswith('is the same, frame by frame, for rising and falling pressure')
 
 
 def test_recordings_in_which_the_pressure_always_holds_have_no_direction():

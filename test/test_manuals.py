@@ -11,11 +11,13 @@ from types import MappingProxyType
 from pneunet_ros.core.stamps import STARTS_ANEW
 from pneunet_ros.estimation.consistency import ConsistencyState
 from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import AHEAD
 from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.markers import markers_output, transform_output
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
+from pneunet_ros.model.domain_position import LOAD_OUT_OF_DOMAIN, OUT_OF_RANGE
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import TrackerState
 import pytest
@@ -40,10 +42,11 @@ OF_EVERY_NODE = {
     'model_info': 'std_msgs/msg/String',
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }
+ESTIMATED = [sensor for sensor in SENSORS if sensor.needed(EstimatorSettings())]
 TYPES = {
     'estimator': {
         topic.name: topic.type
-        for topic in (*SENSORS, *OUTPUTS, markers_output(lambda: None), transform_output('tip'))
+        for topic in (*ESTIMATED, *OUTPUTS, markers_output(lambda: None), transform_output('tip'))
     },
     'tracker': {topic.name: topic.type for topic in (*TRACKER_INPUTS, *TRACKER_OUTPUTS)}
     | {'image_annotated': IMAGE_TYPE},
@@ -89,19 +92,22 @@ def test_diagnostics_of_the_estimator_are_those_of_the_code():
     health.took_pressure(random_estimate(3), 0.1, 0.001)
     state, consistency = EstimatorState(rejected=COUNTS), ConsistencyState(unmatched=COUNTS)
     report = health.report(state, EstimatorSettings(), 0.2, consistency)
-    assert sorted(values('estimator')) == sorted(['model', *report.values])
+    assert sorted(values('estimator')) == sorted(['model', 'rivals', *report.values])
 
 
 def test_diagnostics_of_the_tracker_are_those_of_the_code():
     health = TrackerHealth('/image', 0.0)
     state = TrackerState(rejected=COUNTS, unexplained=COUNTS)
     report = health.report(state, 0.1)
-    assert sorted(values('tracker')) == sorted(['model', *report.values])
+    assert sorted(values('tracker')) == sorted(['model', 'rivals', *report.values])
 
 
 REASONS = {
     'estimator': [
         UNREADABLE,
+        AHEAD,
+        OUT_OF_RANGE,
+        LOAD_OUT_OF_DOMAIN,
         *(reasons_in(m) for m in ('estimation/estimator', 'estimation/state')),
     ],
     'tracker': [

@@ -141,6 +141,32 @@ def test_damage_inside_an_unindexed_file_is_said_as_well(tmp_path, shape):
     assert len(file.blocks) == len(blocks) - 3
 
 
+def test_of_a_file_that_is_cut_off_the_damaged_chunks_are_said_too(tmp_path):
+    path = write_by_mcap(tmp_path / 'r.mcap', TIMES)
+    raw = bytearray(path.read_bytes())
+    block = open_mcap(path).blocks[3]
+    raw[block.offset + block.length - 30] ^= 1
+    path.write_bytes(raw[: len(raw) // 2])
+    first, second = open_mcap(path).damage
+    assert f'a damaged chunk was skipped, at byte {block.offset}' in first
+    assert 'ends in the middle of a record' in second
+
+
+def test_a_huge_attachment_between_messages_is_not_read(tmp_path):
+    path = write_by_mcap(tmp_path / 'r.mcap', TIMES[:20], use_chunking=False)
+    raw = path.read_bytes()
+    blocks = open_mcap(path).blocks
+    start, size = blocks[0].offset + blocks[0].length // 20, 20_000_000_000
+    with path.open('wb') as stream:
+        stream.write(raw[:start] + struct.pack('<BQ', Opcode.ATTACHMENT, size))
+        stream.truncate(stream.tell() + size)
+        stream.seek(0, 2)
+        stream.write(raw[start:])
+    file = open_mcap(path)
+    assert log_times(file) == TIMES[:20]
+    assert len(file.blocks) == 2
+
+
 def test_a_file_that_lost_messages_without_a_trace_says_so(tmp_path):
     path = write_by_mcap(tmp_path / 'r.mcap', TIMES, chunk_size=2000)
     raw = path.read_bytes()

@@ -226,7 +226,7 @@ def test_a_covariance_is_read(write):
     [
         ('name: paper-arm', 'nam: paper-arm', 'nam', 'schema_version, name, arm'),
         ('effects: {}', 'effect: {}', 'effect', 'effects, sensors'),
-        ('  weight:', '  wieght:', 'arm.wieght', 'length, weight, clamp_angle'),
+        ('  weight:', '  wieght:', 'arm.wieght', 'length, weight, tip_cap, clamp_angle'),
         ('  arclength:', '  stations:', 'intrinsic_curvature.stations', 'pressure, arclength'),
         ('  split:', '  l1:', 'moment_law.l1', 'kind, pressure, split, rigidity, moment_offset'),
         ('effects: {}', 'effects: {extension: {}}', 'effects.extension', 'extensibility'),

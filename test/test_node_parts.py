@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import WrenchReading
 from pneunet_ros.core.share import share_path
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.model.domain import Domain
+from pneunet_ros.model.domain_position import locate_load
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 import pytest
 from ruamel.yaml import YAML
+from support.example_arms import paper_arm
 from support.random_estimates import random_estimate
 from support.random_frames import random_sightings, TARGETS
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
+from pneunet_ros.nodes.configured_node import ConfiguredNode  # noqa: E402
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
 from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.estimator.publisher import EstimatePublisher, PUBLISHED  # noqa: E402
+from pneunet_ros.nodes.estimator.warm_up import load_inside, warm_up  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.log import Log  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
@@ -248,3 +257,60 @@ def test_the_log_repeats_itself_once_a_minute():
 def test_what_controllers_need_is_published_first():
     names = [topic.name for topic in PUBLISHED]
     assert names == ['shape', 'tip', 'tip_jacobian', 'curvature', 'centerline']
+
+
+# A second node
+
+
+def fake_node(publishers, names, topics=('/p/tip', '/p/model_info', '/diagnostics')):
+    """Make what `rivals` asks a node for: how many publish on each of its topics, and who is."""
+    return SimpleNamespace(
+        info=SimpleNamespace(topic_name='/p/model_info'),
+        publishers=[SimpleNamespace(topic_name=topic) for topic in topics],
+        count_publishers=lambda topic: publishers.get(topic, 1),
+        get_node_names_and_namespaces=lambda: names,
+        get_name=lambda: 'estimator',
+        get_namespace=lambda: '/p',
+        get_fully_qualified_name=lambda: '/p/estimator',
+    )
+
+
+@pytest.mark.parametrize(
+    ('publishers', 'names', 'sentence'),
+    [
+        ({}, [('estimator', '/p'), ('estimator', '/other'), ('tracker', '/p')], ''),
+        ({'/p/model_info': 2, '/diagnostics': 3}, [('estimator', '/p')], ''),
+        ({'/p/tip': 2}, [('estimator', '/p')], 'somebody else publishes on /p/tip, too'),
+        ({}, 2 * [('estimator', '/p')], 'another node is named /p/estimator, too'),
+    ],
+)
+def test_a_second_node_in_its_place_is_noticed(publishers, names, sentence):
+    assert ConfiguredNode.rivals(fake_node(publishers, names)) == sentence
+
+
+def test_what_a_wrench_has_out_of_the_plane_is_always_told():
+    health = EstimatorHealth('/pressure', 0.0)
+    wrench = WrenchReading(
+        stamp_ns=1, force_x=0.1, force_y=0.0, moment=0.0, frame_id='b', force_z=0.02, moment_y=-0.1
+    )
+    values = health.report(EstimatorState(wrench=wrench), EstimatorSettings(), 0.1).values
+    assert [values[name] for name in ('force_z_n', 'moment_x_n_m', 'moment_y_n_m')] == [
+        '0.02', '0', '-0.1',
+    ]  # fmt: skip
+    empty = health.report(EstimatorState(), EstimatorSettings(), 0.2).values
+    assert empty['force_z_n'] == ''
+
+
+@pytest.mark.parametrize(
+    'end_load',
+    [None, [[0.0, 0.0, 0.0, 0.0]], [[0.0, -0.3, 0.0, 66e3]], [[0.0, 0.0, 0.01, 10e3]]],
+    ids=['no domain', 'never loaded', 'one weight', 'a moment'],
+)
+def test_the_warm_up_stays_inside_the_domain(end_load):
+    domain = None if end_load is None else Domain(pressure=(0.0, 66e3), end_load=end_load)
+    estimator = Estimator(arm=replace(paper_arm(), domain=domain))
+    serializer = MessageSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
+    assert warm_up(estimator, serializer) == ''
+    load = load_inside(estimator.arm)
+    at = Load(pressure=33e3, force_x=load[0], force_y=load[1], moment=load[2])
+    assert not locate_load(estimator.arm, at, 33e3).extrapolated

@@ -164,4 +164,4 @@ def test_frames_in_which_nothing_was_attached_do_not_make_the_force_sensor_bette
             )
         estimate = estimate_noise(some, PAPER.target_arclength, ASSUMED)
         found.append(estimate.noise.force_std / TRUE.force_std)
-    assert np.mean(found) == pytest.approx(1.0, abs=0.03)
+    assert np.mean(found) == pytest.approx(1.0, abs=0.06)  # with them 0.64

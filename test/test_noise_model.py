@@ -34,6 +34,21 @@ def test_a_load_of_exactly_zero_is_no_reading():
     assert not attached_std(USUAL, run.without_load()).any()
 
 
+def test_many_frames_under_a_known_load_know_it_no_better_than_one():
+    arm = paper_arm()
+    read = made(arm, np.full(9, 3e4), np.tile([0.1, 0.05], (9, 1)))
+    (inputs,) = inputs_of(arm, [read])
+    model = ForwardModel(arm.target_arclength)
+    assert model.solve(arm, inputs).all()
+    jacobian = model.point_jacobian(arm, inputs, NONE)
+    known = read.with_end_load(0.1, 0.05)
+    errors, common = (
+        reading_errors(USUAL, arm, run, inputs, jacobian)[:, :, 1:3] for run in (read, known)
+    )
+    np.testing.assert_allclose(common, 3.0 * errors)
+    assert np.abs(errors).max() > 0.0
+
+
 def test_columns_are_what_moved_readings_move():
     arm = paper_arm()
     run = made(arm, PRESSURE, FORCE)

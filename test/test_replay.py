@@ -44,7 +44,9 @@ LATE_NS = 3_000_000  # from a stamp to its log time
 PRESSURES = [20e3, 21e3, 150e3, 22e3, float('nan'), 23e3, 24e3]  # two of them are refused
 REFUSED = {2: 'out_of_range', 4: 'not_finite'}
 
-READ = [sensor for sensor in SENSORS if sensor is not TARGETS]
+READ = [
+    sensor for sensor in SENSORS if sensor.needed(EstimatorSettings()) and sensor is not TARGETS
+]
 
 
 def stamp_of(index: int) -> int:
@@ -224,7 +226,7 @@ def test_a_tally_counts_what_the_steps_say(replay):
     assert dict(tally.state.rejected) == {'out_of_range': 1, 'not_finite': 1}
     assert tally.last is replay[2][-1].outcome
     assert tally.refusal.reason == 'not_finite'
-    assert 0.0 < tally.worst_residual < 1e-10
+    assert 0.0 < tally.worst_residual < 1e-6
 
 
 # Measured targets

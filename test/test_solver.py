@@ -322,7 +322,7 @@ def test_steep_boundary_layers_are_solved():
     # METHODS: shooting grows like exp(l sqrt(F/B)), here exp(35).
     law = two_sections(1e-5, 1e-5)
     shape = solve(plain_arm(curvature=20.0, law=law), 0.0, (1.0, 0.3))
-    assert shape.status == 'converged, stable'
+    assert shape.status.startswith('converged, stable')
     assert shape.theta[20:35] == pytest.approx(math.atan2(0.3, 1.0), abs=1e-4)
 
 

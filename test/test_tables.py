@@ -103,6 +103,35 @@ def write_tip(path, heading):
         writer.write(writer.add('/p/tip', POSE_TYPE), START, tip)
 
 
+@pytest.mark.parametrize(
+    ('fields', 'reason'),
+    [
+        ('int32 seconds\nuint32 nanoseconds', "no attribute 'sec'"),
+        ('int32 sec\nstring nanosec', 'invalid literal'),
+    ],
+)
+def test_a_tip_whose_time_is_none_is_one_sentence(tmp_path, capsys, fields, reason):
+    line = '=' * 80
+    definition = (
+        'std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n'
+        f'{line}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n'
+        f'{line}\nMSG: builtin_interfaces/Time\n{fields}\n'
+        f'{line}\nMSG: geometry_msgs/PoseWithCovariance\nPose pose\nfloat64[36] covariance\n'
+        f'{line}\nMSG: geometry_msgs/Pose\nPoint position\nQuaternion orientation\n'
+        f'{line}\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n'
+        f'{line}\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n'
+    )
+    path = tmp_path / 'r.mcap'
+    with write_recording(path) as writer:
+        tip = writer.add('/pneunet/tip', POSE_TYPE, definition)
+        writer.write_raw(tip, 5, b'\0\1\0\0' + bytes(4) + b'\1\0\0\0\0' + bytes(600))
+    assert main(['export', str(path), '--output', str(tmp_path / 't.csv')]) == 2
+    said = capsys.readouterr()
+    assert said.err.count('\n') == 1
+    assert reason in said.err or 'is no geometry_msgs' in said.err
+    assert not (tmp_path / 't.csv').exists()
+
+
 def test_estimated_tips_are_exported_and_left_out_again(tmp_path, capsys):
     estimated, table = tmp_path / 'estimated.mcap', tmp_path / 't.csv'
     write_tip(estimated, -2.5)

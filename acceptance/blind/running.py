@@ -7,13 +7,13 @@ import dataclasses
 import time
 
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 
 from blind.reference import lab_rms, plain_rms
 from blind.scoring import Row
 from blind.trials import made, Sealed, Trial
 
-Diagnose = Callable[..., Diagnosis]
+Diagnose = Callable[..., Diagnosis | UnsettledDiagnosis]
 
 
 def one_trial(block: str, seed: int, baselines: bool) -> tuple[Row, Row]:
@@ -47,6 +47,9 @@ def answered(trial: Trial, diagnose: Diagnose) -> tuple[Row, Diagnosis | None]:
         found = diagnose(trial.frame, trial.training, trial.held_out)
     except PneunetError as error:
         return row | {'failed': str(error), 'seconds': time.perf_counter() - started}, None
+    if isinstance(found, UnsettledDiagnosis):
+        row |= {'answer': found.answer, 'sentence': found.sentence}
+        return row | {'seconds': time.perf_counter() - started}, None
     row |= {
         'seconds': time.perf_counter() - started,
         'answer': found.answer,

@@ -365,7 +365,7 @@ def name(place: Place) -> Case:
     if kind == 3:
         return place.case('check', place.folder / text[:4000])
     path = place.take('rec.mcap')
-    suffix = dice.choice(('.csv', '.mcap', ''))
+    suffix = '' if text.startswith('/') else dice.choice(('.csv', '.mcap', ''))
     target = place.folder / f'{text[:4000]}{suffix}'
     if dice.random() < 0.3:
         target = place.folder / f'link{suffix}'

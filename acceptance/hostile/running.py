@@ -121,7 +121,8 @@ def _be_the_verb(case: Case, said: list[Pipe]) -> None:
         mapped = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
         limit = mapped + int(LIMITS['address_space'])
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-        resource.setrlimit(resource.RLIMIT_CPU, (int(LIMITS['seconds']),) * 2)
+        seconds = int(LIMITS['seconds'])
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # SIGXCPU, then SIGKILL
         if case.room is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (case.room, case.room))
         code = main(list(case.words))

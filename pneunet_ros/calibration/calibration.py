@@ -109,6 +109,8 @@ def calibrate(
             'take --law linear'
         )
     fits = FitSequence(frame, noise, runs, on_progress, resolution=resolution, settings=settings)
+    if earlier is None:
+        fits.check_law(loaded)
     laws: tuple[LawScore, ...] = ()
     if earlier is not None:
         free = joint = fits.continue_from(earlier, runs, kind, bool(loaded))
@@ -123,7 +125,7 @@ def calibrate(
             laws = fits.compare_laws(unloaded, loaded, free, law.stiffness)
     posterior = posterior_of(joint, *fits.span(earlier))
     notes = undetermined_quantities(joint, settings.identifiability)
-    joint = consider_nonuniformity(joint, settings.resolution)
+    joint = consider_nonuniformity(joint, settings)
     covariance, explained_variance = low_rank(joint, settings=settings.experiments)
     outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(

@@ -76,7 +76,7 @@ def describe_misfit(fit: Fit, known: SameArmSettings = CONSISTENCY) -> list[str]
     return [
         f'the model misses the targets by {millimeters(rms):.3g} mm rms per coordinate, '
         f'{np.sqrt(chi_squared):.2g} times what noise explains: something is missing in it (see '
-        '`pneunet diagnose`), and its standard errors, which are those of noise, are too small'
+        '`pneunet diagnose`), and its standard errors are too small'
     ]
 
 

@@ -86,6 +86,25 @@ class FitSequence:
         """Return the range of pressure (Pa) of the moment law."""
         return (self.low, self.high) if earlier is None else (earlier.low, earlier.high)
 
+    def check_law(self, loaded: Sequence[RecordingData]) -> None:
+        """Take a law that holds at all pressures where that of the arm does not.
+
+        Without a load it does not matter; what is not measured is not made up: RequestError.
+        """
+        low, high = self.frame.moment_law.pressure_range
+        margin = EXTRAPOLATION * (high - low) if np.isfinite(high - low) else 0.0
+        if low - margin <= self.low and self.high <= high + margin:
+            return
+        if not loaded:
+            raise RequestError(
+                f'the pressures reach from {kilopascals(self.low):.4g} to '
+                f'{kilopascals(self.high):.4g} kPa, and the moment law of {self.frame.name} holds '
+                f'from {kilopascals(low):.4g} to {kilopascals(high):.4g} kPa: record loads '
+                '(--loaded), or give an --arm with a law that holds there (kind: linear does)'
+            )
+        law = LinearLaw(bending_stiffness=self.first_stiffness)
+        self.frame = replace(self.frame, moment_law=law)
+
     @property
     def wide(self) -> Hyperparameters:
         """What may be believed of kappa_p0 of any arm of this length."""

@@ -42,7 +42,7 @@ def estimate_noise(
     arclength (targets,) m of the targets. Runs of a few frames say nothing: they are no motion;
     nor do static ones, which have no order in time. A load of exactly zero is no reading.
     """
-    headings = [run for run in runs if run.heading is not None]
+    headings = [run.heading for run in runs if run.heading is not None]
     if headings and assumed.heading_std == 0.0:
         assumed = replace(assumed, heading_std=known.heading)
     runs = [run for run in runs if len(run.stamp_ns) >= known.fewest and not run.static]
@@ -52,7 +52,11 @@ def estimate_noise(
         'pressure': [run.pressure for run in runs],
         'force': [values for load in loads for values in load.T[:END_LOAD_MOMENT]],
         'moment': [load[:, END_LOAD_MOMENT] for load in loads if np.any(load[:, END_LOAD_MOMENT])],
-        'heading': [np.unwrap(run.heading) for run in runs if run.heading is not None],
+        'heading': [
+            np.unwrap(run.heading[np.isfinite(run.heading)])
+            for run in runs
+            if run.heading is not None
+        ],
     }
     found: dict[str, tuple[float | None, str]] = {
         f'{name}_std': (

@@ -18,25 +18,31 @@ from pneunet_ros.calibration.parameters import correlation, Parameters
 from pneunet_ros.calibration.posterior import all_information
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import (
+    CALIBRATION,
     CalibrationSettings,
     EXPERIMENTS,
     ExperimentSettings,
-    RESOLUTION,
     ResolutionSettings,
 )
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.units import millimeters
 
 
-def consider_nonuniformity(fit: Fit, known: ResolutionSettings = RESOLUTION) -> Fit:
-    """Return the fit with the covariance of what its curve along the arm leaves out."""
+def consider_nonuniformity(fit: Fit, settings: CalibrationSettings = CALIBRATION) -> Fit:
+    """Return the fit with the covariance of what its curve along the arm leaves out.
+
+    Where the model misses the targets by much more than noise, what the fit itself is uncertain by
+    is as much more (the scale factor of the Particle Data Group): few targets cannot show where.
+    """
     parameters = fit.parameters
     if parameters.shapes is None:
         return fit
-    prior = departure_prior(parameters, fit.values, known)
+    prior = departure_prior(parameters, fit.values, settings.resolution)
     errors = fit.covariance @ all_information(fit)[:, : parameters.cells]
     errors[: parameters.cells] -= np.eye(parameters.cells)
-    covariance = fit.covariance + errors @ prior @ errors.T
+    missed = fit.chi_squared / max(fit.dof, 1)
+    scale = missed if missed > settings.consistency.misfit else 1.0
+    covariance = scale * fit.covariance + errors @ prior @ errors.T
     return replace(fit, covariance=frozen_array(covariance))
 
 

@@ -64,12 +64,12 @@ def check_runs(
     for run in loaded:
         check_loads(run, arm, known)
     check_same_arm(unloaded, arm.length, settings.consistency)
+    if first and constant and not unloaded:
+        check_different_loads(loaded, arm, known)
     if loaded:
         check_bending(runs if constant else loaded, known)
     if first and unloaded:
         check_pressures(unloaded, arm, known, constant=constant)
-    if first and constant and not unloaded:
-        check_different_loads(loaded, arm, known)
 
 
 def has_one_pressure(runs: Sequence[RecordingData], arm: Arm, known: ResolutionSettings) -> bool:

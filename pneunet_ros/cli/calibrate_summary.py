@@ -92,6 +92,8 @@ def show(
         console.print(table)
     for sentence in (*sentences, *summary['notes']):
         console.print(f'note: {sentence}')
+    if calibration.arm.domain is not None:
+        console.print(f'The model is known for {calibration.arm.domain.words}; beyond, it is not.')
     if summary['output'] is None:
         console.print(f'no model was written: {summary["status"]}')
     else:

@@ -24,6 +24,7 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.steady_estimates import steady_estimates
 from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.offline.replay import input_topics, record_steps, Step
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.recordings.recording_writer import write_recording
@@ -73,10 +74,12 @@ def run(arguments: Namespace) -> int:
         title = f"Table 1 of the paper (pressures and end forces) through '{arm.name}'"
         draw_holds(arm, holds, temporary, title)
     rows = [row_of(hold) for hold in holds]
+    left_out = error_left_out(arm.covariance, arm.sources)
     if arguments.json:
-        print_json({'holds': rows, 'estimates': len(estimates), 'files': [mcap, picture]})
+        counted = {'estimates': len(estimates), 'files': [mcap, picture]}
+        print_json({'holds': rows, 'std_leaves_out': left_out, **counted})
     else:
-        show(rows, len(estimates), mcap, picture)
+        show(rows, left_out, len(estimates), mcap, picture)
     return DONE if holds else NEGATIVE
 
 
@@ -107,7 +110,9 @@ def row_of(hold: ShapeEstimate) -> dict[str, float]:
     }
 
 
-def show(rows: list[dict[str, float]], estimates: int, mcap: Path, picture: Path) -> None:
+def show(
+    rows: list[dict[str, float]], left_out: str, estimates: int, mcap: Path, picture: Path
+) -> None:
     """Print the holds as a table."""
     console = output_console()
     table = Table(title=f'The {len(rows)} holds of Table 1, as the estimator sees the arm')
@@ -132,5 +137,7 @@ def show(rows: list[dict[str, float]], estimates: int, mcap: Path, picture: Path
         "Pressures and forces are the paper's; the arm's stiffness and curvature are a "
         'representative set, no measurement.'
     )
+    if left_out:
+        console.print(f'note: {left_out}')
     console.print(f'{estimates} estimates in {mcap} (Foxglove, PlotJuggler, ros2 bag play)')
     console.print(f'picture in {picture}')

@@ -44,7 +44,7 @@ def fit_base(
     if not unloaded and not one_pressure:
         raise RequestError(
             'a diagnosis needs a training recording without a load: it says what the arm does '
-            'by pressure alone'
+            'by pressure alone (--unloaded names one whose force sensor had nothing to measure)'
         )
     check_runs(unloaded, loaded, frame, settings=calibration)
     noise = estimate_noise(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pneunet_ros.core.progress import OnProgress, say_nothing
@@ -28,6 +28,8 @@ from pneunet_ros.diagnosis.localization import (
     heat_maps,
     misfit_shares,
 )
+from pneunet_ros.diagnosis.reading_noise import with_reading_noise
+from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.result import (
     Adequacy,
     Answer,
@@ -103,8 +105,6 @@ def diagnose(
         [run.without_tip_pose() for run in runs] for runs in (training, held_out)
     )
     base = fit_base(model, training, on_progress, settings.base_fit, settings.calibration)
-    if not base.fit.converged:
-        return unsettled(base.fit.status, seed, settings)
     recordings = (sorted(training, key=lambda run: run.loaded), held_out)  # as the base was fitted
     known = tuple(effect.name for effect in base.frame.effects)
     asked = hypotheses(known, settings.hypothesis)
@@ -117,8 +117,8 @@ def diagnose(
         settings=settings,
     )
     first = selection.fit_base()
-    if not (first.refit.converged or first.refit.settled):
-        return unsettled('the cost still changes from step to step', seed, settings)
+    if not is_settled(first.refit, settings):
+        return unsettled(seed, settings)
     best = selection.select_forward(first)
     selection.fit_rivals(first, best)
     candidates = selection.score_candidates(first)
@@ -128,12 +128,21 @@ def diagnose(
     return conclude(selection, first, best, verdict, detectable, recordings)
 
 
-def unsettled(status: str, seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:
-    """Return that the base model could not be fitted; status: how the search ended."""
+def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
+    """Whether a fit has converged, or stopped where a step more would gain next to nothing."""
+    if fit.converged or fit.steady:
+        return True
+    _, gain = fit.gaussian.step_without(())
+    nearly = 0.5 * settings.calibration.map_estimation.nearly**2
+    return gain < max(nearly, settings.base_fit.unsettled * fit.cost)
+
+
+def unsettled(seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:
+    """Return that the base model could not be fitted."""
     return UnsettledDiagnosis(
         sentence=(
-            'The model could not be fitted to the training recordings '
-            f'({status}), so nothing can be said of what it lacks.'
+            'The model could not be fitted to the training recordings: the search did not settle, '
+            'so nothing can be said of what the model lacks.'
         ),
         notes=(
             'check length, targets, units and the moment law of the model, and the recordings by '
@@ -196,6 +205,8 @@ def conclude(
     candidates, level = selection.score_candidates(first), settings.lack_of_fit.level
     before = after = evaluate(first, runs, recordings, settings)
     if added:
+        refit = with_reading_noise(verdict.trial.refit, selection.seed, settings.reading_noise)
+        verdict = replace(verdict, trial=replace(verdict.trial, refit=refit))
         after = evaluate(verdict.trial, runs, recordings, settings)
     floor, floor_std = noise_floor(after.arm, recordings[1] or recordings[0], noise)
     frames, frames_after = (

@@ -103,17 +103,21 @@ def misfit_shares(frames: Frames) -> tuple[Share, ...]:
 def axis_shares(
     axis: Axis, edges: Array, squares: Sequence[Array], significant: float
 ) -> list[Share]:
-    """Return the share of each bin with its significance; squares: those of each bin."""
+    """Return the share of each bin with its significance; squares: those of each bin.
+
+    A bin in which more was seen holds more of the misfit: how much was seen stands beside it.
+    """
     finite = [item[np.isfinite(item)] for item in squares]
     excess = [max(float(item.sum()) - 2 * item.size, 0.0) for item in finite]
-    total = sum(excess) or 1.0
+    total, seen = sum(excess) or 1.0, sum(item.size for item in finite) or 1
     shares = []
     for which, (part, values) in enumerate(zip(excess, finite, strict=True)):
         start, stop = float(edges[which]), float(edges[which + 1])
         if axis == 'direction':
             start = stop = (FALLING, RISING)[which]
         p_value = float(chi2.sf(values.sum(), 2 * values.size)) if values.size else 1.0
-        statement = f'{part / total:.0%} of the misfit lies'
+        frames = values.size / seen
+        statement = f'{part / total:.0%} of the misfit and {frames:.0%} of what was seen lie'
         if p_value > significant:
             statement = 'the residuals are consistent with noise'
         shares.append(
@@ -122,6 +126,7 @@ def axis_shares(
                 start=start,
                 stop=stop,
                 share=part / total,
+                seen=frames,
                 p_value=p_value,
                 sentence=f'{statement} {describe_interval(axis, start, stop)}',
             )
@@ -164,7 +169,8 @@ def describe_misfit(frames: Frames) -> str:
         ratio = rising_to_falling_ratio(frames)
         differs = ratio > settings.trend or ratio < 1.0 / settings.trend
         words.append(
-            ('differs' if differs else 'is the same') + ' for rising and falling pressure'
+            ('differs' if differs else 'is the same')
+            + ', frame by frame, for rising and falling pressure'
         )
     return f'the misfit {", ".join(words[:-1])} and {words[-1]}'
 

@@ -25,7 +25,8 @@ class Refit:
 
     numbers (k,) of all hypotheses, one after the other; base (n,) scaled position of all other
     unknowns; gaussian: with columns base, departures, numbers. settled: another linearization
-    changes nothing.
+    changes nothing. steady: nothing that counts beside the misfit; a model that lacks a strong
+    effect leaves so much that its cost never comes to rest.
     """
 
     linearization: Linearization
@@ -37,6 +38,7 @@ class Refit:
     cost: float
     converged: bool
     settled: bool = False
+    steady: bool = False
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -256,9 +258,18 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
         again = JointFit(linearization, fit.hypotheses, settings).fit(fit.numbers, fit.base)
         if again is None:
             break
-        settled = abs(fit.cost - again.cost) < settings.settled
-        fit = replace(again, settled=settled)
+        change = abs(fit.cost - again.cost)
+        fit = replace(
+            again,
+            settled=change < settings.settled,
+            steady=change < max(settings.settled, settings.steady * misfit(again)),
+        )
     return fit
+
+
+def misfit(fit: Refit) -> float:
+    """Return by how much the cost of a fit is above what noise alone costs."""
+    return fit.cost - 0.5 * sum(values.size for values in fit.gaussian.residuals)
 
 
 def linearize_all_runs(

@@ -42,7 +42,7 @@ class NamedEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """Which share of the misfit lies in a stretch of an axis.
+    """Which share of the misfit lies in a stretch of an axis, and of all that was seen.
 
     start, stop in SI (s / l for arclength, Pa, N, s since the start of a recording, -1 or +1 for
     falling or rising pressure); p_value: how often noise alone puts as much there.
@@ -52,6 +52,7 @@ class Share:
     start: float
     stop: float
     share: float
+    seen: float
     p_value: float
     sentence: str
 

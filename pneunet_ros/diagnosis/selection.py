@@ -85,7 +85,7 @@ class Selection:
         self.on_progress('the base model', 0, 0)
         settings = self.settings.refit
         training = self.linearization.of_training()
-        base = refit(training, (), np.zeros(0), settings.rounds, settings)
+        base = refit(training, (), np.zeros(0), settings.base_rounds, settings)
         if base is None:
             raise ModelError('the model has no shape in most of the training recordings')
         return self.test_trial(base, None)

@@ -19,6 +19,7 @@ class BaseFitSettings:
 
     frames: int = tuning(48, 'frames of every run; neighbors differ by white noise alone')
     first_frames: int = tuning(24, 'frames of every run for the fit of the base model')
+    unsettled: float = tuning(1e-3, 'gain of a step more, of a fit that stopped', unit='of cost')
     harmless_camera: float = tuning(5e-4, 'camera motion that is no finding', unit='length')
 
 
@@ -89,13 +90,22 @@ class RefitSettings:
     """The joint fit of effects and base model."""
 
     rounds: int = tuning(5, 'most relinearizations')
+    base_rounds: int = tuning(20, 'the same without effects, which all else is compared with')
     most_steps: int = tuning(5, 'most Gauss-Newton steps in a round')
     most_halvings: int = tuning(5, 'most halvings of a step')
     least_gain: float = tuning(0.1, 'cost that a step must gain; below it has converged')
     settled: float = tuning(0.5, 'change of cost from round to round; below it is settled')
+    steady: float = tuning(0.01, 'the same of a poor model', unit='cost above that of noise')
     # The base takes up most of what gravity does: a coarser difference is bent by more than is
     # left, and taken for information.
     difference: float = tuning(5e-4, 'step of numerical derivatives', unit='prior std')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingNoiseSettings:
+    """What the noise of readings does by way of the memory of effects."""
+
+    draws: int = tuning(12, 'times that noise is added once more')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,6 +185,7 @@ class DiagnosisSettings:
     score_test: ScoreTestSettings = ScoreTestSettings()
     lack_of_fit: LackOfFitSettings = LackOfFitSettings()
     refit: RefitSettings = RefitSettings()
+    reading_noise: ReadingNoiseSettings = ReadingNoiseSettings()
     selection: SelectionSettings = SelectionSettings()
     confirmation: ConfirmationSettings = ConfirmationSettings()
     localization: LocalizationSettings = LocalizationSettings()

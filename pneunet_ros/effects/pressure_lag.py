@@ -23,7 +23,7 @@ class PressureLag(Effect):
     meaning: ClassVar[str] = 'first-order line between sensor and chamber'
     # A line empties more slowly than it fills, and its time constant is smaller by up to the
     # ratio of the specific heats, 1.4, where it is too quick for the gas to take up heat.
-    law_error: ClassVar[float] = 0.1
+    law_error: ClassVar[float] = 0.12
     time_constant: float = quantity(
         0.0,
         unit='s',

@@ -23,6 +23,8 @@ class ShapeEstimate:
 
     noise (sources, causes), the noise input matrix, and second_order, with the linearization in
     it: from these covariance and standard deviations come, so that nobody has to linearize again.
+    What is allowed for the model beyond its domain is in the covariance alone: measured targets
+    are held against what is known.
     """
 
     stamp_ns: int

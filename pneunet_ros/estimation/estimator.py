@@ -127,8 +127,8 @@ class Estimator:
         if shape.stable is False:
             notes.append('the equilibrium is unstable under dead load')
         sensitivity = linearize_shape(shape.solution, rods, changes)
-        noise = noise_jacobian(self.table, sensed, self.reading_std(reading))
-        noise = with_model_error(noise, position)
+        known = noise_jacobian(self.table, sensed, self.reading_std(reading))
+        noise = with_model_error(known, position)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
         stations = sensitivity.stations(self.arclength)
         curved = second_order(sensitivity, noise)
@@ -159,8 +159,8 @@ class Estimator:
             wrench_age=age,
             warnings=tuple(notes),
             position=position,
-            noise=noise,
-            second_order=curved,
+            noise=known,
+            second_order=curved if noise is known else second_order(sensitivity, known) or curved,
         )
         return state.with_estimate(reading.stamp_ns, history, shape.solution), estimate
 

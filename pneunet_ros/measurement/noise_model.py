@@ -53,12 +53,14 @@ def reading_errors(
 
     jacobian (frames, 2 targets, >= 3 + knots) as of `ForwardModel.point_jacobian`, and more rows
     of what the camera does not move. Pressure acts by the table of kappa_p0. The last two are the
-    camera between the nodes of its path.
+    camera between the nodes of its path. A known load is wrong by the same in every frame: as an
+    error of each, it is larger by the root of their number, so that many know no more than one.
     """
     slope = arm.intrinsic_curvature.slope(inputs.pressure)
     knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
     pressure = noise.pressure_std * np.matmul(knots, slope[:, :, None])
-    loads = jacobian[:, :, :LOADS] * attached_std(noise, run)[:, None]
+    together = np.sqrt(len(run.stamp_ns)) if run.load_known else 1.0
+    loads = jacobian[:, :, :LOADS] * (together * attached_std(noise, run)[:, None])
     camera = camera_errors(noise.drift_std * BETWEEN_NODES, run.x.shape[1])
     camera = np.pad(camera, ((0, jacobian.shape[1] - len(camera)), (0, 0)))
     camera = np.broadcast_to(camera, (*jacobian.shape[:2], 2))

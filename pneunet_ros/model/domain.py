@@ -13,11 +13,12 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, table_array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.units import kilopascals
 from scipy.optimize import nnls
 
 MOST_LOADS = 64  # rows of `domain.end_load`: each costs time at every reading
 ONE_SUM = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
-FAR = 1e9  # N; what lies further is no further
+FAR = 1e6  # sizes of a hull, or newtons; what lies further is no further
 ROUNDING = 1e-9  # of a load: what arithmetic leaves of a distance that is none
 MOMENT, PRESSURE = 2, 3  # columns of `domain.end_load`, after F1 and F2
 
@@ -97,6 +98,15 @@ class Domain:
         """The largest end force seen, N."""
         return float(np.max(np.hypot(*self.end_load[:, :MOMENT].T)))
 
+    @property
+    def words(self) -> str:
+        """Say what is known, to a person."""
+        low, high = (kilopascals(value) for value in self.pressure)
+        force, moment = self.largest_force, float(np.max(np.abs(self.end_load[:, MOMENT])))
+        loads = [f'end forces up to {force:.3g} N'] * (force > 0.0)
+        loads += [f'end moments up to {1000.0 * moment:.3g} mN m'] * (moment > 0.0)
+        return f'{low:.4g} to {high:.4g} kPa, {" and ".join(loads) or "no end load"}'
+
     def largest_moment(self, length: float) -> float:
         """Return the largest moment (N m) that end loads seen make in an arm of a length (m)."""
         moment = float(np.max(np.abs(self.end_load[:, MOMENT])))
@@ -116,13 +126,18 @@ class LoadHull:
     points: Array
     size: float
 
+    def scaled(self, load: Array) -> Array:
+        """Return a load (4,) in SI in newtons, no further than counts."""
+        far = FAR * max(self.size, 1.0)
+        return np.asarray(np.clip(load * self.scale, -far, far))
+
     def way_out(self, load: Array) -> Array:
         """Return the way (4,) N from the nearest point of the hull to a load (4,) in SI.
 
         Zero inside. The nearest point solves least squares with weights that are not negative:
         Lawson & Hanson, Solving Least Squares Problems (1974), chapter 23.
         """
-        offsets = np.clip(load * self.scale, -FAR, FAR) - self.points
+        offsets = self.scaled(load) - self.points
         furthest = float(np.max(np.abs(offsets)))
         if furthest == 0.0:
             return np.zeros(4)
@@ -135,7 +150,7 @@ class LoadHull:
         """Return how far (N) a load (4,) is beyond the hull, less noise (4,) on the way, SI."""
         way = self.way_out(load)
         distance = math.sqrt(way @ way)
-        if distance <= ROUNDING * min(float(np.max(np.abs(self.scale * load))), FAR):
+        if distance <= ROUNDING * float(np.max(np.abs(self.scaled(load)))):
             return 0.0
         along = way * noise * self.scale
         return max(distance - math.sqrt(along @ along) / distance, 0.0)
@@ -165,10 +180,11 @@ def spanned_domain(
 
     end_load (frames, 4): F1, F2, M, p, SI; length (m) of the arm; span (Pa): what its tables
     reach. The load that is furthest from the hull of those taken is taken next, until the others
-    are within `thinning` of it.
+    are within `thinning` of it. Numbers have six digits.
     """
     loads = np.array(end_load)
     loads[:, PRESSURE] = np.clip(loads[:, PRESSURE], *span)
+    loads = np.array([[float(f'{value:.6g}') for value in load] for load in loads.tolist()])
     pressure = float(loads[:, PRESSURE].min()), float(loads[:, PRESSURE].max())
     whole = load_hull(loads, pressure, length)
     scaled, near = loads * whole.scale, settings.thinning * whole.size

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pneunet_ros.core.printable import printable
+
 SAY_AGAIN = 60.0  # s
 
 
@@ -18,12 +20,12 @@ class Log:
     def warn(self, kind: str, sentence: str, now: float) -> None:
         """Say a warning, unless one of its kind was said lately; now: s of a steady clock."""
         if self._is_new(kind, now):
-            self._logger.warning(sentence)
+            self._logger.warning(printable(sentence))
 
     def error(self, kind: str, sentence: str, now: float) -> None:
         """Say an error, unless one of its kind was said lately; now: s of a steady clock."""
         if self._is_new(kind, now):
-            self._logger.error(sentence)
+            self._logger.error(printable(sentence))
 
     def _is_new(self, kind: str, now: float) -> bool:
         if now - self._said.get(kind, -math.inf) < SAY_AGAIN:

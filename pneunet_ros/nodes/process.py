@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 from pneunet_ros.core.errors import PneunetError, RequestError
+from pneunet_ros.core.printable import printable
 from pneunet_ros.nodes.signals import end_at_signal, ignore_signals, signal_came
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -48,7 +49,7 @@ def run_together(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments:
     except PneunetError as error:
         if signal_came():
             return DONE  # a signal came, of which ROS has made an error of whatever it cut off
-        print(error, file=sys.stderr)
+        print(printable(str(error)), file=sys.stderr)
         return WRONG_REQUEST
     finally:
         ignore_signals()

@@ -225,10 +225,12 @@ class _Scan:
     def _damage(self, reason: str | None) -> Iterator[str]:
         """Say what is wrong with the file."""
         count = self.counts.total()
+        if self.skipped:
+            yield self._loss(count)
         if reason is not None:
             yield f'{reason}: {count} messages were read'
         elif self.skipped:
-            yield self._loss(count)
+            pass  # what follows would say the same
         elif self.data_end is None:
             yield f'is damaged: the end of its data is not marked; {count} messages were read'
         elif not self._data_is_intact(*self.data_end):
@@ -276,6 +278,9 @@ class _Scan:
                     return CUT_OFF if end + len(MAGIC) > self.size else None
                 if opcode == 0:  # what some file systems leave after a crash
                     return f'holds only zeros from byte {position} on'
+                if opcode != Opcode.MESSAGE and run.count:  # what comes may be of any length
+                    self._block(run, position, loose=True)
+                    run = _Run(position)
                 if opcode == Opcode.CHUNK:
                     self._chunk(position, min(end, self.size), cut_off)
                 if cut_off:

@@ -36,7 +36,6 @@ from pneunet_ros.vision.beam_search import (
 class AssociationSettings:
     """When blobs are a row of targets."""
 
-    most_blobs: int = tuning(2000, 'blobs among which a row is looked for, at most')
     least_targets: int = tuning(3, 'of an arm, for which a row can be told from other areas')
     least_followed: int = tuning(4, 'must be seen for a row to be one; all of an arm with fewer')
     least_share: float = tuning(0.4, 'of the targets must be seen for a row to be one')

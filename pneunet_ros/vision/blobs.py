@@ -34,6 +34,7 @@ from pneunet_ros.vision.centroid import (
     V,
 )
 from pneunet_ros.vision.ellipse_fit import ELLIPSE, EllipseSettings
+from scipy.spatial import cKDTree
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +57,8 @@ class BlobSettings:
     blur_std: float = tuning(0.3, 'one sigma of that', unit='px')
     shape_std: float = tuning(0.3, 'one sigma of size and shape before a fit', unit='radius')
     seen: float = tuning(0.5, 'share of the edge that an ellipse must explain', source='measured')
-    twice: float = tuning(0.5, 'between blobs that are one', unit='radius')
+    twice: float = tuning(0.8, 'between blobs that are one', unit='radius of the larger')
+    astray: float = tuning(0.25, 'center of an area off that of its blob', unit='diameter')
     beyond: float = tuning(1.0, 'around a place, beyond its reach', unit='diameter')
 
 
@@ -119,7 +121,7 @@ class Appearance:
 def find_blobs(image: Image, appearance: Appearance) -> Blobs:
     """Return all blobs of an image that are within the limits, but for those it cuts off."""
     grey = image.grey()
-    areas = round_areas(grey, appearance)
+    areas = round_areas(grey, appearance).only(slice(appearance.blobs.most))
     rows = _distinct(_measured(grey, areas.starts(appearance), appearance), appearance.blobs)
     return Blobs(freeze(rows.T.copy()))
 
@@ -133,13 +135,13 @@ def nearest_blobs(
     that it may have.
     """
     nearest = np.full((len(places), COLUMNS), np.nan)
-    if not len(places):
-        return nearest
     grey = image.grey()
     half = math.ceil(reach + appearance.blobs.beyond * across) + 1
     asked = np.flatnonzero(
         (np.abs(places - 0.5 * np.array([image.width, image.height])) < 1e5).all(axis=1)
     )
+    if not len(asked):
+        return nearest
     corners = np.rint(places[asked]).astype(np.int64) - half
     side = 2 * half + 1
     # Pieces of the image one below the other, with a dark line between them.
@@ -155,12 +157,13 @@ def nearest_blobs(
     which, down = np.divmod(areas.centers[:, 1], side + 1.0)
     piece_of = which.astype(np.int64)
     centers: Array = np.column_stack([areas.centers[:, 0], down]) + corners[piece_of]
-    starts = areas._replace(centers=centers).starts(appearance)
-    rows = _measured(grey, starts, appearance)
+    away = np.hypot(*(centers - places[asked][piece_of]).T)
+    near = np.flatnonzero(away <= reach + appearance.blobs.astray * across)
+    starts = areas._replace(centers=centers).only(near).starts(appearance)
+    rows, piece_of = _measured(grey, starts, appearance), piece_of[near]
     for number, place in enumerate(asked.tolist()):
-        mine = rows[piece_of == number]
+        mine = _distinct(rows[piece_of == number], appearance.blobs)
         distance = np.hypot(mine[:, U] - places[place, 0], mine[:, V] - places[place, 1])
-        distance = np.where(np.isfinite(distance), distance, np.inf)
         if len(mine) and distance.min() <= reach:
             nearest[place] = mine[distance.argmin()]
     return nearest
@@ -179,22 +182,27 @@ def _measured(grey: Bytes, starts: Array, appearance: Appearance) -> Array:
 
 
 def _distinct(rows: Array, settings: BlobSettings) -> Array:
-    """Return the rows that are blobs, each once: of two in one place the better one."""
+    """Return the rows that are blobs, each once: of two in one place the more exact one."""
     rows = rows[np.isfinite(rows[:, U])]
-    rows = rows[np.argsort(-rows[:, SEEN], kind='stable')]
+    rows = rows[np.argsort(rows[:, STD], kind='stable')]
     apart = np.hypot(*(rows[:, None, [U, V]] - rows[None, :, [U, V]]).transpose(2, 0, 1))
-    same = apart < settings.twice * np.sqrt(np.minimum(rows[:, None, AREA], rows[:, AREA]) / np.pi)
+    radius = np.sqrt(rows[:, AREA] / math.pi)
+    same = apart < settings.twice * np.maximum(radius[:, None], radius)
     return np.asarray(rows[~np.tril(same, -1).any(axis=1)])
 
 
 class RoundAreas(NamedTuple):
-    """Areas that are as round as ellipses at some grey levels.
+    """Areas that are as round as ellipses at some grey levels; at most levels first.
 
     centers (n, 2) px; moments (n, 3) px^2: uu, uv, vv about them.
     """
 
     centers: Array
     moments: Array
+
+    def only(self, which: Integers | slice) -> RoundAreas:
+        """Return some of them."""
+        return RoundAreas(self.centers[which], self.moments[which])
 
     def starts(self, appearance: Appearance) -> Array:
         """Return where fits of their edges begin."""
@@ -211,8 +219,7 @@ class RoundAreas(NamedTuple):
 def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:
     """Find what is as round as an ellipse and brighter than what is around it.
 
-    An area is as it is at the middle one of the grey levels at which it is there. Where there are
-    too many, those at most levels.
+    An area is as it is at the middle one of the grey levels at which it is there.
     """
     settings = appearance.blobs
     soft = np.asarray(cv2.blur(grey, (settings.speck, settings.speck)), np.uint8)
@@ -237,8 +244,8 @@ def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:
     order = np.argsort(chain, kind='stable')
     length = np.bincount(chain)
     middle = order[np.cumsum(length) - length + length // 2]
-    kept = np.argsort(-length, kind='stable')[: settings.most]
-    return RoundAreas(table[middle[kept], 1:3], table[middle[kept], 3:])
+    chosen = middle[np.argsort(-length, kind='stable')]
+    return RoundAreas(table[chosen, 1:3], table[chosen, 3:])
 
 
 def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
@@ -268,9 +275,10 @@ def _cut_at(grey: Bytes, level: int, appearance: Appearance) -> Array:
     found: Array = table[possible]
     holes = table[area < -limits.hole]
     if len(found) and len(holes):
-        apart = np.hypot(*(found[:, None, 1:3] - holes[None, :, 1:3]).transpose(2, 0, 1))
-        within = (apart < np.sqrt(found[:, :1] / math.pi)) & (-holes[:, 0] < found[:, :1])
-        found = found[~within.any(axis=1)]
+        apart, nearest = cKDTree(found[:, 1:3]).query(holes[:, 1:3])
+        around = found[nearest, 0]
+        within = (apart < np.sqrt(around / math.pi)) & (-holes[:, 0] < around)
+        found = np.delete(found, nearest[within], axis=0)
     return found
 
 
@@ -312,10 +320,7 @@ def _continued(areas: Array, above: Array, chain: Integers, settings: BlobSettin
     """
     if not len(areas) or not len(above):
         return np.full(len(areas), -1)
-    apart = np.hypot(*(areas[:, None, 1:3] - above[None, :, 1:3]).transpose(2, 0, 1))
+    apart, nearest = cKDTree(above[:, 1:3]).query(areas[:, 1:3])
     reach = settings.nested * np.sqrt(areas[:, 0] / math.pi) + 0.5
-    grown = areas[:, :1] / above[:, 0]
-    apart[(apart > reach[:, None]) | (grown > settings.growth)] = np.inf
-    nearest = apart.argmin(axis=1)
-    there = np.isfinite(apart[np.arange(len(areas)), nearest])
+    there = (apart <= reach) & (areas[:, 0] <= settings.growth * above[nearest, 0])
     return np.where(there, chain[nearest], -1)

@@ -162,7 +162,7 @@ class AreaLimits:
         2.5, unit='-', meaning='largest axis over smallest, at most', bounds=(1.0, 20.0)
     )
     hole: float = quantity(
-        20.0, unit='px^2', meaning='holes up to this are closed', bounds=(0.0, 1e5)
+        20.0, unit='px^2', meaning='an area with a larger hole is no target', bounds=(0.0, 1e5)
     )
 
     def __post_init__(self) -> None:

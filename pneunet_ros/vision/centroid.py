@@ -37,14 +37,15 @@ from pneunet_ros.vision.ellipse_fit import (
     SHAPE_STD,
     WIDTH,
     WIDTH_STD,
+    WITHIN,
 )
 
 Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 # Columns of a measured blob.
-U, V, AREA, MAJOR, MINOR, ANGLE, STD, CONTRAST, BLUR, SEEN, EXACT = range(11)
-COLUMNS = 11
+U, V, AREA, MAJOR, MINOR, ANGLE, STD, CONTRAST, BLUR, SEEN, EXACT, LEVEL, FILLED = range(13)
+COLUMNS = 13
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +91,10 @@ def measure_outlines(
     """Return rows (n, COLUMNS) of the blobs at these outlines; NaN where none can be a target."""
     rows = np.full((len(starts), COLUMNS), np.nan)
     known = np.isfinite(starts[:, : WIDTH_STD + 1]).all(axis=1)
-    fitted = fit_ellipses(grey, starts[known], ellipse_numbers(settings))
+    # One kind of array, for which the kernel is compiled once.
+    pixels = np.ascontiguousarray(grey).view()
+    pixels.flags.writeable = False
+    fitted = fit_ellipses(pixels, starts[known], ellipse_numbers(settings))
     rows[known] = _rows(fitted)
     rows[~_possible(rows, look, grey.shape)] = np.nan
     rows[np.flatnonzero(known)[fitted[:, PLATEAU] > look.brightest]] = np.nan
@@ -109,6 +113,7 @@ def _rows(fitted: Array) -> Array:
     rows[:, ANGLE] = 0.5 * np.arctan2(aslant, half_difference)
     rows[:, STD], rows[:, BLUR] = fitted[:, ERROR], fitted[:, WIDTH]
     rows[:, CONTRAST] = fitted[:, PLATEAU] - fitted[:, BEHIND]
+    rows[:, LEVEL], rows[:, FILLED] = fitted[:, PLATEAU], fitted[:, WITHIN]
     rows[:, SEEN], rows[:, EXACT] = fitted[:, NEAR_EDGE], fitted[:, ON_EDGE]
     return rows
 

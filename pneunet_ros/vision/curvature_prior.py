@@ -128,7 +128,7 @@ def learn_prior(
     arm: Arm, angles: list[Array], splits: Array, settings: PriorSettings
 ) -> CurvaturePrior:
     """Return the prior under which these shapes, given as in `family`, are most probable."""
-    targets, length = arm.target_arclength, arm.length
+    targets, length = arm.target_arclength, arm.reach
     line_free = without_line(targets)
     bent = [bent_line(theta, length, targets) @ line_free for theta in angles]
     seen = np.array(bent).reshape(len(bent), -1)

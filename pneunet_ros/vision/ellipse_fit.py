@@ -21,15 +21,16 @@ Integers = npt.NDArray[np.int64]
 CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH = range(6)
 # Only before: how well its size and shape (of its radius) and its blur (px) are known, one sigma.
 SHAPE_STD, WIDTH_STD = 6, 7
-# Only after: std of the center px, grey levels of plateau and background, shares of the edge that
-# are near the ellipse, and exactly on it.
-ERROR, PLATEAU, BEHIND, NEAR_EDGE, ON_EDGE = range(6, 11)
-FITTED = 11
+# Only after: std of the center px, grey levels of plateau and background; share near the ellipse
+# of the edge that can be seen, and share exactly on it of all the edge; share of what is within
+# that is as bright as the plateau.
+ERROR, PLATEAU, BEHIND, NEAR_EDGE, ON_EDGE, WITHIN = range(6, 12)
+FITTED = 12
 
 # What is searched: way of the center; size, two changes of shape; blur; plateau and its slopes.
 UNKNOWNS = 9
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
-EDGE = math.sqrt(3.0) / math.pi  # scale of a logistic curve over its standard deviation
+PEAK = 1.0 / math.sqrt(2.0 * math.pi)  # of the normal density
 SIGMA = 1.4826  # standard deviation over the median of what is off, of Gaussian noise
 
 
@@ -44,7 +45,7 @@ class EllipseSettings:
     outward: float = tuning(3.0, 'the same, outside', unit='blur')
     margin: float = tuning(1.0, 'the same, added', unit='px')
     shift: float = tuning(1.5, 'an edge may be off where the fit begins', unit='px')
-    least_blur: float = tuning(0.2, 'of an edge', unit='px')
+    least_blur: float = tuning(0.29, 'of an edge: a pixel is a square', unit='px')
     most_blur: float = tuning(3.5, 'of an edge', unit='px')
     tilt_std: float = tuning(0.015, 'slope of the light over a blob', unit='contrast / radius')
     largest_step: float = tuning(1.5, 'of the center in a pass', unit='px')
@@ -55,6 +56,9 @@ class EllipseSettings:
     cut: float = tuning(2.5, 'an edge off the outline takes no part', unit='usual distance')
     least_off: float = tuning(0.02, 'usual distance of edges from the outline', unit='px')
     knows: float = tuning(0.3, 'error of the place of an edge that tells anything', unit='px')
+    told: float = tuning(0.5, 'share of the sectors in which an edge can be seen, at least')
+    within: float = tuning(0.9, 'share of a pixel that a blob covers where it is its inside')
+    plain: float = tuning(0.3, 'inside of a blob, darker than the plateau at most', unit='height')
     on_edge: float = tuning(0.03, 'distance of an edge that is on the outline', unit='px')
     near_edge: float = tuning(0.12, 'distance of an edge that is near the outline', unit='px')
     near_edge_share: float = tuning(0.02, 'the same, added', unit='radius')
@@ -93,7 +97,8 @@ def _seen_from(
     ratio = max(math.sqrt(across * across + down * down), 1e-6)
     across, down = across / ratio, down / ratio
     normal_x, normal_y = xx * across + xy * down, xy * across + yy * down
-    stretch = 1.0 / math.sqrt(normal_x * normal_x + normal_y * normal_y)
+    # At the very center there is no normal; it is far inside then.
+    stretch = 1.0 / max(math.sqrt(normal_x * normal_x + normal_y * normal_y), 1e-12)
     return (
         across, down, ratio, normal_x * stretch, normal_y * stretch, stretch,
         (ratio - 1.0) * stretch,
@@ -128,7 +133,6 @@ def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Ar
     for turn in range(numbers.passes):
         xx, xy, yy = _inverse(now[AXIS_XX], now[AXIS_XY], now[AXIS_YY])
         blur, plateau = now[WIDTH], now[PLATEAU]
-        steep = 1.0 / (EDGE * blur)
         nearest = -numbers.inward * blur - numbers.margin
         farthest = numbers.outward * blur + numbers.margin
         # First what is covered, and the background of each sector.
@@ -139,7 +143,7 @@ def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Ar
             if outside <= nearest or outside >= farthest:
                 pixels[pixel, 2] = 0.0
                 continue
-            covered = 1.0 / (1.0 + math.exp(steep * outside))
+            covered = 0.5 * math.erfc(outside / (math.sqrt(2.0) * blur))
             bare = 1.0 - covered
             # Uneven light tells on the blob from its center on, behind it from the edge on.
             lever = covered + bare * (1.0 - 1.0 / ratio)
@@ -173,7 +177,7 @@ def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Ar
             background = (1.0 - share) * behind[first] + share * behind[second]
             left = pixels[pixel, 1] - bare * background
             height = plateau - background + (slopes[0] * x + slopes[1] * y) / ratio
-            by_edge = height * steep * covered * bare
+            by_edge = height * PEAK / blur * math.exp(-0.5 * (outside / blur) ** 2)
             stretched = by_edge * stretch
             lever = covered + bare * (1.0 - 1.0 / ratio)
             by_unknowns[0], by_unknowns[1] = by_edge * out_x, by_edge * out_y
@@ -217,10 +221,14 @@ def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Ar
     larger = variance * max(covariance[0, 0], covariance[1, 1])
     fitted[ERROR] = math.sqrt(larger + numbers.model_error**2)
     fitted[BEHIND] = np.median(behind)
+    inside = (pixels[:, 2] > 0.0) & (pixels[:, 0] > numbers.within)
+    plain = levels >= now[PLATEAU] - numbers.plain * (now[PLATEAU] - fitted[BEHIND])
+    fitted[WITHIN] = np.sum(inside & plain) / max(np.sum(inside), 1)
     radius = math.sqrt(now[AXIS_XX] * now[AXIS_YY] - now[AXIS_XY] ** 2)
     near = numbers.near_edge + numbers.near_edge_share * radius
-    fitted[NEAR_EDGE] = _share_on_edge(edges, near, numbers)
-    fitted[ON_EDGE] = _share_on_edge(edges, numbers.on_edge, numbers)
+    told, seen = _seen_on_edge(edges, near, numbers)
+    fitted[NEAR_EDGE] = seen / told if told >= numbers.told * sectors else 0.0
+    fitted[ON_EDGE] = _seen_on_edge(edges, numbers.on_edge, numbers)[1] / sectors
 
 
 @kernel
@@ -353,11 +361,13 @@ def _believe(edges: Array, gently: bool, numbers: EllipseSettings, believed: Arr
 
 
 @kernel
-def _share_on_edge(edges: Array, most: float, numbers: EllipseSettings) -> float:
-    """Return the share of sectors in which the edge is seen `most` px or less off the ellipse."""
-    seen = 0
+def _seen_on_edge(edges: Array, most: float, numbers: EllipseSettings) -> tuple[int, int]:
+    """Return in how many sectors an edge can be seen, and is `most` px off the ellipse or less."""
+    told = seen = 0
     for sector in range(len(edges)):
         off, std = edges[sector]
-        if std < numbers.knows and abs(off) < most + 2.0 * std:
-            seen += 1
-    return seen / len(edges)
+        if std < numbers.knows:
+            told += 1
+            if abs(off) < most + 2.0 * std:
+                seen += 1
+    return told, seen

@@ -42,7 +42,7 @@ class GatingSettings:
     smallest: float = tuning(0.7, 'area over what it has been, at least')
     largest: float = tuning(1.6, 'the same, at most')
     first_growth: float = tuning(1.1, 'area over most, of a target not seen before, at most')
-    alone_between: float = tuning(0.06, 'a target moves alone, at most', unit='spacing')
+    alone_between: float = tuning(0.04, 'a target moves alone, at most', unit='spacing')
     alone_beyond: float = tuning(0.15, 'the same, at the end of what is seen', unit='spacing')
     steps: float = tuning(2.0, 'of neighbors, by which one at the end moved more, at most')
 

@@ -18,7 +18,7 @@ from pneunet_ros.vision.gating import consistent_spacing, gating_numbers
 from pneunet_ros.vision.settings import RestPlaneSettings, VISION, VisionSettings
 from pneunet_ros.vision.working_plane import Plane, plane_from_rest
 
-HEADING_DEGREE = 3  # of the polynomial that an arm's heading at rest is along it
+HEADING_CHORDS, HEADING_SHARE = 5, 0.4  # chords from the clamp that tell the heading there
 RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
 
 Counts = npt.NDArray[np.int64]
@@ -132,18 +132,19 @@ def plane_at_rest(points: Array, arclength: Array, method: PlaneMethod) -> Plane
 def _unrolled(points: Array, arclength: Array) -> Array:
     """Return where the last target (2,) would be if the arm went on straight from the clamp.
 
-    The length is that of the arcs between neighbors. The heading at the first target is that of a
-    smooth curve: the headings of the chords, each that of the arm in its middle, as a polynomial.
+    The length is that of the arcs between neighbors. The heading at the first target comes from
+    the headings of the first chords, each that of the arm in its middle, by a parabola.
     """
     seen = np.flatnonzero(np.isfinite(points[:, 0]))
     steps, places = np.diff(points[seen], axis=0), arclength[seen]
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     middle = 0.5 * (places[1:] + places[:-1])
-    share = (middle - places[0]) / (places[-1] - places[0])
-    course = np.polynomial.Polynomial.fit(share, heading, min(HEADING_DEGREE, heading.size - 1))
-    turn = course.deriv()(share) * np.diff(places) / (places[-1] - places[0])
+    turn = np.gradient(heading, middle) * np.diff(places)
     length = float(np.sum(np.hypot(*steps.T) * (1.0 + turn**2 / 24.0)))
-    at_clamp = float(course(0.0))
+    near = max(HEADING_CHORDS, round(HEADING_SHARE * heading.size))
+    degree = min(2, heading.size - 1)
+    course = np.polynomial.Polynomial.fit(middle[:near], heading[:near], degree)
+    at_clamp = float(course(places[0]))
     return np.asarray(points[0] + length * np.array([math.cos(at_clamp), math.sin(at_clamp)]))
 
 
@@ -180,15 +181,9 @@ def row_at_rest(
     count = arclength.size
     rows = regular_rows(points, areas, arclength, vision)
     if not rows:
-        short = (
-            ''
-            if clamp_pixel is None
-            else _short_row(points, pixels, areas, arclength, clamp_pixel, vision)
-        )
         return Failure(
             reason='no_row',
-            sentence=short
-            or f'no row of {count} targets at their distances among {len(points)} bright '
+            sentence=f'no row of {count} targets at their distances among {len(points)} '
             'areas: is the whole arm in view, straight, and are target_arclength, grey_band and '
             'area right?',
         )
@@ -226,27 +221,6 @@ def regular_rows(
     """Find all rows of targets that lie on a smooth line; arguments as of `row_at_rest`."""
     rows = rows_anywhere(points, areas, arclength, vision.association, vision.beam_search)
     return [row for row in rows if _is_regular(row_points(row, points), arclength, vision)]
-
-
-def _short_row(
-    points: Array,
-    pixels: Array,
-    areas: Array,
-    arclength: Array,
-    clamp_pixel: tuple[float, float],
-    vision: VisionSettings,
-) -> str:
-    """Say which target at the end of a row from the clamp is missing; empty where none is."""
-    count = arclength.size
-    if count <= vision.association.least_targets:
-        return ''
-    short = regular_rows(points, areas, arclength[:-1], vision)
-    if not _rows_from(clamp_pixel, short, pixels, vision):
-        return ''
-    return (
-        f'a row of {count - 1} targets begins at clamp_pixel, but {count} are needed: '
-        f'target {count - 1} is not seen'
-    )
 
 
 def bow(points: Array) -> float:

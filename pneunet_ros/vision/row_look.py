@@ -12,8 +12,20 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.vision.centroid import AREA, axes_of, BLUR, EXACT, Integers, outlines
-from pneunet_ros.vision.ellipse_fit import AXIS_XX, AXIS_XY, AXIS_YY
+from pneunet_ros.vision.centroid import (
+    AREA,
+    axes_of,
+    BLUR,
+    CONTRAST,
+    EXACT,
+    FILLED,
+    Integers,
+    LEVEL,
+    Mask,
+    outlines,
+    SEEN,
+)
+from pneunet_ros.vision.ellipse_fit import AXIS_XX, AXIS_XY, AXIS_YY, BEHIND, PLATEAU
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +43,11 @@ class RowLookSettings:
     least_std: float = tuning(0.0015, 'one sigma of size and shape, at least', unit='radius')
     blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px')
     whole: float = tuning(0.87, 'area of a target seen in great part, over that by its neighbors')
-    seen: float = tuning(0.7, 'share of the edge that shows a target of which less is seen')
+    seen: float = tuning(
+        0.6, 'share of the visible edge that shows a target of which less is seen'
+    )
+    filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
+    level: float = tuning(0.25, 'a target brighter or darker than neighbors', unit='contrast')
     moved: float = tuning(0.5, 'a target by a part of it, off where it was seen', unit='radius')
 
 
@@ -48,11 +64,8 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
     whole = np.flatnonzero(table[:, EXACT] >= settings.exact)
     axes, radius = axes_of(table), np.sqrt(table[:, AREA] / math.pi)
     count = len(table)
-    expected, blur, std = (
-        np.full((count, 3), np.nan),
-        np.full(count, np.nan),
-        np.full(count, np.nan),
-    )
+    expected = np.full((count, 3), np.nan)
+    blur, std, level, contrast = np.full((4, count), np.nan)
     for target in range(count):
         others = whole[whole != target]
         near = others[np.argsort(np.abs(others - target), kind='stable')[: settings.neighbors]]
@@ -60,8 +73,12 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
             expected[target], off = _line_at(target, near, axes)
             std[target] = off / float(np.median(radius[near]))
             blur[target] = float(np.median(table[near, BLUR]))
+            level[target] = float(np.median(table[near, LEVEL]))
+            contrast[target] = float(np.median(table[near, CONTRAST]))
     std = np.maximum(std, settings.least_std)
-    return outlines(places, expected, blur, std, np.full(count, settings.blur_std))
+    starts = outlines(places, expected, blur, std, np.full(count, settings.blur_std))
+    starts[:, PLATEAU], starts[:, BEHIND] = level, level - contrast
+    return starts
 
 
 def _line_at(target: int, near: Integers, values: Array) -> tuple[Array, float]:
@@ -82,3 +99,17 @@ def share_of_area(table: Array, expected: Array) -> Array:
     """
     size = expected[:, AXIS_XX] * expected[:, AXIS_YY] - expected[:, AXIS_XY] ** 2
     return np.asarray(table[:, AREA] / (math.pi * size))
+
+
+def believable_parts(
+    found: Array, expected: Array, share: Array, settings: RowLookSettings = ROW_LOOK
+) -> Mask:
+    """Whether targets of which a part was found (targets, COLUMNS) are what their neighbors are.
+
+    expected: as `looks_of_neighbors`; share: as `share_of_area`. What covers a target is of
+    another grey, and has an edge of its own.
+    """
+    off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
+    alike = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
+    edge = (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
+    return np.asarray(alike & edge & (found[:, FILLED] >= settings.filled))

@@ -27,7 +27,6 @@ from pneunet_ros.vision.centroid import (
     MAJOR,
     MINOR,
     outlines,
-    SEEN,
     STD,
     U,
     V,
@@ -48,7 +47,7 @@ from pneunet_ros.vision.rest_plane import (
     row_at_rest,
     row_points,
 )
-from pneunet_ros.vision.row_look import looks_of_neighbors, share_of_area
+from pneunet_ros.vision.row_look import believable_parts, looks_of_neighbors, share_of_area
 from pneunet_ros.vision.settings import VisionSettings
 from pneunet_ros.vision.working_plane import Plane
 
@@ -154,7 +153,7 @@ def with_nearest(view: View, table: Array, places: Array, reach: float) -> Array
     """
     table, lost = table.copy(), np.isnan(table[:, U])
     if lost.any():
-        across = float(np.nanmax(table[:, MAJOR], initial=0.0))
+        across = float(table[~lost, MAJOR].max(initial=0.0))
         across = across or math.sqrt(view.settings.area.largest)
         table[lost] = nearest_blobs(view.image, places[lost], reach, across, view.appearance)
     return table
@@ -179,9 +178,9 @@ def with_partial(
     asked = np.flatnonzero(partial)
     found = np.full_like(row.table, np.nan)
     found[asked] = blobs_at(view.image, expected[asked], view.appearance)
-    reach = settings.moved * np.sqrt(np.nanmax(usual, initial=0.0) / math.pi)
+    reach = settings.moved * np.sqrt(usual / math.pi)
     believed = np.hypot(*(found[:, :2] - places).T) <= reach
-    believed &= (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
+    believed &= believable_parts(found, expected, share, settings)
     if not believed.any():
         return row
     table = np.where(believed[:, None], found, row.table)
@@ -213,7 +212,7 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
         return Failure(
             reason='no_row',
             sentence=f'only {found.seen} of {targets} targets stand in a row from the clamp, '
-            f'among {len(blobs)} bright areas; {least} are needed: is the arm covered, or has '
+            f'among {len(blobs)} areas; {least} are needed: is the arm covered, or has '
             'the camera moved?',
         )
     return found
@@ -230,29 +229,31 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     blobs = candidate_blobs(view)
     if isinstance(blobs, Failure):
         return blobs
-    pixels = np.column_stack([blobs.u, blobs.v])
-    points = view.lens.undistort(pixels)
-    usable = np.isfinite(points[:, 0])
-    bent = isinstance(settings.plane, CurvedRestPlane)
-    row = row_at_rest(
-        points[usable],
-        pixels[usable],
-        blobs.area[usable],
-        arclength,
-        settings.clamp_pixel,
-        math.inf if bent else settings.rest_straightness,
-        vision,
-    )
-    if isinstance(row, Failure):
-        again = rest.recognize(points[usable], arclength, vision.rest_plane)
-        return again if row.reason == 'no_row' and again is not None else row
-    at_rest = row_points(row, points[usable])
-    plane = plane_at_rest(at_rest, arclength, settings.plane)
+    points = view.lens.undistort(np.column_stack([blobs.u, blobs.v]))
+    at_rest = whole = _row_at_rest(view, blobs, points, arclength)
+    if isinstance(whole, Failure):
+        again = rest.recognize(points[np.isfinite(points[:, 0])], arclength, vision.rest_plane)
+        if whole.reason == 'no_row' and again is not None:
+            return again
+        # The last target may be seen in part: its neighbors tell where to look for it.
+        short = arclength.size > vision.association.least_targets
+        if whole.reason != 'no_row' or not short:
+            return whole
+        at_rest = _row_at_rest(view, blobs, points, arclength[:-1])
+    if isinstance(at_rest, Failure):
+        return whole if isinstance(whole, Failure) else at_rest
+    plane = plane_at_rest(at_rest, arclength[: len(at_rest)], settings.plane)
     found = row_among(replace(view, plane=plane), blobs)
     if isinstance(found, Failure):
         return found
+    if isinstance(whole, Failure) and np.isnan(found.std[-1]):
+        return Failure(
+            reason='no_row',
+            sentence=f'a row of {arclength.size - 1} targets begins at the clamp, but '
+            f'{arclength.size} are needed: target {arclength.size - 1} is not seen',
+        )
     again = view.lens.undistort(found.table[:, :2])
-    same = np.count_nonzero((again == at_rest).all(axis=1))
+    same = np.count_nonzero((again[: len(at_rest)] == at_rest).all(axis=1))
     if same < vision.rest_plane.seen * arclength.size:
         return Failure(
             reason='no_row',
@@ -263,13 +264,31 @@ def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     return again
 
 
+def _row_at_rest(view: View, blobs: Blobs, points: Array, arclength: Array) -> Array | Failure:
+    """Return the targets of a resting arm among blobs, normalized (targets, 2), NaN where missing.
+
+    points (blobs, 2) normalized, NaN where the lens does not see.
+    """
+    settings, usable = view.settings, np.isfinite(points[:, 0])
+    row = row_at_rest(
+        points[usable],
+        np.column_stack([blobs.u, blobs.v])[usable],
+        blobs.area[usable],
+        arclength,
+        settings.clamp_pixel,
+        math.inf if isinstance(settings.plane, CurvedRestPlane) else settings.rest_straightness,
+        view.vision,
+    )
+    return row if isinstance(row, Failure) else row_points(row, points[usable])
+
+
 def candidate_blobs(view: View) -> Blobs | Failure:
     """Return the blobs of a frame that can be targets, or why there are none to look at."""
     blobs = find_blobs(view.image, view.appearance)
     if len(blobs) == 0:
         return Failure(
             reason='no_areas',
-            sentence='no bright area could be a target: look at light, exposure, focus, grey_band '
+            sentence='no area could be a target: look at light, exposure, focus, grey_band '
             'and area',
         )
     return blobs

@@ -274,9 +274,9 @@ def smoother_for(
         )
     return Smoother(
         target_arclength=arm.target_arclength,
-        stations=station_arclength(arm.length, stations),
+        stations=station_arclength(arm.reach, stations),
         priors=learn_priors(arm, prior),
-        length=arm.length,
+        length=arm.reach,
         placement_std=arm.sensors.placement_std,
         settings=settings,
     )

@@ -159,7 +159,9 @@ PLACES: tuple[tuple[Axis, float, float, float, float, str], ...] = (
     ('direction', 1.0, 1.0, 0.5, 0.5, ''),
 )
 SHARES = tuple(
-    Share(axis=axis, start=start, stop=stop, share=share, p_value=chance, sentence=sentence)
+    Share(
+        axis=axis, start=start, stop=stop, share=share, seen=0.5, p_value=chance, sentence=sentence
+    )
     for axis, start, stop, share, chance, sentence in PLACES
 )
 

@@ -18,7 +18,7 @@ from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
 from support.composed_pictures import Composer, Composition, Frame, HEIGHT, WIDTH
 
-VISIBLE, HIDDEN = 0.9, 0.5  # share of a whole dot: from here on to be found, below never
+VISIBLE, HIDDEN = 0.9, 0.25  # share of a whole dot: from here on to be found, below never
 FALSE_PX = 1.5  # a center further off is not that of the target
 FOCAL_PX = 1400.0
 

@@ -10,6 +10,7 @@ from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.predicted_targets import predict_targets
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 
 
@@ -23,12 +24,13 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
     low, high = arm.pressure_range
     middle = 0.5 * (low + high)
     BoundaryValueProblem(arm.rods(np.array([middle])), (0.0, 0.0), 0.0).continue_in_load()
+    force_x, force_y, moment = load_inside(arm)
     readings = (
         WrenchReading(
             stamp_ns=1,
-            force_x=0.0,
-            force_y=0.1 * arm.weight,
-            moment=0.0,
+            force_x=force_x,
+            force_y=force_y,
+            moment=moment,
             frame_id=estimator.settings.frame_id,
         ),
         PressureReading(stamp_ns=1, pressure=reading_at(estimator, middle)),
@@ -45,6 +47,18 @@ def warm_up(estimator: Estimator, serializer: MessageSerializer) -> str:
         assert outcome.noise is not None and outcome.second_order is not None
         predict_targets(estimator.table, outcome.noise, outcome.second_order)
     return ''
+
+
+def load_inside(arm: Arm) -> tuple[float, float, float]:
+    """Return F1, F2 (N) and M (N m) that the model knows in the middle of its pressures.
+
+    Half of any load that was seen is inside there: the unloaded arm belongs to the convex domain.
+    """
+    if arm.domain is None:
+        return 0.0, 0.1 * arm.weight, 0.0
+    rows = arm.domain.end_load
+    force_x, force_y, moment, _ = rows[int(np.argmax(np.hypot(rows[:, 0], rows[:, 1])))].tolist()
+    return 0.5 * force_x, 0.5 * force_y, 0.5 * moment
 
 
 def reading_at(estimator: Estimator, pressure: float) -> float:

@@ -92,6 +92,7 @@ class TrackerHealth(InputHealth):
             'missing_ids': None if missing is None else ', '.join(str(item) for item in missing),
             'rest_frames': state.rest.frames,
             'scale_mm_per_px': _scale(state),
+            'polarity': None if state.polarity is None else state.polarity.evidence,
             'reason': None if last is None else last.reason,
             'latency_p50_s': self.latency(50.0),
             'latency_p99_s': self.latency(99.0),

@@ -10,7 +10,7 @@ from pneunet_ros.core.image import Image
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import outputs_of
 from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.camera_settings import CameraSettings, FixedBand, RestPlane
+from pneunet_ros.vision.camera_settings import BRIGHT, CameraSettings, FixedBand, RestPlane
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
@@ -26,6 +26,7 @@ def warm_up(tracker: Tracker, serializer: MessageSerializer) -> str:
         plane=RestPlane(),
         clamp_pixel=None,
         rest_frames=1,
+        polarity=BRIGHT,
     )
     drawn = Tracker(tracker.arm, resting, tracker.vision)
     image, lens = drawn_arm(drawn.arm.target_arclength, resting)

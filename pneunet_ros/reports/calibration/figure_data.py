@@ -51,6 +51,9 @@ class FigureData:
 def figure_data(calibration: Calibration, on_progress: OnProgress) -> FigureData:
     """Work out what the pictures show."""
     fit = calibration.joint
+    if fit.arm.target_arclength.size != calibration.arm.target_arclength.size:  # a pose of the tip
+        arm = replace(calibration.arm, target_arclength=fit.arm.target_arclength)
+        calibration = replace(calibration, arm=arm)
     states = [(item.run, find_steady_states(item, fit.arm)) for item in fit.runs]
     free = [state for run, of_run in states if not run.loaded for state in of_run]
     loaded = [(run, of_run) for run, of_run in states if run.loaded]

@@ -86,6 +86,7 @@ def summary(calibration: Calibration, rows: tuple[Row, ...]) -> list[tuple[str, 
     summary_rows = [
         ('Recordings', f'{len(runs) - loaded} unloaded, {loaded} loaded; {frames} frames'),
         ('Pressures', f'{low:.1f} to {high:.1f} kPa'),
+        *([] if arm.domain is None else [('The model is known for', arm.domain.words)]),
         ('Moment law', f'{arm.moment_law.kind}'),
         ('Fit', f'{fit.status} after {fit.steps} steps'),
         ('Chi squared per coordinate', f'{fit.chi_squared / fit.dof:.3f}; 1 is expected'),

@@ -91,9 +91,14 @@ def travel(variation: Variation) -> str:
     return f'{millimeters(variation.travel):.1f} mm'
 
 
-def linearity(data: FigureData) -> Picture:
-    """Figure 11: kappa0, and kappa - kappa0, over pressure at four places."""
+def linearity(data: FigureData) -> Picture | None:
+    """Figure 11: kappa0, and kappa - kappa0, over pressure at four places.
+
+    None where the pressure never changes.
+    """
     free = intrinsic_linearity(data.calibration.joint)
+    if not free:
+        return None
     loaded = change_linearity(data.main_views, data.calibration.arm.length)
     figure, axes = panels(2 if loaded else 1)
     draw_lines(axes[0], free)

@@ -106,6 +106,7 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
                 'from': item.start,
                 'to': item.stop,
                 'share': item.share,
+                'seen': item.seen,
                 'p_value': item.p_value,
                 'sentence': item.sentence,
             }
@@ -116,9 +117,9 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
             'training': misfits_content(before.training, after.training),
             'heldout': misfits_content(before.held_out, after.held_out),
             'noise_floor_m': diagnosis.noise_floor,
-            'noise_floor_std_m': diagnosis.noise_floor_std,
             'closed': diagnosis.closed,
         },
+        'noise_floor_std_m': diagnosis.noise_floor_std,
         'adequacy': {
             'before': asdict(diagnosis.adequacy_before),
             'after': asdict(diagnosis.adequacy_after),

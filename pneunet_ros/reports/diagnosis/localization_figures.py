@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, TwoSlopeNorm
@@ -12,7 +13,7 @@ from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.result import AXES, Axis, HeatMap, Share
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.figure import Picture, picture
-from pneunet_ros.reports.style import FIRST, panels, same_height
+from pneunet_ros.reports.style import FIRST, legend, panels, same_height
 
 ALONE = 0.1  # s / l, width of the cell of a single target
 HIGHEST = 8.0  # times the noise: more is drawn alike
@@ -99,15 +100,17 @@ def shares(data: FigureData) -> Picture | None:
     for panel, axis in zip(axes, shown, strict=True):
         draw_shares(panel, axis, [item for item in where if item.axis == axis], p_value)
     axes[0].set_ylabel('share of the misfit (%)')
+    legend(axes[0], loc='best')
     same_height(axes, low=0.0)
     return picture(
         '05_shares',
         'Which share of the misfit lies where',
         'What the model before leaves over, split along each axis. Blue bars hold more than '
         f'noise alone puts there in {100 * (1.0 - p_value):.0f} of 100 cases, grey ones do not '
-        'stand out. A cause shows itself by the axis on which the bars are uneven: along force '
-        'what carries the load, along direction or time an effect with memory, along pressure '
-        'alone the inflation.',
+        'stand out. Dashed: which share of all that was seen lies there; a bar as high as its '
+        'outline is an even misfit. A cause shows itself by the axis on which the bars differ '
+        'from their outlines: along force what carries the load, along direction or time an '
+        'effect with memory, along pressure alone the inflation.',
         figure,
     )
 
@@ -116,16 +119,25 @@ def draw_shares(axes: Axes, axis: Axis, shares: Sequence[Share], p_value: float)
     """Draw the shares of one axis as bars, in blue those less probable than p_value by noise."""
     label, scale = WORDS[axis]
     heights = [100.0 * item.share for item in shares]
+    seen = [100.0 * item.seen for item in shares]
+    outline: dict[str, Any] = {
+        'fill': False,
+        'edgecolor': '0.25',
+        'linewidth': 1.0,
+        'linestyle': (0, (3, 2)),
+    }
     colors = [FIRST if item.p_value < p_value else '#b5b5b5' for item in shares]
     if axis == 'direction':
         places = np.arange(len(shares))
         signs = {-1: 'falling', 0: 'held', 1: 'rising'}
         names = [signs[int(np.sign(item.start))] for item in shares]
         axes.bar(places, heights, 0.6, color=colors)
+        axes.bar(places, seen, 0.6, label='of what was seen', **outline)
         axes.set_xticks(places, names)
     else:
         left = scale * np.array([item.start for item in shares])
         width = scale * np.array([item.stop for item in shares]) - left
         axes.bar(left, heights, width, align='edge', color=colors, edgecolor='white')
+        axes.bar(left, seen, width, align='edge', label='of what was seen', **outline)
     axes.grid(visible=False, axis='x')
     axes.set(xlabel=label)

@@ -145,13 +145,19 @@ def adequacy_table(diagnosis: Diagnosis) -> Table:
 def where_table(diagnosis: Diagnosis) -> Table:
     """Return what can be said of the places of the misfit."""
     return Table(
-        columns=('axis', 'what is seen', 'share', 'p-value'),
+        columns=('axis', 'what is seen', 'of the misfit', 'of what was seen', 'p-value'),
         rows=tuple(
-            (item.axis, item.sentence, f'{100.0 * item.share:.0f} %', p_value_text(item.p_value))
+            (
+                item.axis,
+                item.sentence,
+                f'{100.0 * item.share:.0f} %',
+                f'{100.0 * item.seen:.0f} %',
+                p_value_text(item.p_value),
+            )
             for item in diagnosis.where
             if item.sentence
         ),
-        numbers=(2, 3),
+        numbers=(2, 3, 4),
     )
 
 

@@ -1,0 +1,64 @@
+"""What the noise of pressure readings does to a fit by way of the memory of its effects.
+
+The noise of a frame's own reading is in the covariance of that frame. That of earlier ones reaches
+it through the memory: where a play turned, what a line held. It is common to many frames, and is
+found by adding as much noise once more.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.linearization import KnownInputs, Linearization
+from pneunet_ros.diagnosis.refit import Refit
+from pneunet_ros.diagnosis.settings import DEFAULTS, ReadingNoiseSettings
+
+
+def with_reading_noise(
+    refit: Refit, seed: int, settings: ReadingNoiseSettings = DEFAULTS.reading_noise
+) -> Refit:
+    """Return a fit in whose covariance is the noise of readings that its effects remember."""
+    if not any(item.has_memory for item in refit.hypotheses):
+        return refit
+    linearization = refit.linearization
+    residuals = residuals_of(refit, linearization)
+    random = np.random.default_rng([seed, settings.draws])
+    covariance = np.zeros_like(refit.covariance)
+    for _ in range(settings.draws):
+        moved = residuals_of(refit, with_more_noise(linearization, random))
+        if residuals is None or moved is None:
+            return refit
+        columns = refit.gaussian.columns
+        pairs = zip(columns, residuals, moved, strict=True)
+        vector = sum(item.T @ (after - before) for item, before, after in pairs)
+        scaled = refit.gaussian.solved(np.asarray(vector))[-refit.numbers.size :]
+        change = scaled * np.concatenate([item.std for item in refit.hypotheses])
+        covariance += np.outer(change, change) / settings.draws
+    return replace(refit, covariance=refit.covariance + covariance)
+
+
+def residuals_of(refit: Refit, linearization: Linearization) -> list[Array] | None:
+    """Return whitened residuals (rows,) per training run of a fit."""
+    return linearization.residual(refit.point.values, refit.effects, range(linearization.training))
+
+
+def with_more_noise(linearization: Linearization, random: np.random.Generator) -> Linearization:
+    """Return the same around the same point, as much noise again on what effects remember."""
+    std, settings = linearization.noise.pressure_std, linearization.settings
+    noisy = [
+        replace(run, pressure=run.pressure + std * random.standard_normal(run.pressure.size))
+        for run in linearization.runs
+    ]
+    louder = replace(linearization.noise, pressure_std=float(np.sqrt(2.0)) * std)
+    known = KnownInputs(noisy, louder, settings)
+    known.filtered = [
+        # Of a frame's own reading, the noise stays as it was.
+        replace(after, noise=after.noise + run.frame_pressure - more.frame_pressure)
+        for after, run, more in zip(known.filtered, linearization.runs, noisy, strict=True)
+    ]
+    moved = copy.copy(linearization)
+    moved.known_inputs = known
+    return moved

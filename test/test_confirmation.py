@@ -1,0 +1,133 @@
+"""What a name requires besides passing the tests, requirement by requirement, on made records."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.diagnosis.confirmation import Confirmer
+from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
+from pneunet_ros.diagnosis.selection import parameters_outside_prior, Record
+from pneunet_ros.diagnosis.settings import DEFAULTS
+import pytest
+from support.lab_designs import fitted
+
+TRAINING = ('lab/ramp.mcap', 'lab/strings.mcap', 'lab/sweeps.mcap')
+COORDINATES = 100  # of a run
+BAD = LackOfFit(name='training: windows of time', statistic=90.0, dof=9, mean=9.0, std=4.0)
+
+
+def record(*names: str, fall: float = 0.0, chi_squared: float = 1.0, **changes) -> Record:
+    """Return a record of three training runs and a held-out one of which all speaks for it.
+
+    fall: of chi squared in the held-out run; chi_squared: per coordinate of the training ones.
+    """
+    residual = np.full(COORDINATES, 1.0 if names else 3.0)
+    whole = 0.0 if not names else 900.0
+    values = {
+        'names': names,
+        'dof': len(names),
+        'evidence': whole,
+        'gain': 2.0 * whole,
+        'tests': (replace(BAD, statistic=9.0),),
+        'adequate': True,
+        'plausible': True,
+        'run_chi_squared': (
+            *(COORDINATES * chi_squared for _ in TRAINING), float(residual @ residual) - fall
+        ),
+        'coordinates': (COORDINATES,) * (1 + len(TRAINING)),
+        'log_probability': whole,
+        'without': (2.0 / 3.0 * whole,) * len(TRAINING),
+        'predicted': 0.5 * fall + (0.0 if not names else 400.0),
+        'held_out': (residual,),
+    }  # fmt: skip
+    return Record(**(values | changes))
+
+
+BASE = record(chi_squared=9.0)
+
+
+def confirmer(*tried: Record, base: Record = BASE) -> Confirmer:
+    return Confirmer(base=base, tried=(base, *tried), training=TRAINING, settings=DEFAULTS)
+
+
+def objections(best: Record, *others: Record, alternatives: tuple[str, ...] = ()) -> str:
+    found = confirmer(best, *others).confirm(best, alternatives)
+    return '; '.join(found.objections)
+
+
+def test_what_all_speaks_for_keeps_its_name():
+    best = record('creep')
+    found = confirmer(best).confirm(best)
+    assert (found.objections, found.untested) == ((), ())
+
+
+def test_a_law_may_leave_little_and_no_more():
+    assert objections(record('creep', chi_squared=1.8, tests=(BAD,))) == ''
+    said = objections(record('creep', chi_squared=7.7, tests=(BAD,)))
+    assert 'leaves chi squared per coordinate 7.7' in said
+    assert 'windows of time' in said
+    # Wide priors of few frames: chi squared alone says nothing.
+    assert objections(record('creep', chi_squared=7.7)) == ''
+
+
+def test_held_out_recordings_must_be_predicted_better():
+    rises = replace(record('creep'), run_chi_squared=(100.0, 100.0, 100.0, 1800.0))
+    assert 'held-out chi squared per coordinate rises from 9 to 18' in objections(rises)
+    same = record('creep', predicted=1.0)
+    assert 'not predicted significantly better' in objections(same)
+    assert objections(record('creep', predicted=1.4)) == ''
+
+
+def test_held_out_recordings_that_cannot_show_it_test_nothing():
+    hardly = BASE.held_out[0].copy()
+    hardly[0] += 2.0
+    best = record('creep', predicted=0.5, held_out=(hardly,))
+    best = replace(best, run_chi_squared=(100.0, 100.0, 100.0, 900.0))
+    found = confirmer(best).confirm(best)
+    assert found.objections == ()
+    assert 'hardly show it' in found.untested[0]
+    runs = {'run_chi_squared': (100.0,) * 3, 'coordinates': (100,) * 3, 'held_out': ()}
+    best = replace(record('creep'), **runs)
+    found = confirmer(best, base=replace(BASE, **runs)).confirm(best)
+    assert 'no recording was held out' in found.untested[0]
+
+
+def test_a_name_that_another_takes_without_a_recording_is_none():
+    best = record('creep')
+    other = record('hysteresis', log_probability=850.0, without=(500.0, 700.0, 550.0))
+    assert objections(best, other) == 'without strings.mcap the name would be hysteresis'
+    assert objections(best, other, alternatives=('hysteresis',)) == ''
+    assert objections(best, replace(other, without=(500.0, 610.0, 550.0))) == ''
+    # One that is better with all recordings was refused for another reason.
+    assert objections(best, replace(other, log_probability=1000.0)) == ''
+
+
+def test_an_effect_that_one_recording_alone_wants_is_no_second_one():
+    both = record('creep', 'hysteresis')
+    alone = record('creep', log_probability=700.0, without=(600.0, 640.0, 400.0))
+    assert objections(both, alone) == 'without strings.mcap the name would be creep'
+
+
+def test_what_hangs_on_one_recording_is_said():
+    best = record('softening', without=(2.0, 600.0, 600.0))
+    found = confirmer(best).confirm(best)
+    assert found.objections == ()
+    assert found.untested == ('it shows in ramp.mcap alone of the training recordings',)
+    one = replace(confirmer(best), training=TRAINING[:1])
+    assert 'there is one training recording' in one.stability_untested(best)[0]
+
+
+def test_an_arm_that_may_bend_unevenly():
+    needed, needless = record('creep', uneven=950.0), record('creep', uneven=102.0)
+    base = replace(BASE, uneven=100.0)
+    assert confirmer(needed, base=base).objections(needed) == ()
+    assert 'bends unevenly' in confirmer(needless, base=base).objections(needless)[0]
+
+
+@pytest.mark.parametrize(('factor', 'count'), [(1.0, 0), (1.9, 0), (2.4, 1)])
+def test_every_parameter_lies_within_its_prior(factor, count):
+    fit = fitted('load_offset', 'load_offset')  # 6 mm; its prior ends at 12 mm
+    found = parameters_outside_prior(replace(fit, numbers=factor * fit.numbers), 2.0)
+    assert len(found) == count
+    assert all('load_offset.offset = ' in sentence for sentence in found)

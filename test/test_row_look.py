@@ -1,0 +1,96 @@
+"""What a row of targets tells of one of them: how large it is, and whether it is one."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.vision.centroid import (
+    ANGLE,
+    AREA,
+    BLUR,
+    COLUMNS,
+    CONTRAST,
+    EXACT,
+    FILLED,
+    LEVEL,
+    MAJOR,
+    MINOR,
+    SEEN,
+    U,
+    V,
+)
+from pneunet_ros.vision.ellipse_fit import AXIS_XX, AXIS_XY, AXIS_YY, BEHIND, PLATEAU, SHAPE_STD
+from pneunet_ros.vision.row_look import (
+    believable_parts,
+    looks_of_neighbors,
+    ROW_LOOK,
+    share_of_area,
+)
+import pytest
+
+COUNT = 12
+
+
+def row_of(major, minor, angle=0.0):
+    """Return a table of whole targets with these axes, (targets,) px."""
+    table = np.zeros((COUNT, COLUMNS))
+    table[:, U], table[:, V] = 40.0 * np.arange(COUNT), 100.0
+    table[:, MAJOR], table[:, MINOR], table[:, ANGLE] = major, minor, angle
+    table[:, AREA] = 0.25 * np.pi * table[:, MAJOR] * table[:, MINOR]
+    table[:, BLUR], table[:, LEVEL], table[:, CONTRAST] = 0.8, 220.0, 170.0
+    table[:, [SEEN, EXACT, FILLED]] = 1.0
+    return table
+
+
+@pytest.mark.parametrize('target', [0, 5, COUNT - 1])
+def test_neighbors_tell_a_size_that_changes_along_the_arm(target):
+    major = 10.0 - 0.3 * np.arange(COUNT)
+    table = row_of(major, 0.8 * major, angle=0.5)
+    whole = table.copy()
+    table[target, [AREA, EXACT]] = 0.9 * table[target, AREA], 0.7
+    expected = looks_of_neighbors(table, table[:, :2])[target]
+    cosine, sine = np.cos(0.5), np.sin(0.5)
+    long, short = 0.5 * whole[target, MAJOR], 0.5 * whole[target, MINOR]
+    assert expected[AXIS_XX] == pytest.approx(long * cosine**2 + short * sine**2)
+    assert expected[AXIS_XY] == pytest.approx((long - short) * cosine * sine)
+    assert expected[AXIS_YY] == pytest.approx(long * sine**2 + short * cosine**2)
+    assert expected[SHAPE_STD] == ROW_LOOK.least_std
+    assert (expected[PLATEAU], expected[BEHIND]) == (220.0, 50.0)
+    share = share_of_area(table, looks_of_neighbors(table, table[:, :2]))
+    assert share[target] == pytest.approx(0.9)
+    assert np.delete(share, target) == pytest.approx(1.0)
+
+
+def test_sizes_that_differ_tell_less():
+    random = np.random.default_rng(2)
+    major = 10.0 * (1.0 + 0.05 * random.standard_normal(COUNT))
+    table = row_of(major, major)
+    std = looks_of_neighbors(table, table[:, :2])[:, SHAPE_STD]
+    assert 0.02 < np.median(std) < 0.15
+
+
+def test_too_few_whole_neighbors_tell_nothing():
+    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
+    table[3:] = np.nan
+    assert np.isnan(looks_of_neighbors(table, np.zeros((COUNT, 2)))[:3, AXIS_XX]).all()
+    assert np.isfinite(looks_of_neighbors(table, np.zeros((COUNT, 2)))[3:, AXIS_XX]).all()
+
+
+@pytest.mark.parametrize(
+    ('column', 'value', 'share', 'believed'),
+    [
+        (SEEN, 0.65, np.nan, True),
+        (SEEN, 0.55, np.nan, False),
+        (SEEN, 0.55, 0.92, True),
+        (FILLED, 0.4, 0.92, False),
+        (LEVEL, 150.0, 0.92, False),
+        (LEVEL, 195.0, np.nan, True),
+        (U, np.nan, 1.0, True),
+    ],
+)
+def test_a_part_must_look_as_its_neighbors_do(column, value, share, believed):
+    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
+    expected = looks_of_neighbors(table, table[:, :2])
+    found, shares = table.copy(), np.ones(COUNT)
+    found[4, column], shares[4] = value, share
+    assert believable_parts(found, expected, shares)[4] == believed
+    assert not believable_parts(np.full_like(found, np.nan), expected, shares).any()
