@@ -19,21 +19,20 @@ import json
 from pathlib import Path
 import sys
 
-CHECKOUT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(CHECKOUT), str(CHECKOUT / 'test')]
+import cv2
+import numpy as np
+from pneunet_ros import load_model
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.json_text import plain
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.tracker import Tracking
+from rich.console import Console
+from rich.table import Table
 
-import cv2  # noqa: E402
-import numpy as np  # noqa: E402
-from pneunet_ros import load_model  # noqa: E402
-from pneunet_ros.core.share import share_path  # noqa: E402
-from pneunet_ros.files.json_text import plain  # noqa: E402
-from pneunet_ros.model.arm import Arm  # noqa: E402
-from pneunet_ros.vision.camera_settings import CameraSettings  # noqa: E402
-from pneunet_ros.vision.tracker import Tracking  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
-from support.composed_pictures import Composition, Frame, PHOTOGRAPHS, POLARITIES  # noqa: E402
-from support.tracked_films import Score, track_film  # noqa: E402
+sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
+from support.composed_pictures import Composition, Frame, PHOTOGRAPHS, POLARITIES
+from support.tracked_films import Score, track_film
 
 DISTURBED = {
     'clean': frozenset[str](),

@@ -32,6 +32,13 @@ def resident_megabytes() -> float:
     return pages * resource.getpagesize() / 1e6
 
 
+@pytest.fixture(autouse=True)
+def room(monkeypatch):
+    """Count what a verb takes beyond what the process of the tests holds already."""
+    allowed = resident_megabytes() + hostile.running.LIMITS['megabytes']
+    monkeypatch.setitem(hostile.running.LIMITS, 'megabytes', allowed)
+
+
 @pytest.mark.parametrize('mutation', [flip_bit, damage_bytes, damage_text])
 def test_a_mutation_is_that_of_its_seed(mutation):
     made = [mutation(WHOLE, random.Random(seed)) for seed in (1, 1, 2)]

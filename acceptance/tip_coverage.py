@@ -15,6 +15,7 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor
 import dataclasses
 import json
+import math
 import multiprocessing
 import os
 import platform
@@ -155,11 +156,14 @@ def summary_of(rigs: list[dict[str, dict[str, Array]]]) -> dict:
 def row_of(nees: Array, within: Array, flagged: Array) -> dict:
     """Return what came of frames: as of `errors_of`, with rigs as the first axis."""
     known = np.isfinite(nees)
+    inside = nees[known & ~flagged]
     return {
         'frames': int(known.sum()),
         'flagged': int(flagged.sum()),
         'refused': int((~known).sum()),
         'covered': float(np.mean(nees[known] <= IN_ELLIPSE)),
+        'inside_covered': float(np.mean(inside <= IN_ELLIPSE)) if inside.size else math.nan,
+        'inside_nees': float(np.mean(inside)) if inside.size else math.nan,
         'worst_rig': float(min(np.mean(row[np.isfinite(row)] <= IN_ELLIPSE) for row in nees)),
         'nees': float(np.mean(nees[known])),
         'largest_nees': float(np.max(nees[known])),
@@ -171,7 +175,11 @@ def show(summary: dict, rigs: int) -> None:
     """Print for people."""
     table = Table(title=f'Tip in its 95 % ellipse, {rigs} rigs')
     columns = 'loads', 'frames', 'flagged', 'refused', 'covered', 'worst rig', 'NEES', 'largest'
-    for column in (*columns, *(f'x, y at {place:g} l' for place in PLACES)):
+    for column in (
+        *columns,
+        'not flagged: covered, NEES',
+        *(f'x, y at {place:g} l' for place in PLACES),
+    ):
         table.add_column(column)
     for name, row in (*summary['histories'].items(), ('all', summary['pooled'])):
         places = (f'{value:.3f}' for value in row['places_covered'])
@@ -182,6 +190,7 @@ def show(summary: dict, rigs: int) -> None:
             f'{row["worst_rig"]:.3f}',
             f'{row["nees"]:.2f}',
             f'{row["largest_nees"]:.0f}',
+            f'{row["inside_covered"]:.3f}, {row["inside_nees"]:.2f}',
             *places,
         )
     console = Console(width=120)

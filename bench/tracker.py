@@ -23,35 +23,30 @@ import sys
 import time
 import warnings
 
-CHECKOUT = Path(__file__).resolve().parent.parent
-# center_bound stands with the tests: all other imports must come after this (E402).
-sys.path.insert(0, str(CHECKOUT / 'test'))
-sys.path.insert(0, str(CHECKOUT / 'bench'))
+from centerline import curvature_errors
+import cv2
+import numpy as np
+from pneunet_ros import load_model
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.json_text import plain
+from pneunet_ros.lab.lens import looking_down
+from pneunet_ros.lab.renderer import Renderer
+from pneunet_ros.lab.scene import Dots, FrameState, Scene
+from pneunet_ros.vision.blobs import find_blobs
+from pneunet_ros.vision.camera_settings import CameraSettings
+from pneunet_ros.vision.settings import VISION
+from pneunet_ros.vision.tracker import Tracker, TrackerState
+from rich.console import Console
+from rich.progress import track
+from scipy.optimize import linear_sum_assignment
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 
-from centerline import curvature_errors  # noqa: E402
-import cv2  # noqa: E402
-import numpy as np  # noqa: E402
-from pneunet_ros import load_model  # noqa: E402
-from pneunet_ros.core.share import share_path  # noqa: E402
-from pneunet_ros.files.json_text import plain  # noqa: E402
-from pneunet_ros.lab.lens import looking_down  # noqa: E402
-from pneunet_ros.lab.renderer import Renderer  # noqa: E402
-from pneunet_ros.lab.scene import Dots, FrameState, Scene  # noqa: E402
-from pneunet_ros.vision.blobs import (  # noqa: E402
-    find_blobs,
-)
-from pneunet_ros.vision.camera_settings import CameraSettings  # noqa: E402
-from pneunet_ros.vision.settings import VISION  # noqa: E402
-from pneunet_ros.vision.tracker import Tracker, TrackerState  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.progress import track  # noqa: E402
-from scipy.optimize import linear_sum_assignment  # noqa: E402
-from sklearn.exceptions import ConvergenceWarning  # noqa: E402
-from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: E402
-from sklearn.gaussian_process.kernels import RBF, WhiteKernel  # noqa: E402
-from support.camera_images import as_image  # noqa: E402
-from support.center_bound import center_bound  # noqa: E402
-from support.rendered_frames import Score, View  # noqa: E402
+sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
+from support.camera_images import as_image
+from support.center_bound import center_bound
+from support.rendered_frames import Score, View
 
 RADII, NOISES = (3.0, 4.0, 5.0, 8.0), (2.0, 4.0, 8.0)
 WANTED = {3.0: 2.0, 4.0: 2.0, 5.0: 2.0, 8.0: 4.0}  # error of a center over the bound, at most

@@ -24,15 +24,14 @@ import sys
 import tempfile
 import time
 
-CHECKOUT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(CHECKOUT / 'test'), str(CHECKOUT / 'bench')]
+import cv2
+from latency import cpu_seconds, NAMESPACE, running_node
+import numpy as np
+from pneunet_ros import load_model
+from pneunet_ros.core.share import share_path
 
-import cv2  # noqa: E402
-from latency import cpu_seconds, NAMESPACE, running_node  # noqa: E402
-import numpy as np  # noqa: E402
-from pneunet_ros import load_model  # noqa: E402
-from pneunet_ros.core.share import share_path  # noqa: E402
-from support.rendered_frames import REST_FRAMES, View  # noqa: E402
+sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
+from support.rendered_frames import REST_FRAMES, View
 
 SIZE = (1280, 720)
 FRAMES = REST_FRAMES + 40

@@ -8,6 +8,7 @@ import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.diagnosis.base_fit import fit_base, has_uniform_curvature
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 import pytest
 from support.example_arms import paper_arm
@@ -69,6 +70,14 @@ def test_two_targets_are_fitted_by_a_constant_curvature_whatever_the_model_has()
     table = fit_base(bent((1.0, 2.0)), [recorded()], quiet).fit.arm.intrinsic_curvature
     assert table.curvature[:, 0] == pytest.approx(table.curvature[:, 1], abs=0.02)
     assert table.curvature[-1, 0] == pytest.approx(20.0, abs=0.1)
+
+
+def test_what_the_model_was_known_for_does_not_limit_what_is_fitted():
+    """A model that was calibrated up to 20 kPa, and recordings up to 40 kPa."""
+    narrow = Domain(pressure=(0.0, 2e4), end_load=[[0.0, 0.0, 0.0, 0.0]])
+    base = fit_base(replace(bent((1.0, 1.0)), domain=narrow), [recorded()], quiet)
+    assert base.fit.arm.pressure_range[1] == pytest.approx(4e4, rel=0.01)
+    assert base.fit.arm.intrinsic_curvature.curvature[-1, 0] == pytest.approx(20.0, abs=0.1)
 
 
 def test_too_little_is_refused():

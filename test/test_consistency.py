@@ -18,9 +18,11 @@ from pneunet_ros.effects.camera_scale import CameraScale
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.estimation.consistency import (
+    agreement_of,
     chi_square_limit,
     ConsistencySettings,
     ConsistencyState,
+    FrameInnovation,
     take_estimate,
     take_targets,
 )
@@ -381,3 +383,20 @@ def test_a_model_without_targets_has_nothing_to_compare():
     assert refusal is None
     assert not consistency.unmatched
     assert not consistency.waiting
+
+
+@pytest.mark.parametrize(
+    ('rms', 'holds', 'words'),
+    [
+        ([1.0] * 99 + [3.0], True, 'the model holds on this recording: median 1.00 x the noise'),
+        (
+            [1.0] * 90 + [3.0] * 10,
+            False,
+            'in 10 % of 100 frames (it holds up to 5 %); run pneunet',
+        ),
+    ],
+)
+def test_whether_a_model_holds_is_said_in_words(rms, holds, words):
+    agreement = agreement_of([FrameInnovation(stamp_ns=1, rms=value, limit=1.4) for value in rms])
+    assert agreement.holds is holds
+    assert words in agreement.sentence

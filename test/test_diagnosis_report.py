@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 import json
 import math
+import re
 
 import numpy as np
 from pneunet_ros import load_model, solve
@@ -95,6 +96,12 @@ def test_the_answer_comes_first(page):
     parts = [f'id="{part}"' for part in (*FIGURES, 'detection', 'notes')]
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
+
+
+def test_every_fact_of_the_first_screen_stands_there_once(page):
+    facts = re.findall('<th scope="row">(.*?)</th>', page[: page.index('<h2')])
+    same = 'Cannot be distinguished with these data'
+    assert facts == ['Answer', 'How sure', same, 'Bending stiffness EI', 'Next']
 
 
 def test_what_is_known_stands_on_the_page(page):

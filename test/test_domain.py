@@ -59,7 +59,7 @@ def test_the_distance_is_that_to_the_faces_of_the_hull():
         inside += largest <= 0.0
         assert (found == 0.0) == (largest <= 0.0)
         assert found >= largest - 1e-12
-        nearest = at - hull.way_out(load)
+        nearest = at - hull.way_out(at)
         assert np.max(faces[:, :4] @ nearest + faces[:, 4]) < 1e-9
     assert 20 < inside < 180
 

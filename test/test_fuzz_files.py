@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from textwrap import indent
 
 from hypothesis import strategies as st
 from pneunet_ros.core.errors import CameraError, ModelError, RecordingError, RequestError
@@ -54,19 +55,13 @@ SCENARIO = """\
 schema_version: 1
 name: mine
 seed: 3
-arm:
-  name: arm
-  length: 0.112
-  weight: 0.17
-  targets: [0.0, 0.05, 0.11]
-  intrinsic_curvature: {pressure: [0.0, 6e4], modes: [[0.0, 0.0], [25.0, -7.0]]}
-  moment_law: {pressure: [0.0, 6e4], split: [0.1, 0.2], rigidity: [[0.08, 0.04], [0.09, 0.05]]}
 effects: {gravity: {weight_y: -1.5}}
 protocol: {kind: random_mix, duration: 5.0, force_x: [0.1, 0.2]}
 noise: {pressure_std: 60.0}
 rates: {pressure: 50.0}
 detail: {elements: 64.0}
-"""
+arm:
+""" + indent(share_path('scenarios/lab_arm.yaml').read_text(), '  ')
 BAG = """\
 rosbag2_bagfile_information:
   version: 9
@@ -246,8 +241,7 @@ def test_a_scenario_names_an_arm_beside_it_and_no_other_file(tmp_path, arm):
     (tmp_path / 'secret.yaml').write_text('password: 1234\n')
     (tmp_path / 'lab' / 'a').mkdir(parents=True)
     path = tmp_path / 'lab' / 'scenario.yaml'
-    head, _, tail = SCENARIO.partition('arm:\n')
-    path.write_text(f'{head}arm: "{arm}"\n{tail[tail.index("effects:") :]}')
+    path.write_text(f'{SCENARIO.partition("arm:")[0]}arm: "{arm}"\n')
     found = answer(load_scenario, path)
     assert isinstance(found, RequestError)
     assert 'beside' in str(found)

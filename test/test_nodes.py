@@ -227,7 +227,8 @@ def test_a_second_node_of_the_name_is_noticed_and_so_is_its_end(peer, tmp_path):
         assert values['rivals'] in message
         assert 'model_info' not in message
         assert second.end(signal.SIGTERM) == 0, second.text
-    assert peer.spin_until(lambda: peer.report()[2]['rivals'] == '')
+    # On a busy machine the end is noticed only when the lease of its participant runs out.
+    assert peer.spin_until(lambda: peer.report()[2]['rivals'] == '', timeout=60.0)
 
 
 def expect_estimate(peer, seconds, value=30e3):

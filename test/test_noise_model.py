@@ -11,6 +11,7 @@ from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.measurement.noise_model import (
     attached_std,
     camera_errors,
+    coordinate_stds,
     model_errors,
     reading_errors,
     target_std,
@@ -78,3 +79,34 @@ def test_a_target_without_noise_has_a_sigma_all_the_same():
     noise = SensorNoise(pressure_std=0.0, force_std=0.0, moment_std=0.0, target_std=0.0)
     assert 0.0 < target_std(noise) < 1e-6
     assert target_std(replace(noise, target_std=3.0, placement_std=4.0)) == 5.0
+
+
+def test_one_sigma_of_a_coordinate_is_that_of_readings_drawn_again():
+    """Force and pressure readings move, the arm does not: how far predictions scatter."""
+    arm, rng = paper_arm(), np.random.default_rng(5)
+    run = made(arm, PRESSURE, FORCE)
+    (inputs,) = inputs_of(arm, [run])
+    noise = replace(USUAL, target_std=0.0, placement_std=0.0)
+    model, drawn = ForwardModel(arm.target_arclength), []
+    for _ in range(400):
+        loads = inputs.loads.copy()
+        loads += attached_std(noise, run) * rng.standard_normal(loads.shape)
+        pressure = inputs.pressure + noise.pressure_std * rng.standard_normal(PRESSURE.size)
+        assert model.solve(arm, replace(inputs, loads=loads, pressure=pressure)).all()
+        drawn.append(model.points.copy())
+    # The tip of a straight arm moves along it by squares: a millionth of a meter is no matter.
+    np.testing.assert_allclose(
+        coordinate_stds(arm, run, inputs, noise), np.std(drawn, axis=0), rtol=0.12, atol=1e-6
+    )
+
+
+def test_one_sigma_of_a_target_that_was_not_seen_is_not_known():
+    arm = paper_arm()
+    run = made(arm, PRESSURE, FORCE)
+    x = np.array(run.x)
+    x[1, 3] = np.nan
+    (inputs,) = inputs_of(arm, [run])
+    stds = coordinate_stds(arm, replace(run, x=x), inputs, USUAL)
+    assert np.isnan(stds[1, :, 3]).all()
+    assert np.isnan(stds).sum() == 2
+    assert stds[np.isfinite(stds)].min() >= target_std(USUAL)

@@ -150,7 +150,7 @@ def test_what_is_known_takes_the_place_of_the_prior():
     mean, covariance = random.standard_normal(free.cells), root @ root.T
     known = replace(
         parameters('piecewise_linear'),
-        known=PriorState(values=mean, placement=np.zeros(0), covariance=covariance),
+        earlier=PriorState(values=mean, placement=np.zeros(0), covariance=covariance),
     )
     assert np.array_equal(known.mean[: free.cells], mean)
     assert np.array_equal(known.prior[: free.cells, : free.cells], covariance)

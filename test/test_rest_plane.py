@@ -75,6 +75,20 @@ def test_two_rows_alike_are_refused_unless_the_clamp_is_told():
     assert mixture.named(told.chosen).tolist() == TARGETS.tolist()
 
 
+def test_a_second_row_whose_targets_are_not_alike_is_there_by_chance():
+    """Where areas are many, some of them stand in a row: with jumps of size no arm has."""
+    _, row = view()
+    mixture, row = view(others=[row + np.array([0.05, 0.15])])
+    rivals = np.flatnonzero((mixture.who < 0) & (np.abs(mixture.points[:, 1] - 0.17) < 1e-9))
+    assert rivals.size == TARGETS.size
+    along = rivals[np.argsort(mixture.points[rivals, 0])]
+    for smaller, larger, chance in ((76.0, 84.0, False), (55.0, 110.0, True)):
+        mixture.areas[along] = np.where(TARGETS % 2, smaller, larger)
+        result = found(mixture)
+        assert isinstance(result, Failure) == (not chance)
+    assert mixture.named(result.chosen).tolist() == TARGETS.tolist()
+
+
 def test_no_row_says_how_many_areas_there_were():
     points = np.random.default_rng(8).uniform(-0.4, 0.4, (17, 2))
     result = row_at_rest(points, points, np.full(17, 80.0), ARCLENGTH, None, 0.02)

@@ -337,6 +337,20 @@ def test_a_rest_without_the_last_target_says_so():
     assert f'target {TARGETS - 1} is not seen' in outcome.sentence
 
 
+def test_a_last_target_that_is_never_seen_whole_is_looked_for_in_each_frame_of_the_rest():
+    """Before something as bright as itself it is no area of its own; its neighbors tell."""
+    film = Film()
+    for _ in range(REST):
+        grey, truth = film.picture()
+        u, v = round(float(truth.u[-1])), round(float(truth.v[-1]))
+        grey[v - 20 : v + 21, u + 3 : u + 25] = 210
+        outcome = film.show(grey)
+    assert np.array_equal(film.state.rest.places[0].seen, np.full(TARGETS, REST))
+    assert outcome.sightings.seen == TARGETS
+    assert outcome.sightings.u[-1] == pytest.approx(truth.u[-1], abs=0.15)
+    assert outcome.sightings.v[-1] == pytest.approx(truth.v[-1], abs=0.15)
+
+
 def test_an_arm_that_is_bent_at_rest_is_tracked_where_the_camera_file_says_so():
     film = Film(CameraSettings(plane=CurvedRestPlane()))
     for _ in range(REST):

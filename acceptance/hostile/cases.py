@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 import random
 import shutil
@@ -265,7 +265,7 @@ def no_file(place: Place) -> Case:
     changed = [path for path in sorted(place.folder.rglob('*')) if path.is_file()]
     kept = [path for path in changed if not made_with(made, path)]
     replace_by_no_file(place.dice.choice(kept or changed), place.dice)
-    return Case(kind=case.kind, folder=case.folder, words=case.words, outputs=case.outputs)
+    return replace(case, read_back=None)
 
 
 def made_with(made: Made, path: Path) -> bool:
@@ -300,7 +300,7 @@ def bomb(place: Place) -> Case:
         chunks = [_chunk(message * 10, announced=dice.choice((1, 10**6, 2**40, 2**63)))]
     elif kind == 3:
         huge = struct.pack('<BQ', dice.choice((3, 4, 5, 6, 9, 10)), dice.choice((10**9, 2**62)))
-        chunks = [*chunks[:0], huge]
+        chunks = [huge]
     path.write_bytes(MAGIC + b''.join(chunks) + whole_tail(place, kind))
     if kind == 3:
         with path.open('r+b') as stream:
@@ -406,21 +406,12 @@ def full_disk(place: Place) -> Case:
         outputs = [place.folder / 'p.mp4']
         words = [*words[:4], '--preview', str(outputs[0])]
     room = place.dice.choice((0, 100, 4096, 20_000, 60_000))
-    return Case(
-        kind=case.kind, folder=case.folder, words=tuple(words), outputs=tuple(outputs), room=room
-    )
+    return replace(case, words=tuple(words), outputs=tuple(outputs), read_back=None, room=room)
 
 
 def killed(place: Place) -> Case:
     """Kill a verb that writes while it does."""
-    case = full_disk(place)
-    return Case(
-        kind=case.kind,
-        folder=case.folder,
-        words=case.words,
-        outputs=case.outputs,
-        kill=place.dice.uniform(0.0, 0.6),
-    )
+    return replace(full_disk(place), room=None, kill=place.dice.uniform(0.0, 0.6))
 
 
 CASES = {

@@ -6,6 +6,7 @@ import contextlib
 from dataclasses import dataclass
 from importlib import import_module
 import io
+import math
 from pathlib import Path
 import shutil
 
@@ -16,6 +17,7 @@ from pneunet_ros.calibration.posterior import PosteriorState
 from pneunet_ros.cli.main import main, VERBS
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
+from pneunet_ros.core.units import seconds_between
 from pneunet_ros.offline.calibration_files import save_knowledge
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.recording import open_recording
@@ -25,6 +27,7 @@ DRAWING = (
     'pneunet_ros.reports.tracking.preview_video',
     'matplotlib.backends.backend_agg',
 )
+CAMERA_DEMO = share_path('bags/camera_demo')
 IMAGES = 7  # enough for a rest of five
 KNOWLEDGE = PosteriorState(
     pressure=np.array([0.0, 3e4, 6e4]),
@@ -93,9 +96,9 @@ def make_corpus(folder: Path) -> Corpus:
     _run('replay', whole / 'rec.mcap', '--output', whole / 'replayed.mcap')
     _run('export', whole / 'replayed.mcap', '--output', whole / 'table.csv')
     for kind in CompressionType:
-        name = f'{kind.name.lower()}.mcap'
         # Without checksums, as fast writers leave them out, damage reaches what reads messages.
-        _rewrite(whole / 'rec.mcap', whole / name, compression=kind, enable_crcs=False)
+        packed = {'compression': kind, 'chunk_size': 2000, 'enable_crcs': False}
+        _rewrite(whole / 'rec.mcap', whole / f'{kind.name.lower()}.mcap', **packed)
     _rewrite(whole / 'rec.mcap', whole / 'loose.mcap', use_chunking=False, enable_crcs=False)
     _images(whole)
     # Kernels that a verb needs are compiled here, and not in the process whose time is taken.
@@ -112,17 +115,19 @@ def _run(*words: object) -> None:
         raise SystemExit(f'a whole input could not be made by {words[0]}')
 
 
-def _rewrite(source: Path, path: Path, **options: object) -> None:
-    """Write a recording again by mcap's own writer, as other programs do."""
+def _rewrite(source: Path, path: Path, *, seconds: float = math.inf, **options: object) -> None:
+    """Write the first seconds of a recording again by mcap's own writer, as other programs do."""
     recording = open_recording(source)
     with path.open('wb') as stream:
-        writer = Writer(stream, chunk_size=2000, **options)  # type: ignore[arg-type]
+        writer = Writer(stream, **options)  # type: ignore[arg-type]
         writer.start('ros2')
         channels = {}
         for topic in recording.topics:
             schema = writer.register_schema(topic.type, 'ros2msg', topic.definition.encode())
             channels[topic.name] = writer.register_channel(topic.name, 'cdr', schema)
         for name, log_time, raw in recording.raw_messages(list(channels)):
+            if seconds_between(recording.start_ns, log_time) > seconds:
+                break
             writer.add_message(channels[name], log_time, raw, log_time)
         writer.finish()
 
@@ -131,7 +136,7 @@ def _images(whole: Path) -> None:
     """Write a few frames of the shipped recording as pictures, a film and a recording."""
     (whole / 'images').mkdir()
     frames = []
-    for item in open_images(share_path('bags/camera_demo'), SourceRequest()).read(()):
+    for item in open_images(CAMERA_DEMO, SourceRequest()).read(()):
         if isinstance(item.reading, Image):
             frames.append(item.reading.grey())
             if len(frames) == IMAGES:
@@ -146,22 +151,4 @@ def _images(whole: Path) -> None:
         film.write(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))
     film.release()
     (whole / 'camera_info.yaml').write_text(CAMERA_INFO.format(width=width, height=height))
-    _cut_camera_demo(whole / 'camera.mcap')
-
-
-def _cut_camera_demo(path: Path) -> None:
-    """Write the first messages of the shipped recording of images."""
-    recording = open_recording(share_path('bags/camera_demo'))
-    with path.open('wb') as stream:
-        writer = Writer(stream)
-        writer.start('ros2')
-        channels = {}
-        for topic in recording.topics:
-            schema = writer.register_schema(topic.type, 'ros2msg', topic.definition.encode())
-            channels[topic.name] = writer.register_channel(topic.name, 'cdr', schema)
-        end = recording.start_ns + 700_000_000
-        for name, log_time, raw in recording.raw_messages(list(channels)):
-            if log_time > end:
-                break
-            writer.add_message(channels[name], log_time, raw, log_time)
-        writer.finish()
+    _rewrite(CAMERA_DEMO, whole / 'camera.mcap', seconds=0.7)

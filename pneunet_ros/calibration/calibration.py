@@ -94,13 +94,13 @@ def calibrate(
     painted = frame.target_arclength
     count = len(unloaded)
     frame, runs = with_tip_target(
-        frame, [*unloaded, *loaded], wanted=earlier is not None and earlier.has_tip(painted.size)
+        frame, [*unloaded, *loaded], always=earlier is not None and earlier.has_tip(painted.size)
     )
     unloaded, loaded = [run.without_load() for run in runs[:count]], runs[count:]
     check_runs(runs[:count], loaded, frame, first=earlier is None, settings=settings)
     runs = [*unloaded, *loaded]
     noise = estimate_noise(runs, frame.target_arclength, frame.sensors, settings.noise_estimate)
-    known = frame.domain if earlier is not None else None
+    earlier_domain = frame.domain if earlier is not None else None
     frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     resolution = resolve(frame, unloaded, loaded, settings.resolution)
     if resolution.constant_pressure and kind == PiecewiseLinearLaw.kind:
@@ -133,7 +133,7 @@ def calibrate(
             joint.arm,
             target_arclength=painted,
             covariance=covariance,
-            domain=domain_of(joint, known),
+            domain=domain_of(joint, earlier_domain),
         ),
         noise=noise,
         posterior=posterior,
@@ -152,10 +152,12 @@ def calibrate(
     )
 
 
-def domain_of(joint: Fit, known: Domain | None = None) -> Domain:
-    """Return what the recordings of a fit spanned, and what was known before."""
+def domain_of(joint: Fit, earlier: Domain | None = None) -> Domain:
+    """Return what the recordings of a fit spanned, and what was spanned before."""
     seen = [
         np.column_stack([run.inputs.loads, run.inputs.pressure])[run.solved] for run in joint.runs
     ]
-    loads = np.concatenate([*seen, *([] if known is None else [known.end_load, known.unloaded])])
+    loads = np.concatenate(
+        [*seen, *([] if earlier is None else [earlier.end_load, earlier.unloaded])]
+    )
     return spanned_domain(loads, joint.arm.length, joint.arm.table_range)

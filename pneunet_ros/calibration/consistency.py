@@ -17,7 +17,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 def check_same_arm(
     unloaded: Sequence[RecordingData],
     length: float,
-    known: SameArmSettings = CONSISTENCY,
+    settings: SameArmSettings = CONSISTENCY,
 ) -> None:
     """Raise RecordingError, naming the two, where unloaded recordings are of different arms.
 
@@ -25,13 +25,13 @@ def check_same_arm(
     recording comes back to a pressure.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
-    past = [tip_distance(run, run, top, known) for run in unloaded]
+    past = [tip_distance(run, run, top, settings) for run in unloaded]
     seen = [item for item in past if item is not None]
-    limit = known.two_arms_unknown * length
+    limit = settings.two_arms_unknown * length
     if seen:
-        limit = max(known.two_arms * length, known.times_past * max(seen))
+        limit = max(settings.two_arms * length, settings.times_past * max(seen))
     for one, other in itertools.combinations(unloaded, 2):
-        distance = tip_distance(one, other, top, known)
+        distance = tip_distance(one, other, top, settings)
         if distance is not None and distance > limit:
             raise RecordingError(
                 f'{one.name} and {other.name} contradict each other: at the same pressure and '
@@ -42,7 +42,7 @@ def check_same_arm(
 
 
 def tip_distance(
-    one: RecordingData, other: RecordingData, top: float, known: SameArmSettings
+    one: RecordingData, other: RecordingData, top: float, settings: SameArmSettings
 ) -> float | None:
     """Return how far apart (m) the last target is at the same pressure; None: never the same.
 
@@ -51,12 +51,12 @@ def tip_distance(
     """
     first, second = chord(one), chord(other)
     pressures = np.subtract.outer(one.frame_pressure, other.frame_pressure)
-    same = np.abs(pressures) < known.same_pressure * top
+    same = np.abs(pressures) < settings.same_pressure * top
     if one is other:
-        same &= np.abs(np.subtract.outer(one.progress, other.progress)) > known.another_time
+        same &= np.abs(np.subtract.outer(one.progress, other.progress)) > settings.another_time
     distance = np.hypot(*(first[:, :, None] - second[:, None, :]))[same]
     distance = distance[np.isfinite(distance)]
-    return float(np.percentile(distance, 90.0)) if distance.size >= known.fewest_pairs else None
+    return float(np.percentile(distance, 90.0)) if distance.size >= settings.fewest_pairs else None
 
 
 def chord(run: RecordingData) -> Array:
@@ -66,10 +66,10 @@ def chord(run: RecordingData) -> Array:
     return np.stack([run.x[:, last] - run.x[:, first], run.y[:, last] - run.y[:, first]])
 
 
-def describe_misfit(fit: Fit, known: SameArmSettings = CONSISTENCY) -> list[str]:
+def describe_misfit(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[str]:
     """Return a sentence where the model misses the targets by much more than noise explains."""
     chi_squared = fit.chi_squared / max(fit.dof, 1)
-    if chi_squared < known.misfit:
+    if chi_squared < settings.misfit:
         return []
     residual = np.concatenate([run.residual[run.solved].ravel() for run in fit.runs])
     rms = float(np.sqrt(np.nanmean(residual**2)))
@@ -80,14 +80,14 @@ def describe_misfit(fit: Fit, known: SameArmSettings = CONSISTENCY) -> list[str]
     ]
 
 
-def outlier_recordings(fit: Fit, known: SameArmSettings = CONSISTENCY) -> list[str]:
+def outlier_recordings(fit: Fit, settings: SameArmSettings = CONSISTENCY) -> list[str]:
     """Return a sentence on each recording that the model says far worse than the others."""
     chi = np.array([float(item.whitened.sum()) / max(int(item.dof.sum()), 1) for item in fit.runs])
     notes = []
     for which, item in enumerate(fit.runs):
         others = np.delete(chi, which)
         if others.size and chi[which] > max(
-            known.outlier, known.times_others * float(np.median(others))
+            settings.outlier, settings.times_others * float(np.median(others))
         ):
             notes.append(
                 f'{item.run.name} does not fit the others: chi squared per coordinate is '

@@ -64,7 +64,7 @@ class FitSequence:
     ) -> None:
         """Take an arm that has all that is not fitted, and all recordings."""
         self.frame, self.noise, self.on_progress = frame, noise, on_progress
-        self.settings, known = settings, settings.experiments
+        self.settings, experiments = settings, settings.experiments
         self.shapes = resolution.free_shapes if resolution is not None else None
         self.uniform = uniform or self.shapes == 1
         pressures = np.concatenate([inputs.pressure for inputs in inputs_of(frame, runs)])
@@ -74,12 +74,12 @@ class FitSequence:
             self.rows = np.array([self.low])
             return
         # rounded to what a sensor tells
-        ends = [known.outliers, 1.0 - known.outliers]
+        ends = [experiments.outliers, 1.0 - experiments.outliers]
         low, high = (float(np.quantile(pressures, end, method='nearest')) for end in ends)
         self.low = float(np.floor(low / 100.0) * 100.0)
         self.high = float(np.ceil(high / 100.0) * 100.0)
-        count = round((self.high - self.low) / known.row_distance) + 1
-        count = min(max(count, known.fewest_rows), known.most_rows)
+        count = round((self.high - self.low) / experiments.row_distance) + 1
+        count = min(max(count, experiments.fewest_rows), experiments.most_rows)
         self.rows = np.linspace(self.low, self.high, count)
 
     def span(self, earlier: PosteriorState | None) -> tuple[float, float]:
@@ -108,11 +108,11 @@ class FitSequence:
     @property
     def wide(self) -> Hyperparameters:
         """What may be believed of kappa_p0 of any arm of this length."""
-        known, length = self.settings.experiments, self.frame.length
+        experiments, length = self.settings.experiments, self.frame.length
         return Hyperparameters(
-            amplitude=known.amplitude / length,
-            std=known.std / length,
-            length_scale=known.uniform if self.uniform else known.length_scale,
+            amplitude=experiments.amplitude / length,
+            std=experiments.std / length,
+            length_scale=experiments.uniform if self.uniform else experiments.length_scale,
         )
 
     @property
@@ -152,7 +152,7 @@ class FitSequence:
             arclength=self.knots if earlier is None else earlier.arclength,
             hyperparameters=hyperparameters,
             law=law,
-            known=earlier,
+            earlier=earlier,
             shapes=self.shapes if earlier is None else earlier.shapes or None,
         )
         return fit(
@@ -182,9 +182,9 @@ class FitSequence:
 
     def likely_stiffness(self, runs: Sequence[RecordingData], arm: Arm) -> float:
         """Return the EI (N m^2) out of some, decades apart, with which the targets fit best."""
-        known, errors = self.settings.experiments, {}
-        runs = [run.thin(known.scanned_frames) for run in runs if run.loaded]
-        for factor in known.stiffness_factors:
+        experiments, errors = self.settings.experiments, {}
+        runs = [run.thin(experiments.scanned_frames) for run in runs if run.loaded]
+        for factor in experiments.stiffness_factors:
             law = LinearLaw(bending_stiffness=factor * self.first_stiffness)
             tried = replace(arm, moment_law=law, covariance=None)
             errors[law.bending_stiffness] = sum(squared_error(tried, run) for run in runs)
@@ -201,8 +201,10 @@ class FitSequence:
             ),
         )
         first = self.law(LinearLaw.kind, self.likely_stiffness(runs, straight))
-        known = self.settings.experiments
-        search = self.fit('stiffness, search', runs, self.wide, first, most=known.first_frames)
+        experiments = self.settings.experiments
+        search = self.fit(
+            'stiffness, search', runs, self.wide, first, most=experiments.first_frames
+        )
         law = self.law(kind, float(search.values[-1]))
         start = np.concatenate([search.values[:-1], law.mean])
         return self.fit('stiffness', runs, self.wide, law, start)

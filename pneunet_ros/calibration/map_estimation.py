@@ -43,12 +43,12 @@ class ScaledPrior:
         self.shared = self.size + 2 * targets
         prior = block_diag(model, rest)
         self.mean = np.concatenate([parameters.mean, np.zeros(rest.shape[0])])
-        if parameters.known is not None:
-            known = parameters.known
-            placement = self.size + np.arange(known.placement.size)
-            both = np.concatenate([np.arange(known.values.size), placement])
-            prior[np.ix_(both, both)] = known.covariance
-            self.mean[placement] = known.placement
+        if parameters.earlier is not None:
+            earlier = parameters.earlier
+            placement = self.size + np.arange(earlier.placement.size)
+            both = np.concatenate([np.arange(earlier.values.size), placement])
+            prior[np.ix_(both, both)] = earlier.covariance
+            self.mean[placement] = earlier.placement
         self.scale = np.linalg.cholesky(prior)
 
     def unscale(self, scaled: Array) -> tuple[Array, Array]:
@@ -172,13 +172,13 @@ def fit(
         scaled[:size] = np.linalg.solve(scale, start - parameters.mean)
 
     def lower(last: LinearizedPosterior, step: Array) -> Array | None:
-        there = last.scaled + step
+        scaled = last.scaled + step
         try:
-            return there if posterior.cost(there, last) < last.cost else None
+            return scaled if posterior.cost(scaled, last) < last.cost else None
         except ModelError:  # no such arm: a rigidity through zero
             return None
 
-    found = gauss_newton(
+    search = gauss_newton(
         posterior.linearize(scaled),
         LinearizedPosterior.newton_step,
         lower,
@@ -190,12 +190,12 @@ def fit(
     )
     status = {
         End.CONVERGED: 'converged',
-        End.STUCK: f'no step lowers the cost any more; {found.gain:.2g} standard deviations left',
+        End.STUCK: f'no step lowers the cost any more; {search.gain:.2g} standard deviations left',
         End.UNFINISHED: 'no convergence within the allowed steps',
-    }[found.end]
-    nearly = found.end is End.STUCK and found.gain < settings.nearly
-    converged = found.end is End.CONVERGED or nearly
-    return finalize(posterior, found.last, found.steps, converged, status)
+    }[search.end]
+    nearly = search.end is End.STUCK and search.gain < settings.nearly
+    converged = search.end is End.CONVERGED or nearly
+    return finalize(posterior, search.last, search.steps, converged, status)
 
 
 def finalize(

@@ -28,7 +28,7 @@ class MomentLawParameters(abc.ABC):
     """
 
     kind: ClassVar[str]
-    columns: ClassVar[tuple[tuple[int, int], ...]]  # of the sections, that the unknowns move
+    columns: ClassVar[tuple[tuple[int, int], ...]]  # of the sections, that the parameters move
     stiffness: float
     low: float
     high: float
@@ -44,16 +44,16 @@ class MomentLawParameters(abc.ABC):
         """Return the law with these constants; ModelError where they are none."""
 
     def slopes(self, pressure: Array) -> Array:
-        """Return how the moved columns of sections change per unknown, (n, columns, unknowns).
+        """Return how the moved columns of sections change per parameter, (n, columns, parameters).
 
-        All of these laws are linear in their unknowns, so it is the same for all values; pressure
-        (n,) Pa. The last answers are kept: recordings come again and again.
+        All of these laws are linear in their parameters, so it is the same for all values;
+        pressure (n,) Pa. The last answers are kept: recordings come again and again.
         """
         return slopes_at(self, pressure.tobytes())
 
     @abc.abstractmethod
     def quantities(self) -> tuple[tuple[str, ...], Array]:
-        """Return the numbers of the model file that move, and their change per unknown."""
+        """Return the numbers of the model file that move, and their change per parameter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,38 +72,38 @@ class PiecewiseParameters(MomentLawParameters):
 
     def __post_init__(self) -> None:
         """Set up rows and prior."""
-        known, rows = self.settings, np.linspace(self.low, self.high, SPLIT_ROWS)
+        settings, rows = self.settings, np.linspace(self.low, self.high, SPLIT_ROWS)
         alpha = self.stiffness / (self.weight * self.length**2)
         trend = (rows - rows.mean()) / (self.high - self.low)
-        wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / known.split_scale)
+        wave = np.exp(-np.abs(np.subtract.outer(trend, trend)) / settings.split_scale)
         split = (
-            known.split_std**2
-            + known.split_trend_std**2 * np.outer(trend, trend)
-            + known.split_wave_std**2 * wave
+            settings.split_std**2
+            + settings.split_trend_std**2 * np.outer(trend, trend)
+            + settings.split_wave_std**2 * wave
         )
         prior = np.zeros((ALPHAS + SPLIT_ROWS,) * 2)
         # alpha at either end: one of unknown size, and a change over the range
         ends = 1.0 + 0.25 * np.array([[1, -1], [-1, 1]])
-        section = alpha**2 * block_diag(ends, known.bow_std**2)
+        section = alpha**2 * block_diag(ends, settings.bow_std**2)
         prior[:ALPHAS, :ALPHAS] = np.kron(np.eye(2), section)
         prior[ALPHAS:, ALPHAS:] = split
-        mean = np.array([alpha, alpha, 0.0] * 2 + [known.split] * SPLIT_ROWS)
+        mean = np.array([alpha, alpha, 0.0] * 2 + [settings.split] * SPLIT_ROWS)
         object.__setattr__(self, 'rows', frozen_array(rows))
         object.__setattr__(self, 'mean', frozen_array(mean))
         object.__setattr__(self, 'prior', frozen_array(prior))
 
     @property
     def weights(self) -> Array:
-        """How much each unknown of a section counts in the rows, (rows, 3)."""
+        """How much each parameter of a section counts in the rows, (rows, 3)."""
         up = (self.rows - self.low) / (self.high - self.low)
         return np.column_stack([1.0 - up, up, 4.0 * up * (1.0 - up)])
 
     def law(self, values: Array) -> PiecewiseLinearLaw:
         """Eq 10 with these constants."""
-        known = self.settings
+        settings = self.settings
         return PiecewiseLinearLaw(
             pressure=self.rows,
-            split=np.clip(values[ALPHAS:], known.split_least, known.split_most),
+            split=np.clip(values[ALPHAS:], settings.split_least, settings.split_most),
             rigidity=self.weights @ values[:ALPHAS].reshape(2, 3).T,
             moment_offset=np.zeros((SPLIT_ROWS, 2)),
         )
@@ -188,16 +188,16 @@ def slopes_at(parameters: MomentLawParameters, pressures: bytes) -> Array:
     pressure = np.frombuffer(pressures)
     sections, columns = (list(item) for item in zip(*parameters.columns, strict=True))
     out = np.empty((pressure.size, len(columns), parameters.mean.size))
-    for unknown in range(parameters.mean.size):
-        step = 1e-3 * np.sqrt(parameters.prior[unknown, unknown])
+    for index in range(parameters.mean.size):
+        step = 1e-3 * np.sqrt(parameters.prior[index, index])
         sides = []
         for sign in (-1.0, 1.0):
             moved = parameters.mean.copy()
-            moved[unknown] += sign * step
+            moved[index] += sign * step
             law = parameters.law(moved)
             sides.append(law.sections(pressure, parameters.length, parameters.weight))
         slope = (sides[1] - sides[0]) / (2.0 * step)
-        out[:, :, unknown] = slope[:, sections, columns]
+        out[:, :, index] = slope[:, sections, columns]
     return frozen_array(out)
 
 

@@ -35,7 +35,7 @@ def estimate_noise(
     runs: Sequence[RecordingData],
     arclength: Array,
     assumed: SensorNoise,
-    known: NoiseEstimateSettings = NOISE_ESTIMATE,
+    settings: NoiseEstimateSettings = NOISE_ESTIMATE,
 ) -> NoiseEstimate:
     """Estimate all standard deviations; what the runs cannot tell is kept as `assumed`.
 
@@ -44,8 +44,8 @@ def estimate_noise(
     """
     headings = [run.heading for run in runs if run.heading is not None]
     if headings and assumed.heading_std == 0.0:
-        assumed = replace(assumed, heading_std=known.heading)
-    runs = [run for run in runs if len(run.stamp_ns) >= known.fewest and not run.static]
+        assumed = replace(assumed, heading_std=settings.heading)
+    runs = [run for run in runs if len(run.stamp_ns) >= settings.fewest and not run.static]
     loaded = [run for run in runs if run.loaded and not run.load_known]
     loads = [load_readings(run) for run in loaded]
     readings = {
@@ -60,19 +60,19 @@ def estimate_noise(
     }
     found: dict[str, tuple[float | None, str]] = {
         f'{name}_std': (
-            second_differences(quiet_series(series, known), known),
+            second_differences(quiet_series(series, settings), settings),
             f'second differences of {name} readings in time',
         )
         for name, series in readings.items()
     }
-    white = white_of_targets(runs, known)
+    white = white_of_targets(runs, settings)
     found['target_std'] = white, 'second differences of target positions in time'
     white = white if white is not None else assumed.target_std
     found['placement_std'] = (
-        placement(runs, arclength, white, known),
+        placement(runs, arclength, white, settings),
         'targets beside a smooth curve while the arm is straightest',
     )
-    place, drift = camera(runs, arclength, white, known)
+    place, drift = camera(runs, arclength, white, settings)
     found['registration_std'] = place, 'the target at the clamp, between recordings'
     found['drift_std'] = drift, 'the target at the clamp, within recordings'
     noise, sources = assumed, {}
@@ -95,18 +95,20 @@ def load_readings(run: RecordingData) -> Array:
 
 
 def quiet_series(
-    series: Sequence[Array], known: NoiseEstimateSettings = NOISE_ESTIMATE
+    series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
 ) -> list[Array]:
     """Return the series that tell of noise: read slowly, others tell of what moved meanwhile."""
-    stds = [second_differences([values], known) or 0.0 for values in series]
+    stds = [second_differences([values], settings) or 0.0 for values in series]
     least = min((std for std in stds if std > 0.0), default=0.0)
     return [
-        values for values, std in zip(series, stds, strict=True) if std <= known.restless * least
+        values
+        for values, std in zip(series, stds, strict=True)
+        if std <= settings.restless * least
     ]
 
 
 def second_differences(
-    series: Sequence[Array], known: NoiseEstimateSettings = NOISE_ESTIMATE
+    series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
 ) -> float | None:
     """Return the standard deviation of white noise on smooth series, each (values,) in time.
 
@@ -115,19 +117,21 @@ def second_differences(
     """
     differences = np.concatenate([np.zeros(0), *(np.diff(values, 2) for values in series)])
     sizes = np.abs(differences[np.isfinite(differences)])
-    if sizes.size < known.fewest:
+    if sizes.size < settings.fewest:
         return None
     return SIGMA_OF_MEDIAN * float(np.median(sizes)) / math.sqrt(6.0) or None
 
 
-def white_of_targets(runs: Sequence[RecordingData], known: NoiseEstimateSettings) -> float | None:
+def white_of_targets(
+    runs: Sequence[RecordingData], settings: NoiseEstimateSettings
+) -> float | None:
     """Return the standard deviation of white noise of targets while the arm moves evenly.
 
     White noise averages out over the targets of a frame; a change of motion does not. Frames are
     compared less their mean, so that choosing among them does not make the noise smaller.
     """
     series = [values for run in runs for values in (run.x, run.y)]
-    first = second_differences([column for values in series for column in values.T], known)
+    first = second_differences([column for values in series for column in values.T], settings)
     if first is None:
         return None
     even = []
@@ -135,64 +139,64 @@ def white_of_targets(runs: Sequence[RecordingData], known: NoiseEstimateSettings
         differences = np.diff(values, 2, axis=0)
         count = np.maximum(np.isfinite(differences).sum(axis=1), 1)
         common = np.nansum(differences, axis=1) / count
-        steady = (np.abs(common) < known.even * first * np.sqrt(6.0 / count)) & (count > 1)
+        steady = (np.abs(common) < settings.even * first * np.sqrt(6.0 / count)) & (count > 1)
         enlarged = np.sqrt(count / np.maximum(count - 1, 1))
         even.append(((differences - common[:, None]) * enlarged[:, None])[steady])
     residuals = np.concatenate([values[np.isfinite(values)] for values in even])
-    if residuals.size < known.fewest:
+    if residuals.size < settings.fewest:
         return first
     return SIGMA_OF_MEDIAN * float(np.median(np.abs(residuals))) / math.sqrt(6.0)
 
 
 def placement(
-    runs: Sequence[RecordingData], arclength: Array, white: float, known: NoiseEstimateSettings
+    runs: Sequence[RecordingData], arclength: Array, white: float, settings: NoiseEstimateSettings
 ) -> float | None:
     """Return the standard deviation of the painted places, per coordinate (m)."""
-    if arclength.size < known.fewest_targets:
+    if arclength.size < settings.fewest_targets:
         return None
     free = [run for run in runs if not run.loaded]
     if not free:
         return None
     frames = np.concatenate([run.points for run in free])
     complete = frames[np.all(np.isfinite(frames), axis=(1, 2))]
-    if len(complete) < known.fewest:
+    if len(complete) < settings.fewest:
         return None
     chord = np.hypot(*(complete[:, :, -1] - complete[:, :, 0]).T)
-    count = max(known.fewest, round(known.straightest * len(complete)))
+    count = max(settings.fewest, round(settings.straightest * len(complete)))
     mean = complete[np.argsort(-chord)[:count]].mean(axis=0)
     smooth = np.polynomial.chebyshev.chebvander(
-        2.0 * arclength / arclength[-1] - 1.0, known.smooth_degree
+        2.0 * arclength / arclength[-1] - 1.0, settings.smooth_degree
     )
     coefficients, *_ = np.linalg.lstsq(smooth, mean.T, rcond=None)
     residual = mean.T - smooth @ coefficients
-    variance = np.sum(residual**2) / (2 * (arclength.size - known.smooth_degree - 1))
+    variance = np.sum(residual**2) / (2 * (arclength.size - settings.smooth_degree - 1))
     return float(np.sqrt(max(variance - white**2 / count, 0.0)))
 
 
 def camera(
-    runs: Sequence[RecordingData], arclength: Array, white: float, known: NoiseEstimateSettings
+    runs: Sequence[RecordingData], arclength: Array, white: float, settings: NoiseEstimateSettings
 ) -> tuple[float | None, float | None]:
     """Return the spread of the camera's place between runs and its drift within a run (m)."""
-    if arclength.size == 0 or arclength[0] > known.at_clamp * arclength[-1]:
+    if arclength.size == 0 or arclength[0] > settings.at_clamp * arclength[-1]:
         return None, None
     places, walked, own = [], [], []
     for run in runs:
         here = np.column_stack([run.x[:, 0], run.y[:, 0]])
         here = here[np.isfinite(here[:, 0])]
-        if len(here) < known.fewest:
+        if len(here) < settings.fewest:
             continue
         places.append(here.mean(axis=0))
-        blocks = np.array_split(here, known.blocks)
+        blocks = np.array_split(here, settings.blocks)
         means = np.array([block.mean(axis=0) for block in blocks])
         walked.append(np.diff(means, axis=0) ** 2)
-        own.append(2.0 * white**2 * known.blocks / len(here))
+        own.append(2.0 * white**2 * settings.blocks / len(here))
     if not walked:
         return None, None
     # Means of neighboring blocks of a random walk differ by 2/3 of its variance over a block.
     # The median of both coordinates' squares, so that a base that slips once is no drift.
     steps = np.concatenate([item.sum(axis=1) for item in walked])
     excess = 0.5 * float(np.median(steps)) / MEDIAN_OF_TWO - float(np.mean(own))
-    drift = float(np.sqrt(max(excess, 0.0) * 1.5 * known.blocks))
+    drift = float(np.sqrt(max(excess, 0.0) * 1.5 * settings.blocks))
     if len(places) < 3:
         return None, drift
     # The mean over a run of a walk that starts at zero has a third of the variance of its end.

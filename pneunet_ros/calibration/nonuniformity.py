@@ -68,13 +68,13 @@ def describe_nonuniformity(fit: Fit, settings: CalibrationSettings) -> list[str]
     ]
 
 
-def departure_prior(parameters: Parameters, values: Array, known: ResolutionSettings) -> Array:
+def departure_prior(parameters: Parameters, values: Array, settings: ResolutionSettings) -> Array:
     """Return the covariance (cells, cells) of departures from the curve, 1/m^2.
 
     The same shape at all pressures in proportion to the mean curvature, and one of the arm at
     rest.
     """
     mean = values[: parameters.cells].reshape(parameters.pressure.size, -1).mean(axis=1)
-    rest = known.nonuniform_rest / parameters.frame.length
-    over = known.nonuniform**2 * np.outer(mean, mean) + rest**2
-    return np.asarray(np.kron(over, correlation(parameters.arclength, known.nonuniform_scale)))
+    rest = settings.nonuniform_rest / parameters.frame.length
+    over = settings.nonuniform**2 * np.outer(mean, mean) + rest**2
+    return np.asarray(np.kron(over, correlation(parameters.arclength, settings.nonuniform_scale)))

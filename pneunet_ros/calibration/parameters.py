@@ -33,7 +33,7 @@ class Hyperparameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PriorState:
-    """What an earlier fit knew: the first unknowns, the targets' placement, and their covariance.
+    """What an earlier fit knew: the first parameters, the targets' placement, their covariance.
 
     values (k,) and placement (2 targets,) m, tangents then normals; covariance (k + 2 targets, k +
     2 targets) of both, in this order. Placement is part of it because the dots stay where they are
@@ -47,12 +47,13 @@ class PriorState:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Parameters:
-    """The unknowns: curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, then the law.
+    """Curvature at `pressure` (rows,) Pa x `arclength` (knots,) s / l, then those of the law.
 
-    `frame` is an arm that has everything else; without `law` the arm keeps its own. known: mean
-    and covariance of the first unknowns from an earlier fit, in place of what is believed before.
-    shapes: how many numbers describe kappa_p0 along the arm at one pressure, 1 for a curvature
-    that is constant; the prior holds the knots to them. None: as many as there are knots.
+    `frame` is an arm that has everything else; without `law` the arm keeps its own. earlier: mean
+    and covariance of the first parameters from an earlier fit, in place of what is believed
+    before. shapes: how many numbers describe kappa_p0 along the arm at one pressure, 1 for a
+    curvature that is constant; the prior holds the knots to them. None: as many as there are
+    knots.
     """
 
     frame: Arm
@@ -60,7 +61,7 @@ class Parameters:
     arclength: Array
     hyperparameters: Hyperparameters
     law: MomentLawParameters | None
-    known: PriorState | None = None
+    earlier: PriorState | None = None
     shapes: int | None = None
     mean: Array = field(init=False)
     prior: Array = field(init=False)
@@ -73,23 +74,23 @@ class Parameters:
         if self.law is not None:
             mean = np.concatenate([mean, self.law.mean])
             prior = block_diag(prior, self.law.prior)
-        if self.known is not None:
-            size = self.known.values.size
-            mean[:size] = self.known.values
+        if self.earlier is not None:
+            size = self.earlier.values.size
+            mean[:size] = self.earlier.values
             prior[:size, :] = prior[:, :size] = 0.0
-            prior[:size, :size] = self.known.covariance[:size, :size]
+            prior[:size, :size] = self.earlier.covariance[:size, :size]
         object.__setattr__(self, 'mean', frozen_array(mean))
         object.__setattr__(self, 'prior', frozen_array(prior))
 
     @property
     def over_pressure(self) -> Array:
         """Prior covariance of kappa_p0 at one place, (rows, rows)."""
-        rows, known = self.pressure, self.hyperparameters
+        rows, prior = self.pressure, self.hyperparameters
         if rows.size == 1:
-            return np.full((1, 1), known.std**2)
+            return np.full((1, 1), prior.std**2)
         distance = np.subtract.outer(rows, rows) / (0.5 * np.ptp(rows))
-        rising = known.amplitude**2 * np.outer(rows, rows) / np.max(np.abs(rows)) ** 2
-        return np.asarray(rising + known.std**2 * np.exp(-0.5 * distance**2))
+        rising = prior.amplitude**2 * np.outer(rows, rows) / np.max(np.abs(rows)) ** 2
+        return np.asarray(rising + prior.std**2 * np.exp(-0.5 * distance**2))
 
     @property
     def along_arm(self) -> Array:
@@ -101,7 +102,7 @@ class Parameters:
 
     @property
     def cells(self) -> int:
-        """How many unknowns are cells of the curvature's table."""
+        """How many parameters are cells of the curvature's table."""
         return self.pressure.size * self.arclength.size
 
     def arm(self, values: Array) -> Arm:
@@ -136,19 +137,19 @@ class Parameters:
             out[:, 3 + knot, knot : self.cells : knots] = weights
         if self.law is None:
             return out
-        known = np.clip(inputs.pressure, *arm.moment_law.pressure_range)
-        base = self.law.law(values[self.cells :]).sections(known, arm.length, arm.weight)
+        pressure = np.clip(inputs.pressure, *arm.moment_law.pressure_range)
+        base = self.law.law(values[self.cells :]).sections(pressure, arm.length, arm.weight)
         softened = np.ones_like(base)  # by the effects: the rigidity alone
         sections = arm.rods(inputs.pressure, inputs.histories).sections[:, : base.shape[1]]
         softened[:, :, RIGIDITY] = sections[:, :, RIGIDITY] / base[:, :, RIGIDITY]
-        slope = self.law.slopes(known)
+        slope = self.law.slopes(pressure)
         for place, (section, column) in enumerate(columns):
             factor = softened[:, section, column]
             out[:, 3 + knots + place, self.cells :] = slope[:, place] * factor[:, None]
         return out
 
     def quantities(self) -> tuple[tuple[str, ...], Array]:
-        """Return dotted names of the model's numbers and their change per unknown."""
+        """Return dotted names of the model's numbers and their change per parameter."""
         names = [
             f'intrinsic_curvature.curvature.{row}.{knot}'
             for row in range(self.pressure.size)

@@ -34,8 +34,8 @@ class PosteriorState(PriorState):
         for name in ('pressure', 'arclength', 'values', 'placement'):
             values = getattr(self, name)
             object.__setattr__(self, name, frozen_array(values, (np.size(values),)))
-        known = (self.values.size,) * 2
-        object.__setattr__(self, 'information', frozen_array(self.information, known))
+        shape = (self.values.size,) * 2
+        object.__setattr__(self, 'information', frozen_array(self.information, shape))
         size = self.values.size + self.placement.size
         object.__setattr__(self, 'covariance', frozen_array(self.covariance, (size, size)))
 
@@ -46,7 +46,7 @@ class PosteriorState(PriorState):
 
 def all_information(fit: Fit) -> Array:
     """Return that of the recordings of a fit, and of those before it that it goes on from."""
-    total, earlier = np.array(fit.information), fit.parameters.known
+    total, earlier = np.array(fit.information), fit.parameters.earlier
     if isinstance(earlier, PosteriorState):
         size = earlier.values.size
         total[:size, :size] += earlier.information

@@ -31,7 +31,7 @@ def check_runs(
 
     first: nothing is known of the arm yet.
     """
-    known = settings.preconditions
+    limits = settings.preconditions
     runs = [*unloaded, *loaded]
     constant = bool(loaded) and has_one_pressure(runs, arm, settings.resolution)
     if not unloaded and ((first and not constant) or not loaded):
@@ -51,51 +51,55 @@ def check_runs(
             'no pressure recordings under load are needed, after --loaded'
         )
     frames = sum(len(run.stamp_ns) for run in runs)
-    if first and frames < known.fewest_frames:
+    if first and frames < limits.fewest_frames:
         raise RecordingError(
             f'{names_of(runs)}: {frames} frames with targets and a pressure; at least '
-            f'{known.fewest_frames} are needed, of all recordings together'
+            f'{limits.fewest_frames} are needed, of all recordings together'
         )
     for run in runs:
-        check_targets(run, arm, known)
-        check_units(run, arm, known)
+        check_targets(run, arm, limits)
+        check_units(run, arm, limits)
     for run in unloaded:
-        check_unloaded(run, known)
+        check_unloaded(run, limits)
     for run in loaded:
-        check_loads(run, arm, known)
+        check_loads(run, arm, limits)
     check_same_arm(unloaded, arm.length, settings.consistency)
     if first and constant and not unloaded:
-        check_different_loads(loaded, arm, known)
+        check_different_loads(loaded, arm, limits)
     if loaded:
-        check_bending(runs if constant else loaded, known)
+        check_bending(runs if constant else loaded, limits)
     if first and unloaded:
-        check_pressures(unloaded, arm, known, constant=constant)
+        check_pressures(unloaded, arm, limits, constant=constant)
 
 
-def has_one_pressure(runs: Sequence[RecordingData], arm: Arm, known: ResolutionSettings) -> bool:
+def has_one_pressure(
+    runs: Sequence[RecordingData], arm: Arm, settings: ResolutionSettings
+) -> bool:
     """Whether the pressure of these recordings never changes by more than its sensor's noise."""
     pressures = np.concatenate([run.frame_pressure for run in runs])
-    same = max(known.same_pressure, known.noise_span * arm.sensors.pressure_std)
+    same = max(settings.same_pressure, settings.noise_span * arm.sensors.pressure_std)
     return bool(np.ptp(pressures) <= same)
 
 
-def check_loads(run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS) -> None:
+def check_loads(
+    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
+) -> None:
     """Raise RecordingError where a loaded recording has no load, or one that no arm carries."""
-    if not run.loaded or float(np.max(np.hypot(*run.force.T))) < known.smallest_force:
+    if not run.loaded or float(np.max(np.hypot(*run.force.T))) < settings.smallest_force:
         raise RecordingError(
             f'{run.name} was given as loaded, but it has no end force above '
-            f'{known.smallest_force} N; name it after --unloaded'
+            f'{settings.smallest_force} N; name it after --unloaded'
         )
-    if float(np.max(np.abs(run.force))) > known.largest_force * arm.weight:
+    if float(np.max(np.abs(run.force))) > settings.largest_force * arm.weight:
         raise RecordingError(
             f'{run.name}: an end force of {np.max(np.abs(run.force)):.3g} N on an arm that '
             f'weighs {arm.weight:.3g} N; forces must be in N (see --arm)'
         )
 
 
-def check_bending(runs: Sequence[RecordingData], known: PreconditionSettings) -> None:
+def check_bending(runs: Sequence[RecordingData], settings: PreconditionSettings) -> None:
     """Raise RecordingError where the targets stay in one place under all loads."""
-    if motion(runs) < known.smallest_motion:
+    if motion(runs) < settings.smallest_motion:
         raise RecordingError(
             f'{names_of(runs)}: the targets hardly move, so they say nothing of the moment law; '
             'change the pressure or the load, within a recording or between them'
@@ -103,12 +107,12 @@ def check_bending(runs: Sequence[RecordingData], known: PreconditionSettings) ->
 
 
 def check_different_loads(
-    loaded: Sequence[RecordingData], arm: Arm, known: PreconditionSettings
+    loaded: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings
 ) -> None:
     """Raise RecordingError where one load alone, at one pressure, is all there is."""
     force = np.concatenate([run.force for run in loaded])
     reach = float(np.max(np.ptp(force, axis=0)))
-    if reach < max(known.smallest_force, known.load_noise * arm.sensors.force_std):
+    if reach < max(settings.smallest_force, settings.load_noise * arm.sensors.force_std):
         raise RecordingError(
             f'{names_of(loaded)}: one load at one pressure; how the arm bends at rest and how '
             'stiff it is cannot be told apart: record another load, or the arm without one '
@@ -117,7 +121,7 @@ def check_different_loads(
 
 
 def check_pressures(
-    unloaded: Sequence[RecordingData], arm: Arm, known: PreconditionSettings, *, constant: bool
+    unloaded: Sequence[RecordingData], arm: Arm, settings: PreconditionSettings, *, constant: bool
 ) -> None:
     """Raise RecordingError where unloaded recordings do not show what the pressure does.
 
@@ -127,28 +131,28 @@ def check_pressures(
     names = names_of(unloaded)
     moved = max(motion([run]) for run in unloaded)
     highest = float(np.max(np.abs(pressures)))
-    if highest < known.smallest_span and moved > known.bending_motion * arm.length:
+    if highest < settings.smallest_span and moved > settings.bending_motion * arm.length:
         raise RecordingError(
             f'{names}: the pressure never exceeds {highest:.3g} Pa, and yet the arm moves by '
             f'{millimeters(moved):.3g} mm; pressure must be gauge, in Pa, not in kPa, mbar or psi'
         )
     if constant:
         return
-    if np.ptp(pressures) < known.smallest_span:
+    if np.ptp(pressures) < settings.smallest_span:
         raise RecordingError(
             f'{names} span {kilopascals(float(np.ptp(pressures))):.2g} kPa of pressure: kappa_p0 '
             'needs at least two pressures; record a ramp or a staircase'
         )
-    if moved < known.smallest_motion and motion(unloaded) < known.smallest_motion:
+    if moved < settings.smallest_motion and motion(unloaded) < settings.smallest_motion:
         raise RecordingError(
             f'{names}: the targets hardly move although the '
             'pressure changes; do the target topic and the pressure belong together?'
         )
 
 
-def check_unloaded(run: RecordingData, known: PreconditionSettings = PRECONDITIONS) -> None:
+def check_unloaded(run: RecordingData, settings: PreconditionSettings = PRECONDITIONS) -> None:
     """Raise RecordingError where a recording that was given as unloaded has an end force."""
-    if run.loaded and float(np.max(np.hypot(*run.force.T))) > known.unloaded_force:
+    if run.loaded and float(np.max(np.hypot(*run.force.T))) > settings.unloaded_force:
         raise RecordingError(
             f'{run.name} was given as unloaded, but its end force reaches '
             f'{np.max(np.hypot(*run.force.T)):.3g} N; take it from --unloaded (calibrate: name it '
@@ -157,7 +161,7 @@ def check_unloaded(run: RecordingData, known: PreconditionSettings = PRECONDITIO
 
 
 def check_targets(
-    run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS
+    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
 ) -> None:
     """Raise RecordingError where a recording has too few targets or others."""
     if run.x.shape[1] != arm.target_arclength.size:
@@ -166,28 +170,30 @@ def check_targets(
             'recordings of different arms cannot be calibrated together (see --arm)'
         )
     seen = np.count_nonzero(run.seen, axis=0) > 0
-    if np.count_nonzero(seen) < known.fewest_targets and not seen[-1]:
+    if np.count_nonzero(seen) < settings.fewest_targets and not seen[-1]:
         raise RecordingError(
-            f'{run.name} shows fewer than {known.fewest_targets} targets, and never the last'
+            f'{run.name} shows fewer than {settings.fewest_targets} targets, and never the last'
         )
 
 
-def check_units(run: RecordingData, arm: Arm, known: PreconditionSettings = PRECONDITIONS) -> None:
+def check_units(
+    run: RecordingData, arm: Arm, settings: PreconditionSettings = PRECONDITIONS
+) -> None:
     """Raise RecordingError where numbers are of a size that no arm has: another unit."""
     highest = float(np.max(np.abs(run.frame_pressure)))
-    if highest > known.largest_pressure:
+    if highest > settings.largest_pressure:
         raise RecordingError(
             f'{run.name}: a pressure of {highest:.3g} Pa; pressure must be gauge, in Pa'
         )
     reach = float(np.nanmax(np.hypot(run.x, run.y)))
-    if reach > known.longest * arm.reach:
+    if reach > settings.longest * arm.reach:
         raise RecordingError(
             f'{run.name}: a target {reach:.3g} m from the clamp, and the arm is '
             f'{arm.reach:.3g} m long; targets must be in m, in the base frame at the clamp, and '
             'of this arm (see --arm)'
         )
     middle = np.nanmedian(np.hypot(run.x[:, -1], run.y[:, -1])) if run.seen[:, -1].any() else reach
-    if middle < known.nearest * arm.length:
+    if middle < settings.nearest * arm.length:
         raise RecordingError(
             f'{run.name}: the last target lies {middle:.3g} m from the clamp, and the arm is '
             f'{arm.length:.3g} m long; is the unit right, and the first target that at the clamp?'

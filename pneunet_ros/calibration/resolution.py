@@ -45,26 +45,26 @@ def resolve(
     arm: Arm,
     unloaded: Sequence[RecordingData],
     loaded: Sequence[RecordingData],
-    known: ResolutionSettings = RESOLUTION,
+    settings: ResolutionSettings = RESOLUTION,
 ) -> Resolution:
     """Return what these recordings of an arm can resolve."""
     runs = [*unloaded, *loaded]
     seen = np.any([run.seen.any(axis=0) for run in runs], axis=0)
     targets = arm.target_arclength[seen].tolist()
-    shapes = count_apart([0.0, *targets], known.apart * arm.length) - 1
+    shapes = count_apart([0.0, *targets], settings.apart * arm.length) - 1
     with_heading = any(run.heading is not None for run in runs)
-    shapes = min(max(shapes + with_heading, 1), known.knots)
+    shapes = min(max(shapes + with_heading, 1), settings.knots)
     pressure = np.sort(np.concatenate([run.frame_pressure for run in runs]))
-    same = max(known.same_pressure, known.noise_span * arm.sensors.pressure_std)
+    same = max(settings.same_pressure, settings.noise_span * arm.sensors.pressure_std)
     pressures = count_apart(pressure.tolist(), same)
-    constant = has_one_pressure(runs, arm, known)
+    constant = has_one_pressure(runs, arm, settings)
     notes = []
     if shapes == 1:
         notes.append(
             'the curvature along the arm is taken as constant, as no more is seen than '
             f'{count_of(targets, "target")}, {places(targets)}'
         )
-    elif shapes < known.knots:
+    elif shapes < settings.knots:
         heading = ' and a heading of the tip' if with_heading else ''
         notes.append(
             f'the curvature along the arm is described by {shapes} numbers, as many as there are '
@@ -76,14 +76,14 @@ def resolve(
             f'the pressure is {kilopascals(float(np.median(pressure))):.3g} kPa throughout: the '
             'model has one row of curvature and says nothing of any other pressure'
         )
-    elif pressures < known.few_pressures:
+    elif pressures < settings.few_pressures:
         notes.append(
             f'there are {pressures} pressures: between them the curvature is a smooth course '
             'through them, as sure as that is'
         )
     frames = sum(len(run.stamp_ns) for run in loaded)
     law = PiecewiseLinearLaw.kind
-    if loaded and (frames < known.law_frames or shapes < known.law_shapes or constant):
+    if loaded and (frames < settings.law_frames or shapes < settings.law_shapes or constant):
         law = LinearLaw.kind
         notes.append(
             'the moment law is one stiffness EI, as no more is seen than '
@@ -92,7 +92,7 @@ def resolve(
         )
     return Resolution(
         shapes=shapes,
-        knots=known.knots,
+        knots=settings.knots,
         pressures=pressures,
         constant_pressure=constant,
         law=law,

@@ -12,10 +12,10 @@ from pneunet_ros.model.arm import Arm
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """A fitted model: values (n,) of the unknowns, their covariance, and every run beside it.
+    """A fitted model: values (n,) of the parameters, their covariance, and every run beside it.
 
-    placement (2, targets) m, along tangent and normal, and shared_covariance that of unknowns and
-    placement together. information (n, n) is that of the data alone on the unknowns of the model
+    placement (2, targets) m, along tangent and normal, and shared_covariance that of parameters
+    and placement together. information (n, n) is that of the data alone on the parameters
     (disturbances integrated out), information_vector (n,) the same data's linear term.
     disturbance: all unknowns of `Disturbances`, m. `converged` and `status`: how the search ended.
     """

@@ -68,7 +68,7 @@ def end_forces(
     measured = run.points
     seen = (np.isfinite(measured) & used).reshape(frames, -1)
     camera = camera_errors(float(np.hypot(noise.registration_std, noise.drift_std)), targets.size)
-    found, covariance = np.zeros(frames, dtype=bool), np.full((frames, 2, 2), np.nan)
+    converged, covariance = np.zeros(frames, dtype=bool), np.full((frames, 2, 2), np.nan)
     active = np.flatnonzero(np.count_nonzero(seen, axis=1) >= 2)
     errors = np.zeros((0, seen.shape[1], 0))
     for count in range(settings.most_steps):
@@ -94,10 +94,10 @@ def end_forces(
         share = np.minimum(1.0, settings.largest_step / largest)
         loads[active, :2] += share[:, None] * step
         # Beyond buckling another equilibrium fits as well: no force is told apart there.
-        found[active] = solved & model.stable & (size < settings.small_step)
+        converged[active] = solved & model.stable & (size < settings.small_step)
         left = np.flatnonzero(solved & (size >= settings.small_step))
         active, model, errors = active[left], model.subset(left), errors[left]
-    covariance[~found] = np.nan
-    known = np.diagonal(covariance, axis1=1, axis2=2) < settings.largest_sigma**2
-    covariance = np.where(known[:, :, None] & known[:, None, :], covariance, np.nan)
-    return EndForces(force=np.where(known, loads[:, :2], np.nan), covariance=covariance)
+    covariance[~converged] = np.nan
+    determined = np.diagonal(covariance, axis1=1, axis2=2) < settings.largest_sigma**2
+    covariance = np.where(determined[:, :, None] & determined[:, None, :], covariance, np.nan)
+    return EndForces(force=np.where(determined, loads[:, :2], np.nan), covariance=covariance)

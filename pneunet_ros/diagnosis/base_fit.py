@@ -52,7 +52,7 @@ def fit_base(
     )
     least = settings.harmless_camera * frame.length
     noise = replace(noise, noise=with_camera_motion(noise.noise, least))
-    frame = replace(frame, sensors=noise.noise, covariance=None)
+    frame = replace(frame, sensors=noise.noise, covariance=None, domain=None)
     most = settings.first_frames
     unloaded, loaded = ([run.thin(most) for run in runs] for runs in (unloaded, loaded))
     resolution = resolve(frame, unloaded, loaded, calibration.resolution)

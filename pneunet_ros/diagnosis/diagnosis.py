@@ -129,12 +129,13 @@ def diagnose(
 
 
 def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
-    """Whether a fit has converged, or stopped where a step more would gain next to nothing."""
-    if fit.converged or fit.steady:
-        return True
-    _, gain = fit.gaussian.step_without(())
+    """Whether a step more would gain next to nothing: as of a calibration, or beside the cost.
+
+    Of a model that lacks a strong effect the cost need not come to rest from one linearization to
+    the next, so that is not asked.
+    """
     nearly = 0.5 * settings.calibration.map_estimation.nearly**2
-    return gain < max(nearly, settings.base_fit.unsettled * fit.cost)
+    return fit.gain < max(nearly, settings.base_fit.unsettled * fit.cost)
 
 
 def unsettled(seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:

@@ -10,9 +10,8 @@ from pneunet_ros.calibration.held_out import Score, score
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.result import Misfit
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.noise_model import attached_std, target_std, target_stds
+from pneunet_ros.measurement.noise_model import coordinate_stds, target_std, target_stds
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -57,7 +56,8 @@ def noise_floor(
     squares, variance = 0.0, 0.0
     seen = np.zeros((2, arm.target_arclength.size))
     white = target_stds(replace(noise, placement_std=0.0), np.array(noise.target_std))
-    for std in noise_stds(arm, runs, noise):
+    for run, inputs in zip(runs, inputs_of(arm, runs), strict=True):
+        std = coordinate_stds(arm, run, inputs, noise)
         known = np.isfinite(std)
         square = np.where(known, std, 0.0) ** 2
         by_readings = np.maximum(square - known * target_std(noise) ** 2, 0.0).sum(axis=(1, 2))
@@ -69,25 +69,6 @@ def noise_floor(
         return 0.0, 0.0
     floor = float(np.sqrt(squares / seen.sum()))
     return floor, float(np.sqrt(variance) / seen.sum()) / (2.0 * floor)
-
-
-def noise_stds(arm: Arm, runs: Sequence[RecordingData], noise: SensorNoise) -> tuple[Array, ...]:
-    """Return one sigma (m) of every measured coordinate, for each run (frames, 2, targets).
-
-    White noise, painted place, and what the noise of force and pressure readings moves; NaN where
-    a target was not seen or a frame has no equilibrium.
-    """
-    stds = []
-    for run, inputs in zip(runs, inputs_of(arm, runs), strict=True):
-        model = ForwardModel(arm.target_arclength)
-        seen = run.seen & model.solve(arm, inputs)[:, None]
-        points = model.points.copy()
-        by_load = model.load_jacobian(arm, inputs) * attached_std(noise, run)[:, None]
-        variance = np.sum(by_load**2, axis=2).reshape(points.shape) + target_std(noise) ** 2
-        model.solve(arm, replace(inputs, pressure=inputs.pressure + noise.pressure_std))
-        variance += (model.points - points) ** 2
-        stds.append(np.sqrt(np.where(seen[:, None], variance, np.nan)))
-    return tuple(stds)
 
 
 def removed_share(before: float, after: float, floor: float) -> float | None:

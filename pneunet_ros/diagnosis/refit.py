@@ -16,7 +16,7 @@ from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.settings import DEFAULTS, RefitSettings
 from pneunet_ros.effects.effect import Effect
-from pneunet_ros.measurement.gauss_newton import End, gauss_newton
+from pneunet_ros.measurement.gauss_newton import gauss_newton
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -25,8 +25,7 @@ class Refit:
 
     numbers (k,) of all hypotheses, one after the other; base (n,) scaled position of all other
     unknowns; gaussian: with columns base, departures, numbers. settled: another linearization
-    changes nothing. steady: nothing that counts beside the misfit; a model that lacks a strong
-    effect leaves so much that its cost never comes to rest.
+    changes nothing.
     """
 
     linearization: Linearization
@@ -36,9 +35,12 @@ class Refit:
     base: Array
     gaussian: GaussianModel
     cost: float
-    converged: bool
     settled: bool = False
-    steady: bool = False
+
+    @property
+    def gain(self) -> float:
+        """By how much a step more would lower the cost, in its own linearization."""
+        return self.gaussian.step_without(())[1]
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -198,7 +200,6 @@ class JointFit:
             base=at.base,
             gaussian=gaussian,
             cost=at.cost,
-            converged=search.end is End.CONVERGED,
         )
 
     def active_bounds(self, numbers: Array, step: Array) -> list[int]:
@@ -258,18 +259,8 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
         again = JointFit(linearization, fit.hypotheses, settings).fit(fit.numbers, fit.base)
         if again is None:
             break
-        change = abs(fit.cost - again.cost)
-        fit = replace(
-            again,
-            settled=change < settings.settled,
-            steady=change < max(settings.settled, settings.steady * misfit(again)),
-        )
+        fit = replace(again, settled=abs(fit.cost - again.cost) < settings.settled)
     return fit
-
-
-def misfit(fit: Refit) -> float:
-    """Return by how much the cost of a fit is above what noise alone costs."""
-    return fit.cost - 0.5 * sum(values.size for values in fit.gaussian.residuals)
 
 
 def linearize_all_runs(

@@ -20,7 +20,7 @@ STATIONS, MODES = 41, 4  # along the arm, for the share of a smooth field that i
 
 
 def uneven_columns(
-    linearization: Linearization, known: ResolutionSettings = RESOLUTION
+    linearization: Linearization, settings: ResolutionSettings = RESOLUTION
 ) -> list[Array]:
     """Return what one sigma of unevenness moves, whitened (rows, 1) per training run.
 
@@ -31,10 +31,10 @@ def uneven_columns(
         return []
     arclength = np.linspace(0.0, 1.0, STATIONS)
     linear = np.linalg.pinv(legendre.legvander(2.0 * arclength - 1.0, MODES - 1))[1]
-    share = np.sqrt(linear @ correlation(arclength, known.nonuniform_scale) @ linear)
+    share = np.sqrt(linear @ correlation(arclength, settings.nonuniform_scale) @ linear)
     table = linearization.point.arm.intrinsic_curvature
     risen = abs(float(np.mean(table.curvature[-1] - table.curvature[0])))
-    size = known.nonuniform * share * risen
+    size = settings.nonuniform * share * risen
     return [
         block.white(size * block.fields.generic[:, :, [block.fields.names.index(FIELD)]])
         for block in linearization.blocks[: linearization.training]

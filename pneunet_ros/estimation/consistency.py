@@ -4,11 +4,12 @@ As the estimator: state in, state out; no clock, no topic, no file. `take_estima
 pressure reading with what became of it, `take_targets` every frame of targets, and
 `ConsistencyState.disagreement` says where things stand. A frame is compared with the estimate at
 the pressure reading that is nearest by the stamps, within half a period of the readings.
+`agreement_of` is the verdict on a whole recording, of the same frames.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 from types import MappingProxyType
@@ -34,6 +35,9 @@ class ConsistencySettings:
     most_waiting: int = tuning(32, 'frames that wait for their reading')
     fewest_frames: int = tuning(10, 'frames, before anything is claimed')
     share: float = tuning(0.25, 'share of recent frames beyond the limit that is a disagreement')
+    most_beyond: float = tuning(
+        0.05, 'share of the frames of a recording beyond the limit on which a model still holds'
+    )
     quantile: float = tuning(
         3.719,
         'one-sided quantile of 1e-4: how rarely the targets of a frame go beyond the limit',
@@ -84,6 +88,38 @@ class FrameInnovation:
     stamp_ns: int
     rms: float
     limit: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Agreement:
+    """Whether a model holds on a recording: measured targets beside predicted ones, in noise.
+
+    median: of the whitened rms of a frame, 1 where it is all noise; limit: what noise rarely
+    exceeds; beyond: share of frames beyond that, and most: the share up to which the model holds.
+    """
+
+    frames: int
+    median: float
+    limit: float
+    beyond: float
+    most: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether noise explains nearly all frames."""
+        return self.median <= self.limit and self.beyond <= self.most
+
+    @property
+    def sentence(self) -> str:
+        """Say it to a person."""
+        verdict, advice = 'the model holds on this recording', ''
+        if not self.holds:
+            verdict, advice = 'the model does not hold on this recording', '; run pneunet diagnose'
+        return (
+            f'{verdict}: median {self.median:.2f} x the noise, more than noise explains in '
+            f'{100.0 * self.beyond:.0f} % of {self.frames} frames (it holds up to '
+            f'{100.0 * self.most:.0f} %){advice}'
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,6 +184,20 @@ class ConsistencyState:
             arclength=float(running.arclength[target]),
             beyond=running.chi_square > most and running.beyond >= settings.share,
         )
+
+
+def agreement_of(
+    compared: Sequence[FrameInnovation], settings: ConsistencySettings = DEFAULTS
+) -> Agreement:
+    """Return how measured and predicted targets agreed over these frames, at least one."""
+    rms, limit = np.array([(frame.rms, frame.limit) for frame in compared]).T
+    return Agreement(
+        frames=len(compared),
+        median=float(np.median(rms)),
+        limit=float(np.median(limit)),
+        beyond=float(np.mean(rms > limit)),
+        most=settings.most_beyond,
+    )
 
 
 def take_estimate(

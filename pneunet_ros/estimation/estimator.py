@@ -21,7 +21,8 @@ from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit, EstimatorState
-from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE, propagate_covariance
+from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
+from pneunet_ros.measurement.noise_jacobian import noise_jacobian, propagate_covariance
 from pneunet_ros.measurement.second_order import second_order
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
@@ -128,7 +129,7 @@ class Estimator:
             notes.append('the equilibrium is unstable under dead load')
         sensitivity = linearize_shape(shape.solution, rods, changes)
         known = noise_jacobian(self.table, sensed, self.reading_std(reading))
-        noise = with_model_error(known, position)
+        noise = with_extrapolation_error(known, position)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
         stations = sensitivity.stations(self.arclength)
         curved = second_order(sensitivity, noise)
@@ -222,15 +223,6 @@ class Estimator:
             f'; as {other} pressure it would be {kilopascals(gauge):.4g} kPa gauge: '
             f'set pressure_reference to {other} if the sensor reports that'
         )
-
-
-def with_model_error(noise: Array, position: DomainPosition) -> Array:
-    """Return the noise input matrix with the model's own error beyond its domain, as sources."""
-    if not any(position.error):
-        return noise
-    more = np.zeros((len(position.error), noise.shape[1]))
-    more[:, : PRESSURE + 1] = np.diag(position.error)
-    return np.vstack([noise, more])
 
 
 def refuse(stamp_ns: int, reason: str, sentence: str) -> Refusal:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,6 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.model.uncertainty import SensorNoise
-from scipy.stats import norm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +113,7 @@ class RecordingData:
     def idle_reach(self, settings: IdleSensorSettings = IDLE_SENSOR) -> float:
         """Return how far (sigma) the noise of an idle sensor reaches in a run of this length."""
         values = 3 * len(self.stamp_ns)
-        return max(settings.reach, float(norm.isf(0.5 * settings.chance / values)))
+        return max(settings.reach, -NormalDist().inv_cdf(0.5 * settings.chance / values))
 
     def thin(self, most: int) -> RecordingData:
         """Return the run with at most so many frames, evenly spread over it."""

@@ -73,19 +73,43 @@ def model_errors(arm: Arm, inputs: Inputs) -> Array:
     (frames, 2 targets, 1 + columns) m by central differences of the whole model; NaN-free, zero
     where a neighbor has no equilibrium.
     """
-
-    def points(arm: Arm, inputs: Inputs) -> Array:
-        model = ForwardModel(arm.target_arclength)
-        solved = model.solve(arm, inputs)
-        return np.where(solved[:, None, None], model.points, np.nan)
-
-    ends = [
-        points(arm, replace(inputs, pressure=inputs.pressure + sign * PRESSURE_STEP))
-        for sign in (-1.0, 1.0)
-    ]
-    errors = [arm.sensors.pressure_std * (ends[1] - ends[0]) / (2.0 * PRESSURE_STEP)]
+    errors = [pressure_error(arm, inputs, arm.sensors.pressure_std)]
     for column in () if arm.covariance is None else arm.covariance.columns():
         before, after, distance = neighbors(arm, column)
-        errors.append((points(after, inputs) - points(before, inputs)) / distance)
+        errors.append((solved_points(after, inputs) - solved_points(before, inputs)) / distance)
     stacked = np.stack([error.reshape(len(inputs.pressure), -1) for error in errors], axis=2)
     return np.where(np.isfinite(stacked), stacked, 0.0)
+
+
+def pressure_error(arm: Arm, inputs: Inputs, std: float) -> Array:
+    """Return what one sigma (Pa) of pressure moves, (frames, 2, targets) m.
+
+    By a central difference of the whole model, NaN where a neighbor has no equilibrium.
+    """
+    below, above = (
+        solved_points(arm, replace(inputs, pressure=inputs.pressure + sign * PRESSURE_STEP))
+        for sign in (-1.0, 1.0)
+    )
+    return std * (above - below) / (2.0 * PRESSURE_STEP)
+
+
+def solved_points(arm: Arm, inputs: Inputs) -> Array:
+    """Return the targets (frames, 2, targets) m, NaN in frames without an equilibrium."""
+    model = ForwardModel(arm.target_arclength)
+    solved = model.solve(arm, inputs)
+    return np.where(solved[:, None, None], model.points, np.nan)
+
+
+def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorNoise) -> Array:
+    """Return one sigma (m) of every measured coordinate by itself, (frames, 2, targets).
+
+    White noise, painted place, and what the noise of force and pressure readings moves; NaN where
+    a target was not seen or a frame has no equilibrium. Not for a fit: errors of a reading move
+    all targets of a frame together, which `reading_errors` says.
+    """
+    model = ForwardModel(arm.target_arclength)
+    seen = run.seen & model.solve(arm, inputs)[:, None]
+    by_load = model.load_jacobian(arm, inputs) * attached_std(noise, run)[:, None]
+    variance = np.sum(by_load**2, axis=2).reshape(run.points.shape)
+    variance += pressure_error(arm, inputs, noise.pressure_std) ** 2 + target_std(noise) ** 2
+    return np.sqrt(np.where(seen[:, None], variance, np.nan))

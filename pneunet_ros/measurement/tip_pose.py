@@ -14,14 +14,14 @@ AT_TIP = 1e-6  # of the length, between a target and the tip that are one
 
 
 def with_tip_target(
-    arm: Arm, runs: Sequence[RecordingData], *, wanted: bool = False
+    arm: Arm, runs: Sequence[RecordingData], *, always: bool = False
 ) -> tuple[Arm, list[RecordingData]]:
     """Return arm and runs in which the last target is the tip, where any run has its pose.
 
     A target that is painted there already is seen where it was seen, and else where the pose says.
-    wanted: also where no run has a pose, so that another calibration has the same targets.
+    always: also where no run has a pose, so that another calibration has the same targets.
     """
-    if not wanted and all(run.tip_pose is None for run in runs):
+    if not always and all(run.tip_pose is None for run in runs):
         return arm, list(runs)
     painted = has_tip_target(arm)
     if not painted:

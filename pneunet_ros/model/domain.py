@@ -6,7 +6,7 @@ extrapolated and says so; further out it says nothing. `locate_load` is the rule
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -63,11 +63,14 @@ class Domain:
 
     pressure: lowest and highest, Pa gauge; end_load (loads, 4): F1, F2 (N), M (N m), p (Pa), the
     vertices of the convex hull of the loads seen, or the corners of a box. The unloaded arm at
-    every pressure belongs to it unsaid: that is kappa_p0.
+    every pressure belongs to it unsaid: that is kappa_p0. Then follow the largest end force (N)
+    and end moment (N m) seen.
     """
 
     pressure: tuple[float, float]
     end_load: Array
+    largest_force: float = field(init=False, repr=False)
+    largest_end_moment: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check numbers and shapes."""
@@ -87,6 +90,9 @@ class Domain:
             )
         object.__setattr__(self, 'pressure', (low, high))
         object.__setattr__(self, 'end_load', loads)
+        forces, moments = np.hypot(*loads[:, :MOMENT].T), np.abs(loads[:, MOMENT])
+        object.__setattr__(self, 'largest_force', float(forces.max()))
+        object.__setattr__(self, 'largest_end_moment', float(moments.max()))
 
     @property
     def unloaded(self) -> Array:
@@ -94,23 +100,17 @@ class Domain:
         return unloaded(self.pressure)
 
     @property
-    def largest_force(self) -> float:
-        """The largest end force seen, N."""
-        return float(np.max(np.hypot(*self.end_load[:, :MOMENT].T)))
-
-    @property
     def words(self) -> str:
         """Say what is known, to a person."""
         low, high = (kilopascals(value) for value in self.pressure)
-        force, moment = self.largest_force, float(np.max(np.abs(self.end_load[:, MOMENT])))
+        force, moment = self.largest_force, 1000.0 * self.largest_end_moment
         loads = [f'end forces up to {force:.3g} N'] * (force > 0.0)
-        loads += [f'end moments up to {1000.0 * moment:.3g} mN m'] * (moment > 0.0)
+        loads += [f'end moments up to {moment:.3g} mN m'] * (moment > 0.0)
         return f'{low:.4g} to {high:.4g} kPa, {" and ".join(loads) or "no end load"}'
 
     def largest_moment(self, length: float) -> float:
         """Return the largest moment (N m) that end loads seen make in an arm of a length (m)."""
-        moment = float(np.max(np.abs(self.end_load[:, MOMENT])))
-        return max(moment, length * self.largest_force)
+        return max(self.largest_end_moment, length * self.largest_force)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,28 +129,30 @@ class LoadHull:
     def scaled(self, load: Array) -> Array:
         """Return a load (4,) in SI in newtons, no further than counts."""
         far = FAR * max(self.size, 1.0)
-        return np.asarray(np.clip(load * self.scale, -far, far))
+        return np.minimum(np.maximum(load * self.scale, -far), far)
 
-    def way_out(self, load: Array) -> Array:
-        """Return the way (4,) N from the nearest point of the hull to a load (4,) in SI.
+    def way_out(self, at: Array) -> Array:
+        """Return the way (4,) N from the nearest point of the hull to a scaled load (4,) N.
 
         Zero inside. The nearest point solves least squares with weights that are not negative:
         Lawson & Hanson, Solving Least Squares Problems (1974), chapter 23.
         """
-        offsets = self.scaled(load) - self.points
-        furthest = float(np.max(np.abs(offsets)))
+        offsets = at - self.points
+        furthest = float(abs(offsets).max())
         if furthest == 0.0:
             return np.zeros(4)
-        system = np.vstack([offsets.T / furthest, np.ones(len(offsets))])
+        system = np.ones((5, len(offsets)))
+        np.divide(offsets.T, furthest, out=system[:4])
         weights, _ = nnls(system, ONE_SUM)
         way: Array = (weights @ offsets) / weights.sum()
         return way
 
     def distance(self, load: Array, noise: Array) -> float:
         """Return how far (N) a load (4,) is beyond the hull, less noise (4,) on the way, SI."""
-        way = self.way_out(load)
+        at = self.scaled(load)
+        way = self.way_out(at)
         distance = math.sqrt(way @ way)
-        if distance <= ROUNDING * float(np.max(np.abs(self.scaled(load)))):
+        if distance <= ROUNDING * float(abs(at).max()):
             return 0.0
         along = way * noise * self.scale
         return max(distance - math.sqrt(along @ along) / distance, 0.0)
@@ -195,7 +197,7 @@ def spanned_domain(
         if distance[furthest] <= near:
             break
         # The hull has grown since a distance was measured, so that it may be less by now.
-        distance[furthest] = np.linalg.norm(hull.way_out(loads[furthest]))
+        distance[furthest] = np.linalg.norm(hull.way_out(scaled[furthest]))
         if distance[furthest] == distance.max():
             taken.append(furthest)
             hull = replace(hull, points=np.vstack([hull.points, scaled[furthest]]))

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.estimation.consistency import (
+    Agreement,
+    agreement_of,
     ConsistencyState,
     Disagreement,
     FrameInnovation,
@@ -28,8 +29,6 @@ from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import RecordedMessage, Recording
 from pneunet_ros.recordings.recording_writer import RecordingWriter
-
-LARGEST_SHARE = 0.05  # of frames beyond noise of a model that holds: invented
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,38 +146,6 @@ def record_steps(
                 writer.write_raw(connection, message.log_time_ns, raw)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Agreement:
-    """Whether a model holds on a recording: measured targets beside predicted ones, in noise.
-
-    median: of the whitened rms of a frame, 1 where it is all noise; limit: what noise rarely
-    exceeds; beyond: share of frames beyond that.
-    """
-
-    frames: int
-    median: float
-    limit: float
-    beyond: float
-    most: float = LARGEST_SHARE
-
-    @property
-    def holds(self) -> bool:
-        """Whether noise explains nearly all frames."""
-        return self.median <= self.limit and self.beyond <= self.most
-
-    @property
-    def sentence(self) -> str:
-        """Say it to a person."""
-        verdict, advice = 'the model holds on this recording', ''
-        if not self.holds:
-            verdict, advice = 'the model does not hold on this recording', '; run pneunet diagnose'
-        return (
-            f'{verdict}: median {self.median:.2f} x the noise, more than noise explains in '
-            f'{100.0 * self.beyond:.0f} % of {self.frames} frames (it holds up to '
-            f'{100.0 * self.most:.0f} %){advice}'
-        )
-
-
 @dataclass(slots=True)
 class Tally:
     """What a replay came to, counted step by step; warned: how many estimates by warning."""
@@ -223,12 +190,4 @@ class Tally:
     @property
     def agreement(self) -> Agreement | None:
         """How measured and predicted targets agreed over the recording; None: none compared."""
-        if not self.compared:
-            return None
-        rms, limit = np.array([(frame.rms, frame.limit) for frame in self.compared]).T
-        return Agreement(
-            frames=len(self.compared),
-            median=float(np.median(rms)),
-            limit=float(np.median(limit)),
-            beyond=float(np.mean(rms > limit)),
-        )
+        return agreement_of(self.compared) if self.compared else None

@@ -195,6 +195,7 @@ def row_at_rest(
                 sentence=f'no row of {count} targets begins at clamp_pixel {list(clamp_pixel)}',
             )
     best = rows[0]
+    rows = [row for row in rows if not _is_by_chance(row, best, vision)]
     if any(share_of_blobs(row, best) < vision.association.alike for row in rows):
         return Failure(
             reason='several_rows',
@@ -246,6 +247,14 @@ def _is_regular(points: Array, arclength: Array, vision: VisionSettings) -> bool
     seen = consistent_spacing(x, y, arclength, gating.farthest, gating)
     least = vision.rest_plane.seen * arclength.size
     return bool(seen[0] and seen[-1] and np.count_nonzero(seen) >= least)
+
+
+def _is_by_chance(row: TargetRow, best: TargetRow, vision: VisionSettings) -> bool:
+    """Whether the targets that are seen of a row fit so much worse than the best's: no arm."""
+    cost, least = (
+        it.cost - vision.beam_search.missing * (it.chosen.size - it.seen) for it in (row, best)
+    )
+    return cost > least + vision.rest_plane.chance
 
 
 def _rows_from(

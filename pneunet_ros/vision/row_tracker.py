@@ -221,27 +221,38 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
 def search_at_rest(view: View, rest: RestSearch) -> Array | Failure:
     """Find the targets of the arm at rest, normalized (targets, 2), NaN where one is not seen.
 
-    view: its plane is not known yet, and not used; rest: where the arm has rested so far. A row
-    that is found must be what is found again from its clamp once the plane is known by it: what
-    a frame says does not depend on what was known before.
+    view: its plane is not known yet, and not used; rest: where the arm has rested so far, which
+    tells the targets of a frame that does not show a row by itself.
     """
-    settings, vision, arclength = view.settings, view.vision, view.arclength
     blobs = candidate_blobs(view)
     if isinstance(blobs, Failure):
         return blobs
     points = view.lens.undistort(np.column_stack([blobs.u, blobs.v]))
+    found = _search_anew(view, blobs, points)
+    if not isinstance(found, Failure) or found.reason != 'no_row':
+        return found
+    seen = points[np.isfinite(points[:, 0])]
+    again = rest.recognize(seen, view.arclength, view.vision.rest_plane)
+    return found if again is None else again
+
+
+def _search_anew(view: View, blobs: Blobs, points: Array) -> Array | Failure:
+    """Find the targets of the arm at rest by this frame alone, as `search_at_rest` returns them.
+
+    points (blobs, 2): the blobs, normalized. A row that is found must be what is found again from
+    its clamp once the plane is known by it: what a frame says does not depend on what was known
+    before.
+    """
+    settings, vision, arclength = view.settings, view.vision, view.arclength
     at_rest = whole = _row_at_rest(view, blobs, points, arclength)
     if isinstance(whole, Failure):
-        again = rest.recognize(points[np.isfinite(points[:, 0])], arclength, vision.rest_plane)
-        if whole.reason == 'no_row' and again is not None:
-            return again
         # The last target may be seen in part: its neighbors tell where to look for it.
         short = arclength.size > vision.association.least_targets
         if whole.reason != 'no_row' or not short:
             return whole
         at_rest = _row_at_rest(view, blobs, points, arclength[:-1])
     if isinstance(at_rest, Failure):
-        return whole if isinstance(whole, Failure) else at_rest
+        return whole
     plane = plane_at_rest(at_rest, arclength[: len(at_rest)], settings.plane)
     found = row_among(replace(view, plane=plane), blobs)
     if isinstance(found, Failure):

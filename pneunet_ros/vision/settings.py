@@ -37,6 +37,11 @@ class RestPlaneSettings:
     still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
     near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')
     seen: float = tuning(0.8, 'share of the targets, at least')
+    chance: float = tuning(
+        20.0,
+        'cost of what is seen of another row over that of the best, by which it is one by chance',
+        source='invented: odds of exp(10); 0.1 on arms, 53 in grass',
+    )
     ends: float = tuning(0.5, 'share of the frames in which first and last target are, at least')
     places: int = tuning(4, 'places in which it may rest that are remembered')
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.evaluation import noise_stds
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import inputs_of
+from pneunet_ros.measurement.noise_model import coordinate_stds
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
 from pneunet_ros.reports.style import FIRST, SECOND
 
@@ -65,7 +66,11 @@ class FigureData:
         runs, scores = self.held_out, (before.held_out_scores, after.held_out_scores)
         if before.held_out is None:
             runs, scores = self.training, (before.training_scores, after.training_scores)
-        noise = noise_stds(after.arm, runs, after.arm.sensors)
+        arm = after.arm
+        noise = [
+            coordinate_stds(arm, run, inputs, arm.sensors)
+            for run, inputs in zip(runs, inputs_of(arm, runs), strict=True)
+        ]
         return tuple(
             RecordingErrors(run=run, before=first.error, after=last.error, noise=std)
             for run, first, last, std in zip(runs, *scores, noise, strict=True)

@@ -1,0 +1,21 @@
+"""The model's own error beyond its domain: more independent sources beside noise of readings."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.measurement.noise_jacobian import PRESSURE
+from pneunet_ros.model.domain_position import DomainPosition
+
+
+def with_extrapolation_error(noise: Array, position: DomainPosition) -> Array:
+    """Return the noise input matrix (sources, causes) with the model's own error out there.
+
+    position: where the load stands; its error in F1, F2, M and chamber pressure is one source
+    each, after those of `noise_jacobian`. Inside the domain the matrix is the one that was given.
+    """
+    if not any(position.error):
+        return noise
+    more = np.zeros((len(position.error), noise.shape[1]))
+    more[:, : PRESSURE + 1] = np.diag(position.error)
+    return np.vstack([noise, more])
