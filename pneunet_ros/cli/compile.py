@@ -8,7 +8,6 @@ import time
 
 from pneunet_ros.cli.verb import add_json, DONE, output_console, print_json, progress_bar
 from pneunet_ros.core.kernel_cache import alone, cache_folder, kernels_kept, note_kept
-from pneunet_ros.offline.kernels import call_kernels
 
 NICENESS = 10  # others first: what waits for kernels has answers meanwhile
 
@@ -28,6 +27,9 @@ def run(arguments: Namespace) -> int:
     with alone(), progress_bar(shown=not arguments.json) as bar:
         there = kernels_kept() and not arguments.again
         if not there:
+            # What waits for its turn need not have imported all that has kernels.
+            from pneunet_ros.offline.kernels import call_kernels
+
             task = bar.add_task('compiling', total=None)
             call_kernels(
                 lambda name, done, total: bar.update(

@@ -75,6 +75,13 @@ def is_compiled() -> bool:
     return HAVE_NUMBA and not WAITING.expected
 
 
+def state_of_kernels() -> str:
+    """Say what runs: 'compiled', or plain Python and why."""
+    if is_compiled():
+        return 'compiled'
+    return 'plain Python while they are compiled' if HAVE_NUMBA else 'plain Python: no numba'
+
+
 def kernel(function: Function) -> Function:
     """Compile a kernel (cached on disk), or hand it back unchanged where there is no numba.
 

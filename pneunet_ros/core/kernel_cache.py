@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import fcntl
+from functools import cache
 import hashlib
 from importlib.metadata import PackageNotFoundError, version
 import os
@@ -60,36 +61,50 @@ def processor() -> str:
 
 
 def kernels_kept() -> bool:
-    """Whether there is nothing to compile: the kernels are on the disk, or there is no numba."""
-    return not jit.HAVE_NUMBA or kept_file().exists()
+    """Whether there is nothing to wait for: the kernels are on the disk, or never will be.
+
+    They never will be where there is no numba, or no folder that may be written.
+    """
+    return not jit.HAVE_NUMBA or kept_file().exists() or not may_keep()
+
+
+@cache
+def may_keep() -> bool:
+    """Whether there is a folder in which kernels can be kept."""
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
 
 
 def note_kept() -> None:
     """Say that the kernels are on the disk."""
-    file = kept_file()
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.touch()
+    kept_file().touch()
 
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Wait until no other process compiles these kernels."""
-    lock = kept_file().with_suffix('.lock')
-    lock.parent.mkdir(parents=True, exist_ok=True)
-    with lock.open('w') as file:
+    """Wait until no other process compiles these kernels, and keep others waiting."""
+    with lock_file().open('w') as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
-def start_compiling() -> subprocess.Popen[bytes]:
-    """Start a process that compiles the kernels; it goes on when this one ends."""
-    return subprocess.Popen(
-        COMPILE,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+def being_compiled() -> bool:
+    """Whether a process compiles these kernels now."""
+    with lock_file().open('w') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+def lock_file() -> Path:
+    """Return the file that a process locks while it compiles these kernels."""
+    return kept_file().with_suffix('.lock')
 
 
 def answer_first() -> None:
@@ -98,30 +113,49 @@ def answer_first() -> None:
         jit.answer_first()
 
 
-def compile_meanwhile() -> bool:
-    """Have the kernels compiled in a process of its own, and use them when they are there.
+def compile_meanwhile() -> None:
+    """Have the kernels compiled while plain Python answers, and use them when they are there.
 
-    Whether there was something to compile. Another thread waits for them and puts them in place.
+    Another thread waits for them and puts them in place. Where compiling fails, plain Python goes
+    on: a kernel that compiles itself when it is called would hold up the answers.
     """
-    if kernels_kept():
-        return False
-    process = start_compiling()
 
     def take_over() -> None:
-        process.wait()
+        wait_for_kernels()
         if kernels_kept():
             jit.use_compiled()
 
-    Thread(target=take_over, name='kernels', daemon=True).start()
-    return True
+    if not kernels_kept():
+        Thread(target=take_over, name='kernels', daemon=True).start()
 
 
-def compile_first(on_wait: Callable[[], None]) -> None:
-    """Wait until the kernels are on the disk, and use them; on_wait: is called meanwhile."""
-    if kernels_kept():
-        return
-    process = start_compiling()
-    while process.poll() is None:
+def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
+    """Wait until the kernels are on the disk, and use them; on_wait: is called meanwhile.
+
+    Where compiling fails, each kernel compiles itself when it is called.
+    """
+    if not kernels_kept():
+        wait_for_kernels(on_wait)
+        jit.use_compiled()
+
+
+def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
+    """Wait for the process that compiles the kernels; start it unless one is at it already.
+
+    It goes on when this one ends.
+    """
+    process = None if being_compiled() else start_compiling()
+    while not kernels_kept() and (being_compiled() or (process and process.poll() is None)):
         on_wait()
         time.sleep(LOOK_AGAIN)
-    jit.use_compiled()
+
+
+def start_compiling() -> subprocess.Popen[bytes]:
+    """Start a process that compiles the kernels."""
+    return subprocess.Popen(
+        COMPILE,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )

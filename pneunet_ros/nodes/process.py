@@ -18,17 +18,12 @@ from rclpy.utilities import remove_ros_args
 DONE, WRONG_REQUEST = 0, 2
 
 
-def run(make_node: Callable[[], Any], usage: str, arguments: list[str] | None = None) -> int:
-    """Make a node and let it work until a signal comes; returns the exit code.
+def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str]) -> int:
+    """Make nodes, one after the other, and let them take turns in one thread until a signal comes.
 
-    arguments: the command line with the name of the program, by default that of this process. What
-    a user got wrong (PneunetError) is one sentence on stderr and exit code 2.
+    arguments: the command line with the name of the program; returns the exit code. What a user
+    got wrong (PneunetError) is one sentence on stderr and exit code 2.
     """
-    return run_together((make_node,), usage, sys.argv if arguments is None else arguments)
-
-
-def run_together(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str]) -> int:
-    """Make nodes, one after the other, and let them take turns in one thread; as `run`."""
     nodes: list[Any] = []
     end_at_signal()
     try:

@@ -9,7 +9,7 @@ from pneunet_ros.nodes.start import start
 
 def main() -> int:
     """Run the node until a signal comes; returns the exit code."""
-    return start('pneunet_ros.nodes.estimator.node')
+    return start('estimator')
 
 
 if __name__ == '__main__':

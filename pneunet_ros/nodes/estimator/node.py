@@ -22,7 +22,6 @@ from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
-from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.estimator.configuration import (
     configured_estimator,
@@ -201,8 +200,3 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         if not share_arm_and_settings(configuration, self.configuration):
             self.consistency = self.consistency.fresh()
         self.outputs.centerline_rate = configuration.node.centerline_rate
-
-
-def main() -> int:
-    """Run the node until a signal comes; the console script `estimator`."""
-    return process.run(EstimatorNode, USAGE)

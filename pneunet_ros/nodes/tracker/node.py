@@ -26,7 +26,6 @@ from pneunet_ros.messages.tracker import (
     TARGETS_OUTPUT,
     TRACKER_OUTPUTS,
 )
-from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.following import FollowingSubscription
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
@@ -168,8 +167,3 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         """Start anew if anything is another one; what is known of the camera remains."""
         if configuration.tracker is not self.configuration.tracker:
             self.state = configuration.tracker.reset(self.state)
-
-
-def main() -> int:
-    """Run the node until a signal comes; the console script `tracker`."""
-    return process.run(TrackerNode, USAGE)
