@@ -13,12 +13,8 @@ from typing import Literal, NamedTuple, NoReturn
 
 from pneunet_ros import __version__
 from pneunet_ros.core.errors import PneunetError, shortened
-from pneunet_ros.core.kernel_cache import (
-    answer_first,
-    compile_first,
-    compile_meanwhile,
-    kernels_kept,
-)
+from pneunet_ros.core.jit import is_waiting
+from pneunet_ros.core.kernel_cache import answer_first, compile_first, compile_meanwhile
 from pneunet_ros.core.printable import printable
 
 
@@ -174,7 +170,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def see_to_kernels(given: Namespace) -> None:
     """Have the kernels compiled where they are not, before or while the verb works."""
-    if given.kernels == 'none' or kernels_kept():
+    if given.kernels == 'none' or not is_waiting():
         return
     if given.kernels == 'meanwhile':
         compile_meanwhile()

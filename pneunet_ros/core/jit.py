@@ -70,16 +70,21 @@ def answer_first() -> None:
     WAITING.expected = HAVE_NUMBA
 
 
+def is_waiting() -> bool:
+    """Whether kernels run as plain Python only until compiled ones take their places."""
+    return WAITING.expected
+
+
 def is_compiled() -> bool:
     """Whether the kernels are compiled, and not plain Python."""
-    return HAVE_NUMBA and not WAITING.expected
+    return HAVE_NUMBA and not is_waiting()
 
 
 def state_of_kernels() -> str:
     """Say what runs: 'compiled', or plain Python and why."""
     if is_compiled():
         return 'compiled'
-    return 'plain Python while they are compiled' if HAVE_NUMBA else 'plain Python: no numba'
+    return 'plain Python while they are compiled' if is_waiting() else 'plain Python: no numba'
 
 
 def kernel(function: Function) -> Function:
@@ -138,6 +143,8 @@ def use_compiled() -> None:
 
     Those that are on the disk are loaded first, so that no caller waits for them.
     """
+    if not is_waiting():
+        return
     compiled = {id(function): dispatcher(function, options) for function, options in WAITING.plain}
     for compiled_kernel in compiled.values():
         load_kept(compiled_kernel)

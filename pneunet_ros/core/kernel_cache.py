@@ -17,7 +17,7 @@ from pathlib import Path
 import platform
 import subprocess
 import sys
-from threading import Thread
+import threading
 import time
 
 from pneunet_ros.core import jit
@@ -125,8 +125,8 @@ def compile_meanwhile() -> None:
         if kernels_kept():
             jit.use_compiled()
 
-    if not kernels_kept():
-        Thread(target=take_over, name='kernels', daemon=True).start()
+    if jit.is_waiting():
+        threading.Thread(target=take_over, name='kernels', daemon=True).start()
 
 
 def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
@@ -134,9 +134,8 @@ def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
 
     Where compiling fails, each kernel compiles itself when it is called.
     """
-    if not kernels_kept():
-        wait_for_kernels(on_wait)
-        jit.use_compiled()
+    wait_for_kernels(on_wait)
+    jit.use_compiled()
 
 
 def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
@@ -144,6 +143,8 @@ def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
 
     It goes on when this one ends.
     """
+    if kernels_kept():
+        return
     process = None if being_compiled() else start_compiling()
     while not kernels_kept() and (being_compiled() or (process and process.poll() is None)):
         on_wait()
