@@ -76,7 +76,7 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
-            'pneunet = pneunet_ros.cli.main:main',
+            'pneunet = pneunet_ros.cli.__main__:main',
             'estimator = pneunet_ros.nodes.estimator.__main__:main',
             'tracker = pneunet_ros.nodes.tracker.__main__:main',
             'virtual_arm = pneunet_ros.nodes.virtual_arm.__main__:main',

@@ -12,8 +12,8 @@ import sys
 from typing import Literal, NamedTuple, NoReturn
 
 from pneunet_ros import __version__
+from pneunet_ros.core import jit
 from pneunet_ros.core.errors import PneunetError, shortened
-from pneunet_ros.core.jit import is_waiting
 from pneunet_ros.core.kernel_cache import answer_first, compile_first, compile_meanwhile
 from pneunet_ros.core.printable import printable
 
@@ -110,7 +110,6 @@ VERBS = (
     ),
 )
 WRONG = 2  # exit code
-INTERRUPTED = 130
 NEGATIVE_NUMBER = re.compile(r'-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?')
 
 
@@ -155,9 +154,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except PneunetError as error:
         return complain(given.verb, str(error))
-    except KeyboardInterrupt:
-        complain(given.verb, 'interrupted; what was not complete has not been written')
-        return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `pneunet effects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -170,7 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def see_to_kernels(given: Namespace) -> None:
     """Have the kernels compiled where they are not, before or while the verb works."""
-    if given.kernels == 'none' or not is_waiting():
+    if given.kernels == 'none' or not jit.is_waiting():
         return
     if given.kernels == 'meanwhile':
         compile_meanwhile()

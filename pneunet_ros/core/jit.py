@@ -32,7 +32,8 @@ INLINED = {**WITHIN, 'forceinline': True}
 def fingerprint(package: Path) -> str:
     """Compute a hash of all files of a package that have to do with kernels: they import this one.
 
-    Kernels call kernels and take constants from other files, hence one hash for them all.
+    Kernels call kernels and take constants from other files, hence one hash for them all. Files
+    without kernels import this module, not from it.
     """
     whole = hashlib.sha256()
     for folder, folders, names in os.walk(package):

@@ -9,8 +9,8 @@ import time
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from pneunet_ros.core import jit
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.core.jit import state_of_kernels
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.nodes.health import Level, Report
 from pneunet_ros.nodes.log import Log
@@ -171,7 +171,7 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         if rivals:
             message = rivals if level is Level.OK else f'{message}; {rivals}'
             level = max(level, Level.WARN)
-        kernels = state_of_kernels()
+        kernels = jit.state_of_kernels()
         values = {'model': model, 'kernels': kernels, **report.values, 'rivals': rivals}
         status = DiagnosticStatus(
             level=bytes([level]),

@@ -10,6 +10,7 @@ from collections import deque
 import time
 from typing import Any
 
+from pneunet_ros.core import jit
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
@@ -63,7 +64,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
         )
-        self.get_logger().info('preparing the solver; the very first time it is compiled')
+        self.get_logger().info(f'preparing; kernels: {jit.state_of_kernels()}')
         trouble = warm_up(self.configuration.estimator, serializer)
         if trouble:
             self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')

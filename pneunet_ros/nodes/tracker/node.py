@@ -10,6 +10,7 @@ from collections.abc import Callable
 import time
 from typing import Any
 
+from pneunet_ros.core import jit
 from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
@@ -59,7 +60,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('tracker', PARAMETERS, configured_tracker)
         self.state = TrackerState()
-        self.get_logger().info('preparing the kernels; the very first time they are compiled')
+        self.get_logger().info(f'preparing; kernels: {jit.state_of_kernels()}')
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id
         )
