@@ -62,7 +62,7 @@ def test_pictures_are_in_the_page_and_beside_it(report):
     path, text, _ = report
     files = sorted(path.parent.glob('figure_*.png'))
     assert len(files) == 13
-    assert text.count('data:image/png;base64,') == len(files)
+    assert text.count('data:image/svg+xml;base64,') == len(files)
     assert sorted(item.name for item in path.parent.iterdir()) == sorted(
         [item.name for item in files] + ['index.html']
     )

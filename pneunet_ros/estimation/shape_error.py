@@ -15,7 +15,6 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import match_stamps, Stamps
-from scipy.interpolate import CubicSpline
 
 END = 1e-6  # m; as far beyond its last station a curve is still known: rounding of float32
 LARGEST_95 = 5.991464547107979  # chi squared of two coordinates, 95 %
@@ -46,6 +45,8 @@ class Centerlines:
         known = np.isfinite(chosen).all(axis=(1, 2))
         found = np.full((len(frames), 2, len(arclength)), np.nan)
         if known.any():
+            from scipy.interpolate import CubicSpline  # slow to import, and many need it not
+
             found[known] = CubicSpline(self.arclength, chosen[known], axis=2)(arclength)
         return found
 
