@@ -147,7 +147,7 @@ def test_an_earlier_report_is_replaced_only_when_asked(monkeypatch, tmp_path):
 
 
 def test_nothing_is_left_of_a_report_that_fails(monkeypatch, tmp_path):
-    def failing(found, on_progress):
+    def failing(found, on_progress, units):
         raise RecordingError('no picture')
 
     monkeypatch.setattr(calibration_report, 'calibration_figures', failing)
