@@ -53,7 +53,6 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('virtual_arm', PARAMETERS, configured_virtual_arm)
         settings = self.configuration.node
-        self.get_logger().info('preparing the lab; the very first time it is compiled')
         self.random = np.random.default_rng(settings.seed)
         self.command = 0.0
         self.load = Load()
