@@ -28,6 +28,7 @@ TEST = [
     'scikit-image>=0.22',
     'scikit-learn>=1.4',
 ]
+DOCS = ['furo>=2024.1', 'myst-parser>=3', 'sphinx>=7.2']
 # The wheels of ROS 2 Jazzy exist for Linux on x86-64; elsewhere ROS comes from its own packages.
 WHEELS = 'sys_platform == "linux" and platform_machine == "x86_64" and python_version < "3.14"'
 
@@ -63,8 +64,10 @@ setup(
             f'ros-jazzy-common-interfaces; {WHEELS}',
         ],
         'cluster': CLUSTER,
+        'docs': DOCS,
         'test': TEST,
         'dev': [
+            *DOCS,
             *TEST,
             'pytest-xdist>=3.4',
             'import-linter>=2.5',
