@@ -1,12 +1,16 @@
 """Install by `pip install .` (commands in bin/) or by `colcon build` (in lib/pneunet_ros/)."""
 
 from pathlib import Path
+import re
+import sys
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'pneunet_ros'
 SHARE = f'share/{PACKAGE}'
-SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags', 'scenarios')
+# Of the recordings the one of `pneunet demo` alone: the others are megabytes, for a checkout.
+SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags/table1', 'scenarios')
+NODES = ('estimator', 'tracker', 'virtual_arm')
 
 
 def shipped_files():
@@ -17,6 +21,30 @@ def shipped_files():
     for file in files:
         if '__pycache__' not in file.parts:
             yield f'{SHARE}/{file.parent.as_posix()}', [str(file)]
+
+
+def commands():
+    """Commands and what they call.
+
+    Colcon has a folder for the commands of a package, where `ros2 run pneunet_ros estimator` looks.
+    pip puts them on everybody's PATH, so there they carry the name of the package.
+    """
+    stack = 'pneunet_ros.nodes.stack:main'
+    nodes = {node: f'pneunet_ros.nodes.{node}.node:main' for node in NODES}
+    if {'install', 'develop'} & set(sys.argv):  # colcon and bloom; pip asks for a wheel
+        named = {**nodes, 'pneunet_stack': stack}
+    else:
+        named = {f'pneunet-{node.replace("_", "-")}': main for node, main in nodes.items()}
+        named['pneunet-stack'] = stack
+    named = {'pneunet': 'pneunet_ros.cli.main:main', **named}
+    return [f'{name} = {main}' for name, main in named.items()]
+
+
+def long_description():
+    """README.md without what leads to other files: no index of packages has these."""
+    text = Path('README.md').read_text(encoding='utf-8')
+    text = re.sub(r'!\[([^]]*)\]\((?!https?:)[^)]*\)\n*', '', text)
+    return re.sub(r'\[([^]]+)\]\((?!https?:)[^)]*\)', r'\1', text)
 
 
 CLUSTER = ['distributed>=2024.2']
@@ -34,9 +62,26 @@ WHEELS = 'sys_platform == "linux" and platform_machine == "x86_64" and python_ve
 
 setup(
     name=PACKAGE,
+    # This line and <version> in package.xml are those that `catkin_prepare_release` rewrites.
     version='0.1.0',
     description='Shape of a pneumatic soft arm (PneuNet) from its pressure and its end load',
+    long_description=long_description(),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
+    license_files=['LICENSE'],
+    keywords=['soft robotics', 'pneu-net', 'rod model', 'calibration', 'ROS 2'],
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Environment :: Console',
+        'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Programming Language :: Python :: 3 :: Only',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Topic :: Scientific/Engineering :: Physics',
+        'Typing :: Typed',
+    ],
     maintainer='pneunet_ros maintainers',
     maintainer_email='maintainers@pneunet.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
@@ -77,13 +122,5 @@ setup(
         ],
     },
     zip_safe=True,
-    entry_points={
-        'console_scripts': [
-            'pneunet = pneunet_ros.cli.main:main',
-            'estimator = pneunet_ros.nodes.estimator.node:main',
-            'tracker = pneunet_ros.nodes.tracker.node:main',
-            'virtual_arm = pneunet_ros.nodes.virtual_arm.node:main',
-            'pneunet_stack = pneunet_ros.nodes.stack:main',
-        ],
-    },
+    entry_points={'console_scripts': commands()},
 )

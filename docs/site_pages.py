@@ -131,8 +131,8 @@ def effects_page() -> str:
     """Return every effect with its parameters."""
     parts = [
         '# Effects\n',
-        'What a model file may hold under `effects:`, in the order in which they act. An effect at\n'
-        'its neutral value changes nothing. How to add one: [Extending](../extending.md).\n',
+        'What a model file may hold under `effects:`, in the order in which they act. An effect\n'
+        'at its neutral value changes nothing. How to add one: [Extending](../extending.md).\n',
     ]
     for effect in EFFECTS.values():
         parts.append(f'## {effect.name}\n')
@@ -206,7 +206,8 @@ def api_page() -> str:
     parts = [
         'Python API\n==========\n',
         'All that ``from pneunet_ros import ...`` gives. SI units, angles in rad, arrays of\n'
-        'float64; the base frame is in :doc:`../units`. Everything else in the package may change at any time.\n',
+        'float64; the base frame is in :doc:`../units`. Everything else in the package may\n'
+        'change at any time.\n',
         '.. currentmodule:: pneunet_ros\n',
     ]
     values = {name: getattr(pneunet_ros, name) for name in pneunet_ros.__all__}
