@@ -26,7 +26,7 @@ def shipped_files():
 def commands():
     """Commands and what they call.
 
-    Colcon has a folder for the commands of a package, where `ros2 run pneunet_ros estimator` looks.
+    Colcon keeps the commands of a package in a folder, where `ros2 run` looks.
     pip puts them on everybody's PATH, so there they carry the name of the package.
     """
     stack = 'pneunet_ros.nodes.stack:main'
@@ -109,11 +109,13 @@ setup(
             f'ros-jazzy-common-interfaces; {WHEELS}',
         ],
         'cluster': CLUSTER,
+        'completion': ['argcomplete>=2'],
         'docs': DOCS,
         'test': TEST,
         'dev': [
             *DOCS,
             *TEST,
+            'argcomplete>=2',
             'pytest-xdist>=3.4',
             'import-linter>=2.5',
             'mypy>=2.4,<2.5',

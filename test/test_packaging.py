@@ -18,6 +18,7 @@ from pneunet_ros.core import share
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.share import share_path
 import pytest
+from support.setup_arguments import arguments_of_setup, commands_of
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PACKAGE = CHECKOUT / 'pneunet_ros'
@@ -45,26 +46,12 @@ LIBRARIES = {
 }
 
 # Imported where they are asked for only, and absent from most robots: extras of setup.py.
-OPTIONAL = {'distributed': 'cluster'}
+OPTIONAL = {'argcomplete': 'completion', 'distributed': 'cluster'}
 
 
 @pytest.fixture(scope='module')
 def manifest():
     return ElementTree.parse(CHECKOUT / 'package.xml').getroot()
-
-
-def arguments_of_setup(*words):
-    """Return the arguments of `setup()` of one of its commands, without running it for real."""
-    import setuptools
-
-    given = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(CHECKOUT)
-        patch.setattr(sys, 'argv', ['setup.py', *words])
-        patch.setattr(setuptools, 'setup', given.update)
-        code = compile((CHECKOUT / 'setup.py').read_text(encoding='utf-8'), 'setup.py', 'exec')
-        exec(code, {'__name__': '__main__'})
-    return given
 
 
 @pytest.fixture(scope='module')
@@ -117,19 +104,14 @@ def test_what_is_imported_is_declared(manifest, setup_arguments):
             )
 
 
-def commands_of(arguments):
-    return arguments['entry_points']['console_scripts']
-
-
 def test_pip_puts_only_names_of_the_package_on_the_path(setup_arguments):
-    names = {line.split(' = ')[0] for line in commands_of(setup_arguments)}
     nodes = {'pneunet-estimator', 'pneunet-tracker', 'pneunet-virtual-arm', 'pneunet-stack'}
-    assert names == {'pneunet', *nodes}
+    assert set(commands_of(setup_arguments)) == {'pneunet', *nodes}
 
 
 @pytest.mark.parametrize('word', ['install', 'develop'])
 def test_colcon_has_the_names_that_ros2_run_and_launch_files_use(word):
-    names = {line.split(' = ')[0] for line in commands_of(arguments_of_setup(word))}
+    names = set(commands_of(arguments_of_setup(word)))
     assert names == {'pneunet', 'estimator', 'tracker', 'virtual_arm', 'pneunet_stack'}
 
 
@@ -152,8 +134,7 @@ def test_the_citation_has_the_version_and_the_paper(manifest):
 
 
 def test_commands_exist(setup_arguments):
-    for line in commands_of(setup_arguments):
-        _, target = line.split(' = ')
+    for command, target in commands_of(setup_arguments).items():
         module, function = target.split(':')
         file = CHECKOUT / Path(*module.split('.')).with_suffix('.py')
         names = {
@@ -161,7 +142,7 @@ def test_commands_exist(setup_arguments):
             for node in ast.parse(file.read_text(encoding='utf-8')).body
             if isinstance(node, ast.FunctionDef)
         }
-        assert function in names, f'{line}: no such function'
+        assert function in names, f'{command}: no such function'
 
 
 def test_all_shipped_files_are_installed(setup_arguments):

@@ -126,8 +126,18 @@ def without_exponent(argument: str) -> str:
     return argument
 
 
+def complete() -> None:
+    """Answer the shell that asks how the command line may go on, and exit."""
+    import argcomplete  # an extra: who asks has it
+
+    words = os.environ.get('COMP_LINE', '').split()[1:]
+    argcomplete.autocomplete(parser(words))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit code."""
+    if '_ARGCOMPLETE' in os.environ:
+        complete()
     words = sys.argv[1:] if arguments is None else arguments
     given = parser(words).parse_args([without_exponent(word) for word in words])
     try:
