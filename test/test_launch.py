@@ -12,6 +12,7 @@ from types import ModuleType
 
 from pneunet_ros.core.share import share_path
 import pytest
+from support.setup_arguments import arguments_of_setup, commands_of
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
@@ -107,10 +108,10 @@ def test_all_arguments_are_declared_with_a_meaning_and_used(described, name):
 
 
 @pytest.mark.parametrize('name', FILES)
-def test_every_node_exists_and_has_the_parameters_it_is_given(described, name, checkout):
+def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
     nodes = list(found(described(name), 'Node'))
     assert [node.named['executable'] for node in nodes] == FILES[name][1]
-    commands = (checkout / 'setup.py').read_text()
+    commands = commands_of(arguments_of_setup('install'))
     for node in nodes:
         executable, package = node.named['executable'], node.named['package']
         assert set(node.named) <= NAMES['launch_ros.actions']['Node']
@@ -118,7 +119,7 @@ def test_every_node_exists_and_has_the_parameters_it_is_given(described, name, c
             assert (package, executable) == ('rviz2', 'rviz2')
             assert kind(node.named['condition']) == 'IfCondition'
             continue
-        assert f"'{executable} = pneunet_ros.nodes.{executable}.node:main'" in commands
+        assert commands[executable] == f'pneunet_ros.nodes.{executable}.__main__:main'
         (given,) = node.named['parameters']
         defaults = {field.name: field.default for field in TABLES[executable].fields}
         assert set(given) - OF_ROS <= set(defaults)

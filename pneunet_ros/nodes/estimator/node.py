@@ -37,13 +37,13 @@ from pneunet_ros.nodes.topics import input_qos, subscription
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-USAGE = """usage: estimator [--ros-args ...]
+USAGE = """usage: pneunet-estimator [--ros-args ...]
 
 Estimates the shape of a pneu-net arm from the topics pressure and end_wrench. All settings are
 ROS parameters, as in
 
-  estimator --ros-args -p model_file:=/path/to/model.yaml
-  estimator --ros-args --params-file config/estimator.yaml
+  pneunet-estimator --ros-args -p model_file:=/path/to/model.yaml
+  pneunet-estimator --ros-args --params-file config/estimator.yaml
 """
 ZERO_SPAN = 1.0  # s of pressure readings that ~/zero_pressure looks at
 ZERO_READINGS = 1000  # of which it keeps no more than the last so many

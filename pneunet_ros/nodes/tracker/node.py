@@ -40,13 +40,13 @@ from pneunet_ros.nodes.tracker.warm_up import warm_up
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 
-USAGE = """usage: tracker [--ros-args ...]
+USAGE = """usage: pneunet-tracker [--ros-args ...]
 
 Measures the targets on a pneu-net arm, and its centerline, in the images of a camera. All settings
 are ROS parameters, as in
 
-  tracker --ros-args -p camera_file:=/path/to/camera.yaml -p image_transport:=compressed
-  tracker --ros-args --params-file config/tracker.yaml
+  pneunet-tracker --ros-args -p camera_file:=/path/to/camera.yaml -p image_transport:=compressed
+  pneunet-tracker --ros-args --params-file config/tracker.yaml
 """
 FOLLOW_PERIOD = 0.5  # s; how soon another quality of service of the camera is noticed
 WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a refusal, beside those of the tracker

@@ -31,13 +31,13 @@ from pneunet_ros.nodes.virtual_arm.configuration import (
     VirtualArmConfiguration,
 )
 
-USAGE = """usage: virtual_arm [--ros-args ...]
+USAGE = """usage: pneunet-virtual-arm [--ros-args ...]
 
 Plays a pneu-net arm with its valve, sensors and camera: try the whole stack without hardware. The
 pressure is commanded on the topic pressure_command. All settings are ROS parameters, as in
 
-  virtual_arm --ros-args -p camera:=images
-  virtual_arm --ros-args -p effects:="hysteresis.width=4000 gravity.weight_y=-1.0"
+  pneunet-virtual-arm --ros-args -p camera:=images
+  pneunet-virtual-arm --ros-args -p effects:="hysteresis.width=4000 gravity.weight_y=-1.0"
 """
 TIP_TYPE = 'geometry_msgs/msg/PoseStamped'
 PRESSURE_FRAME, CAMERA_FRAME = 'pressure_sensor', 'camera'
