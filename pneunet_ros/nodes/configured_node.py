@@ -183,7 +183,9 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         for warning in filter(None, (self.losses.sentence(), rivals)):
             message = warning if level is Level.OK else f'{message}; {warning}'
             level = max(level, Level.WARN)
-        kernels, lost = jit.state_of_kernels(), count_texts('lost', self.losses.total)
+        kernels = jit.state_of_kernels()
+        total = {topic[1:]: count for topic, count in self.losses.total.items()}
+        lost = count_texts('lost', total)
         values = {'kernels': kernels, **report.values, **lost, 'rivals': rivals}
         self.publish_status(what, level, message, values)
 
