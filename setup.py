@@ -30,13 +30,13 @@ def commands():
     pip puts them on everybody's PATH, so there they carry the name of the package.
     """
     stack = 'pneunet_ros.nodes.stack:main'
-    nodes = {node: f'pneunet_ros.nodes.{node}.node:main' for node in NODES}
+    nodes = {node: f'pneunet_ros.nodes.{node}.__main__:main' for node in NODES}
     if {'install', 'develop'} & set(sys.argv):  # colcon and bloom; pip asks for a wheel
         named = {**nodes, 'pneunet_stack': stack}
     else:
         named = {f'pneunet-{node.replace("_", "-")}': main for node, main in nodes.items()}
         named['pneunet-stack'] = stack
-    named = {'pneunet': 'pneunet_ros.cli.main:main', **named}
+    named = {'pneunet': 'pneunet_ros.cli.__main__:main', **named}
     return [f'{name} = {main}' for name, main in named.items()]
 
 

@@ -119,7 +119,7 @@ def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
             assert (package, executable) == ('rviz2', 'rviz2')
             assert kind(node.named['condition']) == 'IfCondition'
             continue
-        assert commands[executable] == f'pneunet_ros.nodes.{executable}.node:main'
+        assert commands[executable] == f'pneunet_ros.nodes.{executable}.__main__:main'
         (given,) = node.named['parameters']
         defaults = {field.name: field.default for field in TABLES[executable].fields}
         assert set(given) - OF_ROS <= set(defaults)
