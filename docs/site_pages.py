@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import dataclasses
+from functools import partial
 from importlib import import_module
-import os
 from pathlib import Path
 import pkgutil
 import posixpath
@@ -36,6 +36,7 @@ ELSEWHERE = {
     'bags/camera_demo/README.md': 'bag_camera_demo.md',
 }
 LINK = re.compile(r'\]\((?!https?:|#)([^)#\s]+)(#[^)\s]*)?\)')
+HELP_WIDTH = 88  # characters
 SECTION = re.compile(r'^## (.+)$', re.MULTILINE)
 PLACES = {
     'sensing': 'what a reading means',
@@ -48,23 +49,27 @@ PLACES = {
 def write_site_pages(docs: Path) -> None:
     """Write `index.md` and all of `generated/` into the folder of the pages."""
     (docs / GENERATED).mkdir(exist_ok=True)
-    reference = {
-        'commands.md': commands_page(),
-        'effects.md': effects_page(),
-        'settings.md': settings_page(),
-        'api.rst': api_page(),
-    }
-    pages = {f'{GENERATED}/{name}': text for name, text in reference.items()}
-    for page, name in ELSEWHERE.items():
-        text = (CHECKOUT / page).read_text(encoding='utf-8')
-        pages[f'{GENERATED}/{name}'] = with_links_of_the_site(text, page, f'docs/{GENERATED}')
-    readme = (docs / 'README.md').read_text(encoding='utf-8')
-    pages['index.md'] = index_page(readme, list(reference))
-    for name, text in pages.items():
+    for name, text in site_pages(docs).items():
         file = docs / name
         # A page that has not changed is not built again.
         if not file.exists() or file.read_text(encoding='utf-8') != text:
             file.write_text(text, encoding='utf-8')
+
+
+def site_pages(docs: Path) -> dict[str, str]:
+    """Return the pages that only the site has, by their place in the folder of the pages."""
+    reference = {
+        f'{GENERATED}/commands.md': commands_page(),
+        f'{GENERATED}/effects.md': effects_page(),
+        f'{GENERATED}/settings.md': settings_page(),
+        f'{GENERATED}/api.rst': api_page(),
+    }
+    moved = {}
+    for page, name in ELSEWHERE.items():
+        text = (CHECKOUT / page).read_text(encoding='utf-8')
+        moved[f'{GENERATED}/{name}'] = with_links_of_the_site(text, page, f'docs/{GENERATED}')
+    index = index_page((docs / 'README.md').read_text(encoding='utf-8'), list(reference))
+    return {**reference, **moved, 'index.md': index}
 
 
 def with_links_of_the_site(text: str, page: str, folder: str) -> str:
@@ -88,7 +93,7 @@ def with_links_of_the_site(text: str, page: str, folder: str) -> str:
 def index_page(readme: str, reference: list[str]) -> str:
     """Return the index: docs/README.md, and its links again as the tree of the site."""
     text = with_links_of_the_site(readme, 'docs/README.md', 'docs')
-    made = '\n'.join(f'- [](generated/{name})' for name in reference)
+    made = '\n'.join(f'- []({name})' for name in reference)
     text = text.replace('## Reference\n', f'## Reference\n\n{made}')
     sections = SECTION.split(text)
     trees = [
@@ -105,7 +110,6 @@ def index_page(readme: str, reference: list[str]) -> str:
 
 def commands_page() -> str:
     """Return every verb with what `pneunet VERB --help` says."""
-    os.environ['COLUMNS'] = '88'
     parts = [
         '# Commands\n',
         'What `pneunet VERB --help` prints. Exit codes of every verb: 0 done; 1 done, and the\n'
@@ -123,7 +127,10 @@ def _help_of(verb: str) -> str:
         action for action in parser([verb])._actions if isinstance(action.choices, dict)
     )
     assert isinstance(subparsers.choices, dict)
-    text: str = subparsers.choices[verb].format_help()
+    options = subparsers.choices[verb]
+    # As wide whatever terminal the pages are built in.
+    options.formatter_class = partial(options.formatter_class, width=HELP_WIDTH)
+    text: str = options.format_help()
     return text
 
 
