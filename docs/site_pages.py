@@ -113,7 +113,10 @@ def commands_page() -> str:
     parts = [
         '# Commands\n',
         'What `pneunet VERB --help` prints. Exit codes of every verb: 0 done; 1 done, and the\n'
-        'answer is negative; 2 the request or a file was wrong.\n',
+        'answer is negative; 2 the request or a file was wrong.\n\n'
+        'Completion with the tab key, in bash and zsh: install the extra `completion`\n'
+        '(argcomplete), and put `eval "$(register-python-argcomplete pneunet)"` into the\n'
+        'file that your shell reads at its start.\n',
     ]
     for verb in VERBS:
         said = _help_of(verb.name)
