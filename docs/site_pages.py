@@ -21,6 +21,9 @@ import pneunet_ros
 from pneunet_ros.cli.main import parser, VERBS
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.moment_law import MOMENT_LAWS
+from pneunet_ros.model.uncertainty import SensorNoise
 
 GENERATED = 'generated'
 # Not the folder above the pages: rosdoc2 builds a copy of them elsewhere.
@@ -38,6 +41,26 @@ ELSEWHERE = {
 LINK = re.compile(r'\]\((?!https?:|#)([^)#\s]+)(#[^)\s]*)?\)')
 HELP_WIDTH = 88  # characters
 SECTION = re.compile(r'^## (.+)$', re.MULTILINE)
+# Title -> what the file is, where the shipped one is, and whose numbers stand under which key.
+FILES: dict[str, tuple[str, str, dict[str, type]]] = {
+    'Model file': (
+        'An actuator: what `calibrate` and `diagnose` write, and everything else reads.',
+        'config/paper_arm.yaml',
+        {
+            'arm': Arm,
+            **{f'moment_law ({kind})': law for kind, law in MOMENT_LAWS.items()},
+            'sensors': SensorNoise,
+        },
+    ),
+    'Camera file': (
+        'The working plane, and how targets look: `track --camera`, `camera_file` of the tracker.',
+        'config/camera.yaml',
+        {},
+    ),
+    'Parameters of the estimator': ('For `--params-file`.', 'config/estimator.yaml', {}),
+    'Parameters of the tracker': ('For `--params-file`.', 'config/tracker.yaml', {}),
+    'Parameters of the virtual arm': ('For `--params-file`.', 'config/virtual_arm.yaml', {}),
+}
 PLACES = {
     'sensing': 'what a reading means',
     'actuation': 'pressure history to chamber pressure and intrinsic curvature',
@@ -61,6 +84,7 @@ def site_pages(docs: Path) -> dict[str, str]:
     reference = {
         f'{GENERATED}/commands.md': commands_page(),
         f'{GENERATED}/effects.md': effects_page(),
+        f'{GENERATED}/files.md': files_page(),
         f'{GENERATED}/settings.md': settings_page(),
         f'{GENERATED}/api.rst': api_page(),
     }
@@ -159,6 +183,32 @@ def effects_page() -> str:
             for item in quantities(effect)
         ]
         parts.append(_table(['parameter', 'meaning', 'unit', 'neutral', 'allowed', 'prior'], rows))
+    return '\n'.join(parts)
+
+
+def files_page() -> str:
+    """Return the files that people write: the shipped ones, and what the code allows in them."""
+    parts = [
+        '# File formats\n',
+        'All are YAML in SI units; an unknown key is an error that names the known ones. These\n'
+        'are the shipped files, with their comments. Other formats:\n'
+        '[recordings and tables](../recordings.md), [scenarios](../lab.md).\n',
+    ]
+    for title, (about, file, owners) in FILES.items():
+        text = (CHECKOUT / file).read_text(encoding='utf-8')
+        parts.append(f'## {title}\n\n{about}\n\n`{file}`:\n\n```yaml\n{text}```\n')
+        for key, owner in owners.items():
+            rows = [
+                [
+                    f'`{key}.{item.name}`',
+                    item.metadata['meaning'],
+                    item.metadata['unit'],
+                    _interval(item.metadata['bounds']),
+                ]
+                for item in quantities(owner)
+            ]
+            if rows:
+                parts.append(_table(['key', 'meaning', 'unit', 'allowed'], rows))
     return '\n'.join(parts)
 
 

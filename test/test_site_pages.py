@@ -53,6 +53,13 @@ def test_every_effect_stands_there_with_its_parameters(pages):
             assert f'| `{item.name}` |' in section
 
 
+def test_every_number_of_a_model_file_stands_there(pages):
+    page = pages['generated/files.md']
+    for key in ('arm.length', 'arm.tip_cap', 'moment_law (majidi).modulus', 'sensors.drift_std'):
+        assert f'| `{key}` |' in page
+    assert (ROOT / 'config/camera.yaml').read_text(encoding='utf-8') in page
+
+
 def test_every_number_that_decides_stands_there(pages):
     """Counted in the source: each call of `tuning` is a row."""
     calls = 0
