@@ -10,7 +10,6 @@ from collections.abc import Callable
 import time
 from typing import Any
 
-from pneunet_ros.core import jit
 from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
@@ -60,7 +59,6 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('tracker', PARAMETERS, configured_tracker)
         self.state = TrackerState()
-        self.get_logger().info(f'preparing; kernels: {jit.state_of_kernels()}')
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id
         )
@@ -101,6 +99,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
 
     def take_image(self, message: Any, info: dict[str, int]) -> None:
         """Take an image message and publish the targets in it."""
+        self.note_message(self.inputs[1].topic, info)
         try:
             image = self.decode(message)
         except MessageError as error:
