@@ -78,6 +78,11 @@ VERBS = (
         'first',
     ),
     Verb(
+        'compare',
+        'how far two recordings, or an estimate and a truth, are apart: tip and shape',
+        'pneunet_ros.cli.compare',
+    ),
+    Verb(
         'check',
         'list what recordings contain and lack, and what they can be used for',
         'pneunet_ros.cli.check',
