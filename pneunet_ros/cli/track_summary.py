@@ -21,6 +21,7 @@ def summary_of(
     return {
         'source': arguments.source,
         'kind': stream.kind,
+        'clock': stream.clock,
         'output': arguments.output,
         'table': arguments.table,
         'preview': arguments.preview,
@@ -54,6 +55,7 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
     frames, explained = summary['frames'], summary['explained']
     table.add_row('images', f'{summary["kind"]}, {summary["topics"]["image_raw"]}')
     table.add_row('lens', str(summary['topics']['camera_info']))
+    table.add_row('stamps', summary['clock'])
     table.add_row('frames', str(frames))
     table.add_row('frames tracked', share(explained, frames))
     reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())

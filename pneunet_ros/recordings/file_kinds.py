@@ -7,7 +7,7 @@ from pathlib import Path
 VIDEOS = ('.mp4', '.avi', '.mov', '.mkv')
 COMPRESSED = ('.png', '.jpg', '.jpeg')
 PICTURES = (*COMPRESSED, '.bmp', '.tif', '.tiff')
-TABLES = ('.csv', '.tsv', '.txt')
+TABLES = ('.csv', '.tsv')
 
 
 def holds_pictures(folder: Path) -> bool:

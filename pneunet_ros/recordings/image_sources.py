@@ -111,6 +111,7 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
         lens_source=info_topic or str(request.camera_info),
         frames=frames,
         rate=(frames - 1) / seconds if frames > 1 and seconds > 0.0 else FOLDER_RATE,
+        clock='headers of the images',
         read=read,
         recording=recording,
     )
