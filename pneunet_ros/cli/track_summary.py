@@ -73,6 +73,9 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
             f'{shown * summary["smoothing_rms"]:.3g} {unit.shown} '
             f'(worst frame {shown * summary["worst_smoothing_rms"]:.3g} {unit.shown})',
         )
+    if 'delay_sentence' in summary:
+        table.add_row('delay', summary['delay_sentence'])
+        table.add_row('frames within the table', share(summary['frames_covered'], frames))
     seconds, rate = summary['seconds'], summary['frames_per_second']
     table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
     console.print(table)

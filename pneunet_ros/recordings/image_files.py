@@ -175,7 +175,7 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
 
 def _first_times(video: cv2.VideoCapture) -> list[float]:
     """Return the presentation times (ms) of the first frames."""
-    times = []
+    times: list[float] = []
     while len(times) < FIRST_FRAMES and video.grab():
         times.append(float(video.get(cv2.CAP_PROP_POS_MSEC)))
     return times
