@@ -59,7 +59,7 @@ class ClockDelaySettings:
     ridge: float = tuning(1e-7, 'for columns that are hardly told apart', unit='variance')
     blocks: int = tuning(16, 'of the film, of which each is left out once', unit='number')
     stamps: float = tuning(0.05, 'error of stamps of frames and readings', unit='period')
-    blur: float = tuning(0.02, 'by which the delay may change the pressure', unit='its range')
+    blur: float = tuning(0.02, 'by which its error may move a frame', unit='range of motion')
 
 
 NO_PLAYS: Plays = ((), 1)
@@ -94,9 +94,9 @@ class ClockDelay:
             else 'roughly, not to a frame'
         )
         return (
-            f'{self.delay:.4f} s by which the film is ahead of the table, with a standard error of '
-            f'{self.std:.4f} s ({share:.2g} of a frame): known {sure}, from {self.frames} frames, '
-            f'{100.0 * self.explained:.5g} % of whose motion pressure and load explain'
+            f'{self.delay:.4f} s by which the film is ahead of the table, with a standard error '
+            f'of {self.std:.4f} s ({share:.2g} of a frame): known {sure}, from {self.frames} '
+            f'frames, {100.0 * self.explained:.5g} % of whose motion pressure and load explain'
         )
 
 
@@ -154,8 +154,8 @@ def estimate_delay(
         explained=details[0].explained,
         frames=details[0].frames,
     )
-    trouble = _cannot_tell(found, fits[0], rivals, settings)
-    if not trouble and min(detail.told for detail in details) < settings.told:
+    trouble = _cannot_tell(found, fits[0], rivals, details[0].rate, settings)
+    if not trouble and np.mean([detail.told for detail in details]) < settings.told:
         trouble = (
             'the pressure goes the same way again and again, where hysteresis looks like a delay: '
             'a quick step or two would tell'
@@ -179,7 +179,11 @@ def _too_little(
 
 
 def _cannot_tell(
-    found: ClockDelay, fit: DelayFit, rivals: Sequence[float], settings: ClockDelaySettings
+    found: ClockDelay,
+    fit: DelayFit,
+    rivals: Sequence[float],
+    rate: float,
+    settings: ClockDelaySettings,
 ) -> str:
     """Say why a delay that was found is none; empty where it is one."""
     if found.explained < settings.explained:
@@ -195,10 +199,10 @@ def _cannot_tell(
                 f'delays of {found.delay:.2f} s and {rival:.2f} s fit alike: the pressure repeats '
                 'itself, or changes too evenly'
             )
-    if not found.std * fit.steepness < settings.blur:
+    if not found.std * rate < settings.blur:
         return (
             f'the delay is {found.delay:.2f} s with a standard error of {found.std:.2g} s, which '
-            f'is more than {100.0 * settings.blur:g} % of the range of pressure: the pressure '
+            f'moves a frame by more than {100.0 * settings.blur:g} % of the motion: the pressure '
             'changes too evenly; a quick step or two would tell'
         )
     return ''
@@ -225,11 +229,13 @@ def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Arra
 class FitDetails:
     """Standard error (s) of one fit, the share of the motion that it explains, its frames.
 
-    told: share of what a delay does to the motion that no other column does.
+    told: share of what a delay does to the motion that no other column does. rate: of the motion
+    (1/s), its mean in shares of its range.
     """
 
     std: float
     told: float
+    rate: float
     explained: float
     frames: int
 
@@ -256,7 +262,6 @@ class DelayFit:
         )
         self.columns = regressors(smooth, step, plays, settings)
         self.slopes = np.gradient(self.columns, step, axis=0)
-        self.steepness = steepness(smooth, step)
         self.shorter = settings.overlap * min(float(time[-1] - time[0]), span)
 
     def inside(self, delay: float) -> Indices:
@@ -368,6 +373,7 @@ class DelayFit:
         return FitDetails(
             std=jackknife * widened,
             told=float(told.sum() / np.sum(moved**2)),
+            rate=float(noise[0] * np.abs(moved[:, 0]).mean() / np.ptp(scores[:, 0])),
             explained=explained,
             frames=frames.size,
         )
@@ -426,11 +432,3 @@ def follow_play(values: Array, width: float) -> Array:
         answer = min(max(answer, value - width), value + width)
         followed[place] = answer
     return followed
-
-
-def steepness(drive: Array, step: float) -> float:
-    """Return the mean rate (1/s) of what changes the fastest, in shares of its range."""
-    ranges = np.ptp(drive, axis=0)
-    moving = ranges > 0.0
-    rates = np.abs(np.diff(drive[:, moving], axis=0)).mean(axis=0) / step
-    return float(np.max(rates / ranges[moving]))

@@ -11,6 +11,7 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.model.uncertainty import SensorNoise
 
 
@@ -128,6 +129,29 @@ class RecordingData:
         if self.tip_pose is not None:
             cut['tip_pose'] = self.tip_pose[kept]
         return replace(self, **cut)
+
+    def delay_frames(self, delay: float) -> RecordingData:
+        """Return the run with every frame showing the arm of its stamp minus delay (s).
+
+        Pressure between readings, and the load between frames, is on the straight line; before the
+        first and after the last it stays. Static frames have no time.
+        """
+        if self.static or delay == 0.0:
+            return self
+        shown = self.reading_stamp_ns[self.reading] - round(delay * NANOSECONDS_PER_SECOND)
+        stamps = np.union1d(self.reading_stamp_ns, shown)
+        start = int(stamps[0])
+        seconds = (self.stamp_ns - start) / NANOSECONDS_PER_SECOND
+        load = np.column_stack([self.force, self.moment]).T
+        load = np.array([np.interp(seconds - delay, seconds, part) for part in load])
+        return replace(
+            self,
+            reading_stamp_ns=stamps,
+            pressure=np.interp(stamps - start, self.reading_stamp_ns - start, self.pressure),
+            reading=np.searchsorted(stamps, shown),
+            force=load[:2].T,
+            moment=load[2],
+        )
 
     @property
     def points(self) -> Array:

@@ -35,8 +35,9 @@ def read_run(
 
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
     within half a median period; frames without one, and those in which no target was seen, are
-    left out. Without a topic of it, or with `wrench_required` false, nothing was attached; a wrench
-    that never changes is a known load, not a reading. Without one of pressure the arm has none. The pose of the tip belongs to the nearest frame, too.
+    left out. Without a topic of it, or with `wrench_required` false, nothing was attached; a
+    wrench that never changes is a known load, not a reading. Without a topic of pressure the arm
+    has none. The pose of the tip belongs to the nearest frame, too.
 
     Args:
         path: of an .mcap file or a rosbag2 folder.
@@ -111,9 +112,9 @@ def read_run(
 
 
 def is_constant(values: Array) -> bool:
-    """Whether a load (readings, 3) never changes, not by a bit, and is not zero: no sensor does so.
+    """Whether a load (readings, 3) is the same throughout, to the last bit, and not zero.
 
-    Weights that hung there, or a column of a table that somebody filled in.
+    No sensor does so: weights hung there, and somebody filled in a column.
     """
     return len(values) > 1 and bool(np.all(values == values[0]) and np.any(values[0] != 0.0))
 
