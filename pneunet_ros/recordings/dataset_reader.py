@@ -102,6 +102,8 @@ def read_run(
         reading=reading[keep],
         loaded=wrench is not None,
         load_known=known,
+        wrench_stamp_ns=None if wrench is None else wrench.stamp_ns,
+        wrench=None if wrench is None else wrench.values,
         force=load[keep, :2],
         moment=load[keep, 2],
         x=points[keep, 0],
