@@ -10,28 +10,19 @@ first by some seconds; nobody knows how many. A weight on a string pulls the tip
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
-import cv2
 from finger_film import Bench, write_film, write_table
-from matplotlib.figure import Figure
 import numpy as np
 from pneunet_ros.core.share import share_path
-from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.scenario_file import load_lab
-from pneunet_ros.lab.protocols import Protocol
+from pneunet_ros.lab.protocols import newtons, Protocol
 from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.lab.timeline import Leg, Timeline, timeline
-from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.model.arm import Arm
-from pneunet_ros.files.model_file import load_model
-from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.reports.target_template import template_page
 
 PICTURES = Path(__file__).resolve().parent
 TARGETS = np.arange(12) * 0.01  # m
@@ -46,7 +37,7 @@ class QuickSteps(Protocol):
     """Quick steps at no regular times, a weight on the string from the beginning to the end."""
 
     kind: ClassVar[str] = 'quick_steps'
-    pull: float = 0.0  # N, along the arm
+    pull: float = newtons(0.0, 'of the string, along the arm')
 
     def timeline(self) -> Timeline:
         """Return the steps."""
@@ -79,7 +70,7 @@ LOST = Filmed(name='lost', pull=0.0, camera_first=1.37, hidden=(4, 11))
 def make_films(folder: Path, films: tuple[Filmed, ...]) -> dict[str, float]:
     """Write films and tables; returns the true delays (s) by name."""
     folder.mkdir(parents=True, exist_ok=True)
-    lab = replace(load_lab(share_path('scenarios/lab_arm.yaml')), targets=TARGETS)
+    lab = replace(load_lab(share_path('scenarios/lab_arm.yaml')).arm, targets=TARGETS)
     delays = {}
     for number, film in enumerate(films):
         scenario = Scenario(
