@@ -87,19 +87,22 @@ def test_parameters_are_those_of_the_code(node, parameters):
     assert sorted(written) == sorted(field.name for field in parameters.fields)
 
 
+VALUES_OF_EVERY_NODE = ('model', 'kernels', 'lost', 'rivals')
+
+
 def test_diagnostics_of_the_estimator_are_those_of_the_code():
     health = EstimatorHealth('/pressure', 0.0)
     health.took_pressure(random_estimate(3), 0.1, 0.001)
     state, consistency = EstimatorState(rejected=COUNTS), ConsistencyState(unmatched=COUNTS)
     report = health.report(state, EstimatorSettings(), 0.2, consistency)
-    assert sorted(values('estimator')) == sorted(['model', 'rivals', *report.values])
+    assert sorted(values('estimator')) == sorted([*VALUES_OF_EVERY_NODE, *report.values])
 
 
 def test_diagnostics_of_the_tracker_are_those_of_the_code():
     health = TrackerHealth('/image', 0.0)
     state = TrackerState(rejected=COUNTS, unexplained=COUNTS)
     report = health.report(state, 0.1)
-    assert sorted(values('tracker')) == sorted(['model', 'rivals', *report.values])
+    assert sorted(values('tracker')) == sorted([*VALUES_OF_EVERY_NODE, *report.values])
 
 
 REASONS = {

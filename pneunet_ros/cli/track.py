@@ -49,7 +49,7 @@ from pneunet_ros.vision.camera_settings import CameraSettings, PosePlane
 from pneunet_ros.vision.tracker import Tracker, Tracking
 
 CAMERA = 'config/camera.yaml'
-PREVIEWS = ('.png', '.mp4')
+PREVIEWS = ('.png', '.mp4', '.html')
 Follower = Callable[[TrackStep], None]
 
 
@@ -88,7 +88,15 @@ def options(parser: ArgumentParser) -> None:
         '--preview',
         type=Path,
         metavar='FILE',
-        help='draw the overlay: some frames and plots (.png), or all frames as a video (.mp4)',
+        help='draw the overlay: some frames and plots (.png), all frames as a video (.mp4), or a '
+        'page to scrub through, with a verdict (.html)',
+    )
+    parser.add_argument(
+        '--estimates',
+        type=Path,
+        metavar='REC',
+        help='draw the predicted centerlines of this recording (of `replay`) into the page '
+        '(default: those beside the images, where there are)',
     )
     parser.add_argument(
         '--table', type=Path, metavar='FILE.csv', help='write a line per target and frame'
@@ -197,6 +205,9 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
     """Refuse, before any work is done, what cannot go together."""
     if arguments.preview is not None and arguments.preview.suffix.lower() not in PREVIEWS:
         raise RequestError(f'--preview {arguments.preview} must end in {" or ".join(PREVIEWS)}')
+    page = arguments.preview is not None and arguments.preview.suffix.lower() == '.html'
+    if arguments.estimates is not None and not page:
+        raise RequestError('--estimates are drawn into a page: give --preview FILE.html')
     if arguments.with_images and arguments.output is None:
         raise RequestError('--with-images needs --output OUT.mcap, where the images go')
     outputs = [arguments.output, arguments.table, arguments.preview]
@@ -212,7 +223,8 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
 
 def inputs(arguments: Namespace) -> list[Path]:
     """List what is read, which no output may replace."""
-    files = [arguments.source, arguments.model, arguments.camera, arguments.readings]
+    given = (arguments.model, arguments.camera, arguments.estimates, arguments.readings)
+    files = [arguments.source, *given]
     if arguments.camera_info not in (None, NO_LENS):
         files.append(Path(arguments.camera_info))
     return [file for file in files if file is not None]
@@ -247,14 +259,9 @@ def preview_followers(
                 video.add(step.item.reading, step.outcome, step.state)
 
         return [film]
-    from pneunet_ros.reports.tracking.preview import write_preview
+    from pneunet_ros.cli.track_preview import open_preview
 
-    title = f'{arguments.source} through {arm.name}'
-    preview = stack.enter_context(
-        write_preview(
-            arguments.preview, stream.frames, arm.target_arclength.size, title, unit, **options
-        )
-    )
+    preview = stack.enter_context(open_preview(arguments, stream, arm, unit, **options))
 
     def collect(step: TrackStep) -> None:
         if step.frame:
