@@ -98,6 +98,11 @@ VERBS = (
         'pneunet_ros.cli.import_table',
     ),
     Verb(
+        'new-arm',
+        'size and targets of an arm -> arm.yaml to start from, and a sheet of dots to print',
+        'pneunet_ros.cli.new_arm',
+    ),
+    Verb(
         'effects',
         'list the physical effects that a model can have, with their parameters',
         'pneunet_ros.cli.effects',
@@ -107,6 +112,11 @@ VERBS = (
         'simulate a recording in the virtual lab, and write its truth to a file beside it',
         'pneunet_ros.cli.simulate',
         'first',
+    ),
+    Verb(
+        'urdf',
+        'the arm as a chain of links, for robot_state_publisher and displays',
+        'pneunet_ros.cli.urdf',
     ),
     Verb(
         'compile',

@@ -16,6 +16,7 @@ import numpy as np
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.lab.chain import ChainShape
 from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
 from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
@@ -194,9 +195,14 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         tip.pose.orientation.z, tip.pose.orientation.w = heading_quaternion(theta)
         return tip
 
+    def frame_stamp(self) -> int:
+        """Bring the arm to the present; returns the stamp (ns) that its camera gives it."""
+        late = self.configuration.lab.frame_delay
+        return self.advance() + round(late * NANOSECONDS_PER_SECOND)
+
     def show_targets(self) -> None:
         """Publish the targets as a tracker measures them."""
-        stamp_ns = self.advance()
+        stamp_ns = self.frame_stamp()
         lab, frame_id = self.configuration.lab, self.configuration.node.frame_id
 
         def show(shape: ChainShape) -> None:
@@ -208,7 +214,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
 
     def show_image(self) -> None:
         """Publish an image of the arm, the camera first."""
-        stamp_ns = self.advance()
+        stamp_ns = self.frame_stamp()
 
         def show(shape: ChainShape) -> None:
             assert self.film is not None
