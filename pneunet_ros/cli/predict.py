@@ -80,7 +80,7 @@ def options(parser: ArgumentParser) -> None:
         type=float,
         nargs=2,
         metavar=('X', 'Y'),
-        help='position of the free end, m: also find the end force',
+        help='position of the tip, m: also find the end force',
     )
     parser.add_argument(
         '--tip-std',
