@@ -16,7 +16,8 @@ RUN apt-get update && rosdep update --rosdistro jazzy \
     && rm -rf /var/lib/apt/lists/*
 
 COPY . src/pneunet_ros
-RUN . /opt/ros/jazzy/setup.sh && colcon build
+RUN . /opt/ros/jazzy/setup.sh && colcon build \
+    && . install/setup.sh && install/pneunet_ros/lib/pneunet_ros/pneunet compile
 
 COPY .devcontainer/entrypoint.sh /entrypoint.sh
 ENTRYPOINT ["/entrypoint.sh"]

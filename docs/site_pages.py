@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import dataclasses
+from functools import partial
 from importlib import import_module
-import os
 from pathlib import Path
 import pkgutil
 import posixpath
@@ -21,6 +21,9 @@ import pneunet_ros
 from pneunet_ros.cli.main import parser, VERBS
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.moment_law import MOMENT_LAWS
+from pneunet_ros.model.uncertainty import SensorNoise
 
 GENERATED = 'generated'
 # Not the folder above the pages: rosdoc2 builds a copy of them elsewhere.
@@ -36,7 +39,28 @@ ELSEWHERE = {
     'bags/camera_demo/README.md': 'bag_camera_demo.md',
 }
 LINK = re.compile(r'\]\((?!https?:|#)([^)#\s]+)(#[^)\s]*)?\)')
+HELP_WIDTH = 88  # characters
 SECTION = re.compile(r'^## (.+)$', re.MULTILINE)
+# Title -> what the file is, where the shipped one is, and whose numbers stand under which key.
+FILES: dict[str, tuple[str, str, dict[str, type]]] = {
+    'Model file': (
+        'An actuator: what `calibrate` and `diagnose` write, and everything else reads.',
+        'config/paper_arm.yaml',
+        {
+            'arm': Arm,
+            **{f'moment_law ({kind})': law for kind, law in MOMENT_LAWS.items()},
+            'sensors': SensorNoise,
+        },
+    ),
+    'Camera file': (
+        'The working plane, and how targets look: `track --camera`, `camera_file` of the tracker.',
+        'config/camera.yaml',
+        {},
+    ),
+    'Parameters of the estimator': ('For `--params-file`.', 'config/estimator.yaml', {}),
+    'Parameters of the tracker': ('For `--params-file`.', 'config/tracker.yaml', {}),
+    'Parameters of the virtual arm': ('For `--params-file`.', 'config/virtual_arm.yaml', {}),
+}
 PLACES = {
     'sensing': 'what a reading means',
     'actuation': 'pressure history to chamber pressure and intrinsic curvature',
@@ -48,23 +72,28 @@ PLACES = {
 def write_site_pages(docs: Path) -> None:
     """Write `index.md` and all of `generated/` into the folder of the pages."""
     (docs / GENERATED).mkdir(exist_ok=True)
-    reference = {
-        'commands.md': commands_page(),
-        'effects.md': effects_page(),
-        'settings.md': settings_page(),
-        'api.rst': api_page(),
-    }
-    pages = {f'{GENERATED}/{name}': text for name, text in reference.items()}
-    for page, name in ELSEWHERE.items():
-        text = (CHECKOUT / page).read_text(encoding='utf-8')
-        pages[f'{GENERATED}/{name}'] = with_links_of_the_site(text, page, f'docs/{GENERATED}')
-    readme = (docs / 'README.md').read_text(encoding='utf-8')
-    pages['index.md'] = index_page(readme, list(reference))
-    for name, text in pages.items():
+    for name, text in site_pages(docs).items():
         file = docs / name
         # A page that has not changed is not built again.
         if not file.exists() or file.read_text(encoding='utf-8') != text:
             file.write_text(text, encoding='utf-8')
+
+
+def site_pages(docs: Path) -> dict[str, str]:
+    """Return the pages that only the site has, by their place in the folder of the pages."""
+    reference = {
+        f'{GENERATED}/commands.md': commands_page(),
+        f'{GENERATED}/effects.md': effects_page(),
+        f'{GENERATED}/files.md': files_page(),
+        f'{GENERATED}/settings.md': settings_page(),
+        f'{GENERATED}/api.rst': api_page(),
+    }
+    moved = {}
+    for page, name in ELSEWHERE.items():
+        text = (CHECKOUT / page).read_text(encoding='utf-8')
+        moved[f'{GENERATED}/{name}'] = with_links_of_the_site(text, page, f'docs/{GENERATED}')
+    index = index_page((docs / 'README.md').read_text(encoding='utf-8'), list(reference))
+    return {**reference, **moved, 'index.md': index}
 
 
 def with_links_of_the_site(text: str, page: str, folder: str) -> str:
@@ -88,7 +117,7 @@ def with_links_of_the_site(text: str, page: str, folder: str) -> str:
 def index_page(readme: str, reference: list[str]) -> str:
     """Return the index: docs/README.md, and its links again as the tree of the site."""
     text = with_links_of_the_site(readme, 'docs/README.md', 'docs')
-    made = '\n'.join(f'- [](generated/{name})' for name in reference)
+    made = '\n'.join(f'- []({name})' for name in reference)
     text = text.replace('## Reference\n', f'## Reference\n\n{made}')
     sections = SECTION.split(text)
     trees = [
@@ -105,11 +134,13 @@ def index_page(readme: str, reference: list[str]) -> str:
 
 def commands_page() -> str:
     """Return every verb with what `pneunet VERB --help` says."""
-    os.environ['COLUMNS'] = '88'
     parts = [
         '# Commands\n',
         'What `pneunet VERB --help` prints. Exit codes of every verb: 0 done; 1 done, and the\n'
-        'answer is negative; 2 the request or a file was wrong.\n',
+        'answer is negative; 2 the request or a file was wrong.\n\n'
+        'Completion with the tab key, in bash and zsh: install the extra `completion`\n'
+        '(argcomplete), and put `eval "$(register-python-argcomplete pneunet)"` into the\n'
+        'file that your shell reads at its start.\n',
     ]
     for verb in VERBS:
         said = _help_of(verb.name)
@@ -123,7 +154,10 @@ def _help_of(verb: str) -> str:
         action for action in parser([verb])._actions if isinstance(action.choices, dict)
     )
     assert isinstance(subparsers.choices, dict)
-    text: str = subparsers.choices[verb].format_help()
+    options = subparsers.choices[verb]
+    # As wide whatever terminal the pages are built in.
+    options.formatter_class = partial(options.formatter_class, width=HELP_WIDTH)
+    text: str = options.format_help()
     return text
 
 
@@ -149,6 +183,32 @@ def effects_page() -> str:
             for item in quantities(effect)
         ]
         parts.append(_table(['parameter', 'meaning', 'unit', 'neutral', 'allowed', 'prior'], rows))
+    return '\n'.join(parts)
+
+
+def files_page() -> str:
+    """Return the files that people write: the shipped ones, and what the code allows in them."""
+    parts = [
+        '# File formats\n',
+        'All are YAML in SI units; an unknown key is an error that names the known ones. These\n'
+        'are the shipped files, with their comments. Other formats:\n'
+        '[recordings and tables](../recordings.md), [scenarios](../lab.md).\n',
+    ]
+    for title, (about, file, owners) in FILES.items():
+        text = (CHECKOUT / file).read_text(encoding='utf-8')
+        parts.append(f'## {title}\n\n{about}\n\n`{file}`:\n\n```yaml\n{text}```\n')
+        for key, owner in owners.items():
+            rows = [
+                [
+                    f'`{key}.{item.name}`',
+                    item.metadata['meaning'],
+                    item.metadata['unit'],
+                    _interval(item.metadata['bounds']),
+                ]
+                for item in quantities(owner)
+            ]
+            if rows:
+                parts.append(_table(['key', 'meaning', 'unit', 'allowed'], rows))
     return '\n'.join(parts)
 
 

@@ -14,6 +14,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import AHEAD
 from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import markers_output, transform_output
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
@@ -46,7 +47,10 @@ ESTIMATED = [sensor for sensor in SENSORS if sensor.needed(EstimatorSettings())]
 TYPES = {
     'estimator': {
         topic.name: topic.type
-        for topic in (*ESTIMATED, *OUTPUTS, markers_output(lambda: None), transform_output('tip'))
+        for topic in (
+            *(*ESTIMATED, *OUTPUTS),
+            *(markers_output(lambda: None), transform_output('tip'), JOINT_STATES),
+        )
     },
     'tracker': {topic.name: topic.type for topic in (*TRACKER_INPUTS, *TRACKER_OUTPUTS)}
     | {'image_annotated': IMAGE_TYPE},

@@ -13,7 +13,7 @@ import shutil
 import pytest
 from support.cantilever import Cantilever
 from support.films import pictures, write_camera_info, write_folder, write_video
-from support.page_commands import agree, blocks_of, PAGES, rewrite, ROOT, run_block
+from support.page_commands import agree, blocks_of, PAGES, rewrite, ROOT, run_block, started_node
 
 # What no package index has; everything else can be run, and is.
 NOT_TO_BE_HAD = ('ros2 ', 'git clone ', 'docker ')
@@ -77,10 +77,12 @@ def sessions():
         name = page.relative_to(ROOT).as_posix()
         to_run = [block for block in blocks if block.is_run]
         quick = [block for block in to_run if block.remark != 'slow']
+        starts_nodes = any(started_node(line) for block in to_run for line in block.commands)
+        marks = [pytest.mark.ros] if starts_nodes else []
         if quick:
-            yield pytest.param(page, quick, id=name)
+            yield pytest.param(page, quick, id=name, marks=marks)
         if quick != to_run:
-            yield pytest.param(page, to_run, id=f'{name}, slow', marks=pytest.mark.slow)
+            yield pytest.param(page, to_run, id=f'{name}, slow', marks=[*marks, pytest.mark.slow])
 
 
 @pytest.mark.parametrize(('page', 'blocks'), list(sessions()))

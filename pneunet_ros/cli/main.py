@@ -114,6 +114,11 @@ VERBS = (
         'first',
     ),
     Verb(
+        'urdf',
+        'the arm as a chain of links, for robot_state_publisher and displays',
+        'pneunet_ros.cli.urdf',
+    ),
+    Verb(
         'compile',
         'compile all kernels ahead, once; they are kept on the disk',
         'pneunet_ros.cli.compile',

@@ -145,19 +145,18 @@ def shown_in(content: str) -> Iterator[tuple[str, str]]:
 
 
 def run_shell(script: str, folder: Path) -> str:
-    """Run commands, none of which may fail; returns all they print."""
+    """Run commands, none of which may fail; returns what they print, but for what stderr says."""
     script = re.sub(r'^make ', 'make --dry-run ', script, flags=re.MULTILINE)
     done = subprocess.run(
         ['bash', '-euo', 'pipefail', '-c', script],
         cwd=folder,
         env=environment(),
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
+        capture_output=True,
         text=True,
         timeout=COMMAND_TIMEOUT,
     )
-    assert done.returncode == 0, f'{script}\n{done.stdout}'
+    assert done.returncode == 0, f'{script}\n{done.stdout}{done.stderr}'
     return done.stdout
 
 
