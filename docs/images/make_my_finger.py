@@ -13,10 +13,10 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
+import sys
 from typing import ClassVar
 
 import cv2
-from finger_film import Bench, write_film, write_table
 from matplotlib.figure import Figure
 import numpy as np
 from pneunet_ros import load_model, solve
@@ -30,6 +30,10 @@ from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.lab.timeline import Leg, Timeline, timeline
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.reports.target_template import template_page
+
+# The films are made as those of the tests.
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
+from support.finger_film import Bench, write_film, write_table
 
 PICTURES = Path(__file__).resolve().parent
 TARGETS = np.arange(12) * 0.01  # m
@@ -127,7 +131,7 @@ def delay_picture(folder: Path) -> Figure:
         )
         axes.set(title=title, xlim=(0.0, 12.0))
     panels[1].set_xlabel('time (s)')
-    panels[0].legend(loc='upper right', fontsize=8)
+    panels[0].legend(loc='lower right', fontsize=8)
     return figure
 
 
@@ -135,7 +139,7 @@ def model_picture(folder: Path) -> Figure:
     """Draw measured targets of a film that calibration has not seen, and what the model says."""
     arm = load_model(folder / 'model.yaml')
     run, _ = read_run(folder / 'test.mcap', TARGETS.size)
-    figure = Figure(figsize=(7.0, 4.6), layout='constrained')
+    figure = Figure(figsize=(8.0, 2.8), layout='constrained')
     axes = figure.subplots()
     for frame in SHOWN:
         pressure, (force_x, force_y) = float(run.frame_pressure[frame]), run.force[frame].tolist()
