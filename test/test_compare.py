@@ -96,6 +96,14 @@ def test_a_side_that_never_knows_where_the_arm_is_matches_nothing():
     assert compare_shapes(series(tips=False, centerlines=line), series()).shape is None
 
 
+def test_a_side_without_a_frame_is_said():
+    line = series().centerlines
+    empty = replace(line, stamp_ns=line.stamp_ns[:0], points=line.points[:0])
+    nothing = series(tips=False, name='nothing', centerlines=empty)
+    (said,) = comparison_content(compare_shapes(nothing, series(), LENGTH))['sentences']
+    assert said.endswith('nothing has no frame that can be compared')
+
+
 def test_statistics_are_those_of_the_definition():
     found = error_statistics(np.array([0.0, 3.0, np.nan, 4.0]))
     assert (found.count, found.median, found.max) == (3, 3.0, 4.0)
