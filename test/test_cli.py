@@ -565,6 +565,8 @@ def test_track_reads_a_recording_that_is_cut_off_as_far_as_it_goes(run_json, tmp
         (['folder', '--camera', 'pose.yaml', '--camera-info', 'none'], 'focal length'),
         (['folder', '--preview', 'p.gif'], 'must end in .png or .mp4'),
         (['folder', '--with-images'], '--with-images needs --output'),
+        (['folder', '--estimates', 'e.mcap'], '--preview FILE.html'),
+        (['folder', '--estimates', 'e.mcap', '--preview', 'p.png'], '--preview FILE.html'),
         (['folder', '--table', 'p.png', '--preview', 'p.png'], 'must be different files'),
         (['folder', '--camera-info', 'none', '--output', 'folder/out.mcap'], 'lie inside it'),
         (['folder', '--camera-info', 'none', '--rate', '0'], 'rate of 0.0 Hz'),
