@@ -563,7 +563,7 @@ def test_track_reads_a_recording_that_is_cut_off_as_far_as_it_goes(run_json, tmp
         (['folder', '--camera', 'absent.yaml'], 'absent.yaml'),
         (['folder', '--camera', 'wrong.yaml'], 'unknown key gates'),
         (['folder', '--camera', 'pose.yaml', '--camera-info', 'none'], 'focal length'),
-        (['folder', '--preview', 'p.gif'], 'must end in .png or .mp4'),
+        (['folder', '--preview', 'p.gif'], 'must end in .png, .mp4 or .html'),
         (['folder', '--with-images'], '--with-images needs --output'),
         (['folder', '--estimates', 'e.mcap'], '--preview FILE.html'),
         (['folder', '--estimates', 'e.mcap', '--preview', 'p.png'], '--preview FILE.html'),
