@@ -239,6 +239,7 @@ def test_both_against_a_truth_and_one_another(tmp_path, stamps, truth, run_json,
     assert code == 0
     assert f'{FRAMES} frames matched' in out
     assert '/pneunet/targets against truth' in out
+    assert 'where paper-arm has them; --model says otherwise' in out
 
 
 def test_a_measured_pose_of_the_tip_against_a_truth(tmp_path, stamps, truth, run_json):
