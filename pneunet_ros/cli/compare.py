@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.cli.verb import (
+    add_dimensionless,
     add_json,
     add_model,
     add_overwrite,
@@ -18,6 +19,7 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     topics_of,
+    units_of,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters
@@ -66,6 +68,7 @@ def options(parser: ArgumentParser) -> None:
         'what was measured in a recording that also holds estimates; may be repeated; NAME is '
         f'{", ".join(SHAPE_TOPICS[:-1])} or {SHAPE_TOPICS[-1]}',
     )
+    add_dimensionless(parser, 'draw the plot')
     add_overwrite(parser)
     add_json(parser)
 
@@ -94,7 +97,8 @@ def run(arguments: Namespace) -> int:
 
         inputs = [path for path in (arguments.a, arguments.b, arguments.truth) if path]
         with atomic_output(plot, overwrite=arguments.overwrite, inputs=inputs) as temporary:
-            draw_comparisons(found, temporary, plot.suffix.lower().lstrip('.'))
+            form = plot.suffix.lower().lstrip('.')
+            draw_comparisons(found, temporary, form, units_of(arguments, arm))
     contents = [comparison_content(item) for item in comparisons]
     if arguments.model is None:
         for item, content in zip(comparisons, contents, strict=True):
