@@ -61,7 +61,7 @@ class Confirmer:
             *self.what_is_left(record),
             *self.held_out_objections(record),
             *record.outside_prior,
-            *self.uneven_arm(record),
+            *self.nonuniform_arm(record),
         )
 
     def chi_squared(self, record: Record, *, held_out: bool = False) -> float:
@@ -119,11 +119,11 @@ class Confirmer:
             return ('the held-out recordings hardly show it: nothing new tests it',)
         return ()
 
-    def uneven_arm(self, record: Record) -> tuple[str, ...]:
+    def nonuniform_arm(self, record: Record) -> tuple[str, ...]:
         """Object where an arm that bends unevenly, which no target shows, needs no effect."""
-        if record.uneven is None or self.base.uneven is None:
+        if record.nonuniform is None or self.base.nonuniform is None:
             return ()
-        if record.uneven - self.base.uneven >= self.settings.selection.least_evidence:
+        if record.nonuniform - self.base.nonuniform >= self.settings.selection.least_evidence:
             return ()
         share = self.settings.calibration.resolution.nonuniform
         return (
