@@ -28,6 +28,12 @@ class LinearizationSettings:
     """Recordings around a fit, and the generic fields that stand for departures of any kind."""
 
     tolerance: float = tuning(0.001, 'rms of departures that are harmless', unit='length')
+    tilt: float = tuning(
+        0.005,
+        'change of scale over the length, by a tilted picture, that is harmless',
+        unit='-',
+        source='invented: 2.5 degrees, seen from nine lengths away',
+    )
     most_lost: float = tuning(0.02, 'share of frames that may have no equilibrium')
     curvature_modes: int = tuning(4, 'Legendre polynomials of curvature along the arm')
     stretch_modes: int = tuning(3, 'Legendre polynomials of stretch along the arm')
