@@ -69,6 +69,21 @@ def test_the_truth_of_exact_runs_is_found():
     assert max(np.abs(run.residual).max() for run in found.runs) < 2e-6
 
 
+def test_a_split_that_must_not_be_as_small_as_it_is_stands_at_its_bound():
+    values, arm = representable()
+    least = float(arm.moment_law.split.max()) + 0.02
+    some = parameters()
+    law = replace(some.law, settings=replace(some.law.settings, split_least=least))
+    some = replace(some, law=law)
+    runs = [run for group in experiments(arm, frames=16) for run in group]
+    found = fit(some, runs, HARDLY_ANY, arm.target_arclength)
+    assert found.converged, found.status
+    low, high = some.limits
+    assert np.all(found.values >= low - 1e-9)
+    assert np.all(found.values <= high + 1e-9)
+    assert np.isclose(found.arm.moment_law.split, least).sum() > 5
+
+
 def posterior():
     unloaded, loaded = noisy()
     some = parameters()
