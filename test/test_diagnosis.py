@@ -296,3 +296,15 @@ def test_a_base_that_does_not_settle_is_said_and_has_no_numbers(monkeypatch):
     assert answer.answer == 'unknown'
     assert 'did not settle' in answer.sentence
     assert not any(letter.isdigit() for letter in answer.sentence)
+
+
+def test_a_pose_of_the_tip_that_was_measured_is_said_to_be_unused(monkeypatch):
+    monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.is_settled', lambda *_: False)
+    ramp, _, strings, *_ = recorded()
+    runs = [ramp.thin(24), strings.thin(24)]
+    posed = replace(runs[1], tip_pose=np.zeros((len(runs[1].stamp_ns), 3)))
+    without, answer = (
+        diagnose(frame(), training, [], seed=3) for training in (runs, [runs[0], posed])
+    )
+    assert answer.notes[:-1] == without.notes
+    assert 'tip_pose' in answer.notes[-1]
