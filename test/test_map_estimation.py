@@ -70,7 +70,7 @@ def test_the_truth_of_exact_runs_is_found():
 
 
 def test_a_split_that_must_not_be_as_small_as_it_is_stands_at_its_bound():
-    values, arm = representable()
+    _, arm = representable()
     least = float(arm.moment_law.split.max()) + 0.02
     some = parameters()
     law = replace(some.law, settings=replace(some.law.settings, split_least=least))
