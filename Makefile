@@ -30,7 +30,7 @@ help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 .PHONY: setup
-setup: $(VENV)/all ## make .venv with all that running, testing and ROS need
+setup: $(VENV)/kernels ## make .venv with all that running, testing and ROS need, kernels compiled
 
 .PHONY: demo
 demo: $(VENV)/run ## the first minute: the arm of the paper, replayed
@@ -110,8 +110,7 @@ $(VENV)/all: $(VENV)/python-$(VERSION) setup.py
 # The kernels, once, before several test processes want them; seconds where they are compiled.
 .PHONY: $(VENV)/kernels
 $(VENV)/kernels: $(VENV)/all
-	@echo 'compiling the kernels, once: some minutes, then kept'
-	@cd test && ../$(VENV)/bin/python -m support.compile_kernels > /dev/null
+	@$(VENV)/bin/python -m pneunet_ros.cli compile
 
 # Nothing is compiled, so that no compiler is needed; empy is plain Python and has no wheel.
 $(OLDEST)/all: $(OLDEST)/python-$(VERSION) setup.py test/constraints-oldest.txt

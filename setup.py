@@ -76,10 +76,10 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
-            'pneunet = pneunet_ros.cli.main:main',
-            'estimator = pneunet_ros.nodes.estimator.node:main',
-            'tracker = pneunet_ros.nodes.tracker.node:main',
-            'virtual_arm = pneunet_ros.nodes.virtual_arm.node:main',
+            'pneunet = pneunet_ros.cli.__main__:main',
+            'estimator = pneunet_ros.nodes.estimator.__main__:main',
+            'tracker = pneunet_ros.nodes.tracker.__main__:main',
+            'virtual_arm = pneunet_ros.nodes.virtual_arm.__main__:main',
             'pneunet_stack = pneunet_ros.nodes.stack:main',
         ],
     },

@@ -251,6 +251,7 @@ class Arm:
         history: that of `actuate`, the same at all of the pressures; or per acting effect an array
         (n, numbers), one history per pressure. None: an arm that has rested for ever at each.
         """
+        pressure = frozen_array(pressure)  # kernels are compiled again for what may be written
         sections, rotation = self.table.at(pressure)
         clamp = np.zeros((pressure.size, CLAMP_WIDTH))
         clamp[:, CLAMP_ANGLE] = self.clamp_angle

@@ -9,6 +9,7 @@ import time
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from pneunet_ros.core import jit
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.nodes.health import Level, Report
@@ -170,7 +171,8 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         if rivals:
             message = rivals if level is Level.OK else f'{message}; {rivals}'
             level = max(level, Level.WARN)
-        values = {'model': model, **report.values, 'rivals': rivals}
+        kernels = jit.state_of_kernels()
+        values = {'model': model, 'kernels': kernels, **report.values, 'rivals': rivals}
         status = DiagnosticStatus(
             level=bytes([level]),
             name=f'{self.get_fully_qualified_name()[1:]}: {what}',

@@ -8,12 +8,8 @@ from __future__ import annotations
 
 import sys
 
-from pneunet_ros.nodes import process
-from pneunet_ros.nodes.estimator.node import EstimatorNode
-from pneunet_ros.nodes.tracker.node import TrackerNode
-from pneunet_ros.nodes.virtual_arm.node import VirtualArmNode
+from pneunet_ros.nodes.start import NODES, start
 
-NODES = {'virtual_arm': VirtualArmNode, 'estimator': EstimatorNode, 'tracker': TrackerNode}
 DEFAULT = ('estimator', 'tracker')
 USAGE = """usage: pneunet_stack [virtual_arm] [estimator] [tracker] [--ros-args ...]
 
@@ -31,8 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     end = arguments.index('--ros-args') if '--ros-args' in arguments else len(arguments)
     named = [name for name in NODES if name in arguments[1:end]] or DEFAULT
     others = [argument for argument in arguments[1:end] if argument not in NODES]
-    makers = [NODES[name] for name in named]
-    return process.run_together(makers, USAGE, [arguments[0], *others, *arguments[end:]])
+    return start(*named, usage=USAGE, arguments=[arguments[0], *others, *arguments[end:]])
 
 
 if __name__ == '__main__':

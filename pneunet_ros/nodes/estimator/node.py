@@ -10,6 +10,7 @@ from collections import deque
 import time
 from typing import Any
 
+from pneunet_ros.core import jit
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading
@@ -22,7 +23,6 @@ from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
-from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.estimator.configuration import (
     configured_estimator,
@@ -64,7 +64,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
         )
-        self.get_logger().info('preparing the solver; the very first time it is compiled')
+        self.get_logger().info(f'preparing; kernels: {jit.state_of_kernels()}')
         trouble = warm_up(self.configuration.estimator, serializer)
         if trouble:
             self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')
@@ -201,8 +201,3 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         if not share_arm_and_settings(configuration, self.configuration):
             self.consistency = self.consistency.fresh()
         self.outputs.centerline_rate = configuration.node.centerline_rate
-
-
-def main() -> int:
-    """Run the node until a signal comes; the console script `estimator`."""
-    return process.run(EstimatorNode, USAGE)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import time
 from typing import Any
 
+from pneunet_ros.core import jit
 from pneunet_ros.core.errors import CameraError, MessageError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
@@ -26,7 +27,6 @@ from pneunet_ros.messages.tracker import (
     TARGETS_OUTPUT,
     TRACKER_OUTPUTS,
 )
-from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.following import FollowingSubscription
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
@@ -60,7 +60,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('tracker', PARAMETERS, configured_tracker)
         self.state = TrackerState()
-        self.get_logger().info('preparing the kernels; the very first time they are compiled')
+        self.get_logger().info(f'preparing; kernels: {jit.state_of_kernels()}')
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id
         )
@@ -168,8 +168,3 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         """Start anew if anything is another one; what is known of the camera remains."""
         if configuration.tracker is not self.configuration.tracker:
             self.state = configuration.tracker.reset(self.state)
-
-
-def main() -> int:
-    """Run the node until a signal comes; the console script `tracker`."""
-    return process.run(TrackerNode, USAGE)

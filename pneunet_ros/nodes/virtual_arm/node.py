@@ -21,7 +21,6 @@ from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
 from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
-from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.health import count_texts, Level, Report, texts
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES
@@ -243,8 +242,3 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.state = lab.take_over(self.state)
         else:
             self.state = lab.begin(self.now())
-
-
-def main() -> int:
-    """Run the node until a signal comes; the console script `virtual_arm`."""
-    return process.run(VirtualArmNode, USAGE)
