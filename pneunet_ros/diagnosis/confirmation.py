@@ -51,17 +51,23 @@ class Confirmer:
     def confirm(self, record: Record, alternatives: Collection[str] = ()) -> Confirmation:
         """Hold a set of effects against the requirements; alternatives: names it may be, too."""
         return Confirmation(
-            objections=(*self.objections(record), *self.other_names(record, alternatives)),
+            objections=(
+                *self.refutations(record),
+                *self.nonuniform_arm(record),
+                *self.other_names(record, alternatives),
+            ),
             untested=(*self.held_out_untested(record), *self.stability_untested(record)),
         )
 
-    def objections(self, record: Record) -> tuple[str, ...]:
-        """Return what speaks against a set of effects by itself."""
+    def refutations(self, record: Record) -> tuple[str, ...]:
+        """Return what speaks against a set of effects by itself.
+
+        A set that something else explains as well is not refuted: it remains an alternative.
+        """
         return (
             *self.what_is_left(record),
             *self.held_out_objections(record),
             *record.outside_prior,
-            *self.nonuniform_arm(record),
         )
 
     def chi_squared(self, record: Record, *, held_out: bool = False) -> float:

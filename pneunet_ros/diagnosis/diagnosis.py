@@ -265,7 +265,7 @@ def decide(
         if item.adequate
         and item.plausible
         and item is not best.record
-        and not confirmer.objections(item)
+        and not confirmer.refutations(item)
     ]
     settings = selection.settings
     others = {
