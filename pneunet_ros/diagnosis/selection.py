@@ -265,7 +265,8 @@ def choose_best(
 ) -> Trial | None:
     """Return the most probable of the sets that are better than the one they extend.
 
-    Adequate and plausible ones come first; of those with like evidence, the fewest numbers.
+    Adequate and plausible ones come first, unless a more probable one explains far more: an effect
+    more may be all that it lacks. Of those with like evidence, the fewest numbers.
     """
     better = [
         item
@@ -273,6 +274,10 @@ def choose_best(
         if item.record.evidence > trial.record.evidence + settings.least_evidence
         and item.record.gain > trial.record.gain + settings.least_gain
     ]
+    plausible = [item for item in better if item.record.plausible]
+    if plausible:
+        top = max(plausible, key=lambda item: item.record.evidence).record
+        better = [item for item in better if item.record.gain >= settings.partial * top.gain]
     plausible = [item for item in better if item.record.plausible]
     adequate = [item for item in better if item.record.adequate]
     both = [item for item in plausible if item.record.adequate]

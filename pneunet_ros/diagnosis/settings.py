@@ -126,6 +126,9 @@ class SelectionSettings:
     finalist_gain: float = tuning(0.25, 'cost that a finalist gains at least', unit='least_gain')
     least_evidence: float = tuning(3.0, 'evidence that counts', unit='log probability')
     law_evidence: float = tuning(0.02, 'share of evidence that does not tell two laws apart')
+    partial: float = tuning(
+        0.5, 'gain that is too little beside a more probable set', unit='of it'
+    )
     next_gain: float = tuning(0.02, 'gain of an effect more', unit='of what is explained')
     most_left: float = tuning(0.5, 'excess that an effect more may leave', unit='of that before')
     hopeless: float = tuning(0.2, 'excess with two effects; above no third', unit='of the base')
