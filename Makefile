@@ -85,9 +85,13 @@ colcon: $(COLCON)/all ## build as on a robot, with colcon from PyPI: install/loc
 	test -x install/pneunet_ros/lib/pneunet_ros/virtual_arm
 	test -x install/pneunet_ros/lib/pneunet_ros/pneunet_stack
 
+.PHONY: docs
+docs: $(VENV)/all ## the pages as a site: build/docs/index.html
+	$(VENV)/bin/python -m sphinx -W --keep-going -q docs build/docs
+
 .PHONY: clean
 clean: ## remove all that was made here
-	rm -rf $(VENV) $(OLDEST) $(COLCON) build install log dist demo *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(COLCON) build install log dist demo *.egg-info docs/generated docs/index.md .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find pneunet_ros test bench acceptance examples launch -name __pycache__ -prune -exec rm -rf {} +
 
 # One environment for one version of Python.

@@ -62,7 +62,7 @@ def test_pictures_are_in_the_page_and_beside_it(report):
     path, text, _ = report
     files = sorted(path.parent.glob('figure_*.png'))
     assert len(files) == 13
-    assert text.count('data:image/png;base64,') == len(files)
+    assert text.count('data:image/svg+xml;base64,') == len(files)
     assert sorted(item.name for item in path.parent.iterdir()) == sorted(
         [item.name for item in files] + ['index.html']
     )
@@ -147,7 +147,7 @@ def test_an_earlier_report_is_replaced_only_when_asked(monkeypatch, tmp_path):
 
 
 def test_nothing_is_left_of_a_report_that_fails(monkeypatch, tmp_path):
-    def failing(found, on_progress):
+    def failing(found, on_progress, units):
         raise RecordingError('no picture')
 
     monkeypatch.setattr(calibration_report, 'calibration_figures', failing)

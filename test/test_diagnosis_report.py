@@ -86,7 +86,7 @@ def test_all_files_are_there(written, page):
     assert sorted(item.name for item in folder.iterdir()) == sorted(
         [*pictures, MODEL, NUMBERS, PAGE]
     )
-    assert page.count('data:image/png;base64,') == len(pictures)
+    assert page.count('data:image/svg+xml;base64,') == len(pictures)
     assert told[-1] == ('pictures', len(pictures), len(pictures))
 
 

@@ -43,13 +43,13 @@ class Verb(NamedTuple):
 VERBS = (
     Verb(
         'demo',
-        "the first minute: the paper's load history through the estimator",
+        "replay the loads of the paper's Table 1: the first minute",
         'pneunet_ros.cli.demo',
         'meanwhile',
     ),
     Verb(
         'predict',
-        'shape of the arm at a pressure, under an end load or with the tip at a given place',
+        'predict the shape under pressure and end load, or find the force from the tip',
         'pneunet_ros.cli.predict',
         'meanwhile',
     ),
@@ -61,25 +61,30 @@ VERBS = (
     ),
     Verb(
         'track',
-        'find the white targets in camera images: points, smoothed centerline, curvature',
+        'track the targets in camera images: points, smoothed centerline, curvature',
         'pneunet_ros.cli.track',
         'meanwhile',
     ),
     Verb(
         'calibrate',
-        "recordings without and with end load -> a model with error bars, the paper's way",
+        'calibrate a model with error bars from recordings without and with end load',
         'pneunet_ros.cli.calibrate',
         'first',
     ),
     Verb(
         'diagnose',
-        'model and recordings -> what the model lacks, the model with it, and a report',
+        'find the physical effect that a model lacks; write the augmented model and a report',
         'pneunet_ros.cli.diagnose',
         'first',
     ),
     Verb(
+        'compare',
+        'how far two recordings, or an estimate and a truth, are apart: tip and shape',
+        'pneunet_ros.cli.compare',
+    ),
+    Verb(
         'check',
-        'tell what recordings hold and lack, and what they can be used for',
+        'list what recordings contain and lack, and what they can be used for',
         'pneunet_ros.cli.check',
     ),
     Verb(
@@ -93,15 +98,25 @@ VERBS = (
         'pneunet_ros.cli.import_table',
     ),
     Verb(
+        'new-arm',
+        'size and targets of an arm -> arm.yaml to start from, and a sheet of dots to print',
+        'pneunet_ros.cli.new_arm',
+    ),
+    Verb(
         'effects',
-        'the physical effects that a model can have, with their parameters',
+        'list the physical effects that a model can have, with their parameters',
         'pneunet_ros.cli.effects',
     ),
     Verb(
         'simulate',
-        'make a recording in the virtual lab, with its truth in a file beside it',
+        'simulate a recording in the virtual lab, and write its truth to a file beside it',
         'pneunet_ros.cli.simulate',
         'first',
+    ),
+    Verb(
+        'urdf',
+        'the arm as a chain of links, for robot_state_publisher and displays',
+        'pneunet_ros.cli.urdf',
     ),
     Verb(
         'compile',
@@ -117,8 +132,8 @@ def parser(words: Sequence[str]) -> ArgumentParser:
     """Build the command line of all verbs, with the options of the one among the words."""
     command = CommandParser(
         prog='pneunet',
-        description='Where a pneu-net arm is, from pressure and end force, by a rod model.',
-        epilog='Exit codes: 0 done; 1 done, the answer is negative; 2 request or file was wrong.',
+        description='The shape of a pneu-net arm, by a rod model and by camera.',
+        epilog='Exit codes: 0 done; 1 done, with a negative answer; 2 wrong request or file.',
         allow_abbrev=False,
     )
     command.add_argument('--version', action='version', version=f'pneunet_ros {__version__}')
@@ -143,8 +158,18 @@ def without_exponent(argument: str) -> str:
     return argument
 
 
+def complete() -> None:
+    """Answer the shell that asks how the command line may go on, and exit."""
+    import argcomplete  # an extra: who asks has it
+
+    words = os.environ.get('COMP_LINE', '').split()[1:]
+    argcomplete.autocomplete(parser(words))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit code."""
+    if '_ARGCOMPLETE' in os.environ:
+        complete()
     words = sys.argv[1:] if arguments is None else arguments
     given = parser(words).parse_args([without_exponent(word) for word in words])
     try:

@@ -10,7 +10,7 @@ from typing import Any
 
 from pneunet_ros.core.errors import PneunetError, RequestError
 from pneunet_ros.core.printable import printable
-from pneunet_ros.nodes.signals import end_at_signal, ignore_signals, signal_came
+from pneunet_ros.nodes.signals import end_at_signal, ignore_signals, refuse_signals, signal_came
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
@@ -51,6 +51,7 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+        refuse_signals()
     return DONE
 
 

@@ -20,6 +20,16 @@ def ignore_signals() -> None:
     _handle(_ignore)
 
 
+def refuse_signals() -> None:
+    """Let no signal reach this process any more, in the last moments of its interpreter.
+
+    Python puts the default in the place of every handler of its own when it ends, and a signal
+    would kill it there. Only after ROS has shut down, which puts back the handler it found.
+    """
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
 def signal_came() -> bool:
     """Whether the first signal has come, or the end has begun without one."""
     return signal.getsignal(SIGNALS[0]) is _ignore

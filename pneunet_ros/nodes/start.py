@@ -10,7 +10,7 @@ from importlib import import_module
 import sys
 
 from pneunet_ros.core.kernel_cache import answer_first, compile_meanwhile
-from pneunet_ros.nodes.signals import end_at_signal
+from pneunet_ros.nodes.signals import end_at_signal, refuse_signals
 
 NODES = {
     'virtual_arm': 'VirtualArmNode',
@@ -39,5 +39,6 @@ def start(*names: str, usage: str = '', arguments: list[str] | None = None) -> i
         run = import_module('pneunet_ros.nodes.process').run
         code: int = run(nodes, usage or modules[0].USAGE, arguments)
     except KeyboardInterrupt:
+        refuse_signals()
         return 0
     return code
