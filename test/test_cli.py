@@ -125,7 +125,13 @@ def test_help_of_every_verb_explains_every_option(run, verb):
 
 def test_help_of_predict_has_units_and_defaults(run):
     out = ' '.join(run('predict', '--help')[1].split())
-    for words in ('pressure, Pa', ', N (default: 0 0)', 'N m (default: 0)', 'free end, m', '57)'):
+    for words in (
+        'pressure, Pa',
+        ', N (default: 0 0)',
+        'N m (default: 0)',
+        'of the tip, m',
+        '57)',
+    ):
         assert words in out
 
 

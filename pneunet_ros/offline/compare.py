@@ -169,7 +169,10 @@ def spans(comparison: Comparison) -> str:
     """Say over which times the two sides reach."""
     texts = []
     for side in (comparison.of, comparison.to):
-        items = [item.stamp_ns for item in (side.tips, side.centerlines) if item is not None]
+        stamps = [item.stamp_ns for item in (side.tips, side.centerlines) if item is not None]
+        items = [item for item in stamps if item.size]
+        if not items:
+            return f'{side.name} has no frame that can be compared'
         start, end = min(item[0] for item in items), max(item[-1] for item in items)
         texts.append(
             f'{seconds_between(0, int(start)):.3f} to {seconds_between(0, int(end)):.3f} s'
