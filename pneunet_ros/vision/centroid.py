@@ -26,7 +26,6 @@ from pneunet_ros.vision.ellipse_fit import (
     CENTER_U,
     CENTER_V,
     ELLIPSE,
-    ellipse_numbers,
     EllipseSettings,
     ERROR,
     fit_ellipses,
@@ -94,7 +93,7 @@ def measure_outlines(
     # One kind of array, for which the kernel is compiled once.
     pixels = np.ascontiguousarray(grey).view()
     pixels.flags.writeable = False
-    fitted = fit_ellipses(pixels, starts[known], ellipse_numbers(settings))
+    fitted = fit_ellipses(pixels, starts[known], settings)
     rows[known] = _rows(fitted)
     rows[~_possible(rows, look, grey.shape)] = np.nan
     rows[np.flatnonzero(known)[fitted[:, PLATEAU] > look.brightest]] = np.nan

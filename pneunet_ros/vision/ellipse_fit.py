@@ -1,20 +1,24 @@
-"""Fit an ellipse to the edge of a blob, pixel by pixel: the compiled part of `centroid`."""
+"""Fit ellipses to the edges of blobs, pixel by pixel: the arithmetic of `centroid`.
+
+All blobs of an image are fitted side by side, as columns of numbers over their pixels.
+"""
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes
-from pneunet_ros.core.jit import inlined, kernel
-from pneunet_ros.core.settings import numbers_type, tuning
+from pneunet_ros.core.settings import tuning
+from scipy.special import erfc
 
 Integers = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 # An ellipse, before and after the fit: center u, v px; symmetric axes (xx, xy, yy) px, which map
 # the unit circle to it; blur px.
@@ -31,6 +35,7 @@ FITTED = 12
 UNKNOWNS = 9
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
 PEAK = 1.0 / math.sqrt(2.0 * math.pi)  # of the normal density
+TOGETHER = 1 << 15  # pixels of ellipses that are fitted side by side: what a cache holds
 SIGMA = 1.4826  # standard deviation over the median of what is off, of Gaussian noise
 
 
@@ -67,307 +72,398 @@ class EllipseSettings:
     )
 
 
-EllipseNumbers = numbers_type(EllipseSettings, 'EllipseNumbers')
 ELLIPSE = EllipseSettings()
 
 
-@functools.lru_cache
-def ellipse_numbers(settings: EllipseSettings) -> Any:
-    """Return settings as kernels take them."""
-    return EllipseNumbers(*astuple(settings))
+class Seen(NamedTuple):
+    """Pixels as their ellipses see them, (pixels,) each.
 
-
-@inlined
-def _inverse(xx: float, xy: float, yy: float) -> tuple[float, float, float]:
-    """Return the inverse of a symmetric matrix."""
-    determinant = xx * yy - xy * xy
-    return yy / determinant, -xy / determinant, xx / determinant
-
-
-@inlined
-def _seen_from(
-    xx: float, xy: float, yy: float, x: float, y: float
-) -> tuple[float, float, float, float, float, float, float]:
-    """See a place (px from the center) from an ellipse, given by its inverse axes.
-
-    Return the place on the unit circle that it belongs to, how many times further out it is, the
-    outline's normal there, px of the outline per unit, and px outside of it.
+    across, down: the place on the unit circle that a pixel belongs to; ratio: how many times
+    further out it is; out_x, out_y: the outline's normal there; stretch: px of the outline per
+    unit; outside: px outside of it.
     """
-    across, down = xx * x + xy * y, xy * x + yy * y
-    ratio = max(math.sqrt(across * across + down * down), 1e-6)
-    across, down = across / ratio, down / ratio
-    normal_x, normal_y = xx * across + xy * down, xy * across + yy * down
-    # At the very center there is no normal; it is far inside then.
-    stretch = 1.0 / max(math.sqrt(normal_x * normal_x + normal_y * normal_y), 1e-12)
-    return (
-        across, down, ratio, normal_x * stretch, normal_y * stretch, stretch,
-        (ratio - 1.0) * stretch,
-    )  # fmt: skip
+
+    across: Array
+    down: Array
+    ratio: Array
+    out_x: Array
+    out_y: Array
+    stretch: Array
+    outside: Array
 
 
-@kernel
-def fit_ellipses(grey: Bytes, starts: Array, numbers: EllipseSettings) -> Array:
-    """Fit ellipses from where they are thought to be, (n, FITTED); NaN where there is none."""
+class Rims(NamedTuple):
+    """Pixels that can be near the edges of ellipses, one ellipse after the other, (pixels,) each.
+
+    owner: whose they are; x, y: px from where its fit begins; levels: how bright; before, after:
+    the sectors that a pixel is between, counted over all ellipses; share: how far it is on its way
+    from one to the other.
+    """
+
+    owner: Integers
+    x: Array
+    y: Array
+    levels: Array
+    before: Integers
+    after: Integers
+    share: Array
+
+    def only(self, which: Mask) -> Rims:
+        """Return some of the pixels."""
+        return Rims(*(column[which] for column in self))
+
+    def by_sector(self, values: Array, shape: tuple[int, int]) -> Array:
+        """Return the sums of values (pixels,) over sectors, of this shape (ellipses, sectors)."""
+        size, part = shape[0] * shape[1], self.share * values
+        sums = np.bincount(self.before, values - part, size)
+        return np.asarray((sums + np.bincount(self.after, part, size)).reshape(shape))
+
+    def between(self, table: Array) -> Array:
+        """Return the values of a table (ellipses, sectors) at the pixels."""
+        flat = table.ravel()
+        before = flat[self.before]
+        return np.asarray(before + self.share * (flat[self.after] - before))
+
+    def pieces(self, which: Integers) -> Iterator[slice]:
+        """Return which pixels belong to each of these ellipses."""
+        first = np.searchsorted(self.owner, which)
+        last = np.searchsorted(self.owner, which, side='right')
+        return map(slice, first.tolist(), last.tolist())
+
+
+@dataclass(slots=True, eq=False)
+class Fit:
+    """Ellipses as far as they are fitted, a line each.
+
+    now (n, FITTED); off (n, 2) px: way of the center so far; shape (n, 3): changes of size and
+    shape so far; slopes (n, 2) of the light, grey levels per px; believed (n, sectors): weights.
+    """
+
+    now: Array
+    off: Array
+    shape: Array
+    slopes: Array
+    believed: Array
+
+
+class Solution(NamedTuple):
+    """What a pass over some ellipses tells.
+
+    step (n, UNKNOWNS); error (n,) px: of the center; behind (n, sectors): grey levels of the
+    background; edges, stds (n, sectors): how far an edge is outside of the outline, px, and how
+    well that is known; inside, pixels: which pixels are the inside of their ellipses.
+    """
+
+    step: Array
+    error: Array
+    behind: Array
+    edges: Array
+    stds: Array
+    inside: Rims
+
+
+def fit_ellipses(grey: Bytes, starts: Array, settings: EllipseSettings = ELLIPSE) -> Array:
+    """Fit ellipses from where they are thought to be, (n, FITTED); NaN where there is none.
+
+    starts (n, FITTED): centers, axes, blur, and how well these are known.
+    """
     fitted = np.full_like(starts, np.nan)
-    for number in range(len(starts)):
-        _fit_ellipse(grey, starts[number], numbers, fitted[number])
+    if not len(starts):
+        return fitted
+    boxes = _boxes(grey, starts, settings)
+    pixels = np.cumsum(boxes[:, 2] * boxes[:, 3])
+    for piece in np.split(np.arange(len(starts)), np.flatnonzero(np.diff(pixels // TOGETHER)) + 1):
+        fitted[piece] = _fit_together(grey, starts[piece], boxes[piece], settings)
     return fitted
 
 
-@kernel
-def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Array) -> None:
-    """Fit one; `fitted` (FITTED,) stays as it is where there is none."""
-    sectors = numbers.sectors
-    places, levels = _cut_rim(grey, start, numbers)
-    if len(levels) < 2 * UNKNOWNS:
-        return
-    now = start.copy()
-    now[WIDTH] = min(max(start[WIDTH], numbers.least_blur), numbers.most_blur)
-    off = np.zeros(2)
-    shape, slopes = np.zeros(3), np.zeros(2)
-    now[PLATEAU] = _first_plateau(places, levels, start, numbers)
-    believed = np.ones(sectors)
-    pixels = np.zeros((len(levels), 3))  # covered, left after the blob, weight
-    behind, edges = np.zeros(sectors), np.zeros((sectors, 2))
-    by_unknowns = np.zeros(UNKNOWNS)
-    for turn in range(numbers.passes):
-        xx, xy, yy = _inverse(now[AXIS_XX], now[AXIS_XY], now[AXIS_YY])
-        blur, plateau = now[WIDTH], now[PLATEAU]
-        nearest = -numbers.inward * blur - numbers.margin
-        farthest = numbers.outward * blur + numbers.margin
-        # First what is covered, and the background of each sector.
-        sums = np.zeros((sectors, 2))
-        for pixel in range(len(levels)):
-            x, y = places[pixel, 0] - off[0], places[pixel, 1] - off[1]
-            _, _, ratio, _, _, _, outside = _seen_from(xx, xy, yy, x, y)
-            if outside <= nearest or outside >= farthest:
-                pixels[pixel, 2] = 0.0
-                continue
-            covered = 0.5 * math.erfc(outside / (math.sqrt(2.0) * blur))
-            bare = 1.0 - covered
-            # Uneven light tells on the blob from its center on, behind it from the edge on.
-            lever = covered + bare * (1.0 - 1.0 / ratio)
-            left = levels[pixel] - plateau * covered
-            left -= lever * (slopes[0] * x + slopes[1] * y)
-            pixels[pixel] = covered, left, 1.0
-            first, share = int(places[pixel, 2]), places[pixel, 2] % 1.0
-            second = (first + 1) % sectors
-            sums[first, 0] += (1.0 - share) * bare * left
-            sums[first, 1] += (1.0 - share) * bare * bare
-            sums[second, 0] += share * bare * left
-            sums[second, 1] += share * bare * bare
-        for sector in range(sectors):
-            before, after = sums[sector - 1], sums[(sector + 1) % sectors]
-            most = sums[sector, 1] + 0.5 * (before[1] + after[1])
-            behind[sector] = sums[sector, 0] + 0.5 * (before[0] + after[0])
-            behind[sector] /= max(most, 1e-6)
-        # Then the normal equations, and the same by sector.
-        normal, gradient = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
-        moves = np.zeros((sectors, UNKNOWNS + 2))
-        squares = weights = 0.0
-        for pixel in range(len(levels)):
-            if pixels[pixel, 2] == 0.0:
-                continue
-            x, y = places[pixel, 0] - off[0], places[pixel, 1] - off[1]
-            across, down, ratio, out_x, out_y, stretch, outside = _seen_from(xx, xy, yy, x, y)
-            covered = pixels[pixel, 0]
-            bare = 1.0 - covered
-            first, share = int(places[pixel, 2]), places[pixel, 2] % 1.0
-            second = (first + 1) % sectors
-            background = (1.0 - share) * behind[first] + share * behind[second]
-            left = pixels[pixel, 1] - bare * background
-            height = plateau - background + (slopes[0] * x + slopes[1] * y) / ratio
-            by_edge = height * PEAK / blur * math.exp(-0.5 * (outside / blur) ** 2)
-            stretched = by_edge * stretch
-            lever = covered + bare * (1.0 - 1.0 / ratio)
-            by_unknowns[0], by_unknowns[1] = by_edge * out_x, by_edge * out_y
-            by_unknowns[2] = stretched
-            by_unknowns[3] = stretched * (across * across - down * down)
-            by_unknowns[4] = 2.0 * stretched * across * down
-            by_unknowns[5] = by_edge * outside / blur
-            by_unknowns[6], by_unknowns[7], by_unknowns[8] = covered, lever * x, lever * y
-            weight = (1.0 - share) * believed[first] + share * believed[second]
-            squares += weight * left * left
-            weights += weight
-            for row in range(UNKNOWNS):
-                weighted = weight * by_unknowns[row]
-                gradient[row] += weighted * left
-                for column in range(row + 1):
-                    normal[row, column] += weighted * by_unknowns[column]
-            for sector, part in ((first, 1.0 - share), (second, share)):
-                moved = part * by_edge
-                for row in range(UNKNOWNS):
-                    moves[sector, row] += moved * by_unknowns[row]
-                moves[sector, UNKNOWNS] += moved * left
-                moves[sector, UNKNOWNS + 1] += moved * by_edge
-        variance = max(squares / max(weights - UNKNOWNS, 4.0), QUANTIZATION)
-        height = plateau - np.median(behind)
-        covariance = _with_expectations(
-            normal, gradient, variance, height, now, start, shape, slopes, numbers
-        )
-        step = covariance @ gradient
-        for sector in range(sectors):
-            tells = max(moves[sector, UNKNOWNS + 1], 1e-9)
-            there = moves[sector, UNKNOWNS] - np.dot(moves[sector, :UNKNOWNS], step)
-            edges[sector, 0], edges[sector, 1] = there / tells, math.sqrt(variance / tells)
-        way = max(abs(step[0]), abs(step[1]))
-        if not _move(now, off, shape, slopes, step, numbers):
-            return
-        if turn > 1 and way < numbers.done:
-            break
-        _believe(edges, turn == 0, numbers, believed)
-    fitted[:] = now
-    fitted[CENTER_U], fitted[CENTER_V] = start[CENTER_U] + off[0], start[CENTER_V] + off[1]
-    larger = variance * max(covariance[0, 0], covariance[1, 1])
-    fitted[ERROR] = math.sqrt(larger + numbers.model_error**2)
-    fitted[BEHIND] = np.median(behind)
-    inside = (pixels[:, 2] > 0.0) & (pixels[:, 0] > numbers.within)
-    plain = levels >= now[PLATEAU] - numbers.plain * (now[PLATEAU] - fitted[BEHIND])
-    fitted[WITHIN] = np.sum(inside & plain) / max(np.sum(inside), 1)
-    radius = math.sqrt(now[AXIS_XX] * now[AXIS_YY] - now[AXIS_XY] ** 2)
-    near = numbers.near_edge + numbers.near_edge_share * radius
-    told, seen = _seen_on_edge(edges, near, numbers)
-    fitted[NEAR_EDGE] = seen / told if told >= numbers.told * sectors else 0.0
-    fitted[ON_EDGE] = _seen_on_edge(edges, numbers.on_edge, numbers)[1] / sectors
-
-
-@kernel
-def _cut_rim(grey: Bytes, start: Array, numbers: EllipseSettings) -> tuple[Array, Array]:
-    """Collect the pixels that can be near the edge of an ellipse.
-
-    Return where they are (n, 3), px from its center and by sectors around it, and how bright (n,).
-    """
-    xx, xy, yy = start[AXIS_XX], start[AXIS_XY], start[AXIS_YY]
-    more = numbers.shift + numbers.margin
-    outward, inward = numbers.outward * start[WIDTH] + more, numbers.inward * start[WIDTH] + more
-    u, v = start[CENTER_U], start[CENTER_V]
-    reach_u, reach_v = (
-        math.sqrt(xx * xx + xy * xy) + outward,
-        math.sqrt(xy * xy + yy * yy) + outward,
+def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSettings) -> Array:
+    """Fit ellipses whose pixels lie within boxes (n, 4)."""
+    count, sectors = len(starts), settings.sectors
+    rims = _cut_rims(grey, starts, boxes, settings)
+    fit = Fit(
+        now=starts.copy(),
+        off=np.zeros((count, 2)),
+        shape=np.zeros((count, 3)),
+        slopes=np.zeros((count, 2)),
+        believed=np.ones((count, sectors)),
     )
-    left, right = max(math.floor(u - reach_u), 0), min(math.ceil(u + reach_u), grey.shape[1] - 1)
-    top, bottom = max(math.floor(v - reach_v), 0), min(math.ceil(v + reach_v), grey.shape[0] - 1)
-    room = max(right - left + 1, 0) * max(bottom - top + 1, 0)
-    places, levels = np.empty((room, 3)), np.empty(room)
-    xx, xy, yy = _inverse(xx, xy, yy)
-    count = 0
-    for row in range(top, bottom + 1):
-        for column in range(left, right + 1):
-            x, y = column - u, row - v
-            across, down, _, _, _, _, outside = _seen_from(xx, xy, yy, x, y)
-            if -inward < outside < outward:
-                around = math.atan2(down, across) * numbers.sectors / (2.0 * math.pi)
-                places[count, 0], places[count, 1] = x, y
-                places[count, 2] = (around + numbers.sectors) % numbers.sectors
-                levels[count] = grey[row, column]
-                count += 1
-    return places[:count], levels[:count]
+    fit.now[:, WIDTH] = np.clip(starts[:, WIDTH], settings.least_blur, settings.most_blur)
+    fit.now[:, PLATEAU] = _first_plateaus(rims, starts, settings)
+    fitted = np.full_like(starts, np.nan)
+    going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
+    for turn in range(settings.passes):
+        if len(going) < count:
+            rims = rims.only(np.isin(rims.owner, going))
+        if not len(going):
+            break
+        found = _solve(rims, starts, fit, going, settings)
+        whole = _move(fit, found.step, going, settings)
+        way = np.abs(found.step[:, :2]).max(axis=1)
+        done = (way < settings.done) if turn > 1 else np.zeros(len(going), np.bool_)
+        if turn == settings.passes - 1:
+            done[:] = True
+        ended = np.flatnonzero(done & whole)
+        fitted[going[ended]] = _results(starts, fit, going, found, ended, settings)
+        on = np.flatnonzero(~done & whole)
+        fit.believed[going[on]] = _believed(found.edges[on], found.stds[on], turn == 0, settings)
+        going = going[on]
+    return fitted
 
 
-@kernel
-def _first_plateau(places: Array, levels: Array, start: Array, numbers: EllipseSettings) -> float:
-    """Return a grey level that only some of the pixels within an ellipse are above."""
-    xx, xy, yy = _inverse(start[AXIS_XX], start[AXIS_XY], start[AXIS_YY])
-    within = np.empty(len(levels))
-    count = 0
-    for pixel in range(len(levels)):
-        outside = _seen_from(xx, xy, yy, places[pixel, 0], places[pixel, 1])[6]
-        if outside < -0.5:
-            within[count] = levels[pixel]
-            count += 1
-    if count == 0:
-        return float(levels.max())
-    order = np.sort(within[:count])
-    return float(order[count - 1 - int(numbers.plateau_share * count)])
+def _boxes(grey: Bytes, starts: Array, settings: EllipseSettings) -> Integers:
+    """Return the parts of an image in which ellipses can be: left, top, width, height, (n, 4)."""
+    center, axes = starts[:, [CENTER_U, CENTER_V]], starts[:, [AXIS_XX, AXIS_XY, AXIS_YY]]
+    outward = settings.outward * starts[:, WIDTH] + settings.shift + settings.margin
+    reach = np.hypot(axes[:, [0, 1]], axes[:, [1, 2]]) + outward[:, None]
+    first = np.maximum(np.floor(center - reach), 0.0)
+    last = np.minimum(np.ceil(center + reach), np.array([grey.shape[1], grey.shape[0]]) - 1.0)
+    size = last - first + 1.0
+    size[(size < 1.0).any(axis=1)] = 0.0
+    return np.column_stack([first, size]).astype(np.int64)
 
 
-@kernel
+def _cut_rims(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSettings) -> Rims:
+    """Collect the pixels that can be near the edges of ellipses."""
+    left, top, width, height = boxes.T
+    room = width * height
+    owner = np.repeat(np.arange(len(starts)), room)
+    down, across = np.divmod(
+        np.arange(len(owner)) - np.repeat(np.cumsum(room) - room, room), width[owner]
+    )
+    row, column = down + top[owner], across + left[owner]
+    x, y = column - starts[owner, CENTER_U], row - starts[owner, CENTER_V]
+    seen = _see(starts, owner, x, y)
+    more = settings.shift + settings.margin
+    blur = starts[owner, WIDTH]
+    rim = (seen.outside > -settings.inward * blur - more) & (
+        seen.outside < settings.outward * blur + more
+    )
+    around = np.arctan2(seen.down[rim], seen.across[rim]) * settings.sectors / (2.0 * math.pi)
+    around %= settings.sectors
+    before = np.minimum(around.astype(np.int64), settings.sectors - 1)
+    owner = owner[rim]
+    return Rims(
+        owner=owner,
+        x=x[rim],
+        y=y[rim],
+        levels=grey[row[rim], column[rim]].astype(np.float64),
+        before=owner * settings.sectors + before,
+        after=owner * settings.sectors + (before + 1) % settings.sectors,
+        share=around - before,
+    )
+
+
+def _see(ellipses: Array, owner: Integers, x: Array, y: Array) -> Seen:
+    """See places (px from the center) from their ellipses (n, FITTED)."""
+    xx, xy, yy = ellipses[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
+    determinant = xx * yy - xy * xy
+    xx, xy, yy = ((it / determinant)[owner] for it in (yy, -xy, xx))  # the inverse
+    across, down = xx * x + xy * y, xy * x + yy * y
+    ratio = np.maximum(np.sqrt(across * across + down * down), 1e-6)
+    across /= ratio
+    down /= ratio
+    out_x, out_y = xx * across + xy * down, xy * across + yy * down
+    # At the very center there is no normal; it is far inside then.
+    stretch = 1.0 / np.maximum(np.sqrt(out_x * out_x + out_y * out_y), 1e-12)
+    return Seen(
+        across, down, ratio, out_x * stretch, out_y * stretch, stretch, (ratio - 1.0) * stretch
+    )
+
+
+def _first_plateaus(rims: Rims, starts: Array, settings: EllipseSettings) -> Array:
+    """Return grey levels that only some of the pixels within ellipses are above, (n,)."""
+    count = len(starts)
+    plateaus = np.zeros(count)
+    np.maximum.at(plateaus, rims.owner, rims.levels)
+    within = _see(starts, rims.owner, rims.x, rims.y).outside < -0.5
+    owner, levels = rims.owner[within], rims.levels[within]
+    order = np.lexsort((levels, owner))
+    sizes = np.bincount(owner, minlength=count)
+    some = sizes > 0
+    above = (settings.plateau_share * sizes).astype(np.int64)
+    plateaus[some] = levels[order[(np.cumsum(sizes) - 1 - above)[some]]]
+    return plateaus
+
+
+def _solve(
+    rims: Rims, starts: Array, fit: Fit, going: Integers, settings: EllipseSettings
+) -> Solution:
+    """Linearize around the ellipses that go on, and solve for the step to the best ones."""
+    now, size = fit.now, fit.believed.shape
+    x, y = rims.x - fit.off[rims.owner, 0], rims.y - fit.off[rims.owner, 1]
+    seen = _see(now, rims.owner, x, y)
+    blur = now[rims.owner, WIDTH]
+    near = (seen.outside > -settings.inward * blur - settings.margin) & (
+        seen.outside < settings.outward * blur + settings.margin
+    )
+    rims, seen = rims.only(near), Seen(*(column[near] for column in seen))
+    x, y, blur = x[near], y[near], blur[near]
+    # First what is covered, and the background of each sector. Uneven light tells on the blob
+    # from its center on, behind it from the edge on.
+    distance = seen.outside / blur
+    covered = 0.5 * erfc(distance / math.sqrt(2.0))
+    bare = 1.0 - covered
+    lever = covered + bare * (1.0 - 1.0 / seen.ratio)
+    plateau = now[rims.owner, PLATEAU]
+    tilt = fit.slopes[rims.owner, 0] * x + fit.slopes[rims.owner, 1] * y
+    left = rims.levels - plateau * covered - lever * tilt
+    behind = _smoothed(rims.by_sector(bare * left, size)) / np.maximum(
+        _smoothed(rims.by_sector(bare * bare, size)), 1e-6
+    )
+    background = rims.between(behind)
+    # Then the normal equations.
+    height = plateau - background + tilt / seen.ratio
+    by_edge = height * PEAK / blur * np.exp(-0.5 * distance * distance)
+    stretched = by_edge * seen.stretch
+    columns = np.empty((UNKNOWNS + 1, len(x)))
+    columns[0], columns[1] = by_edge * seen.out_x, by_edge * seen.out_y
+    columns[2] = stretched
+    columns[3] = stretched * (seen.across * seen.across - seen.down * seen.down)
+    columns[4] = 2.0 * stretched * seen.across * seen.down
+    columns[5] = by_edge * distance
+    columns[6], columns[7], columns[8] = covered, lever * x, lever * y
+    columns[9] = left - bare * background
+    weight = rims.between(fit.believed)
+    weighted = columns * weight
+    pieces = list(rims.pieces(going))
+    products = np.array([columns[:, piece] @ weighted[:, piece].T for piece in pieces])
+    free = np.bincount(rims.owner, weight, len(now))[going] - UNKNOWNS
+    variance = np.maximum(products[:, -1, -1] / np.maximum(free, 4.0), QUANTIZATION)
+    typical = now[going, PLATEAU] - np.median(behind[going], axis=1)
+    normal, gradient = _with_expectations(
+        products, variance, typical, starts, fit, going, settings
+    )
+    covariance = np.linalg.inv(normal)
+    step = (covariance @ gradient[:, :, None])[:, :, 0]
+    off_edge = columns[9]
+    for piece, one in zip(pieces, step, strict=True):
+        off_edge[piece] -= one @ columns[:UNKNOWNS, piece]
+    tells = np.maximum(rims.by_sector(by_edge * by_edge, size)[going], 1e-9)
+    larger = variance * np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])
+    return Solution(
+        step=step,
+        error=np.sqrt(larger + settings.model_error**2),
+        behind=behind[going],
+        edges=rims.by_sector(by_edge * off_edge, size)[going] / tells,
+        stds=np.sqrt(variance[:, None] / tells),
+        inside=rims.only(covered > settings.within),
+    )
+
+
+def _smoothed(sums: Array) -> Array:
+    """Return sums over sectors (n, sectors) with half of those next to them."""
+    return np.asarray(sums + 0.5 * (np.roll(sums, 1, axis=1) + np.roll(sums, -1, axis=1)))
+
+
 def _with_expectations(
-    normal: Array,
-    gradient: Array,
-    variance: float,
-    height: float,
-    now: Array,
-    start: Array,
-    shape: Array,
-    slopes: Array,
-    numbers: EllipseSettings,
-) -> Array:
-    """Add what is known before the fit to the normal equations; return the inverse of these."""
-    radius = math.sqrt(now[AXIS_XX] * now[AXIS_YY] - now[AXIS_XY] ** 2)
-    tilt_std = numbers.tilt_std * max(abs(height), 1.0) / radius
-    for row in range(UNKNOWNS):
-        std, off = math.inf, 0.0
-        if 2 <= row <= 4:
-            std, off = start[SHAPE_STD], shape[row - 2]
-        elif row == 5:
-            std, off = start[WIDTH_STD], now[WIDTH] - start[WIDTH]
-        elif row >= 7:
-            std, off = tilt_std, slopes[row - 7]
-        known = variance / (std * std)
-        normal[row, row] += known + 1e-9
-        gradient[row] -= known * off
-        for column in range(row):
-            normal[column, row] = normal[row, column]
-    return np.asarray(np.linalg.inv(normal))
+    products: Array,
+    variance: Array,
+    height: Array,
+    starts: Array,
+    fit: Fit,
+    going: Integers,
+    settings: EllipseSettings,
+) -> tuple[Array, Array]:
+    """Add what is known before the fit to the normal equations.
+
+    products (n, UNKNOWNS + 1, UNKNOWNS + 1): of the derivatives and the residual; variance of a
+    pixel and height (n,). Returns matrices (n, UNKNOWNS, UNKNOWNS) and right sides (n, UNKNOWNS).
+    """
+    now, start = fit.now[going], starts[going]
+    std, off = np.full((len(going), UNKNOWNS), math.inf), np.zeros((len(going), UNKNOWNS))
+    std[:, 2:5], off[:, 2:5] = start[:, [SHAPE_STD]], fit.shape[going]
+    std[:, 5], off[:, 5] = start[:, WIDTH_STD], now[:, WIDTH] - start[:, WIDTH]
+    tilt_std = settings.tilt_std * np.maximum(np.abs(height), 1.0) / _radius(now)
+    std[:, 7:], off[:, 7:] = tilt_std[:, None], fit.slopes[going]
+    known = variance[:, None] / (std * std)
+    normal = products[:, :UNKNOWNS, :UNKNOWNS] + (known + 1e-9)[:, :, None] * np.eye(UNKNOWNS)
+    return normal, products[:, :UNKNOWNS, UNKNOWNS] - known * off
 
 
-@kernel
-def _move(
-    now: Array, off: Array, shape: Array, slopes: Array, step: Array, numbers: EllipseSettings
-) -> bool:
-    """Change an ellipse by a step; its axes stay symmetric. Return whether it still is one."""
-    for axis in range(2):
-        off[axis] += min(max(step[axis], -numbers.largest_step), numbers.largest_step)
-    for row in range(3):
-        most = numbers.largest_change
-        step[2 + row] = min(max(step[2 + row], -most), most)
-        shape[row] += step[2 + row]
-    size, along, aslant = step[2], step[3], step[4]
-    xx, xy, yy = now[AXIS_XX], now[AXIS_XY], now[AXIS_YY]
+def _radius(ellipses: Array) -> Array:
+    """Return the radius of circles as large as ellipses (n, FITTED)."""
+    xx, xy, yy = ellipses[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
+    return np.sqrt(xx * yy - xy * xy)
+
+
+def _move(fit: Fit, step: Array, going: Integers, settings: EllipseSettings) -> Mask:
+    """Change ellipses by steps (n, UNKNOWNS); their axes stay symmetric. Return which still are.
+
+    Nothing else of a fit is changed.
+    """
+    now = fit.now[going]
+    fit.off[going] += np.clip(step[:, :2], -settings.largest_step, settings.largest_step)
+    change = np.clip(step[:, 2:5], -settings.largest_change, settings.largest_change)
+    fit.shape[going] += change
+    size, along, aslant = change.T
+    xx, xy, yy = now[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
     a, b = xx * (1.0 + size + along) + xy * aslant, xx * aslant + xy * (1.0 + size - along)
     c, d = xy * (1.0 + size + along) + yy * aslant, xy * aslant + yy * (1.0 + size - along)
     # The symmetric root of the matrix times its transpose.
     square_xx, square_xy, square_yy = a * a + b * b, a * c + b * d, c * c + d * d
-    root = abs(a * d - b * c)
-    scale = math.sqrt(square_xx + square_yy + 2.0 * root)
-    now[AXIS_XX], now[AXIS_XY] = (square_xx + root) / scale, square_xy / scale
-    now[AXIS_YY] = (square_yy + root) / scale
-    now[WIDTH] += min(max(step[5], -numbers.widest_step), numbers.widest_step)
-    now[WIDTH] = min(max(now[WIDTH], numbers.least_blur), numbers.most_blur)
-    now[PLATEAU] += step[6]
-    slopes += step[7:]
-    middle = 0.5 * (now[AXIS_XX] + now[AXIS_YY])
-    smallest = middle - math.hypot(0.5 * (now[AXIS_XX] - now[AXIS_YY]), now[AXIS_XY])
-    return bool(smallest >= numbers.least_axis)
+    root = np.abs(a * d - b * c)
+    scale = np.sqrt(square_xx + square_yy + 2.0 * root)
+    xx, xy, yy = (square_xx + root) / scale, square_xy / scale, (square_yy + root) / scale
+    now[:, AXIS_XX], now[:, AXIS_XY], now[:, AXIS_YY] = xx, xy, yy
+    now[:, WIDTH] += np.clip(step[:, 5], -settings.widest_step, settings.widest_step)
+    now[:, WIDTH] = np.clip(now[:, WIDTH], settings.least_blur, settings.most_blur)
+    now[:, PLATEAU] += step[:, 6]
+    fit.slopes[going] += step[:, 7:]
+    fit.now[going] = now
+    return np.asarray(0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy) >= settings.least_axis)
 
 
-@kernel
-def _believe(edges: Array, gently: bool, numbers: EllipseSettings, believed: Array) -> None:
-    """Set the weight of sectors: those whose edge is off the outline take no part.
+def _believed(edges: Array, stds: Array, gently: bool, settings: EllipseSettings) -> Array:
+    """Return the weights of sectors (n, sectors): whose edge is off the outline takes no part.
 
     gently: at first the outline is not yet where it belongs.
     """
-    known = np.abs(edges[edges[:, 1] < numbers.knows, 0])
-    usual = 1.0
-    if len(known) > 0:
-        usual = max(SIGMA * np.median(known), numbers.least_off)
-    for sector in range(len(believed)):
-        ratio = abs(edges[sector, 0]) / (numbers.cut * usual)
-        if gently:
-            believed[sector] = 1.0 / (1.0 + 4.0 * ratio * ratio)
-        else:
-            believed[sector] = (1.0 - min(ratio, 1.0) ** 2) ** 2
+    usual = SIGMA * _median_of(np.abs(edges), stds < settings.knows)
+    usual = np.where(np.isnan(usual), 1.0, np.maximum(usual, settings.least_off))
+    ratio = np.abs(edges) / (settings.cut * usual[:, None])
+    if gently:
+        return np.asarray(1.0 / (1.0 + 4.0 * ratio * ratio))
+    return np.asarray((1.0 - np.minimum(ratio, 1.0) ** 2) ** 2)
 
 
-@kernel
-def _seen_on_edge(edges: Array, most: float, numbers: EllipseSettings) -> tuple[int, int]:
-    """Return in how many sectors an edge can be seen, and is `most` px off the ellipse or less."""
-    told = seen = 0
-    for sector in range(len(edges)):
-        off, std = edges[sector]
-        if std < numbers.knows:
-            told += 1
-            if abs(off) < most + 2.0 * std:
-                seen += 1
-    return told, seen
+def _median_of(values: Array, which: Mask) -> Array:
+    """Return the median of some values in each line, NaN of none."""
+    order = np.sort(np.where(which, values, np.inf), axis=1)
+    count, line = np.count_nonzero(which, axis=1), np.arange(len(values))
+    median = 0.5 * (order[line, np.maximum(count - 1, 0) // 2] + order[line, count // 2])
+    return np.where(count > 0, median, math.nan)
+
+
+def _results(
+    starts: Array,
+    fit: Fit,
+    going: Integers,
+    found: Solution,
+    ended: Integers,
+    settings: EllipseSettings,
+) -> Array:
+    """Return the lines (ended, FITTED) of those ellipses that are fitted now.
+
+    ended: their places among those that went on.
+    """
+    which = going[ended]
+    fitted = fit.now[which]
+    fitted[:, [CENTER_U, CENTER_V]] = starts[which][:, [CENTER_U, CENTER_V]] + fit.off[which]
+    fitted[:, ERROR] = found.error[ended]
+    fitted[:, BEHIND] = np.median(found.behind[ended], axis=1)
+    dark = np.full(len(fit.now), math.nan)
+    height = fitted[:, PLATEAU] - fitted[:, BEHIND]
+    dark[which] = fitted[:, PLATEAU] - settings.plain * height
+    owner, count = found.inside.owner, len(dark)
+    plain = np.bincount(owner[found.inside.levels >= dark[owner]], minlength=count)
+    fitted[:, WITHIN] = (plain / np.maximum(np.bincount(owner, minlength=count), 1))[which]
+    edges, stds = np.abs(found.edges[ended]), found.stds[ended]
+    near = settings.near_edge + settings.near_edge_share * _radius(fitted)[:, None]
+    told = np.count_nonzero(stds < settings.knows, axis=1)
+    seen = np.count_nonzero((stds < settings.knows) & (edges < near + 2.0 * stds), axis=1)
+    enough = told >= settings.told * settings.sectors
+    fitted[:, NEAR_EDGE] = np.where(enough, seen / np.maximum(told, 1), 0.0)
+    on_edge = (stds < settings.knows) & (edges < settings.on_edge + 2.0 * stds)
+    fitted[:, ON_EDGE] = np.count_nonzero(on_edge, axis=1) / settings.sectors
+    return fitted
