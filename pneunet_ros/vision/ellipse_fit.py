@@ -110,7 +110,21 @@ class Rims(NamedTuple):
 
     def only(self, which: Mask) -> Rims:
         """Return some of the pixels."""
-        return Rims(*(column[which] for column in self))
+        return Rims(
+            owner=self.owner[which],
+            x=self.x[which],
+            y=self.y[which],
+            levels=self.levels[which],
+            before=self.before[which],
+            after=self.after[which],
+            share=self.share[which],
+        )
+
+    def of(self, which: Integers, count: int) -> Rims:
+        """Return the pixels of some of so many ellipses."""
+        theirs = np.zeros(count, np.bool_)
+        theirs[which] = True
+        return self if theirs.all() else self.only(theirs[self.owner])
 
     def by_sector(self, values: Array, shape: tuple[int, int]) -> Array:
         """Return the sums of values (pixels,) over sectors, of this shape (ellipses, sectors)."""
@@ -126,9 +140,8 @@ class Rims(NamedTuple):
 
     def pieces(self, which: Integers) -> Iterator[slice]:
         """Return which pixels belong to each of these ellipses."""
-        first = np.searchsorted(self.owner, which)
-        last = np.searchsorted(self.owner, which, side='right')
-        return map(slice, first.tolist(), last.tolist())
+        last = np.cumsum(np.bincount(self.owner))
+        return map(slice, (last[which - 1] * (which > 0)).tolist(), last[which].tolist())
 
 
 @dataclass(slots=True, eq=False)
@@ -192,22 +205,22 @@ def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: Ellipse
     fit.now[:, PLATEAU] = _first_plateaus(rims, starts, settings)
     fitted = np.full_like(starts, np.nan)
     going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
+    rims = rims.of(going, count)
     for turn in range(settings.passes):
-        if len(going) < count:
-            rims = rims.only(np.isin(rims.owner, going))
         if not len(going):
             break
         found = _solve(rims, starts, fit, going, settings)
         whole = _move(fit, found.step, going, settings)
         way = np.abs(found.step[:, :2]).max(axis=1)
-        done = (way < settings.done) if turn > 1 else np.zeros(len(going), np.bool_)
-        if turn == settings.passes - 1:
-            done[:] = True
+        done = (turn > 1) & (way < settings.done) | (turn == settings.passes - 1)
         ended = np.flatnonzero(done & whole)
-        fitted[going[ended]] = _results(starts, fit, going, found, ended, settings)
+        if len(ended):
+            fitted[going[ended]] = _results(starts, fit, going, found, ended, settings)
         on = np.flatnonzero(~done & whole)
         fit.believed[going[on]] = _believed(found.edges[on], found.stds[on], turn == 0, settings)
-        going = going[on]
+        if len(on) < len(going):
+            going = going[on]
+            rims = rims.of(going, count)
     return fitted
 
 
@@ -330,7 +343,7 @@ def _solve(
     products = np.array([columns[:, piece] @ weighted[:, piece].T for piece in pieces])
     free = np.bincount(rims.owner, weight, len(now))[going] - UNKNOWNS
     variance = np.maximum(products[:, -1, -1] / np.maximum(free, 4.0), QUANTIZATION)
-    typical = now[going, PLATEAU] - np.median(behind[going], axis=1)
+    typical = now[going, PLATEAU] - _middle(behind[going])
     normal, gradient = _with_expectations(
         products, variance, typical, starts, fit, going, settings
     )
@@ -353,7 +366,13 @@ def _solve(
 
 def _smoothed(sums: Array) -> Array:
     """Return sums over sectors (n, sectors) with half of those next to them."""
-    return np.asarray(sums + 0.5 * (np.roll(sums, 1, axis=1) + np.roll(sums, -1, axis=1)))
+    around = np.concatenate([sums[:, -1:], sums, sums[:, :1]], axis=1)
+    return np.asarray(sums + 0.5 * (around[:, :-2] + around[:, 2:]))
+
+
+def _middle(values: Array) -> Array:
+    """Return the median of each line."""
+    return _median_of(values, np.ones(values.shape, np.bool_))
 
 
 def _with_expectations(
@@ -384,7 +403,7 @@ def _with_expectations(
 def _radius(ellipses: Array) -> Array:
     """Return the radius of circles as large as ellipses (n, FITTED)."""
     xx, xy, yy = ellipses[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
-    return np.sqrt(xx * yy - xy * xy)
+    return np.asarray(np.sqrt(xx * yy - xy * xy))
 
 
 def _move(fit: Fit, step: Array, going: Integers, settings: EllipseSettings) -> Mask:
@@ -451,7 +470,7 @@ def _results(
     fitted = fit.now[which]
     fitted[:, [CENTER_U, CENTER_V]] = starts[which][:, [CENTER_U, CENTER_V]] + fit.off[which]
     fitted[:, ERROR] = found.error[ended]
-    fitted[:, BEHIND] = np.median(found.behind[ended], axis=1)
+    fitted[:, BEHIND] = _middle(found.behind[ended])
     dark = np.full(len(fit.now), math.nan)
     height = fitted[:, PLATEAU] - fitted[:, BEHIND]
     dark[which] = fitted[:, PLATEAU] - settings.plain * height
