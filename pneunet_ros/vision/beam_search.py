@@ -127,7 +127,7 @@ def _ways_on(
     gap = target - last
     ahead = arclength[target] - np.where(last >= 0, arclength[last], 0.0)
     unit = known[:, SCALE] * _spacing_at(arclength, target)
-    bend: Array = search.bend * (gap * gap - 1.0)
+    bend = np.asarray(search.bend * (gap * gap - 1), np.float64)
     at_x, at_y, cosine, sine = _expected(known.T, ahead)
     reach = unit * (search.along + search.across + bend)
     row, blob = _near(blobs, at_x, at_y, np.where(gap <= longest_gap, reach, -1.0))

@@ -55,6 +55,7 @@ class BlobSettings:
     growth: float = tuning(2.0, 'area of a blob from one level to the next, at most')
     blur: float = tuning(0.9, 'of an edge, expected', unit='px')
     blur_std: float = tuning(0.3, 'one sigma of that', unit='px')
+    smear_std: float = tuning(1.0, 'of the way during an exposure, one sigma', unit='px')
     shape_std: float = tuning(0.3, 'one sigma of size and shape before a fit', unit='radius')
     seen: float = tuning(0.5, 'share of the edge that an ellipse must explain', source='measured')
     twice: float = tuning(0.8, 'between blobs that are one', unit='radius of the larger')
@@ -211,9 +212,8 @@ class RoundAreas(NamedTuple):
         scale = 2.0 / np.sqrt(uu + vv + 2.0 * root)
         axes = np.column_stack([uu + root, uv, vv + root]) * scale[:, None]
         blobs, one = appearance.blobs, np.ones(len(uu))
-        return outlines(
-            self.centers, axes, blobs.blur * one, blobs.shape_std * one, blobs.blur_std * one
-        )
+        stds = (blobs.shape_std * one, blobs.blur_std, blobs.smear_std * one)
+        return outlines(self.centers, axes, blobs.blur * one, np.zeros((len(uu), 2)), stds)
 
 
 def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:

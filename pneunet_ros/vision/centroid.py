@@ -34,6 +34,9 @@ from pneunet_ros.vision.ellipse_fit import (
     ON_EDGE,
     PLATEAU,
     SHAPE_STD,
+    SMEAR_STD,
+    SMEAR_U,
+    SMEAR_V,
     WIDTH,
     WIDTH_STD,
     WITHIN,
@@ -44,7 +47,8 @@ Mask = npt.NDArray[np.bool_]
 
 # Columns of a measured blob.
 U, V, AREA, MAJOR, MINOR, ANGLE, STD, CONTRAST, BLUR, SEEN, EXACT, LEVEL, FILLED = range(13)
-COLUMNS = 13
+SMEAR = slice(13, 15)  # way of the blob while the shutter is open, px
+COLUMNS = 15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,17 +60,20 @@ class Look:
     contrast: float
 
 
-def outlines(places: Array, axes: Array, blur: Array, shape_std: Array, blur_std: Array) -> Array:
+def outlines(
+    places: Array, axes: Array, blur: Array, smear: Array, stds: tuple[Array, float, Array]
+) -> Array:
     """Return where fits begin (n, FITTED).
 
     places (n, 2) px; axes (n, 3) px: xx, xy, yy of the symmetric matrix that maps the unit circle
-    to the ellipse; blur (n,) px; shape_std (n,) of the radius, blur_std (n,) px: how well they are
-    known.
+    to the ellipse; blur (n,) px; smear (n, 2) px: way while the shutter is open; stds: how well
+    these are known: axes (n,) of the radius, blur px, smear (n,) px.
     """
     starts = np.full((len(places), FITTED), np.nan)
     starts[:, [CENTER_U, CENTER_V]] = places
     starts[:, [AXIS_XX, AXIS_XY, AXIS_YY]] = axes
-    starts[:, WIDTH], starts[:, SHAPE_STD], starts[:, WIDTH_STD] = blur, shape_std, blur_std
+    starts[:, WIDTH], starts[:, [SMEAR_U, SMEAR_V]] = blur, smear
+    starts[:, SHAPE_STD], starts[:, WIDTH_STD], starts[:, SMEAR_STD] = stds
     return starts
 
 
@@ -89,7 +96,7 @@ def measure_outlines(
 ) -> Array:
     """Return rows (n, COLUMNS) of the blobs at these outlines; NaN where none can be a target."""
     rows = np.full((len(starts), COLUMNS), np.nan)
-    known = np.isfinite(starts[:, : WIDTH_STD + 1]).all(axis=1)
+    known = np.isfinite(starts[:, : SMEAR_STD + 1]).all(axis=1)
     # One kind of array, for which the kernel is compiled once.
     pixels = np.ascontiguousarray(grey).view()
     pixels.flags.writeable = False
@@ -112,6 +119,7 @@ def _rows(fitted: Array) -> Array:
     rows[:, ANGLE] = 0.5 * np.arctan2(aslant, half_difference)
     rows[:, STD], rows[:, BLUR] = fitted[:, ERROR], fitted[:, WIDTH]
     rows[:, CONTRAST] = fitted[:, PLATEAU] - fitted[:, BEHIND]
+    rows[:, SMEAR] = fitted[:, [SMEAR_U, SMEAR_V]]
     rows[:, LEVEL], rows[:, FILLED] = fitted[:, PLATEAU], fitted[:, WITHIN]
     rows[:, SEEN], rows[:, EXACT] = fitted[:, NEAR_EDGE], fitted[:, ON_EDGE]
     return rows

@@ -21,18 +21,23 @@ Integers = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 # An ellipse, before and after the fit: center u, v px; symmetric axes (xx, xy, yy) px, which map
-# the unit circle to it; blur px.
-CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH = range(6)
-# Only before: how well its size and shape (of its radius) and its blur (px) are known, one sigma.
-SHAPE_STD, WIDTH_STD = 6, 7
+# the unit circle to it; blur px of its edge where it does not move; its way while the shutter is
+# open, px (forward or backward: a picture does not tell).
+CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH, SMEAR_U, SMEAR_V = range(8)
+# Only before: how well its size and shape (of its radius), blur and way (px) are known, one sigma.
+SHAPE_STD, WIDTH_STD, SMEAR_STD = range(8, 11)
 # Only after: std of the center px, grey levels of plateau and background; share near the ellipse
 # of the edge that can be seen, and share exactly on it of all the edge; share of what is within
 # that is as bright as the plateau.
-ERROR, PLATEAU, BEHIND, NEAR_EDGE, ON_EDGE, WITHIN = range(6, 12)
-FITTED = 12
+ERROR, PLATEAU, BEHIND, NEAR_EDGE, ON_EDGE, WITHIN = range(8, 14)
+FITTED = 14
 
-# What is searched: way of the center; size, two changes of shape; blur; plateau and its slopes.
-UNKNOWNS = 9
+# What is searched: way of the center; size, two changes of shape; blur; way of motion; plateau and
+# its slopes.
+UNKNOWNS = 11
+# Moments of an exposure that are averaged, and the longest way (px) for which they are enough:
+# dots next to each other are less than two blurs apart.
+MOMENTS = ((1, 0.5), (5, 6.5), (13, math.inf))
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
 PEAK = 1.0 / math.sqrt(2.0 * math.pi)  # of the normal density
 TOGETHER = 1 << 15  # pixels of ellipses that are fitted side by side: what a cache holds
@@ -56,6 +61,8 @@ class EllipseSettings:
     largest_step: float = tuning(1.5, 'of the center in a pass', unit='px')
     largest_change: float = tuning(0.25, 'of size and shape in a pass', unit='radius')
     widest_step: float = tuning(0.3, 'of the blur in a pass', unit='px')
+    smear_step: float = tuning(1.5, 'of the way of motion in a pass', unit='px')
+    most_smear: float = tuning(20.0, 'way of motion during an exposure', unit='px')
     least_axis: float = tuning(0.5, 'half the smallest axis, at least', unit='px')
     plateau_share: float = tuning(0.3, 'of the pixels within, brighter than the first plateau')
     cut: float = tuning(2.5, 'an edge off the outline takes no part', unit='usual distance')
@@ -140,7 +147,7 @@ class Rims(NamedTuple):
 
     def pieces(self, which: Integers) -> Iterator[slice]:
         """Return which pixels belong to each of these ellipses."""
-        last = np.cumsum(np.bincount(self.owner))
+        last = np.cumsum(np.bincount(self.owner, minlength=which[-1] + 1))
         return map(slice, (last[which - 1] * (which > 0)).tolist(), last[which].tolist())
 
 
@@ -183,15 +190,20 @@ def fit_ellipses(grey: Bytes, starts: Array, settings: EllipseSettings = ELLIPSE
     fitted = np.full_like(starts, np.nan)
     if not len(starts):
         return fitted
-    boxes = _boxes(grey, starts, settings)
-    pixels = np.cumsum(boxes[:, 2] * boxes[:, 3])
-    for piece in np.split(np.arange(len(starts)), np.flatnonzero(np.diff(pixels // TOGETHER)) + 1):
-        fitted[piece] = _fit_together(grey, starts[piece], boxes[piece], settings)
+    boxes, smear, least = _boxes(grey, starts, settings), _smear(starts), 0.0
+    for moments, most in MOMENTS:
+        alike = np.flatnonzero((smear >= least) & (smear < most))
+        pixels = np.cumsum(boxes[alike, 2] * boxes[alike, 3]) * moments
+        for some in np.split(alike, np.flatnonzero(np.diff(pixels // TOGETHER)) + 1):
+            fitted[some] = _fit_together(grey, starts[some], boxes[some], moments, settings)
+        least = most
     return fitted
 
 
-def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSettings) -> Array:
-    """Fit ellipses whose pixels lie within boxes (n, 4)."""
+def _fit_together(
+    grey: Bytes, starts: Array, boxes: Integers, moments: int, settings: EllipseSettings
+) -> Array:
+    """Fit ellipses whose pixels lie within boxes (n, 4), seen at so many moments."""
     count, sectors = len(starts), settings.sectors
     rims = _cut_rims(grey, starts, boxes, settings)
     fit = Fit(
@@ -202,6 +214,8 @@ def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: Ellipse
         believed=np.ones((count, sectors)),
     )
     fit.now[:, WIDTH] = np.clip(starts[:, WIDTH], settings.least_blur, settings.most_blur)
+    if moments == 1:
+        fit.now[:, [SMEAR_U, SMEAR_V]] = 0.0
     fit.now[:, PLATEAU] = _first_plateaus(rims, starts, settings)
     fitted = np.full_like(starts, np.nan)
     going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
@@ -209,8 +223,8 @@ def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: Ellipse
     for turn in range(settings.passes):
         if not len(going):
             break
-        found = _solve(rims, starts, fit, going, settings)
-        whole = _move(fit, found.step, going, settings)
+        found = _solve(rims, starts, fit, going, moments, settings)
+        whole = _move(fit, found.step, going, moments, settings)
         way = np.abs(found.step[:, :2]).max(axis=1)
         done = (turn > 1) & (way < settings.done) | (turn == settings.passes - 1)
         ended = np.flatnonzero(done & whole)
@@ -228,6 +242,7 @@ def _boxes(grey: Bytes, starts: Array, settings: EllipseSettings) -> Integers:
     """Return the parts of an image in which ellipses can be: left, top, width, height, (n, 4)."""
     center, axes = starts[:, [CENTER_U, CENTER_V]], starts[:, [AXIS_XX, AXIS_XY, AXIS_YY]]
     outward = settings.outward * starts[:, WIDTH] + settings.shift + settings.margin
+    outward += 0.5 * _smear(starts)
     reach = np.hypot(axes[:, [0, 1]], axes[:, [1, 2]]) + outward[:, None]
     first = np.maximum(np.floor(center - reach), 0.0)
     last = np.minimum(np.ceil(center + reach), np.array([grey.shape[1], grey.shape[0]]) - 1.0)
@@ -247,7 +262,7 @@ def _cut_rims(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSett
     row, column = down + top[owner], across + left[owner]
     x, y = column - starts[owner, CENTER_U], row - starts[owner, CENTER_V]
     seen = _see(starts, owner, x, y)
-    more = settings.shift + settings.margin
+    more = settings.shift + settings.margin + 0.5 * _smear(starts)[owner]
     blur = starts[owner, WIDTH]
     rim = (seen.outside > -settings.inward * blur - more) & (
         seen.outside < settings.outward * blur + more
@@ -265,6 +280,11 @@ def _cut_rims(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSett
         after=owner * settings.sectors + (before + 1) % settings.sectors,
         share=around - before,
     )
+
+
+def _smear(ellipses: Array) -> Array:
+    """Return how far ellipses (n, FITTED) move while the shutter is open, px (n,)."""
+    return np.asarray(np.hypot(ellipses[:, SMEAR_U], ellipses[:, SMEAR_V]))
 
 
 def _see(ellipses: Array, owner: Integers, x: Array, y: Array) -> Seen:
@@ -299,25 +319,77 @@ def _first_plateaus(rims: Rims, starts: Array, settings: EllipseSettings) -> Arr
     return plateaus
 
 
+class Drawn(NamedTuple):
+    """Ellipses as a picture shows them, (pixels,) each.
+
+    covered: which share of the exposure they cover a pixel; further: how many times further out it
+    is than their edge in the middle of the exposure; edge: how much more is covered for each px by
+    which the edge is further out; moved (UNKNOWNS - 3, pixels): the same for each px, or radius,
+    of what is searched but plateau and slopes.
+    """
+
+    covered: Array
+    further: Array
+    edge: Array
+    moved: Array
+
+
+def _draw(
+    rims: Rims, fit: Fit, moments: int, settings: EllipseSettings
+) -> tuple[Rims, Array, Array, Drawn]:
+    """Draw ellipses over the pixels near their edges, as the average over an exposure.
+
+    Returns these pixels, where they are (x, y px from the centers), and what is drawn.
+    """
+    now, owner = fit.now, rims.owner
+    x, y = rims.x - fit.off[owner, 0], rims.y - fit.off[owner, 1]
+    times = ((np.arange(moments) + 0.5) / moments - 0.5).tolist()
+    smear_u, smear_v, blur = now[owner, SMEAR_U], now[owner, SMEAR_V], now[owner, WIDTH]
+    views = [
+        _see(now, owner, x - time * smear_u, y - time * smear_v)
+        if time
+        else _see(now, owner, x, y)
+        for time in times
+    ]
+    outside = np.array([seen.outside for seen in views])
+    near = (outside.max(axis=0) > -settings.inward * blur - settings.margin) & (
+        outside.min(axis=0) < settings.outward * blur + settings.margin
+    )
+    blur, outside = blur[near], outside[:, near]
+    distance = outside / blur
+    edge = PEAK / moments / blur * np.exp(-0.5 * distance * distance)
+    moved = np.zeros((UNKNOWNS - 3, len(blur)))
+    for time, seen, there, by_edge in zip(times, views, distance, edge, strict=True):
+        across, down, _, out_x, out_y, stretch, _ = (column[near] for column in seen)
+        by_u, by_v, stretched = by_edge * out_x, by_edge * out_y, by_edge * stretch
+        moved[0] += by_u
+        moved[1] += by_v
+        moved[2] += stretched
+        moved[3] += stretched * (across * across - down * down)
+        moved[4] += 2.0 * stretched * across * down
+        moved[5] += by_edge * there
+        moved[6] += time * by_u
+        moved[7] += time * by_v
+    covered = erfc(distance / math.sqrt(2.0)).sum(axis=0) * (0.5 / moments)
+    drawn = Drawn(covered, views[moments // 2].ratio[near], edge.sum(axis=0), moved)
+    return rims.only(near), x[near], y[near], drawn
+
+
 def _solve(
-    rims: Rims, starts: Array, fit: Fit, going: Integers, settings: EllipseSettings
+    rims: Rims,
+    starts: Array,
+    fit: Fit,
+    going: Integers,
+    moments: int,
+    settings: EllipseSettings,
 ) -> Solution:
     """Linearize around the ellipses that go on, and solve for the step to the best ones."""
     now, size = fit.now, fit.believed.shape
-    x, y = rims.x - fit.off[rims.owner, 0], rims.y - fit.off[rims.owner, 1]
-    seen = _see(now, rims.owner, x, y)
-    blur = now[rims.owner, WIDTH]
-    near = (seen.outside > -settings.inward * blur - settings.margin) & (
-        seen.outside < settings.outward * blur + settings.margin
-    )
-    rims, seen = rims.only(near), Seen(*(column[near] for column in seen))
-    x, y, blur = x[near], y[near], blur[near]
-    # First what is covered, and the background of each sector. Uneven light tells on the blob
-    # from its center on, behind it from the edge on.
-    distance = seen.outside / blur
-    covered = 0.5 * erfc(distance / math.sqrt(2.0))
-    bare = 1.0 - covered
-    lever = covered + bare * (1.0 - 1.0 / seen.ratio)
+    rims, x, y, drawn = _draw(rims, fit, moments, settings)
+    # First the background of each sector. Uneven light tells on the blob from its center on,
+    # behind it from the edge on.
+    covered, bare = drawn.covered, 1.0 - drawn.covered
+    lever = covered + bare * (1.0 - 1.0 / drawn.further)
     plateau = now[rims.owner, PLATEAU]
     tilt = fit.slopes[rims.owner, 0] * x + fit.slopes[rims.owner, 1] * y
     left = rims.levels - plateau * covered - lever * tilt
@@ -326,22 +398,18 @@ def _solve(
     )
     background = rims.between(behind)
     # Then the normal equations.
-    height = plateau - background + tilt / seen.ratio
-    by_edge = height * PEAK / blur * np.exp(-0.5 * distance * distance)
-    stretched = by_edge * seen.stretch
+    height = plateau - background + tilt / drawn.further
+    by_edge = height * drawn.edge
     columns = np.empty((UNKNOWNS + 1, len(x)))
-    columns[0], columns[1] = by_edge * seen.out_x, by_edge * seen.out_y
-    columns[2] = stretched
-    columns[3] = stretched * (seen.across * seen.across - seen.down * seen.down)
-    columns[4] = 2.0 * stretched * seen.across * seen.down
-    columns[5] = by_edge * distance
-    columns[6], columns[7], columns[8] = covered, lever * x, lever * y
-    columns[9] = left - bare * background
+    columns[: UNKNOWNS - 3] = height * drawn.moved
+    columns[8], columns[9], columns[10] = covered, lever * x, lever * y
+    columns[UNKNOWNS] = left - bare * background
     weight = rims.between(fit.believed)
     weighted = columns * weight
     pieces = list(rims.pieces(going))
     products = np.array([columns[:, piece] @ weighted[:, piece].T for piece in pieces])
-    free = np.bincount(rims.owner, weight, len(now))[going] - UNKNOWNS
+    searched = UNKNOWNS if moments > 1 else UNKNOWNS - 2  # not where nothing moves
+    free = np.bincount(rims.owner, weight, len(now))[going] - searched
     variance = np.maximum(products[:, -1, -1] / np.maximum(free, 4.0), QUANTIZATION)
     typical = now[going, PLATEAU] - _middle(behind[going])
     normal, gradient = _with_expectations(
@@ -349,7 +417,7 @@ def _solve(
     )
     covariance = np.linalg.inv(normal)
     step = (covariance @ gradient[:, :, None])[:, :, 0]
-    off_edge = columns[9]
+    off_edge = columns[UNKNOWNS]
     for piece, one in zip(pieces, step, strict=True):
         off_edge[piece] -= one @ columns[:UNKNOWNS, piece]
     tells = np.maximum(rims.by_sector(by_edge * by_edge, size)[going], 1e-9)
@@ -393,8 +461,10 @@ def _with_expectations(
     std, off = np.full((len(going), UNKNOWNS), math.inf), np.zeros((len(going), UNKNOWNS))
     std[:, 2:5], off[:, 2:5] = start[:, [SHAPE_STD]], fit.shape[going]
     std[:, 5], off[:, 5] = start[:, WIDTH_STD], now[:, WIDTH] - start[:, WIDTH]
+    std[:, 6:8] = start[:, [SMEAR_STD]]
+    off[:, 6:8] = now[:, [SMEAR_U, SMEAR_V]] - start[:, [SMEAR_U, SMEAR_V]]
     tilt_std = settings.tilt_std * np.maximum(np.abs(height), 1.0) / _radius(now)
-    std[:, 7:], off[:, 7:] = tilt_std[:, None], fit.slopes[going]
+    std[:, 9:], off[:, 9:] = tilt_std[:, None], fit.slopes[going]
     known = variance[:, None] / (std * std)
     normal = products[:, :UNKNOWNS, :UNKNOWNS] + (known + 1e-9)[:, :, None] * np.eye(UNKNOWNS)
     return normal, products[:, :UNKNOWNS, UNKNOWNS] - known * off
@@ -406,7 +476,7 @@ def _radius(ellipses: Array) -> Array:
     return np.asarray(np.sqrt(xx * yy - xy * xy))
 
 
-def _move(fit: Fit, step: Array, going: Integers, settings: EllipseSettings) -> Mask:
+def _move(fit: Fit, step: Array, going: Integers, moments: int, settings: EllipseSettings) -> Mask:
     """Change ellipses by steps (n, UNKNOWNS); their axes stay symmetric. Return which still are.
 
     Nothing else of a fit is changed.
@@ -427,10 +497,15 @@ def _move(fit: Fit, step: Array, going: Integers, settings: EllipseSettings) -> 
     now[:, AXIS_XX], now[:, AXIS_XY], now[:, AXIS_YY] = xx, xy, yy
     now[:, WIDTH] += np.clip(step[:, 5], -settings.widest_step, settings.widest_step)
     now[:, WIDTH] = np.clip(now[:, WIDTH], settings.least_blur, settings.most_blur)
-    now[:, PLATEAU] += step[:, 6]
-    fit.slopes[going] += step[:, 7:]
+    if moments > 1:
+        now[:, [SMEAR_U, SMEAR_V]] += np.clip(
+            step[:, 6:8], -settings.smear_step, settings.smear_step
+        )
+    now[:, PLATEAU] += step[:, 8]
+    fit.slopes[going] += step[:, 9:]
     fit.now[going] = now
-    return np.asarray(0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy) >= settings.least_axis)
+    smallest = 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
+    return np.asarray((smallest >= settings.least_axis) & (_smear(now) <= settings.most_smear))
 
 
 def _believed(edges: Array, stds: Array, gently: bool, settings: EllipseSettings) -> Array:

@@ -24,6 +24,7 @@ from pneunet_ros.vision.centroid import (
     Mask,
     outlines,
     SEEN,
+    SMEAR,
 )
 from pneunet_ros.vision.ellipse_fit import AXIS_XX, AXIS_XY, AXIS_YY, BEHIND, PLATEAU
 
@@ -42,6 +43,7 @@ class RowLookSettings:
     )
     least_std: float = tuning(0.0015, 'one sigma of size and shape, at least', unit='radius')
     blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px')
+    smear_std: float = tuning(0.15, 'of the way during an exposure, one sigma at least', unit='px')
     whole: float = tuning(0.87, 'area of a target seen in great part, over that by its neighbors')
     seen: float = tuning(
         0.6, 'share of the visible edge that shows a target of which less is seen'
@@ -57,15 +59,15 @@ ROW_LOOK = RowLookSettings()
 def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
     """Return how targets look by their neighbors, as `outlines` at places (targets, 2) px.
 
-    table (targets, COLUMNS), NaN where one is not seen. Axes and blur are on a line over the
+    table (targets, COLUMNS), NaN where one is not seen. Axes and smear are on a line over the
     nearest neighbors whose edges are whole; how far these are off it is how well it tells. NaN for
     a target that has too few.
     """
     whole = np.flatnonzero(table[:, EXACT] >= settings.exact)
     axes, radius = axes_of(table), np.sqrt(table[:, AREA] / math.pi)
     count = len(table)
-    expected = np.full((count, 3), np.nan)
-    blur, std, level, contrast = np.full((4, count), np.nan)
+    expected, smear = np.full((count, 3), np.nan), np.full((count, 2), np.nan)
+    blur, std, level, contrast, smear_std = np.full((5, count), np.nan)
     for target in range(count):
         others = whole[whole != target]
         near = others[np.argsort(np.abs(others - target), kind='stable')[: settings.neighbors]]
@@ -73,10 +75,12 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
             expected[target], off = _line_at(target, near, axes)
             std[target] = off / float(np.median(radius[near]))
             blur[target] = float(np.median(table[near, BLUR]))
+            smear[target], smear_std[target] = _line_at(target, near, table[:, SMEAR])
             level[target] = float(np.median(table[near, LEVEL]))
             contrast[target] = float(np.median(table[near, CONTRAST]))
     std = np.maximum(std, settings.least_std)
-    starts = outlines(places, expected, blur, std, np.full(count, settings.blur_std))
+    stds = (std, settings.blur_std, np.maximum(smear_std, settings.smear_std))
+    starts = outlines(places, expected, blur, smear, stds)
     starts[:, PLATEAU], starts[:, BEHIND] = level, level - contrast
     return starts
 

@@ -27,6 +27,7 @@ from pneunet_ros.vision.centroid import (
     MAJOR,
     MINOR,
     outlines,
+    SMEAR,
     STD,
     U,
     V,
@@ -59,7 +60,7 @@ class TrackedRow:
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
     area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
     looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
-    spacing: distance of neighbors, px.
+    spacing: distance of neighbors, px; exposure: how long the shutter seems to be open, s.
     """
 
     stamp_ns: int
@@ -69,6 +70,7 @@ class TrackedRow:
     table: Array
     seen: Mask
     spacing: float
+    exposure: float
 
     def predict(self, stamp_ns: int, longest: float) -> Array:
         """Return where the targets are expected at a stamp, (targets, 2) px.
@@ -80,13 +82,14 @@ class TrackedRow:
 
     def outlines(self, places: Array, vision: VisionSettings) -> Array:
         """Return where edges are expected of targets that look as they did; places (n, 2) px."""
-        one, blobs = np.ones(len(places)), vision.blobs
+        blobs, smear = vision.blobs, self.exposure * self.velocity
+        stds = blobs.smear_std + vision.row_tracker.smear_std * np.hypot(*smear.T)
         return outlines(
             places,
             axes_of(self.table),
             self.table[:, BLUR],
-            blobs.shape_std * one,
-            blobs.blur_std * one,
+            smear,
+            (np.full(len(places), blobs.shape_std), blobs.blur_std, stds),
         )
 
 
@@ -315,6 +318,7 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
         table=row.table,
         seen=np.zeros(len(row.table), np.bool_),
         spacing=math.nan,
+        exposure=math.nan,
     )
     return next_row(view, row, nowhere)
 
@@ -329,13 +333,14 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     area[seen] += view.vision.row_tracker.area_gain * (row.table[seen, AREA] - area[seen])
     if not seen.all():
         pixels[~seen] = expected_pixels(view, row.points)[~seen]
-    velocity = np.zeros_like(pixels)
+    velocity, exposure = np.zeros_like(pixels), last.exposure
     both = seen & last.seen
     if both.any():
         seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
         moved = (pixels[both] - last.pixels[both]) / seconds
         for axis in range(2):
             velocity[:, axis] = np.interp(arclength, arclength[both], moved[:, axis])
+        exposure = exposure_of(row.table[both], moved, seconds, last.exposure, view.vision)
     steps = np.hypot(*np.diff(pixels, axis=0).T)
     known = steps[np.isfinite(steps)]
     looked = np.where(seen[:, None], row.table, last.table)
@@ -347,7 +352,28 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         table=looked,
         seen=seen,
         spacing=float(np.median(known)) if known.size else math.nan,
+        exposure=exposure,
     )
+
+
+def exposure_of(
+    table: Array, velocity: Array, seconds: float, before: float, vision: VisionSettings
+) -> float:
+    """Return how long (s) the shutter seems to be open, by how far targets are smeared.
+
+    velocity (n, 2) px/s; seconds: between frames; before: what it seemed to be in the last frame,
+    NaN where nothing is known. Where hardly anything moves a frame tells nothing of it.
+    """
+    settings = vision.row_tracker
+    least, most = settings.least_exposure * seconds, settings.most_exposure * seconds
+    if math.isnan(before):
+        before = settings.first_exposure * seconds
+    smeared = (table[:, SMEAR] != 0.0).any(axis=1)
+    square = np.sum(velocity[smeared] ** 2)
+    if square * seconds**2 < settings.least_way**2:
+        return before
+    along = np.sum(np.abs(np.sum(velocity[smeared] * table[smeared, SMEAR], axis=1)))
+    return float(np.clip(along / square, least, most))
 
 
 def gate_row(
