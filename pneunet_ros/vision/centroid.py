@@ -32,7 +32,9 @@ from pneunet_ros.vision.ellipse_fit import (
     FITTED,
     NEAR_EDGE,
     ON_EDGE,
+    OUTSIDE,
     PLATEAU,
+    PLATEAU_STD,
     SHAPE_STD,
     SMEAR_STD,
     SMEAR_U,
@@ -47,8 +49,9 @@ Mask = npt.NDArray[np.bool_]
 
 # Columns of a measured blob.
 U, V, AREA, MAJOR, MINOR, ANGLE, STD, CONTRAST, BLUR, SEEN, EXACT, LEVEL, FILLED = range(13)
-SMEAR = slice(13, 15)  # way of the blob while the shutter is open, px
-COLUMNS = 15
+BEYOND = 13
+SMEAR = slice(14, 16)  # way of the blob while the shutter is open, px
+COLUMNS = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +66,7 @@ class Look:
 def outlines(
     places: Array, axes: Array, blur: Array, smear: Array, stds: tuple[Array, float, Array]
 ) -> Array:
-    """Return where fits begin (n, FITTED).
+    """Return where fits begin (n, FITTED), of blobs as bright as they may be.
 
     places (n, 2) px; axes (n, 3) px: xx, xy, yy of the symmetric matrix that maps the unit circle
     to the ellipse; blur (n,) px; smear (n, 2) px: way while the shutter is open; stds: how well
@@ -73,7 +76,9 @@ def outlines(
     starts[:, [CENTER_U, CENTER_V]] = places
     starts[:, [AXIS_XX, AXIS_XY, AXIS_YY]] = axes
     starts[:, WIDTH], starts[:, [SMEAR_U, SMEAR_V]] = blur, smear
+    starts[:, [PLATEAU, BEHIND]] = 0.0
     starts[:, SHAPE_STD], starts[:, WIDTH_STD], starts[:, SMEAR_STD] = stds
+    starts[:, PLATEAU_STD] = math.inf
     return starts
 
 
@@ -96,7 +101,7 @@ def measure_outlines(
 ) -> Array:
     """Return rows (n, COLUMNS) of the blobs at these outlines; NaN where none can be a target."""
     rows = np.full((len(starts), COLUMNS), np.nan)
-    known = np.isfinite(starts[:, : SMEAR_STD + 1]).all(axis=1)
+    known = ~np.isnan(starts[:, : PLATEAU_STD + 1]).any(axis=1)
     # One kind of array, for which the kernel is compiled once.
     pixels = np.ascontiguousarray(grey).view()
     pixels.flags.writeable = False
@@ -119,6 +124,7 @@ def _rows(fitted: Array) -> Array:
     rows[:, ANGLE] = 0.5 * np.arctan2(aslant, half_difference)
     rows[:, STD], rows[:, BLUR] = fitted[:, ERROR], fitted[:, WIDTH]
     rows[:, CONTRAST] = fitted[:, PLATEAU] - fitted[:, BEHIND]
+    rows[:, BEYOND] = fitted[:, OUTSIDE]
     rows[:, SMEAR] = fitted[:, [SMEAR_U, SMEAR_V]]
     rows[:, LEVEL], rows[:, FILLED] = fitted[:, PLATEAU], fitted[:, WITHIN]
     rows[:, SEEN], rows[:, EXACT] = fitted[:, NEAR_EDGE], fitted[:, ON_EDGE]

@@ -22,15 +22,17 @@ Mask = npt.NDArray[np.bool_]
 
 # An ellipse, before and after the fit: center u, v px; symmetric axes (xx, xy, yy) px, which map
 # the unit circle to it; blur px of its edge where it does not move; its way while the shutter is
-# open, px (forward or backward: a picture does not tell).
+# open, px (forward or backward: a picture does not tell); grey levels of plateau and background.
 CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH, SMEAR_U, SMEAR_V = range(8)
-# Only before: how well its size and shape (of its radius), blur and way (px) are known, one sigma.
-SHAPE_STD, WIDTH_STD, SMEAR_STD = range(8, 11)
-# Only after: std of the center px, grey levels of plateau and background; share near the ellipse
-# of the edge that can be seen, and share exactly on it of all the edge; share of what is within
-# that is as bright as the plateau.
-ERROR, PLATEAU, BEHIND, NEAR_EDGE, ON_EDGE, WITHIN = range(8, 14)
-FITTED = 14
+PLATEAU, BEHIND = 8, 9
+# Only before: how well its size and shape (of its radius), blur and way (px) and plateau are
+# known, one sigma; infinite of a plateau that is not known.
+SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD = range(10, 14)
+# Only after: std of the center px; share near the ellipse of the edge that can be seen, and share
+# exactly on it of all the edge; share of what is within that is as bright as it is drawn; share of
+# all the edge that is clearly outside of the ellipse.
+ERROR, NEAR_EDGE, ON_EDGE, WITHIN, OUTSIDE = range(10, 15)
+FITTED = 15
 
 # What is searched: way of the center; size, two changes of shape; blur; way of motion; plateau and
 # its slopes.
@@ -69,13 +71,24 @@ class EllipseSettings:
     least_off: float = tuning(0.02, 'usual distance of edges from the outline', unit='px')
     knows: float = tuning(0.3, 'error of the place of an edge that tells anything', unit='px')
     told: float = tuning(0.5, 'share of the sectors in which an edge can be seen, at least')
-    within: float = tuning(0.9, 'share of a pixel that a blob covers where it is its inside')
-    plain: float = tuning(0.3, 'inside of a blob, darker than the plateau at most', unit='height')
+    within: float = tuning(
+        0.9, 'of the most that a blob covers of a pixel, where it is its inside'
+    )
+    plain: float = tuning(0.3, 'inside of a blob, darker than it is drawn at most', unit='height')
     on_edge: float = tuning(0.03, 'distance of an edge that is on the outline', unit='px')
     near_edge: float = tuning(0.12, 'distance of an edge that is near the outline', unit='px')
     near_edge_share: float = tuning(0.02, 'the same, added', unit='radius')
-    model_error: float = tuning(
-        0.004, 'of the center, for what no blob exactly is', unit='px', source='measured'
+    uneven: float = tuning(
+        0.8,
+        'of what is on either side of an edge, not explained',
+        unit='grey level',
+        source='measured',
+    )
+    smear_error: float = tuning(
+        0.0022,
+        'of the center, for backgrounds that move along',
+        unit='way^2 / radius',
+        source='measured',
     )
 
 
@@ -171,7 +184,7 @@ class Solution(NamedTuple):
 
     step (n, UNKNOWNS); error (n,) px: of the center; behind (n, sectors): grey levels of the
     background; edges, stds (n, sectors): how far an edge is outside of the outline, px, and how
-    well that is known; inside, pixels: which pixels are the inside of their ellipses.
+    well that is known; inside: the pixels that ellipses cover most; covered (pixels,): how much.
     """
 
     step: Array
@@ -180,6 +193,7 @@ class Solution(NamedTuple):
     edges: Array
     stds: Array
     inside: Rims
+    covered: Array
 
 
 def fit_ellipses(grey: Bytes, starts: Array, settings: EllipseSettings = ELLIPSE) -> Array:
@@ -216,7 +230,8 @@ def _fit_together(
     fit.now[:, WIDTH] = np.clip(starts[:, WIDTH], settings.least_blur, settings.most_blur)
     if moments == 1:
         fit.now[:, [SMEAR_U, SMEAR_V]] = 0.0
-    fit.now[:, PLATEAU] = _first_plateaus(rims, starts, settings)
+    unknown = np.isinf(starts[:, PLATEAU_STD])
+    fit.now[unknown, PLATEAU] = _first_plateaus(rims, starts, settings)[unknown]
     fitted = np.full_like(starts, np.nan)
     going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
     rims = rims.of(going, count)
@@ -421,15 +436,29 @@ def _solve(
     for piece, one in zip(pieces, step, strict=True):
         off_edge[piece] -= one @ columns[:UNKNOWNS, piece]
     tells = np.maximum(rims.by_sector(by_edge * by_edge, size)[going], 1e-9)
+    most = np.zeros(len(now))
+    np.maximum.at(most, rims.owner, covered)
+    inside = covered > settings.within * most[rims.owner]
     larger = variance * np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])
     return Solution(
         step=step,
-        error=np.sqrt(larger + settings.model_error**2),
+        error=np.sqrt(larger + _model_error(now[going], typical, settings) ** 2),
         behind=behind[going],
         edges=rims.by_sector(by_edge * off_edge, size)[going] / tells,
         stds=np.sqrt(variance[:, None] / tells),
-        inside=rims.only(covered > settings.within),
+        inside=rims.only(inside),
+        covered=covered[inside],
     )
+
+
+def _model_error(ellipses: Array, height: Array, settings: EllipseSettings) -> Array:
+    """Return how far centers are off (n,), px, as no blob is exactly what is drawn.
+
+    A surface that is uneven moves an edge by its grey levels over the height (n,) of the edge.
+    """
+    uneven = settings.uneven / np.maximum(np.abs(height), 1.0)
+    smeared = settings.smear_error * _smear(ellipses) ** 2 / _radius(ellipses)
+    return np.asarray(np.hypot(uneven, smeared))
 
 
 def _smoothed(sums: Array) -> Array:
@@ -463,6 +492,8 @@ def _with_expectations(
     std[:, 5], off[:, 5] = start[:, WIDTH_STD], now[:, WIDTH] - start[:, WIDTH]
     std[:, 6:8] = start[:, [SMEAR_STD]]
     off[:, 6:8] = now[:, [SMEAR_U, SMEAR_V]] - start[:, [SMEAR_U, SMEAR_V]]
+    std[:, 8] = start[:, PLATEAU_STD]
+    off[:, 8] = np.where(np.isinf(std[:, 8]), 0.0, now[:, PLATEAU] - start[:, PLATEAU])
     tilt_std = settings.tilt_std * np.maximum(np.abs(height), 1.0) / _radius(now)
     std[:, 9:], off[:, 9:] = tilt_std[:, None], fit.slopes[going]
     known = variance[:, None] / (std * std)
@@ -546,18 +577,22 @@ def _results(
     fitted[:, [CENTER_U, CENTER_V]] = starts[which][:, [CENTER_U, CENTER_V]] + fit.off[which]
     fitted[:, ERROR] = found.error[ended]
     fitted[:, BEHIND] = _middle(found.behind[ended])
-    dark = np.full(len(fit.now), math.nan)
-    height = fitted[:, PLATEAU] - fitted[:, BEHIND]
-    dark[which] = fitted[:, PLATEAU] - settings.plain * height
-    owner, count = found.inside.owner, len(dark)
-    plain = np.bincount(owner[found.inside.levels >= dark[owner]], minlength=count)
+    levels = np.full((len(fit.now), 2), math.nan)
+    levels[which] = fitted[:, [PLATEAU, BEHIND]]
+    owner, count = found.inside.owner, len(levels)
+    plateau, behind = levels[owner].T
+    least = behind + (found.covered - settings.plain) * (plateau - behind)
+    plain = np.bincount(owner[found.inside.levels >= least], minlength=count)
     fitted[:, WITHIN] = (plain / np.maximum(np.bincount(owner, minlength=count), 1))[which]
-    edges, stds = np.abs(found.edges[ended]), found.stds[ended]
+    edges, stds = found.edges[ended], found.stds[ended]
+    clear = stds < settings.knows
     near = settings.near_edge + settings.near_edge_share * _radius(fitted)[:, None]
-    told = np.count_nonzero(stds < settings.knows, axis=1)
-    seen = np.count_nonzero((stds < settings.knows) & (edges < near + 2.0 * stds), axis=1)
+    told = np.count_nonzero(clear, axis=1)
+    seen = np.count_nonzero(clear & (np.abs(edges) < near + 2.0 * stds), axis=1)
     enough = told >= settings.told * settings.sectors
     fitted[:, NEAR_EDGE] = np.where(enough, seen / np.maximum(told, 1), 0.0)
-    on_edge = (stds < settings.knows) & (edges < settings.on_edge + 2.0 * stds)
+    on_edge = clear & (np.abs(edges) < settings.on_edge + 2.0 * stds)
     fitted[:, ON_EDGE] = np.count_nonzero(on_edge, axis=1) / settings.sectors
+    outside = clear & (edges > near + 2.0 * stds)
+    fitted[:, OUTSIDE] = np.count_nonzero(outside, axis=1) / settings.sectors
     return fitted

@@ -15,6 +15,7 @@ from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.centroid import (
     AREA,
     axes_of,
+    BEYOND,
     BLUR,
     CONTRAST,
     EXACT,
@@ -25,8 +26,9 @@ from pneunet_ros.vision.centroid import (
     outlines,
     SEEN,
     SMEAR,
+    STD,
 )
-from pneunet_ros.vision.ellipse_fit import AXIS_XX, AXIS_XY, AXIS_YY, BEHIND, PLATEAU
+from pneunet_ros.vision.ellipse_fit import AXIS_XX, AXIS_XY, AXIS_YY, BEHIND, PLATEAU, PLATEAU_STD
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +46,14 @@ class RowLookSettings:
     least_std: float = tuning(0.0015, 'one sigma of size and shape, at least', unit='radius')
     blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px')
     smear_std: float = tuning(0.15, 'of the way during an exposure, one sigma at least', unit='px')
+    level_std: float = tuning(0.03, 'of the plateau, one sigma at least', unit='contrast')
     whole: float = tuning(0.87, 'area of a target seen in great part, over that by its neighbors')
     seen: float = tuning(
         0.6, 'share of the visible edge that shows a target of which less is seen'
+    )
+    beyond: float = tuning(0.15, 'share of the edge that lies outside of the outline, at most')
+    part_error: float = tuning(
+        0.05, 'of a part that moves along what covers it', unit='radius', source='measured'
     )
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
     level: float = tuning(0.25, 'a target brighter or darker than neighbors', unit='contrast')
@@ -59,15 +66,15 @@ ROW_LOOK = RowLookSettings()
 def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
     """Return how targets look by their neighbors, as `outlines` at places (targets, 2) px.
 
-    table (targets, COLUMNS), NaN where one is not seen. Axes and smear are on a line over the
-    nearest neighbors whose edges are whole; how far these are off it is how well it tells. NaN for
-    a target that has too few.
+    table (targets, COLUMNS), NaN where one is not seen. Axes, smear and plateau are on a
+    line over the nearest neighbors whose edges are whole; how far these are off it is how well it
+    tells. NaN for a target that has too few.
     """
     whole = np.flatnonzero(table[:, EXACT] >= settings.exact)
     axes, radius = axes_of(table), np.sqrt(table[:, AREA] / math.pi)
     count = len(table)
     expected, smear = np.full((count, 3), np.nan), np.full((count, 2), np.nan)
-    blur, std, level, contrast, smear_std = np.full((5, count), np.nan)
+    blur, std, level, level_std, contrast, smear_std = np.full((6, count), np.nan)
     for target in range(count):
         others = whole[whole != target]
         near = others[np.argsort(np.abs(others - target), kind='stable')[: settings.neighbors]]
@@ -76,12 +83,13 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
             std[target] = off / float(np.median(radius[near]))
             blur[target] = float(np.median(table[near, BLUR]))
             smear[target], smear_std[target] = _line_at(target, near, table[:, SMEAR])
-            level[target] = float(np.median(table[near, LEVEL]))
+            (level[target],), level_std[target] = _line_at(target, near, table[:, [LEVEL]])
             contrast[target] = float(np.median(table[near, CONTRAST]))
     std = np.maximum(std, settings.least_std)
     stds = (std, settings.blur_std, np.maximum(smear_std, settings.smear_std))
     starts = outlines(places, expected, blur, smear, stds)
     starts[:, PLATEAU], starts[:, BEHIND] = level, level - contrast
+    starts[:, PLATEAU_STD] = np.maximum(level_std, settings.level_std * contrast)
     return starts
 
 
@@ -111,9 +119,21 @@ def believable_parts(
     """Whether targets of which a part was found (targets, COLUMNS) are what their neighbors are.
 
     expected: as `looks_of_neighbors`; share: as `share_of_area`. What covers a target is of
-    another grey, and has an edge of its own.
+    another grey, and has an edge of its own; it takes from the target, and never adds to it.
     """
     off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
     alike = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
     edge = (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
-    return np.asarray(alike & edge & (found[:, FILLED] >= settings.filled))
+    within = found[:, BEYOND] <= settings.beyond
+    return np.asarray(alike & edge & within & (found[:, FILLED] >= settings.filled))
+
+
+def part_stds(found: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
+    """Return the standard errors of the centers of targets of which a part was found, px.
+
+    found (targets, COLUMNS). Where a target moves along the edge that covers it while the shutter
+    is open, its own edge and that one look alike, and the outline fits between them.
+    """
+    radius = np.sqrt(found[:, AREA] / math.pi)
+    moved = np.minimum(np.hypot(*found[:, SMEAR].T) / radius, 1.0)
+    return np.asarray(np.hypot(found[:, STD], settings.part_error * radius * moved**2))

@@ -48,7 +48,12 @@ from pneunet_ros.vision.rest_plane import (
     row_at_rest,
     row_points,
 )
-from pneunet_ros.vision.row_look import believable_parts, looks_of_neighbors, share_of_area
+from pneunet_ros.vision.row_look import (
+    believable_parts,
+    looks_of_neighbors,
+    part_stds,
+    share_of_area,
+)
 from pneunet_ros.vision.settings import VisionSettings
 from pneunet_ros.vision.working_plane import Plane
 
@@ -181,6 +186,7 @@ def with_partial(
     asked = np.flatnonzero(partial)
     found = np.full_like(row.table, np.nan)
     found[asked] = blobs_at(view.image, expected[asked], view.appearance)
+    found[:, STD] = part_stds(found, settings)
     reach = settings.moved * np.sqrt(usual / math.pi)
     believed = np.hypot(*(found[:, :2] - places).T) <= reach
     believed &= believable_parts(found, expected, share, settings)
