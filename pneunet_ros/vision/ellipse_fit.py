@@ -79,7 +79,7 @@ class EllipseSettings:
     near_edge: float = tuning(0.12, 'distance of an edge that is near the outline', unit='px')
     near_edge_share: float = tuning(0.02, 'the same, added', unit='radius')
     uneven: float = tuning(
-        0.8,
+        0.7,
         'of what is on either side of an edge, not explained',
         unit='grey level',
         source='measured',

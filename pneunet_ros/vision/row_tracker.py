@@ -193,7 +193,7 @@ def with_partial(
     if not believed.any():
         return row
     table = np.where(believed[:, None], found, row.table)
-    more = gate_row(view, table, usual, last)
+    more = gate_row(view, table, usual, last, believed)
     return more if more.seen >= row.seen else row
 
 
@@ -387,10 +387,12 @@ def gate_row(
     table: Array,
     usual: Array,
     last: TrackedRow | None = None,
+    parts: Mask | None = None,
 ) -> ObservedRow:
     """Return the blobs of a table that are believed to be targets.
 
-    usual (targets,) px^2: how large they are compared with each other. Those that were seen in the
+    usual (targets,) px^2: how large they are compared with each other; parts (targets,): which of
+    them were measured by a part, with the size of their neighbors. Those that were seen in the
     last row must have moved as their neighbors; without one the ends of the row must be near the
     other targets.
     """
@@ -405,9 +407,10 @@ def gate_row(
         farthest = math.inf
     normalized = view.lens.undistort(table[:, :2])
     points = view.plane.points(normalized)
-    points[~consistent_size(table[:, AREA], usual, table[:, MAJOR] / table[:, MINOR], gating)] = (
-        np.nan
-    )
+    sized = consistent_size(table[:, AREA], usual, table[:, MAJOR] / table[:, MINOR], gating)
+    if parts is not None:
+        sized |= parts
+    points[~sized] = np.nan
     x, y = np.ascontiguousarray(points.T)
     seen = consistent_spacing(x, y, view.arclength, farthest, gating_numbers(gating))
     std = table[:, STD] * view.lens.scale(normalized) * view.plane.scale(normalized)
