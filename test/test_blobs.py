@@ -319,7 +319,9 @@ def test_a_target_cut_off_by_the_end_of_the_arm_is_where_its_center_would_be(bey
     for seed in range(20):
         center = 20.0 + np.random.default_rng(seed).uniform(-0.5, 0.5, 2)
         image = image_of(cut_dot(center, 5.0, 0.7, beyond, seed=seed))
-        tied = outlines(center[None] + 0.3, axes_of(whole), whole[:, BLUR], [0.0015], [0.1])
+        stds = (np.array([0.0015]), 0.1, np.array([0.15]))
+        still = np.zeros((1, 2))
+        tied = outlines(center[None] + 0.3, axes_of(whole), whole[:, BLUR], still, stds)
         (row,) = blobs_at(image, tied, Appearance(band=BAND, limits=LIMITS))
         errors.append(row[:2] - center)
         claims.append(row[STD])

@@ -54,7 +54,7 @@ def test_neighbors_tell_a_size_that_changes_along_the_arm(target):
     assert expected[AXIS_XY] == pytest.approx((long - short) * cosine * sine)
     assert expected[AXIS_YY] == pytest.approx(long * sine**2 + short * cosine**2)
     assert expected[SHAPE_STD] == ROW_LOOK.least_std
-    assert (expected[PLATEAU], expected[BEHIND]) == (220.0, 50.0)
+    assert expected[[PLATEAU, BEHIND]] == pytest.approx([220.0, 50.0])
     share = share_of_area(table, looks_of_neighbors(table, table[:, :2]))
     assert share[target] == pytest.approx(0.9)
     assert np.delete(share, target) == pytest.approx(1.0)

@@ -51,6 +51,10 @@ class RowLookSettings:
     seen: float = tuning(
         0.6, 'share of the visible edge that shows a target of which less is seen'
     )
+    appeared: float = tuning(
+        0.25, 'the same, off where the row is, of a doubtful one', unit='radius'
+    )
+    worse: float = tuning(5.0, 'error of a doubtful part, over that of the others')
     beyond: float = tuning(0.15, 'share of the edge that lies outside of the outline, at most')
     part_error: float = tuning(
         0.05, 'of a part that moves along what covers it', unit='radius', source='measured'

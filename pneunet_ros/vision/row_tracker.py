@@ -187,14 +187,35 @@ def with_partial(
     found = np.full_like(row.table, np.nan)
     found[asked] = blobs_at(view.image, expected[asked], view.appearance)
     found[:, STD] = part_stds(found, settings)
-    reach = settings.moved * np.sqrt(usual / math.pi)
-    believed = np.hypot(*(found[:, :2] - places).T) <= reach
+    radius = np.sqrt(usual / math.pi)
+    believed = np.hypot(*(found[:, :2] - places).T) <= settings.moved * radius
     believed &= believable_parts(found, expected, share, settings)
+    if last is not None:
+        # What was not seen before must be on the row: a finger nail is as bright and as large.
+        worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
+        believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
     if not believed.any():
         return row
     table = np.where(believed[:, None], found, row.table)
     more = gate_row(view, table, usual, last, believed)
     return more if more.seen >= row.seen else row
+
+
+def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> Mask:
+    """Whether doubtful targets are where those on either side of them say (targets,).
+
+    found (targets, columns): where each is; doubtful (targets,): which appear by a part, or fit
+    badly. True of all others, and of those at an end of what is seen.
+    """
+    others = np.where(doubtful[:, None], np.nan, row.points)
+    seen = np.flatnonzero(np.isfinite(others[:, 0]))
+    if seen.size < 2:
+        return ~doubtful
+    between = np.zeros_like(doubtful)
+    between[seen[0] : seen[-1]] = True
+    off = np.hypot(*(found[:, :2] - expected_pixels(view, others)).T)
+    reach = view.vision.row_look.appeared * np.sqrt(found[:, AREA] / math.pi)
+    return np.asarray(~(doubtful & between) | (off <= reach))
 
 
 def search_row(view: View) -> ObservedRow | Failure:
