@@ -30,7 +30,7 @@ help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 .PHONY: setup
-setup: $(VENV)/all ## make .venv with all that running, testing and ROS need
+setup: $(VENV)/kernels ## make .venv with all that running, testing and ROS need, kernels compiled
 
 .PHONY: demo
 demo: $(VENV)/run ## the first minute: the arm of the paper, replayed
@@ -85,9 +85,13 @@ colcon: $(COLCON)/all ## build as on a robot, with colcon from PyPI: install/loc
 	test -x install/pneunet_ros/lib/pneunet_ros/virtual_arm
 	test -x install/pneunet_ros/lib/pneunet_ros/pneunet_stack
 
+.PHONY: docs
+docs: $(VENV)/all ## the pages as a site: build/docs/index.html
+	$(VENV)/bin/python -m sphinx -W --keep-going -q docs build/docs
+
 .PHONY: clean
 clean: ## remove all that was made here
-	rm -rf $(VENV) $(OLDEST) $(COLCON) build install log dist demo *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(COLCON) build install log dist demo *.egg-info docs/generated docs/index.md .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find pneunet_ros test bench acceptance examples launch -name __pycache__ -prune -exec rm -rf {} +
 
 # One environment for one version of Python.
@@ -110,8 +114,7 @@ $(VENV)/all: $(VENV)/python-$(VERSION) setup.py
 # The kernels, once, before several test processes want them; seconds where they are compiled.
 .PHONY: $(VENV)/kernels
 $(VENV)/kernels: $(VENV)/all
-	@echo 'compiling the kernels, once: some minutes, then kept'
-	@cd test && ../$(VENV)/bin/python -m support.compile_kernels > /dev/null
+	@$(VENV)/bin/python -m pneunet_ros.cli compile
 
 # Nothing is compiled, so that no compiler is needed; empy is plain Python and has no wheel.
 $(OLDEST)/all: $(OLDEST)/python-$(VERSION) setup.py test/constraints-oldest.txt

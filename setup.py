@@ -1,12 +1,16 @@
 """Install by `pip install .` (commands in bin/) or by `colcon build` (in lib/pneunet_ros/)."""
 
 from pathlib import Path
+import re
+import sys
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'pneunet_ros'
 SHARE = f'share/{PACKAGE}'
-SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags', 'scenarios')
+# Of the recordings the one of `pneunet demo` alone: the others are megabytes, for a checkout.
+SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags/table1', 'scenarios')
+NODES = ('estimator', 'tracker', 'virtual_arm')
 
 
 def shipped_files():
@@ -19,6 +23,30 @@ def shipped_files():
             yield f'{SHARE}/{file.parent.as_posix()}', [str(file)]
 
 
+def commands():
+    """Commands and what they call.
+
+    Colcon keeps the commands of a package in a folder, where `ros2 run` looks.
+    pip puts them on everybody's PATH, so there they carry the name of the package.
+    """
+    stack = 'pneunet_ros.nodes.stack:main'
+    nodes = {node: f'pneunet_ros.nodes.{node}.__main__:main' for node in NODES}
+    if {'install', 'develop'} & set(sys.argv):  # colcon and bloom; pip asks for a wheel
+        named = {**nodes, 'pneunet_stack': stack}
+    else:
+        named = {f'pneunet-{node.replace("_", "-")}': main for node, main in nodes.items()}
+        named['pneunet-stack'] = stack
+    named = {'pneunet': 'pneunet_ros.cli.__main__:main', **named}
+    return [f'{name} = {main}' for name, main in named.items()]
+
+
+def long_description():
+    """README.md without what leads to other files: no index of packages has these."""
+    text = Path('README.md').read_text(encoding='utf-8')
+    text = re.sub(r'!\[([^]]*)\]\((?!https?:)[^)]*\)\n*', '', text)
+    return re.sub(r'\[([^]]+)\]\((?!https?:)[^)]*\)', r'\1', text)
+
+
 CLUSTER = ['distributed>=2024.2']
 TEST = [
     *CLUSTER,
@@ -28,14 +56,32 @@ TEST = [
     'scikit-image>=0.22',
     'scikit-learn>=1.4',
 ]
+DOCS = ['furo>=2024.1', 'myst-parser>=3', 'sphinx>=7.2']
 # The wheels of ROS 2 Jazzy exist for Linux on x86-64; elsewhere ROS comes from its own packages.
 WHEELS = 'sys_platform == "linux" and platform_machine == "x86_64" and python_version < "3.14"'
 
 setup(
     name=PACKAGE,
+    # This line and <version> in package.xml are those that `catkin_prepare_release` rewrites.
     version='0.1.0',
     description='Shape of a pneumatic soft arm (PneuNet) from its pressure and its end load',
+    long_description=long_description(),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
+    license_files=['LICENSE'],
+    keywords=['soft robotics', 'pneu-net', 'rod model', 'calibration', 'ROS 2'],
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Environment :: Console',
+        'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Programming Language :: Python :: 3 :: Only',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Topic :: Scientific/Engineering :: Physics',
+        'Typing :: Typed',
+    ],
     maintainer='pneunet_ros maintainers',
     maintainer_email='maintainers@pneunet.invalid',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
@@ -63,9 +109,13 @@ setup(
             f'ros-jazzy-common-interfaces; {WHEELS}',
         ],
         'cluster': CLUSTER,
+        'completion': ['argcomplete>=2'],
+        'docs': DOCS,
         'test': TEST,
         'dev': [
+            *DOCS,
             *TEST,
+            'argcomplete>=2',
             'pytest-xdist>=3.4',
             'import-linter>=2.5',
             'mypy>=2.4,<2.5',
@@ -74,13 +124,5 @@ setup(
         ],
     },
     zip_safe=True,
-    entry_points={
-        'console_scripts': [
-            'pneunet = pneunet_ros.cli.main:main',
-            'estimator = pneunet_ros.nodes.estimator.node:main',
-            'tracker = pneunet_ros.nodes.tracker.node:main',
-            'virtual_arm = pneunet_ros.nodes.virtual_arm.node:main',
-            'pneunet_stack = pneunet_ros.nodes.stack:main',
-        ],
-    },
+    entry_points={'console_scripts': commands()},
 )

@@ -35,6 +35,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import FluidPressure, PointCloud2
 
 MODEL, CAMERA = share_path('config/lab_arm.yaml'), share_path('config/lab_camera.yaml')
+NAMESPACE = '/pneunet'
 LOWEST, HIGHEST, PERIOD = 4e3, 46e3, 16.0  # Pa, Pa, s
 START_TIMEOUT = 900.0  # s; the very first time kernels are compiled, by all nodes at once
 STILL_STARTING = 30.0  # s, after which this is said, and again
@@ -45,7 +46,8 @@ class Process:
 
     def __init__(self, node: str, *parameters: str) -> None:
         given = [text for parameter in parameters for text in ('-p', parameter)]
-        command = [sys.executable, '-m', f'pneunet_ros.nodes.{node}', '--ros-args', *given]
+        start = [sys.executable, '-m', f'pneunet_ros.nodes.{node}', '--ros-args']
+        command = [*start, '-r', f'__ns:={NAMESPACE}', *given]
         # In a session of its own, so that Ctrl-C here does not hit it while it is starting.
         self.node, self.process = node, subprocess.Popen(command, start_new_session=True)
 
@@ -64,7 +66,7 @@ class Watcher(Node):
     """Commands a pressure and listens to everybody."""
 
     def __init__(self) -> None:
-        super().__init__('live', namespace='/pneunet')
+        super().__init__('live', namespace=NAMESPACE)
         self.arclength = load_model(MODEL).target_arclength
         self.begun: float | None = None
         self.tip: Any = None

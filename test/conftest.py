@@ -50,10 +50,15 @@ LENGTHY = """
     gaussian_model
     generic_field golden hypothesis lab_day lab_live lab_renderer lack_of_fit
     linearization localization lab_effects map_estimation named_effects noise_estimate
-    outside_effects packaging pages preview published readme recording_writer refit replay
-    score_test
-    simulate_verb simulation smoother solver track tracker walkthrough working_plane_and_lens
+    outside_effects packaging page_commands pages preview published recording_writer refit
+    replay score_test
+    simulate_verb simulation smoother solver track tracker working_plane_and_lens
 """
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let the test of the pages put into them what their commands print."""
+    parser.addoption('--rewrite', action='store_true', help='rewrite outputs shown on pages')
 
 
 def pytest_configure() -> None:

@@ -12,6 +12,7 @@ import sys
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.atomic import (
     atomic_output,
+    outputs_written,
     PARTIAL,
     REPLACED,
     SCRATCH,
@@ -64,6 +65,20 @@ def test_after_an_exception_nothing_is_left(tmp_path, error):
         temporary.write_text('1')
         raise error
     assert names(tmp_path) == []
+
+
+def test_an_interrupted_run_knows_what_it_has_written(tmp_path):
+    before = outputs_written()
+    first, second = str(tmp_path / 'first'), tmp_path / 'second'
+    with atomic_output(first) as temporary:
+        temporary.write_text('1')
+    with pytest.raises(KeyboardInterrupt), atomic_output(second) as temporary:
+        temporary.write_text('2')
+        raise KeyboardInterrupt
+    assert outputs_written() == [*before, first]
+    Path(first).unlink()
+    second.write_text('of somebody else')
+    assert outputs_written() == before
 
 
 def test_an_existing_output_is_refused_before_any_work(tmp_path):

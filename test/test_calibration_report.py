@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import re
 
 import numpy as np
 from pneunet_ros.calibration.tip_force import EndForces
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.unit_system import dimensionless
 from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.calibration import report as calibration_report
 from pneunet_ros.reports.calibration.figures import calibration_figures
@@ -62,7 +64,7 @@ def test_pictures_are_in_the_page_and_beside_it(report):
     path, text, _ = report
     files = sorted(path.parent.glob('figure_*.png'))
     assert len(files) == 13
-    assert text.count('data:image/png;base64,') == len(files)
+    assert text.count('data:image/svg+xml;base64,') == len(files)
     assert sorted(item.name for item in path.parent.iterdir()) == sorted(
         [item.name for item in files] + ['index.html']
     )
@@ -147,7 +149,7 @@ def test_an_earlier_report_is_replaced_only_when_asked(monkeypatch, tmp_path):
 
 
 def test_nothing_is_left_of_a_report_that_fails(monkeypatch, tmp_path):
-    def failing(found, on_progress):
+    def failing(found, on_progress, units):
         raise RecordingError('no picture')
 
     monkeypatch.setattr(calibration_report, 'calibration_figures', failing)
@@ -171,3 +173,22 @@ def test_intervals_that_miss_the_force_are_counted():
     assert 'found in 3 of 4 frames' in first
     assert '67 % and 100 %' in first
     assert 'no force was found in any of 4 frames' in second
+
+
+def test_tables_have_captions_and_heads_and_long_ones_are_folded(report):
+    text = report[1]
+    long = re.findall(r'<table>.*?</table>', text, re.DOTALL)
+    assert len(long) >= 3
+    assert all('<caption>' in table and '<thead>' in table for table in long)
+    assert '<summary>kappa_p0 over pressure and arclength' in text
+    assert text.count('<main>') == 1
+    assert 'class="skip" href="#answer"' in text
+    assert 'id="answer"' in text
+
+
+def test_dimensionless_axes_are_said(tmp_path):
+    scaled = dimensionless(0.112, 0.17)
+    pictures = {'paper': (), 'residuals': ()}
+    page = calibration_report.report_page(calibration(), pictures, {}, scaled)
+    assert 'lengths by l = 112 mm, forces by mg = 0.17 N' in page
+    assert 'lengths by l' not in calibration_report.report_page(calibration(), pictures, {})

@@ -23,7 +23,7 @@ def test_a_model_that_misses_something_is_to_be_diagnosed():
     poor = replace(found, joint=replace(found.joint, chi_squared=9.0 * found.joint.dof))
     verdict = verdict_of(poor)
     assert 'does not fit' in verdict.fit
-    assert '3 times the noise' in verdict.fit
+    assert 'worse than the noise: 3 times it' in verdict.fit
     assert verdict.command.startswith('pneunet diagnose')
 
 

@@ -42,6 +42,7 @@ MODEL = share_path('config/paper_arm.yaml')
 ARM = load_model(MODEL)
 LOADED = ['predict', '--pressure', '31e3', '--force', '0.175', '0.07']
 PREDICTED = {
+    'units', 'scales', 'force_std', 'force_covariance',
     'status', 'converged', 'residual', 'iterations', 'stable', 'extrapolated', 'pressure',
     'force', 'moment_at_end', 'arclength', 'x', 'y', 'theta', 'curvature', 'intrinsic_curvature',
     'moment', 'tip', 'tip_std', 'std_leaves_out', 'warnings', 'jacobian',
@@ -124,7 +125,13 @@ def test_help_of_every_verb_explains_every_option(run, verb):
 
 def test_help_of_predict_has_units_and_defaults(run):
     out = ' '.join(run('predict', '--help')[1].split())
-    for words in ('pressure, Pa', ', N (default: 0 0)', 'N m (default: 0)', 'free end, m', '57)'):
+    for words in (
+        'pressure, Pa',
+        ', N (default: 0 0)',
+        'N m (default: 0)',
+        'of the tip, m',
+        '57)',
+    ):
         assert words in out
 
 
@@ -160,6 +167,8 @@ def test_misuse_exits_2_with_the_usage_on_stderr(run, arguments):
         (['predict', '--pressure', '1', '--stations', '1'], 'at least 2 stations'),
         (['predict', '--pressure', '1', '--stations', '3000'], 'stations must lie between 2'),
         ([*LOADED, '--tip', '0.1', '0'], 'either --force or --tip'),
+        ([*LOADED, '--tip-std', '1e-4'], 'give both'),
+        (['predict', '--pressure', '1', '--tip', '0.1', '0', '--tip-std', '-1'], 'zero or more'),
         ([*LOADED, '--model', 'absent.yaml'], 'absent.yaml'),
         (['replay', 'absent.mcap'], 'absent.mcap'),
         (['replay', 'absent.mcap', '--topic', 'pressure'], '--topic pressure is not of the form'),
@@ -234,6 +243,39 @@ def test_predict_finds_the_force_from_the_tip_of_its_own_prediction(run_json):
     assert set(back) == PREDICTED
     np.testing.assert_allclose(back['force'], [0.175, 0.07], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(back['theta'], forward['theta'], rtol=0.0, atol=1e-8)
+
+
+def test_predict_from_the_tip_says_how_sure_the_force_is(run_json, run):
+    arguments = ('predict', '--pressure', '31e3', '--tip', '0.0989', '0.0475')
+    _, answer = run_json(*arguments)
+    assert np.sqrt(np.diag(answer['force_covariance'])) == pytest.approx(answer['force_std'])
+    _, surer = run_json(*arguments, '--tip-std', '1e-5')
+    assert 0.0 < surer['force_std'][0] < answer['force_std'][0]
+    assert surer['tip_std']['x'] == pytest.approx(1e-5, rel=0.05)
+    _, out, _ = run(*arguments)
+    assert f'{answer["force_std"][0]:.5f}' in out
+    assert run_json(*LOADED)[1]['force_std'] is None
+
+
+def test_dimensionless_is_said_and_divided_as_in_the_paper(run_json, run):
+    (_, si), (_, scaled) = run_json(*LOADED), run_json(*LOADED, '--dimensionless')
+    assert (si['units'], scaled['units']) == ('SI', 'dimensionless')
+    length, weight = ARM.length, ARM.weight
+    assert scaled['scales'] == {'length': length, 'force': weight}
+    sizes = {
+        'force': weight, 'arclength': length, 'x': length, 'y': length, 'theta': 1.0,
+        'curvature': 1.0 / length, 'intrinsic_curvature': 1.0 / length,
+        'moment': weight * length, 'pressure': 1.0,
+    }  # fmt: skip
+    for name, size in sizes.items():
+        assert np.multiply(size, scaled[name]) == pytest.approx(np.array(si[name]), rel=1e-12)
+    rows = np.array([length, length, 1.0])[:, None]
+    causes = np.array([1.0, weight, weight, weight * length])
+    assert rows * scaled['jacobian'] / causes == pytest.approx(np.array(si['jacobian']))
+    assert scaled['tip_std']['x'] == pytest.approx(si['tip_std']['x'] / length)
+    _, out, _ = run(*LOADED, '--dimensionless')
+    assert 'lengths by l = 112 mm, forces by mg = 0.17 N' in out
+    assert ' mm' not in out.split('dimensionless')[0]
 
 
 def test_predict_without_a_force_is_the_unloaded_arm(run_json):
@@ -598,7 +640,7 @@ def test_an_interrupted_verb_leaves_nothing(
         time.sleep(0.001)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=300)
-    said = f'pneunet {verb}: interrupted; what was not complete has not been written\n'
+    said = 'pneunet: interrupted; nothing was written\n'
     assert (process.returncode, out, err) == (130, '', said)
     assert names(tmp_path) == []
 
@@ -610,8 +652,14 @@ def test_effects_lists_the_table_of_the_code(run):
     code, out, err = run('effects')
     assert (code, err) == (0, '')
     for effect in EFFECTS.values():
-        assert f'│ {effect.name} ' in out  # in one piece
-        assert all(item.name in out for item in quantities(effect))
+        assert f'\n  {effect.name} ' in out
+        assert all(f'\n      {item.name}' in out for item in quantities(effect))
+
+
+def test_effects_fits_a_terminal_of_80_columns(run):
+    _, out, _ = run('effects')
+    assert max(map(len, out.splitlines())) <= 80
+    assert '…' not in out  # no word cut off
 
 
 def test_effects_as_json_has_units_and_bounds(run_json):

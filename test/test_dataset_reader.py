@@ -52,6 +52,28 @@ def test_without_a_wrench_the_arm_is_unloaded(tmp_path, said):
         assert len(run.stamp_ns) == 10
 
 
+def test_a_wrench_that_never_changes_is_a_known_load_and_no_reading(tmp_path, said):
+    def with_forces(forces):
+        count = iter(forces)
+        return [
+            (name, at, wrench(at, next(count))) if name == 'end_wrench' else (name, at, message)
+            for name, at, message in said
+        ]
+
+    weights = sum(name == 'end_wrench' for name, _, _ in said)
+    run, sentences = read_run(
+        record(tmp_path / 'r.mcap', with_forces([(0.0, -0.05)] * weights)), 3
+    )
+    assert run.loaded
+    assert run.load_known
+    assert any('never changes: a known load, which no sensor read' in one for one in sentences)
+    sensor = [(0.0, -0.05)] * (weights - 1) + [(0.0, -0.0500001)]
+    run, sentences = read_run(record(tmp_path / 's.mcap', with_forces(sensor)), 3)
+    assert run.loaded
+    assert not run.load_known
+    assert sentences == ()
+
+
 def test_settings_mean_what_they_mean_for_the_estimator(tmp_path, said):
     settings = EstimatorSettings(
         pressure_reference='absolute',

@@ -11,17 +11,10 @@ import shlex
 from pneunet_ros.cli.main import parser, VERBS
 import pytest
 from support.manuals import table
+from support.page_commands import blocks_of, DOCS, PAGES
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = sorted(
-    [
-        *ROOT.glob('*.md'),
-        *(ROOT / 'docs').glob('*.md'),
-        *(ROOT / 'bags').glob('*/README.md'),
-    ]
-)
 MODEL = (ROOT / 'docs/model.md').read_text(encoding='utf-8')
-COMMAND = re.compile(r'^pneunet (.*)$', re.MULTILINE)
 every_page = pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
 
 
@@ -38,17 +31,18 @@ def test_linked_files_exist(page):
 
 def test_the_index_leads_to_every_page():
     index = {link.resolve() for link in links(ROOT / 'docs/README.md')}
-    assert {page for page in (ROOT / 'docs').glob('*.md') if page.stem != 'README'} <= index
+    assert {page for page in DOCS if page.stem != 'README'} <= index
     assert (ROOT / 'docs/README.md') in links(ROOT / 'README.md')
 
 
 def commands(page):
-    """Commands of `pneunet` in the shell examples of a page, without those with placeholders."""
-    for block in re.findall(r'```sh\n(.*?)```', page.read_text(encoding='utf-8'), re.DOTALL):
-        for command in COMMAND.findall(block.replace('\\\n', ' ').replace('&& ', '\n')):
-            words = shlex.split(command, comments=True)
-            if words[0].islower():
-                yield words
+    """Commands of `pneunet` in the blocks of a page."""
+    for block in blocks_of(page):
+        if block.kind in ('sh', 'console'):
+            for line in block.commands:
+                words = shlex.split(line)
+                if words[0] == 'pneunet':
+                    yield words[1:]
 
 
 @every_page
@@ -68,11 +62,33 @@ def test_verbs_are_shown_in_use():
     assert {verb.name for verb in VERBS} - shown <= {'demo', 'export', 'import'}
 
 
-def test_the_picture_of_the_readme_is_small_and_on_its_first_screen():
-    readme = (ROOT / 'README.md').read_text(encoding='utf-8').splitlines()
-    (line,) = (place for place, text in enumerate(readme) if 'docs/images/demo.png' in text)
-    assert line < 25
-    assert (ROOT / 'docs/images/demo.png').stat().st_size < 300_000
+@every_page
+def test_commands_in_a_text_name_verbs_and_options_that_exist(page):
+    """Those with placeholders, too: `pneunet import TABLE.csv --output REC.mcap`."""
+    verbs = {verb.name for verb in VERBS}
+    text = re.sub(r'^```.*?^```$', '', page.read_text(encoding='utf-8'), flags=re.M | re.S)
+    for command in re.findall(r'`pneunet ([^`]+)`', text.replace('\n', ' ')):
+        verb, *words = command.split()
+        if verb in ('VERB', '--version'):
+            continue
+        assert verb in verbs, command
+        known = options_of(verb)
+        for word in words:
+            if word.startswith('--'):
+                assert word in known, command
+
+
+def options_of(verb):
+    """Return the options of a verb."""
+    (verbs,) = (item for item in parser([verb])._actions if isinstance(item.choices, dict))
+    return verbs.choices[verb]._option_string_actions
+
+
+@every_page
+def test_scripts_that_a_page_names_are_there(page):
+    """Benches and blind trials take minutes to hours: pages name them, and no test runs them."""
+    for script in re.findall(r'`python (\S+?\.py)', page.read_text(encoding='utf-8')):
+        assert (ROOT / script).is_file(), script
 
 
 SYMBOLS = table(MODEL, 'symbol')

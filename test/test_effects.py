@@ -60,11 +60,12 @@ CONTRACT = {
     'force_misalignment': {'angle': 'rad'},
     'camera_scale': {'factor': '-'},
     'camera_rotation': {'angle': 'rad'},
+    'camera_delay': {'delay': 's'},
 }
 
 # What an effect may implement, by the place it declares.
 MAY_DEFINE = {
-    'sensing': {'sense', 'see'},
+    'sensing': {'sense', 'see', 'frame_delay'},
     'actuation': {'initial', 'actuate', 'in_play', 'history_terms'},
     'material': {'terms', 'initial', 'actuate', 'history_terms'},
     'mechanics': {'terms'},
@@ -115,8 +116,8 @@ def likely(effect: type[Effect]) -> Effect:
 
 
 def sees(effect):
-    """Whether an effect changes where points are measured, and no estimate."""
-    return 'see' in vars(effect)
+    """Whether an effect changes where or when points are measured, and no estimate."""
+    return bool({'see', 'frame_delay'} & set(vars(effect)))
 
 
 estimated_parameter = pytest.mark.parametrize(
@@ -646,8 +647,15 @@ def test_an_effect_sees_neutrally_by_default_and_alike_every_time(effect):
     x, y = np.array([0.0, 0.05, np.nan]), np.array([0.0, 0.07, np.nan])
     np.testing.assert_array_equal(paper_arm((effect(),)).see(x, y), (x, y))
     found = paper_arm((likely(effect),)).see(x, y)
-    assert sees(effect) == (abs(found[0][1] - x[1]) > 1e-4)
+    assert ('see' in vars(effect)) == (abs(found[0][1] - x[1]) > 1e-4)
     assert (found[0][0], found[1][0]) == (0.0, 0.0)
+
+
+@every_effect
+def test_frames_are_in_time_by_default_and_delays_of_effects_add(effect):
+    assert paper_arm((effect(),)).frame_delay == 0.0
+    delayed = paper_arm((likely(effect),)).frame_delay
+    assert ('frame_delay' in vars(effect)) == (delayed != 0.0)
 
 
 @pytest.mark.parametrize(

@@ -114,7 +114,7 @@ def test_gain_and_offset_of_pressure_are_another_name_of_the_curvature_and_no_ot
 
 def test_effects_with_a_history_remember():
     found = {item.name for item in hypotheses() if item.has_memory}
-    assert found == {'pressure_lag', 'hysteresis', 'creep', 'softening'}
+    assert found == {'camera_delay', 'pressure_lag', 'hysteresis', 'creep', 'softening'}
 
 
 def test_the_time_of_creep_is_a_shape_and_its_amplitude_a_size():

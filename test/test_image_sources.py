@@ -28,6 +28,7 @@ from support.films import (
     write_folder,
     write_messages,
 )
+from support.variable_rate import stretch_frames
 
 WIDTH, HEIGHT = 64, 48
 NONE = SourceRequest(camera_info='none', rate=RATE)
@@ -367,6 +368,25 @@ def test_a_recording_that_is_cut_off_is_read_as_far_as_it_goes(tmp_path):
     stream = open_images(path, SourceRequest())
     assert 3 < len(images(stream.read(()))) < 37
     assert any('ends' in sentence for sentence in stream.recording.sentences)
+
+
+def test_a_video_of_variable_rate_has_the_times_that_are_in_it(tmp_path):
+    path = tmp_path / 'phone.mp4'
+    code = cv2.VideoWriter.fourcc(*'mp4v')
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, RATE, (WIDTH, HEIGHT))
+    for picture in PICTURES:
+        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    shares = [0.5, 1.75, 0.75, 1.0] * (len(PICTURES) // 4)
+    stretch_frames(path, shares)
+    stream = open_images(path, SourceRequest(camera_info='none'))
+    assert stream.clock == 'presentation times in the file'
+    stamps = [image.stamp_ns for image in images(stream.read(()))]
+    before = np.concatenate([[0.0], np.cumsum(shares[:-1])])
+    np.testing.assert_allclose(np.array(stamps) - 1, before * PERIOD_NS, atol=2e4)
+    counted = open_images(path, SourceRequest(camera_info='none', rate=10.0))
+    assert counted.clock == 'frames counted, 10 a second'
+    assert np.diff([image.stamp_ns for image in images(counted.read(()))]).tolist() == [10**8] * 11
 
 
 def test_what_does_not_go_together_is_refused(tmp_path):

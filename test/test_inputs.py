@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.readings import PressureReading, WrenchReading
+from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.creep import Creep
 from pneunet_ros.effects.force_misalignment import ForceMisalignment
 from pneunet_ros.effects.hysteresis import Hysteresis
@@ -140,3 +142,48 @@ def test_static_frames_have_no_past():
     (alone,) = inputs_of(arm, [moving])
     np.testing.assert_array_equal(after.pressure, alone.pressure)
     assert not np.allclose(after.pressure, whole.pressure, rtol=1e-3)
+
+
+def stamped_later(run, seconds):
+    """Return the run with the stamps of its frames later, each with the reading nearest to it."""
+    late = round(seconds * 1e9)
+    stamps = run.stamp_ns + late
+    nearest = np.abs(run.reading_stamp_ns[:, None] - stamps).argmin(axis=0)
+    return replace(run, stamp_ns=stamps, reading=nearest)
+
+
+@pytest.mark.parametrize('effects', [(), EFFECTS], ids=['base', 'with a past'])
+def test_a_delay_gives_late_frames_what_acted_when_they_were_taken(effects):
+    run = made(paper_arm(), UP_AND_DOWN, np.tile([0.1, 0.05], (22, 1)))
+    kept = np.arange(4, 18)
+    cut = {name: getattr(run, name)[kept] for name in ('stamp_ns', 'reading', 'force', 'moment')}
+    run = replace(run, **cut, x=run.x[kept], y=run.y[kept])
+    for periods in (1, -2):  # the frames of which carry the stamp of another reading
+        delay = periods * PERIOD * 1e-9
+        late = stamped_later(run, delay)
+        wanted, found = (
+            inputs_of(paper_arm(more), [given])[0]
+            for more, given in (
+                (effects, run),
+                ((*effects, CameraDelay(delay=delay)), late),
+            )
+        )
+        np.testing.assert_allclose(found.pressure, wanted.pressure, rtol=1e-12)
+        np.testing.assert_allclose(found.loads, wanted.loads, rtol=1e-12)
+        for one, other in zip(found.histories or (), wanted.histories or (), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
+def test_between_readings_a_delayed_frame_is_on_the_line():
+    arm, run = paper_arm(), made(paper_arm(), UP_AND_DOWN, FORCE)
+    (inputs,) = inputs_of(paper_arm((CameraDelay(delay=0.25e-9 * PERIOD),)), [run])
+    between = 0.75 * UP_AND_DOWN[1:] + 0.25 * UP_AND_DOWN[:-1]
+    np.testing.assert_allclose(inputs.pressure, [UP_AND_DOWN[0], *between], rtol=1e-6)
+    between = 0.75 * FORCE[1:] + 0.25 * FORCE[:-1]
+    np.testing.assert_allclose(inputs.loads[1:, :2], between, rtol=1e-6)
+    # A delay of zero is no delay, to the last bit, and static frames have no time.
+    (bare,), (neutral,) = inputs_of(arm, [run]), inputs_of(paper_arm((CameraDelay(),)), [run])
+    assert same_values(bare, neutral)
+    still = replace(run, static=True)
+    (rested,) = inputs_of(paper_arm((CameraDelay(delay=1.0),)), [still])
+    np.testing.assert_array_equal(rested.pressure, UP_AND_DOWN)

@@ -136,6 +136,21 @@ def test_a_neutral_effect_does_nothing_however_rich(name):
         assert getattr(rich, item) == pytest.approx(getattr(bare, item), abs=1e-12)
 
 
+def test_late_frames_show_what_others_do_at_later_stamps():
+    bare = simulate(scenario((), frames=10.0))
+    late, rich = (
+        simulate(scenario((lab_effect('camera_delay', {'delay': 0.1, **more}),), frames=10.0))
+        for more in ({}, {'richness': 1.0})
+    )
+    for one in (late, rich):
+        np.testing.assert_array_equal(one.x, bare.x)
+        np.testing.assert_array_equal(one.reading_stamp_ns, bare.reading_stamp_ns)
+    assert set((late.stamp_ns - bare.stamp_ns).tolist()) == {100_000_000}
+    drift = (rich.stamp_ns - bare.stamp_ns) * 1e-9
+    assert drift[[0, -1]] == pytest.approx([0.07, 0.13], abs=1e-3)
+    assert np.all(np.diff(drift) > 0.0)
+
+
 def test_an_arm_remembers_what_was_done_to_it():
     effects = tuple(lab_effect(name, SIZES[name]) for name in ('hysteresis', 'creep', 'softening'))
     first = simulate(scenario(effects))

@@ -12,6 +12,7 @@ from types import ModuleType
 
 from pneunet_ros.core.share import share_path
 import pytest
+from support.setup_arguments import arguments_of_setup, commands_of
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
@@ -22,12 +23,12 @@ from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noq
 
 TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'virtual_arm': ARM}
 OF_ROS = {'use_sim_time'}  # a parameter of every node
-EVERYWHERE = {'namespace', 'model_file', 'use_sim_time', 'log_level'}
+EVERYWHERE = {'namespace', 'params_file', 'model_file', 'use_sim_time', 'log_level'}
 FILES = {
     'estimate': (EVERYWHERE, ['estimator']),
     'track': (EVERYWHERE | {'camera_file'}, ['tracker']),
     'demo': (
-        EVERYWHERE | {'camera_file', 'effects', 'rviz'},
+        EVERYWHERE | {'camera_file', 'effects', 'rviz', 'swing_period'},
         ['virtual_arm', 'estimator', 'tracker', 'rviz2'],
     ),
 }
@@ -39,19 +40,25 @@ class Recorded:
     def __init__(self, *values, **named):
         self.values, self.named = values, named
 
+    def perform(self, context):
+        """Give what stands for it: of an argument what `context` says."""
+        if kind(self) != 'LaunchConfiguration':
+            return '/'.join(map(str, self.values[0]))
+        context['used'].add(self.values[0])
+        return context[self.values[0]]
+
 
 # As documented for Jazzy: which module has which names, and what they take.
 NAMES = {
     'launch': {'LaunchDescription': set()},
-    'launch.actions': {'DeclareLaunchArgument': {'default_value', 'description'}},
-    'launch.conditions': {'IfCondition': set()},
+    'launch.actions': {
+        'DeclareLaunchArgument': {'default_value', 'description'},
+        'OpaqueFunction': {'function'},
+    },
     'launch.substitutions': {'LaunchConfiguration': set(), 'PathJoinSubstitution': set()},
     'launch_ros': {},
     'launch_ros.actions': {
-        'Node': {
-            *('package', 'executable', 'namespace', 'parameters', 'arguments', 'output'),
-            'condition',
-        }
+        'Node': {'package', 'executable', 'namespace', 'parameters', 'arguments', 'output'}
     },
     'launch_ros.parameter_descriptions': {'ParameterValue': {'value_type'}},
     'launch_ros.substitutions': {'FindPackageShare': set()},
@@ -67,10 +74,17 @@ def described(monkeypatch):
             setattr(stand_in, name, type(name, (Recorded,), {}))
         monkeypatch.setitem(sys.modules, module, stand_in)
 
-    def run(name):
+    def run(name, **given):
         content = runpy.run_path(str(share_path(f'launch/{name}.launch.py')))
         (actions,) = content['generate_launch_description']().values
-        return actions
+        context = {'used': set()}
+        for action in found(actions, 'DeclareLaunchArgument'):
+            default = action.named['default_value']
+            context[action.values[0]] = default if isinstance(default, str) else 'shipped'
+        (later,) = found(actions, 'OpaqueFunction')
+        nodes = later.named['function'](context | given)
+        assert context['used'] == set(context) - {'used'}
+        return [*actions, *nodes]
 
     return run
 
@@ -102,33 +116,43 @@ def test_all_arguments_are_declared_with_a_meaning_and_used(described, name):
     }
     assert set(declared) == FILES[name][0]
     assert all(named['description'] for named in declared.values())
-    used = {item.values[0] for item in found(actions, 'LaunchConfiguration')}
-    assert used == set(declared)
 
 
 @pytest.mark.parametrize('name', FILES)
-def test_every_node_exists_and_has_the_parameters_it_is_given(described, name, checkout):
-    nodes = list(found(described(name), 'Node'))
+def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
+    said = {'rviz': 'true', 'use_sim_time': 'true', 'namespace': '/left', 'log_level': 'debug'}
+    given = {argument: said.get(argument, '1.0') for argument in FILES[name][0]}
+    nodes = list(found(described(name, **given), 'Node'))
     assert [node.named['executable'] for node in nodes] == FILES[name][1]
-    commands = (checkout / 'setup.py').read_text()
+    commands = commands_of(arguments_of_setup('install'))
+    passed = set()
     for node in nodes:
         executable, package = node.named['executable'], node.named['package']
-        assert set(node.named) <= NAMES['launch_ros.actions']['Node']
         if package != 'pneunet_ros':
             assert (package, executable) == ('rviz2', 'rviz2')
-            assert kind(node.named['condition']) == 'IfCondition'
             continue
-        assert f"'{executable} = pneunet_ros.nodes.{executable}.node:main'" in commands
-        (given,) = node.named['parameters']
+        assert commands[executable] == f'pneunet_ros.nodes.{executable}.__main__:main'
+        assert node.named['namespace'] == '/left'
+        file, parameters = node.named['parameters']  # those of the file first: others go before
+        assert file == '1.0'
         defaults = {field.name: field.default for field in TABLES[executable].fields}
-        assert set(given) - OF_ROS <= set(defaults)
-        assert given['use_sim_time'].named == {'value_type': bool}
-        for parameter in set(given) - OF_ROS:
-            value = given[parameter]
-            # An empty text would be read as nothing if its type were not said.
-            of_type = value.named['value_type'] if isinstance(value, Recorded) else type(value)
-            assert of_type is type(defaults[parameter])
-        assert node.named['arguments'][:2] == ['--ros-args', '--log-level']
+        assert set(parameters) - OF_ROS <= set(defaults)
+        for parameter, value in parameters.items():
+            # A text such as 1.0 would be read as a number if its type were not said.
+            of_type = bool if parameter in OF_ROS else type(defaults[parameter])
+            assert value.named == {'value_type': of_type}
+        passed |= set(parameters)
+        assert node.named['arguments'] == ['--ros-args', '--log-level', 'debug']
+    assert passed >= FILES[name][0] - {'namespace', 'params_file', 'log_level', 'rviz'}
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_what_is_not_given_does_not_hide_what_a_file_says(described, name):
+    for node in found(described(name), 'Node'):
+        (parameters,) = node.named['parameters']
+        empty = {'effects', 'use_sim_time'}
+        empty |= {'model_file', 'camera_file'} if name != 'demo' else set()
+        assert not empty & set(parameters)
 
 
 @pytest.mark.parametrize('name', FILES)
@@ -145,7 +169,7 @@ def test_defaults_are_those_of_the_nodes_or_shipped_files(described, name):
         default = argument.named['default_value']
         if isinstance(default, str):
             expected = {'namespace': '/pneunet', 'log_level': 'info'}
-            expected |= dict.fromkeys(('use_sim_time', 'rviz'), 'false')
+            expected |= dict.fromkeys(('use_sim_time', 'rviz'), 'false') | {'swing_period': '8.0'}
             assert default == expected.get(argument.values[0], '')
         else:
             ((share, *path),) = default.values
@@ -156,7 +180,7 @@ def test_defaults_are_those_of_the_nodes_or_shipped_files(described, name):
 @pytest.mark.parametrize('name', FILES)
 def test_a_launch_file_is_short_and_documented(name, checkout):
     text = share_path(f'launch/{name}.launch.py').read_text()
-    assert len(text.splitlines()) <= 60
+    assert len(text.splitlines()) <= 80
     manual = (checkout / 'docs/launch.md').read_text()
     assert f'ros2 launch pneunet_ros {name}.launch.py' in manual
     for argument in FILES[name][0]:

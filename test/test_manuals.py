@@ -14,6 +14,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import AHEAD
 from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import markers_output, transform_output
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
@@ -46,7 +47,10 @@ ESTIMATED = [sensor for sensor in SENSORS if sensor.needed(EstimatorSettings())]
 TYPES = {
     'estimator': {
         topic.name: topic.type
-        for topic in (*ESTIMATED, *OUTPUTS, markers_output(lambda: None), transform_output('tip'))
+        for topic in (
+            *(*ESTIMATED, *OUTPUTS),
+            *(markers_output(lambda: None), transform_output('tip'), JOINT_STATES),
+        )
     },
     'tracker': {topic.name: topic.type for topic in (*TRACKER_INPUTS, *TRACKER_OUTPUTS)}
     | {'image_annotated': IMAGE_TYPE},
@@ -87,19 +91,22 @@ def test_parameters_are_those_of_the_code(node, parameters):
     assert sorted(written) == sorted(field.name for field in parameters.fields)
 
 
+VALUES_OF_EVERY_NODE = ('model', 'kernels', 'lost', 'rivals')
+
+
 def test_diagnostics_of_the_estimator_are_those_of_the_code():
     health = EstimatorHealth('/pressure', 0.0)
     health.took_pressure(random_estimate(3), 0.1, 0.001)
     state, consistency = EstimatorState(rejected=COUNTS), ConsistencyState(unmatched=COUNTS)
     report = health.report(state, EstimatorSettings(), 0.2, consistency)
-    assert sorted(values('estimator')) == sorted(['model', 'rivals', *report.values])
+    assert sorted(values('estimator')) == sorted([*VALUES_OF_EVERY_NODE, *report.values])
 
 
 def test_diagnostics_of_the_tracker_are_those_of_the_code():
     health = TrackerHealth('/image', 0.0)
     state = TrackerState(rejected=COUNTS, unexplained=COUNTS)
     report = health.report(state, 0.1)
-    assert sorted(values('tracker')) == sorted(['model', 'rivals', *report.values])
+    assert sorted(values('tracker')) == sorted([*VALUES_OF_EVERY_NODE, *report.values])
 
 
 REASONS = {

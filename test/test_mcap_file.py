@@ -304,6 +304,22 @@ def test_what_is_no_recording_is_refused(tmp_path, content, sentence):
         open_mcap(path)
 
 
+@pytest.mark.parametrize(
+    ('name', 'sentence'),
+    [
+        ('film.MP4', r'film\.MP4 holds images: `pneunet track FILM --readings TABLE\.csv'),
+        ('film.avi', 'film.avi holds images: `pneunet track FILM'),
+        ('t.csv', r't\.csv is a table: `pneunet import TABLE\.csv --output REC\.mcap`'),
+        ('bag.db3', 'bag.db3 is no MCAP file: .*ros2 bag convert'),
+    ],
+)
+def test_the_verb_that_takes_a_film_or_a_table_is_named(tmp_path, name, sentence):
+    path = tmp_path / name
+    path.write_bytes(b'time_s,pressure_pa')
+    with pytest.raises(RecordingError, match=sentence):
+        open_mcap(path)
+
+
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
     with pytest.raises(RecordingError, match=r'r\.mcap cannot be read: No such file'):
         open_mcap(tmp_path / 'r.mcap')

@@ -18,33 +18,35 @@ from pneunet_ros.core import share
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.share import share_path
 import pytest
+from support.setup_arguments import arguments_of_setup, commands_of
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PACKAGE = CHECKOUT / 'pneunet_ros'
 ROS = ('rclpy', 'builtin_interfaces', 'std_srvs', 'std_msgs', 'sensor_msgs', 'geometry_msgs')
-SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags', 'scenarios')
+SHIPPED = ('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'bags/table1', 'scenarios')
+LARGEST = 1_000_000  # bytes of all that is installed beside the code
 NOT_SOURCE = shutil.ignore_patterns(
     '.git', '.venv*', 'build', 'install', 'log', '*.egg-info', '__pycache__', '.*_cache'
 )
 
-# Import name -> name on PyPI, name of rosdep (None: it has none, the README says so).
+# Import name -> name on PyPI, name of rosdep; that of mcap brings it with what it needs itself.
 LIBRARIES = {
     'cv2': ('opencv-python-headless', 'python3-opencv'),
     'jinja2': ('jinja2', 'python3-jinja2'),
-    'lz4': ('lz4', None),
+    'lz4': ('lz4', 'mcap-ros2-support'),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
-    'mcap': ('mcap', None),
+    'mcap': ('mcap', 'mcap-ros2-support'),
     'numba': ('numba', 'python3-numba'),
     'numpy': ('numpy', 'python3-numpy'),
     'rich': ('rich', 'python3-rich'),
     'rosbags': ('rosbags', 'python3-rosbags-pip'),
     'ruamel': ('ruamel.yaml', 'python3-ruamel.yaml'),
     'scipy': ('scipy', 'python3-scipy'),
-    'zstandard': ('zstandard', None),
+    'zstandard': ('zstandard', 'mcap-ros2-support'),
 }
 
 # Imported where they are asked for only, and absent from most robots: extras of setup.py.
-OPTIONAL = {'distributed': 'cluster'}
+OPTIONAL = {'argcomplete': 'completion', 'distributed': 'cluster'}
 
 
 @pytest.fixture(scope='module')
@@ -54,16 +56,8 @@ def manifest():
 
 @pytest.fixture(scope='module')
 def setup_arguments():
-    """Return the arguments of `setup()`, without running it for real."""
-    import setuptools
-
-    given = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(CHECKOUT)
-        patch.setattr(setuptools, 'setup', given.update)
-        code = compile((CHECKOUT / 'setup.py').read_text(encoding='utf-8'), 'setup.py', 'exec')
-        exec(code, {'__name__': '__main__'})
-    return given
+    """Return the arguments of `setup()` for a wheel."""
+    return arguments_of_setup('bdist_wheel')
 
 
 def imported_outside_the_house():
@@ -102,7 +96,7 @@ def test_what_is_imported_is_declared(manifest, setup_arguments):
         elif name in LIBRARIES:
             on_pypi, of_rosdep = LIBRARIES[name]
             assert on_pypi in requirements, f'{name} is imported; setup.py does not require it'
-            assert of_rosdep is None or of_rosdep in depends, f'{of_rosdep} is not in package.xml'
+            assert of_rosdep in depends, f'{of_rosdep} is not in package.xml'
         else:
             assert name in depends, (
                 f'{name} is imported and declared nowhere: add it to package.xml, '
@@ -110,9 +104,37 @@ def test_what_is_imported_is_declared(manifest, setup_arguments):
             )
 
 
+def test_pip_puts_only_names_of_the_package_on_the_path(setup_arguments):
+    nodes = {'pneunet-estimator', 'pneunet-tracker', 'pneunet-virtual-arm', 'pneunet-stack'}
+    assert set(commands_of(setup_arguments)) == {'pneunet', *nodes}
+
+
+@pytest.mark.parametrize('word', ['install', 'develop'])
+def test_colcon_has_the_names_that_ros2_run_and_launch_files_use(word):
+    names = set(commands_of(arguments_of_setup(word)))
+    assert names == {'pneunet', 'estimator', 'tracker', 'virtual_arm', 'pneunet_stack'}
+
+
+def test_the_long_description_leads_nowhere_that_it_does_not_know(setup_arguments):
+    text = setup_arguments['long_description']
+    assert 'pneunet' in text and '```' in text
+    assert re.findall(r'\]\((?!https?:)', text) == []
+    assert '<img' not in text
+
+
+def test_what_is_installed_beside_the_code_is_small(setup_arguments):
+    files = [file for _, files in setup_arguments['data_files'] for file in files]
+    assert sum((CHECKOUT / file).stat().st_size for file in files) < LARGEST
+
+
+def test_the_citation_has_the_version_and_the_paper(manifest):
+    text = (CHECKOUT / 'CITATION.cff').read_text(encoding='utf-8')
+    assert f'version: {manifest.findtext("version")}\n' in text
+    assert '10.1016/j.eml.2016.02.007' in text
+
+
 def test_commands_exist(setup_arguments):
-    for line in setup_arguments['entry_points']['console_scripts']:
-        _, target = line.split(' = ')
+    for command, target in commands_of(setup_arguments).items():
         module, function = target.split(':')
         file = CHECKOUT / Path(*module.split('.')).with_suffix('.py')
         names = {
@@ -120,7 +142,7 @@ def test_commands_exist(setup_arguments):
             for node in ast.parse(file.read_text(encoding='utf-8')).body
             if isinstance(node, ast.FunctionDef)
         }
-        assert function in names, f'{line}: no such function'
+        assert function in names, f'{command}: no such function'
 
 
 def test_all_shipped_files_are_installed(setup_arguments):
@@ -218,5 +240,5 @@ def test_pip_install_gives_commands_and_files(tmp_path, foreign_environment):
     found = installed_command(python, '-c', where, **run).split()
     assert found == [str(place / 'share/pneunet_ros' / top) for top in ('config', 'bags')]
     assert 'demo' in installed_command(place / 'bin/pneunet', '--help', **run)
-    assert (place / 'bin/estimator').is_file()
-    assert (place / 'bin/tracker').is_file()
+    assert (place / 'bin/pneunet-estimator').is_file()
+    assert (place / 'bin/pneunet-tracker').is_file()

@@ -11,8 +11,6 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
-from pneunet_ros.offline.track import track_steps
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.reports.tracking.heat_map import heat
 from pneunet_ros.reports.tracking.preview import CURVES, PICTURES, Preview, thin, write_preview
 import pneunet_ros.reports.tracking.preview_video
@@ -20,17 +18,7 @@ from pneunet_ros.reports.tracking.preview_video import overlay_of, write_text, w
 from pneunet_ros.tables.length_unit import length_unit
 from pneunet_ros.vision.tracker import Tracker, Tracking
 import pytest
-from support.films import (
-    ARM,
-    film,
-    FRAMES,
-    HEIGHT,
-    PERIOD_NS,
-    pictures,
-    RATE,
-    WIDTH,
-    write_messages,
-)
+from support.films import ARM, FRAMES, PERIOD_NS, RATE, tracked_steps
 
 TRACKER = Tracker(ARM, load_camera(share_path('config/camera.yaml')))
 TARGETS = ARM.target_arclength.size
@@ -40,11 +28,7 @@ METERS = length_unit('m', ARM.length)
 @pytest.fixture(scope='module')
 def steps(tmp_path_factory):
     """List the steps of frames in which the arm rests, bends, and is hidden for a while."""
-    shown = list(pictures())
-    shown[6] = np.full((HEIGHT, WIDTH), 90, np.uint8)
-    path = write_messages(tmp_path_factory.mktemp('film') / 'in.mcap', film(shown))
-    stream = open_images(path, SourceRequest())
-    return [step for step in track_steps(stream, TRACKER) if step.frame]
+    return tracked_steps(tmp_path_factory.mktemp('film') / 'in.mcap', TRACKER)
 
 
 def fill(preview, steps, *, period_ns: int = PERIOD_NS, readable: bool = True) -> None:

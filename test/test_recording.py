@@ -320,6 +320,12 @@ def test_other_storage_is_refused(tmp_path, old, new, sentence):
         open_recording(folder)
 
 
+def test_a_folder_of_images_is_sent_to_the_verb_that_takes_it(tmp_path):
+    (tmp_path / 'frame1.png').write_bytes(b'')
+    with pytest.raises(RecordingError, match='holds images: `pneunet track FILM --readings'):
+        open_recording(tmp_path)
+
+
 @pytest.mark.parametrize('name', [r'a\0b', r'\ud800', r'..', r''])
 def test_a_name_that_no_file_of_a_folder_can_have_is_refused(tmp_path, name):
     folder = write_readings(tmp_path / 'bag')

@@ -8,7 +8,13 @@ import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.units import SI_PER_UNIT
 from pneunet_ros.tables import csv_table
-from pneunet_ros.tables.columns import column_of, KINDS, known_names
+from pneunet_ros.tables.columns import (
+    column_of,
+    KINDS,
+    known_names,
+    likely_name,
+    standard_name,
+)
 from pneunet_ros.tables.table_reader import ImportRequest, read_table, string_force
 import pytest
 
@@ -175,8 +181,12 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('', 'is empty: the first line must name the columns'),
         ('\n\n', 'is empty: the first line must name the columns'),
         ('time_s,pressure_pa\n', 'has no rows below its first line'),
-        ('time_s;pressure_pa\n1;2\n', 'columns are separated by semicolons; export it with comm'),
-        ('time_s\tpressure_pa\n1\t2\n', 'columns are separated by tabs'),
+        ('time_s;pressure_pa\n1;2;5\n', 'line 2: 3 cells, but there are 2 columns; .*semicolons'),
+        ('time_s;pressure_pa\n1;1.234,5\n', "column pressure_pa: '1.234,5' is no number"),
+        ('Time,pressure_pa\n24:00:00,1\n', "line 2, column time_s: '24:00:00' is no number"),
+        ('Time,pressure_pa\n2026-02-30 10:00:00,1\n', "'2026-02-30 10:00:00' is no number"),
+        ('time_ms,pressure_pa\n10:00:00,1\n', "column time_ms: '10:00:00' is no number"),
+        ('Time,pressure_pa\n10:00:01,1\n10:00:01,1\n', 'line 3, .*fractions of a second miss'),
         ('time_s,pressure_pa\n1,2,5\n', 'line 2: 3 cells, but there are 2 columns; .*a point'),
         ('time_s,pressure_pa\n1,"2,5"\n', r"line 2, column pressure_pa: '2,5' is no number \(dec"),
         ('time_s,pressure_pa\n1,5\n2,abc\n', "line 3, column pressure_pa: 'abc' is no number; a"),
@@ -196,7 +206,11 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('time_s\n1\n', 'holds no reading'),
         ('time_s,pressure_pa,pressure_pa\n1,1,1\n', "two columns are called 'pressure_pa'"),
         ('time_s,pressure_pa,pressure_bar\n1,1,1\n', 'pressure_pa and pressure_bar say the same'),
-        ('time_s,pressure\n1,1\n', r"column 'pressure' is not known; rename it .*pressure_\(pa\|"),
+        (
+            'time_s,pressure\n1,1\n',
+            r"column 'pressure' \(pressure_\(pa\|.*is not known; rename it",
+        ),
+        ('time_s,Pressure [kPa],pressure_kpa\n1,1,1\n', 'two columns are called pressure_kpa'),
         ('time_s,x0_m\n1,1\n', 'x0_m is there without its y0'),
         ('time_s,x500_m,y500_m\n1,1,1\n', 'x500_m: at most 500 targets'),
         ('time_s,angle_a_deg\n1,1\n', 'angle_a_deg is there without force_a'),
@@ -212,6 +226,87 @@ def test_tables_that_cannot_be_read_are_refused_with_the_place(tmp_path, text, s
     with pytest.raises(RecordingError, match=said) as caught:
         read(tmp_path, text)
     assert 'table.csv' in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('written', 'read_as'),
+    [
+        ('Pressure [kPa]', 'pressure_kpa'),
+        ('PRESSURE_kPa', 'pressure_kpa'),
+        ('pressure (mbar)', 'pressure_mbar'),
+        ('Pressure/bar', 'pressure_bar'),
+        ('Time', 'time_s'),
+        ('Time (ms)', 'time_ms'),
+        ('time [\u00b5s]', 'time_us'),
+        ('Force X (mN)', 'force_x_mn'),
+        ('Moment [N\u00b7mm]', 'moment_n_mm'),
+        ('moment (Nm)', 'moment_n_m'),
+        ('X3 (mm)', 'x3_mm'),
+        ('Tip-Heading [\u00b0]', 'tip_heading_deg'),
+        ('Temperature (K)', 'Temperature (K)'),
+    ],
+)
+def test_names_may_be_written_as_people_do(written, read_as):
+    assert standard_name(written) == read_as
+
+
+@pytest.mark.parametrize(
+    ('written', 'likely'),
+    [
+        ('presure_kpa', 'pressure_kpa'),
+        ('p [kPa]', 'pressure_kpa'),
+        ('Fx (N)', 'force_x_n'),
+        ('forcey_mn', 'force_y_mn'),
+        ('x3mm', ''),
+        ('pressure_torr', ''),
+        ('valve', ''),
+    ],
+)
+def test_a_name_that_may_have_been_meant_is_asked_for(written, likely):
+    assert likely_name(written) == likely
+
+
+def test_all_unknown_columns_are_named_at_once_before_any_cell_is_read(tmp_path):
+    said = r"the columns 'presure_kpa' \(pressure_kpa\?\), 'valve', 'note' are not known"
+    with pytest.raises(RecordingError, match=said):
+        read(tmp_path, 'time_s,presure_kpa,valve,note\n1,2,open,ok\n')
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '\ufeffTime;Pressure [kPa];\r\n0,5;1,25;\r\n0,75;2;\r\n',
+        'Time (s)\tPressure/kPa\n0.5\t1,25\n0.75\t2\n',
+        'TIME_MS,"Pressure (kPa)"\n500,1.25\n750,2\n',
+    ],
+)
+def test_exports_of_spreadsheets_and_of_measuring_programs_are_read(tmp_path, text):
+    table = read(tmp_path, text)
+    assert table.stamp_ns.tolist() == [500_000_000, 750_000_000]
+    np.testing.assert_array_equal(table.values['pressure'][:, 0], [1250.0, 2000.0])
+
+
+def test_how_names_were_read_is_said(tmp_path):
+    path = tmp_path / 'table.csv'
+    path.write_text('Time,pressure_pa\n1,2\n')
+    assert read_table(path, ImportRequest())[1] == (f"{path}: columns were read 'Time' as time_s",)
+
+
+@pytest.mark.parametrize(
+    ('clock', 'seconds'),
+    [
+        ('10:15:03.120', 36_903.12),
+        ('2026-11-22 10:15:03,120', 1_795_342_503.12),
+        ('2026-11-22T10:15:03.12Z', 1_795_342_503.12),
+        ('22.11.2026 10:15:03.12', 1_795_342_503.12),
+        ('11/22/2026 10:15:03.12 AM', 1_795_342_503.12),
+        ('22/11/2026 10:15 PM', 1_795_385_700.0),
+        ('12:00:00 AM', 1.0),
+    ],
+)
+def test_dates_and_times_of_day_are_times(tmp_path, clock, seconds):
+    stamp_ns = read(tmp_path, f'Time;pressure_pa\n{clock};1\n').stamp_ns.tolist()
+    assert stamp_ns == [round(seconds * 100) * 10**7]
 
 
 def test_sizes_are_bounded(tmp_path, monkeypatch):

@@ -64,6 +64,29 @@ def test_the_table_has_a_row_per_stamp_and_empty_cells(tmp_path, recording):
     assert len(lines) == 51
 
 
+def test_a_dimensionless_table_has_other_names_and_is_not_imported(tmp_path, recording, capsys):
+    table, si = tmp_path / 't.npz', tmp_path / 'si.npz'
+    assert main(['export', str(recording), '--output', str(si)]) == 0
+    assert main(['export', str(recording), '--output', str(table), '--dimensionless']) == 0
+    assert 'forces by mg = 0.17 N' in capsys.readouterr().out
+    with np.load(table) as scaled, np.load(si) as arrays:
+        sizes = {'x1': ('l', 'm', 0.112), 'force_x': ('mg', 'n', 0.17)} | {
+            'moment': ('mg_l', 'n_m', 0.112 * 0.17), 'pressure': ('pa', 'pa', 1.0)
+        }  # fmt: skip
+        for name, (unit, si_unit, size) in sizes.items():
+            assert size * scaled[f'{name}_{unit}'] == pytest.approx(
+                arrays[f'{name}_{si_unit}'], nan_ok=True
+            )
+        assert not any(name.endswith(('_m', '_n')) for name in scaled)
+    assert (
+        main(['export', str(recording), '--output', str(tmp_path / 't.csv'), '--dimensionless'])
+        == 0
+    )
+    again = ['import', str(tmp_path / 't.csv'), '--output', str(tmp_path / 'again.mcap')]
+    assert main(again) == 2
+    assert 'is not known' in capsys.readouterr().err
+
+
 def test_arrays_by_the_same_names(tmp_path, recording):
     table = tmp_path / 't.npz'
     assert main(['export', str(recording), '--output', str(table)]) == 0

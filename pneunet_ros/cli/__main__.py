@@ -1,9 +1,35 @@
-"""Start the command: `python -m pneunet_ros.cli`."""
+"""Start the command: `python -m pneunet_ros.cli`, and `pneunet`.
+
+What takes a while to import is imported where an interrupt is met.
+"""
 
 from __future__ import annotations
 
+import signal
 import sys
 
-from pneunet_ros.cli.main import main
+INTERRUPTED = 130  # exit code
 
-sys.exit(main())
+
+def main() -> int:
+    """Run one verb of the command line; returns the exit code."""
+    try:
+        from pneunet_ros.cli.main import main as run
+
+        return run()
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one changes nothing
+        print(f'pneunet: interrupted; {written_sentence()}', file=sys.stderr)
+        return INTERRUPTED
+
+
+def written_sentence() -> str:
+    """Say which outputs are there, whole; of all others there is nothing."""
+    from pneunet_ros.files.atomic import outputs_written
+
+    written = outputs_written()
+    return f'written before that: {", ".join(written)}' if written else 'nothing was written'
+
+
+if __name__ == '__main__':
+    sys.exit(main())

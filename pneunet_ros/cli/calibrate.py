@@ -14,6 +14,7 @@ from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.cli.calibrate_summary import numbers_of, show
 from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.cli.verb import (
+    add_dimensionless,
     add_json,
     add_overwrite,
     DONE,
@@ -22,6 +23,7 @@ from pneunet_ros.cli.verb import (
     PAPER_ARM,
     print_json,
     progress_bar,
+    units_of,
 )
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.printable import printable
@@ -86,6 +88,7 @@ def options(parser: ArgumentParser) -> None:
         action='store_true',
         help='do not fit the other moment laws for comparison (about half the time)',
     )
+    add_dimensionless(parser, 'draw the figures of the report')
     add_overwrite(parser)
     add_experiments(parser)
     add_json(parser)
@@ -133,6 +136,7 @@ def run(arguments: Namespace) -> int:
                 arguments.report,
                 provenance=provenance,
                 overwrite=arguments.overwrite,
+                units=units_of(arguments, calibration.arm),
             )
     summary = (
         numbers_of(calibration)

@@ -12,7 +12,7 @@ from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.reports.calibration import tables
 from pneunet_ros.reports.calibration.tables import law_rows, number_rows, Row
-from pneunet_ros.reports.calibration.verdict import verdict_of
+from pneunet_ros.reports.calibration.verdict import bending_stiffness, verdict_of
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -25,6 +25,7 @@ def numbers_of(calibration: Calibration) -> dict[str, Any]:
         'status': joint.status,
         'converged': joint.converged,
         'verdict': asdict(verdict_of(calibration)),
+        'bending_stiffness': [asdict(item) for item in bending_stiffness(joint)],
         'quantities': [
             {'name': row.name, 'value': row.value, 'std': row.std, 'prior_std': row.prior_std}
             for row in number_rows(calibration)
@@ -106,7 +107,7 @@ def show(
 def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
     """Return the constants of the moment law: over pressure where it has rows, else by name."""
     fitted = calibration.arm.moment_law
-    texts = {row.name: f'{row.value:.4g} +- {row.std:.1g}' for row in law}
+    texts = {row.name: f'{row.value:.4g} ± {row.std:.1g}' for row in law}
     table = Table(title=f'Moment law, {fitted.kind}')
     if not isinstance(fitted, PiecewiseLinearLaw):
         for column in ('quantity', 'value'):
@@ -114,7 +115,11 @@ def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
         for name, text in texts.items():
             table.add_row(name, text)
         return table
-    texts |= {f'EI of {row.name}': f'{row.unit_stiffness * row.value:.2e}' for row in law}
+    texts |= {
+        f'EI of {row.name}': f'{unit * row.value:.2e} ± {unit * row.std:.0e}'
+        for row in law
+        if (unit := row.unit_stiffness)
+    }
     for column in ('pressure (kPa)', 'alpha1', 'EI1 (N m^2)', 'alpha2', 'EI2 (N m^2)', 'l1 / l'):
         table.add_column(column, justify='right')
     for place, pressure in enumerate(fitted.pressure.tolist()):

@@ -15,6 +15,7 @@ from pneunet_ros.cli.diagnose_summary import show, show_unsettled
 from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.cli.simulate import seed
 from pneunet_ros.cli.verb import (
+    add_dimensionless,
     add_json,
     add_overwrite,
     DONE,
@@ -22,6 +23,7 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     progress_bar,
+    units_of,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
@@ -96,6 +98,7 @@ def options(parser: ArgumentParser) -> None:
         metavar='ADDRESS',
         help='simulate on the Dask cluster of this scheduler (default: here)',
     )
+    add_dimensionless(parser, 'draw the figures of the report')
     add_overwrite(parser)
     add_experiments(parser)
     add_json(parser)
@@ -145,6 +148,7 @@ def run(arguments: Namespace) -> int:
                 held_out=held_out,
                 provenance=provenance,
                 on_progress=on_progress,
+                units=units_of(arguments, frame),
             )
     if arguments.json:
         seconds = time.perf_counter() - started

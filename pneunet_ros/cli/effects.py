@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
+from dataclasses import Field
+import textwrap
+from typing import Any
 
 from pneunet_ros.cli.verb import add_json, DONE, output_console, print_json
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
-from rich.table import Table
+from pneunet_ros.effects.effect import Place
+
+WIDTH = 80  # columns
+INDENT = 22  # of what stands beside a name
+PLACES: dict[Place, str] = {
+    'sensing': 'what a reading means',
+    'actuation': 'pressure history to chamber pressure and intrinsic curvature',
+    'material': 'moment against curvature',
+    'mechanics': 'stretch, clamp, weight, end load',
+}
 
 
 def options(parser: ArgumentParser) -> None:
@@ -35,31 +48,39 @@ def run(arguments: Namespace) -> int:
             }
         )
         return DONE
-    table = Table(title='Effects a model file may hold under `effects:`', show_lines=True)
-    for column in (
-        'effect',
-        'place',
-        'meaning',
-        'parameter',
-        'unit',
-        'neutral',
-        'allowed',
-        'prior',
-    ):
-        # Names stand in one piece, to be found and copied.
-        table.add_column(column, no_wrap=column in ('effect', 'parameter'))
-    for effect in EFFECTS.values():
-        for index, item in enumerate(quantities(effect)):
-            about = (effect.name, effect.place, effect.meaning) if index == 0 else ('', '', '')
-            low, high = item.metadata['bounds']
-            lower, upper = item.metadata['prior']
-            table.add_row(
-                *about,
-                item.name,
-                item.metadata['unit'],
-                f'{item.default:g}',
-                f'{low:g} to {high:g}',
-                f'{lower:g} to {upper:g}',
-            )
-    output_console().print(table)
+    console = output_console()
+    for line in lines():
+        console.print(line, soft_wrap=True)
     return DONE
+
+
+def lines() -> Iterator[str]:
+    """Yield the effects by the place where they speak, two lines and more for each."""
+    yield 'Effects that a model file may hold under `effects:`, off at the neutral value.'
+    yield 'prior: where a value is expected; calibration and diagnosis begin with it.'
+    for place in dict.fromkeys(effect.place for effect in EFFECTS.values()):
+        yield ''
+        yield f'{place}: {PLACES[place]}'
+        for effect in EFFECTS.values():
+            if effect.place != place:
+                continue
+            name = f'  {effect.name}'.ljust(INDENT)
+            yield from textwrap.wrap(
+                effect.meaning, WIDTH, initial_indent=name, subsequent_indent=' ' * INDENT
+            )
+            for item in quantities(effect):
+                yield from parameter_lines(item)
+
+
+def parameter_lines(item: Field[Any]) -> list[str]:
+    """Return name, unit, neutral value, prior and bounds of a parameter, wrapped."""
+    (low, high), (lower, upper) = item.metadata['bounds'], item.metadata['prior']
+    unit = item.metadata['unit'].replace('-', '').strip()
+    named = f'{item.name} ({unit})' if unit else item.name
+    text = (
+        f'{named}: neutral {item.default:g}, prior {lower:g} to {upper:g}, '
+        f'allowed {low:g} to {high:g}'
+    )
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=' ' * 6, subsequent_indent=' ' * 8, break_on_hyphens=False
+    )

@@ -3,34 +3,39 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-import math
 from pathlib import Path
 
 import numpy as np
 from pneunet_ros.cli.verb import (
+    add_dimensionless,
     add_json,
+    add_model,
     add_overwrite,
     add_settings,
     add_topics,
     DONE,
+    model_of,
     output_console,
     print_json,
+    scales_sentence,
     SENSOR_SETTINGS,
     settings_of,
     topics_of,
+    units_of,
 )
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.messages.builders import nanoseconds, POSE_TYPE, UNFIT
+from pneunet_ros.core.errors import RecordingError, RequestError
+from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.unit_system import UnitSystem
+from pneunet_ros.estimation.shape_error import Tips
+from pneunet_ros.messages.builders import POSE_TYPE
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.offline.table_conversion import tabulate
 from pneunet_ros.recordings.recorded_series import find_all_series, read_series
-from pneunet_ros.recordings.recording import open_recording, Recording
+from pneunet_ros.recordings.recorded_shapes import read_tips, TIP
+from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.tables.reading_table import columns
 from pneunet_ros.tables.table_writer import check_suffix, write_columns
-
-TIP = 'tip'
-TIP_COLUMNS = ('estimate_tip_x_m', 'estimate_tip_y_m', 'estimate_tip_theta_rad')
 
 
 def options(parser: ArgumentParser) -> None:
@@ -48,12 +53,18 @@ def options(parser: ArgumentParser) -> None:
     add_overwrite(parser)
     add_topics(parser)
     add_settings(parser, SENSOR_SETTINGS)
+    add_dimensionless(parser, 'write')
+    add_model(parser)
     add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Export and summarize."""
     check_suffix(arguments.output)
+    arm = model_of(arguments)
+    units = units_of(arguments, arm)
+    if arguments.model is not None and not arguments.dimensionless:
+        raise RequestError('--model says by what --dimensionless divides: give both')
     names = [sensor.name for sensor in SENSORS]
     overrides = topics_of(arguments.topic, [*names, TIP])
     recording = open_recording(arguments.recording)
@@ -70,13 +81,14 @@ def run(arguments: Namespace) -> int:
     sentences = [*recording.sentences]
     for item in series.values():
         sentences += item.sentences()
-    tips = {} if tip_topic is None else read_tips(recording, tip_topic)
-    table = tabulate(series, list(tips))
-    content = columns(table)
-    if tips:
-        values = np.full((len(table.stamp_ns), len(TIP_COLUMNS)), np.nan)
-        values[np.searchsorted(table.stamp_ns, list(tips))] = list(tips.values())
-        content |= dict(zip(TIP_COLUMNS, values.T, strict=True))
+    tips = None
+    if tip_topic is not None and recording.count([tip_topic]):
+        tips, read = read_tips(recording, tip_topic)
+        sentences += read.sentences
+    table = tabulate(series, [] if tips is None else tips.stamp_ns)
+    content = columns(table, units)
+    if tips is not None:
+        content |= tip_columns(tips, table.stamp_ns, units)
     write_columns(
         arguments.output,
         content,
@@ -89,32 +101,28 @@ def run(arguments: Namespace) -> int:
         'topics': topics | ({TIP: tip_topic} if tip_topic is not None else {}),
         'rows': len(table.stamp_ns),
         'columns': list(content),
+        'units': units.name,
+        'scales': {'length': units.length.size, 'force': units.force.size},
         'sentences': sentences,
     }
     if arguments.json:
         print_json(summary)
         return DONE
+
     console = output_console()
     console.print(f'{len(table.stamp_ns)} rows of {len(content)} columns: {", ".join(content)}')
-    for sentence in sentences:
+    for sentence in [*sentences, *([scales_sentence(arm)] if arguments.dimensionless else [])]:
         console.print(f'note: {sentence}')
     console.print(f'wrote {arguments.output}')
     return DONE
 
 
-def read_tips(recording: Recording, topic: str) -> dict[int, Array]:
-    """Return x, y (m) and heading (rad) of the free end by stamp, as the estimator wrote them."""
-    tips = {}
-    for message in recording.messages([topic]):
-        try:
-            pose = message.message.pose.pose
-            heading = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
-            stamp_ns = nanoseconds(message.message.header.stamp)
-            tip = np.array([pose.position.x, pose.position.y, heading], dtype=np.float64)
-        except UNFIT as error:
-            raise RecordingError(
-                f'{recording.path}: {topic} at log time {message.log_time_ns} ns is no usable '
-                f'{POSE_TYPE}: {error}'
-            ) from error
-        tips[stamp_ns] = tip
-    return tips
+def tip_columns(tips: Tips, stamp_ns: Stamps, units: UnitSystem) -> dict[str, Array]:
+    """Return the columns of estimated tips in a table of these stamps, NaN where there is none."""
+    length = units.length
+    rows = np.searchsorted(stamp_ns, tips.stamp_ns)
+    values = np.full((3, stamp_ns.size), np.nan)
+    values[:2, rows] = tips.place.T / length.size
+    values[2, rows] = tips.heading
+    names = (f'estimate_tip_x_{length.name}', f'estimate_tip_y_{length.name}')
+    return dict(zip((*names, 'estimate_tip_theta_rad'), values, strict=True))

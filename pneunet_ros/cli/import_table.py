@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterable
-import math
 from pathlib import Path
 
+from pneunet_ros.cli.table_options import add_table_options, table_request
 from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.messages.readings import TARGETS
 from pneunet_ros.offline.table_conversion import record_table
+from pneunet_ros.recordings.file_kinds import recording_from, VIDEOS
 from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.tables.columns import known_names
-from pneunet_ros.tables.table_reader import ImportRequest, read_table
+from pneunet_ros.tables.table_reader import read_table
 
 
 def options(parser: ArgumentParser) -> None:
@@ -25,21 +25,12 @@ def options(parser: ArgumentParser) -> None:
         'tip_heading: the pose of the tip; each may be missing. Empty cells: no reading, target '
         'not seen.'
     )
-    parser.add_argument('table', type=Path, metavar='TABLE.csv', help='comma-separated, UTF-8')
+    parser.add_argument('table', type=Path, metavar='TABLE.csv', help='a CSV file, UTF-8')
     parser.add_argument(
         '--output', type=Path, metavar='REC.mcap', required=True, help='write the recording here'
     )
     add_overwrite(parser)
-    lists = (
-        ('--select', 'COLUMN=VALUE', 'read only the rows that hold this text in this column'),
-        ('--rename', 'OLD=NEW', 'call a column by a name that is known'),
-        ('--offset', 'COLUMN=NUMBER', 'add to a column (new name), in its unit'),
-        ('--ignore', 'COLUMN', 'leave columns out'),
-    )
-    for option, form, meaning in lists:
-        parser.add_argument(
-            option, action='extend', nargs='+', default=[], metavar=form, help=meaning
-        )
+    add_table_options(parser)
     parser.add_argument(
         '--rate', type=float, metavar='HZ', help='rows per second of a table without time'
     )
@@ -48,17 +39,9 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Import and summarize."""
-    offsets = {
-        name: number(f'--offset {name}={text}', text)
-        for name, text in pairs_of('--offset', arguments.offset).items()
-    }
-    request = ImportRequest(
-        select=pairs_of('--select', arguments.select),
-        rename=pairs_of('--rename', arguments.rename),
-        ignore=arguments.ignore,
-        offsets=offsets,
-        rate=arguments.rate,
-    )
+    if arguments.table.suffix.lower() in VIDEOS:
+        raise RequestError(f'{arguments.table} {recording_from(arguments.table)}')
+    request = table_request(arguments, rate=arguments.rate)
     table, sentences = read_table(arguments.table, request)
     with write_recording(
         arguments.output, overwrite=arguments.overwrite, inputs=[arguments.table]
@@ -84,25 +67,3 @@ def run(arguments: Namespace) -> int:
         console.print(f'note: {sentence}')
     console.print(f'wrote {arguments.output}')
     return DONE
-
-
-def pairs_of(option: str, words: Iterable[str]) -> dict[str, str]:
-    """Return texts by name from words NAME=TEXT; raises RequestError for another form."""
-    pairs: dict[str, str] = {}
-    for word in words:
-        name, equals, text = word.partition('=')
-        if not equals or not name or not text or name in pairs:
-            raise RequestError(f'{option} {word} is not of the form NAME=TEXT, a name only once')
-        pairs[name] = text
-    return pairs
-
-
-def number(option: str, text: str) -> float:
-    """Return a finite number; raises RequestError that names the option."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise RequestError(f'{option}: {text!r} is no number')
-    return value

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from decimal import Decimal
 from importlib import import_module
 import os
 import re
 import sys
-from typing import NamedTuple, NoReturn
+from typing import Literal, NamedTuple, NoReturn
 
 from pneunet_ros import __version__
+from pneunet_ros.core import jit
 from pneunet_ros.core.errors import PneunetError, shortened
+from pneunet_ros.core.kernel_cache import answer_first, compile_first, compile_meanwhile
 from pneunet_ros.core.printable import printable
 
 
@@ -28,48 +30,61 @@ class Verb(NamedTuple):
     """A verb: its name, one line of help, and its module, which is imported when it is called.
 
     The module has `options(parser)`, which adds the options, and `run(arguments)`, which does it
-    and returns the exit code.
+    and returns the exit code. kernels: 'meanwhile' where it answers while they are compiled,
+    'first' where it waits for them, as it has long work for them.
     """
 
     name: str
     help: str
     module: str
+    kernels: Literal['none', 'meanwhile', 'first'] = 'none'
 
 
 VERBS = (
     Verb(
         'demo',
-        "the first minute: the paper's load history through the estimator",
+        "replay the loads of the paper's Table 1: the first minute",
         'pneunet_ros.cli.demo',
+        'meanwhile',
     ),
     Verb(
         'predict',
-        'shape of the arm at a pressure, under an end load or with the tip at a given place',
+        'predict the shape under pressure and end load, or find the force from the tip',
         'pneunet_ros.cli.predict',
+        'meanwhile',
     ),
     Verb(
         'replay',
         'run the estimator on a recording of pressure and end wrench',
         'pneunet_ros.cli.replay',
+        'first',
     ),
     Verb(
         'track',
-        'find the white targets in camera images: points, smoothed centerline, curvature',
+        'track the targets in camera images: points, smoothed centerline, curvature',
         'pneunet_ros.cli.track',
+        'meanwhile',
     ),
     Verb(
         'calibrate',
-        "recordings without and with end load -> a model with error bars, the paper's way",
+        'calibrate a model with error bars from recordings without and with end load',
         'pneunet_ros.cli.calibrate',
+        'first',
     ),
     Verb(
         'diagnose',
-        'model and recordings -> what the model lacks, the model with it, and a report',
+        'find the physical effect that a model lacks; write the augmented model and a report',
         'pneunet_ros.cli.diagnose',
+        'first',
+    ),
+    Verb(
+        'compare',
+        'measure the distance of two recordings, or of an estimate and a truth',
+        'pneunet_ros.cli.compare',
     ),
     Verb(
         'check',
-        'tell what recordings hold and lack, and what they can be used for',
+        'list what recordings contain and lack, and what they can be used for',
         'pneunet_ros.cli.check',
     ),
     Verb(
@@ -79,22 +94,37 @@ VERBS = (
     ),
     Verb(
         'import',
-        'make a recording of a CSV table whose columns are named with their units',
+        'convert a CSV table, whose columns name their units, to a recording',
         'pneunet_ros.cli.import_table',
     ),
     Verb(
+        'new-arm',
+        'write arm.yaml for an arm of your own, and a printable sheet of its dots',
+        'pneunet_ros.cli.new_arm',
+    ),
+    Verb(
         'effects',
-        'the physical effects that a model can have, with their parameters',
+        'list the physical effects that a model can have, with their parameters',
         'pneunet_ros.cli.effects',
     ),
     Verb(
         'simulate',
-        'make a recording in the virtual lab, with its truth in a file beside it',
+        'simulate a recording in the virtual lab, and write its truth to a file beside it',
         'pneunet_ros.cli.simulate',
+        'first',
+    ),
+    Verb(
+        'urdf',
+        'write a URDF of the arm as a chain of links, for robot_state_publisher',
+        'pneunet_ros.cli.urdf',
+    ),
+    Verb(
+        'compile',
+        'compile all kernels ahead and keep them on the disk',
+        'pneunet_ros.cli.compile',
     ),
 )
 WRONG = 2  # exit code
-INTERRUPTED = 130
 NEGATIVE_NUMBER = re.compile(r'-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?')
 
 
@@ -102,8 +132,8 @@ def parser(words: Sequence[str]) -> ArgumentParser:
     """Build the command line of all verbs, with the options of the one among the words."""
     command = CommandParser(
         prog='pneunet',
-        description='Where a pneu-net arm is, from pressure and end force, by a rod model.',
-        epilog='Exit codes: 0 done; 1 done, the answer is negative; 2 request or file was wrong.',
+        description='The shape of a pneu-net arm, by a rod model and by camera.',
+        epilog='Exit codes: 0 done; 1 done, with a negative answer; 2 wrong request or file.',
         allow_abbrev=False,
     )
     command.add_argument('--version', action='version', version=f'pneunet_ros {__version__}')
@@ -113,9 +143,11 @@ def parser(words: Sequence[str]) -> ArgumentParser:
             verb.name, help=verb.help, description=verb.help, allow_abbrev=False
         )
         if words and words[0] == verb.name:
+            if verb.kernels != 'none':
+                answer_first()
             module = import_module(verb.module)
             module.options(options)
-            options.set_defaults(run=module.run)
+            options.set_defaults(run=module.run, kernels=verb.kernels)
     return command
 
 
@@ -126,19 +158,27 @@ def without_exponent(argument: str) -> str:
     return argument
 
 
+def complete() -> None:
+    """Answer the shell that asks how the command line may go on, and exit."""
+    import argcomplete  # an extra: who asks has it
+
+    words = os.environ.get('COMP_LINE', '').split()[1:]
+    argcomplete.autocomplete(parser(words))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit code."""
+    if '_ARGCOMPLETE' in os.environ:
+        complete()
     words = sys.argv[1:] if arguments is None else arguments
     given = parser(words).parse_args([without_exponent(word) for word in words])
     try:
+        see_to_kernels(given)
         code: int = given.run(given)
         sys.stdout.flush()
         return code
     except PneunetError as error:
         return complain(given.verb, str(error))
-    except KeyboardInterrupt:
-        complain(given.verb, 'interrupted; what was not complete has not been written')
-        return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `pneunet effects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -147,6 +187,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(given.verb, f'{about}{error.strerror or error}')
     except MemoryError:
         return complain(given.verb, 'there is not enough memory for this')
+
+
+def see_to_kernels(given: Namespace) -> None:
+    """Have the kernels compiled where they are not, before or while the verb works."""
+    if given.kernels == 'none' or not jit.is_waiting():
+        return
+    if given.kernels == 'meanwhile':
+        compile_meanwhile()
+        say(given, 'the kernels are being compiled in the background, once; numpy answers')
+        return
+    say(given, 'compiling the kernels, once: a minute or two of CPU')
+    from pneunet_ros.cli.verb import progress_bar
+
+    with progress_bar(shown=not given.json) as bar:
+        task = bar.add_task('compiling, once', total=None)
+        compile_first(lambda: bar.update(task))
+
+
+def say(given: Namespace, sentence: str) -> None:
+    """Say on stderr what a person should know."""
+    if not given.json:
+        print(f'pneunet {given.verb}: {sentence}', file=sys.stderr)
 
 
 def complain(verb: str, sentence: str) -> int:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from pneunet_ros.cli.verb import (
+    add_dimensionless,
     add_json,
     add_model,
     DONE,
@@ -15,14 +16,19 @@ from pneunet_ros.cli.verb import (
     NEGATIVE,
     output_console,
     print_json,
+    scales_sentence,
+    units_of,
 )
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.readings import PressureReading, WrenchReading
-from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.core.unit_system import DIMENSIONLESS, SHOWN_SI, Unit, UnitSystem
+from pneunet_ros.core.units import PASCALS_PER_KILOPASCAL
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.measured_tip import measured_tip_std, with_measured_tip
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.noise_jacobian import true_load
@@ -38,6 +44,15 @@ from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.model.uncertainty import error_left_out
 from rich.table import Table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prediction:
+    """A shape, how uncertain it is, and the covariance (2, 2) N^2 of a force that was found."""
+
+    shape: Shape
+    estimate: ShapeEstimate | None = None
+    force_covariance: Array | None = None
 
 
 def options(parser: ArgumentParser) -> None:
@@ -65,7 +80,14 @@ def options(parser: ArgumentParser) -> None:
         type=float,
         nargs=2,
         metavar=('X', 'Y'),
-        help='position of the free end, m: find the end force as well',
+        help='position of the tip, m: also find the end force',
+    )
+    parser.add_argument(
+        '--tip-std',
+        type=float,
+        metavar='M',
+        help='standard deviation of X, and of Y, of --tip, m (default: that of a target in the '
+        "model's `sensors`)",
     )
     parser.add_argument(
         '--stations',
@@ -74,6 +96,7 @@ def options(parser: ArgumentParser) -> None:
         metavar='N',
         help=f'stations along the arm (default: {DEFAULT_STATIONS})',
     )
+    add_dimensionless(parser, 'print')
     add_json(parser)
 
 
@@ -81,13 +104,17 @@ def run(arguments: Namespace) -> int:
     """Solve and print."""
     if arguments.tip and arguments.force:
         raise RequestError('give either --force or --tip: with --tip the force is the answer')
+    if arguments.tip_std is not None and not arguments.tip:
+        raise RequestError('--tip-std says how sure --tip is: give both')
+    if arguments.tip_std is not None and not 0.0 <= arguments.tip_std < math.inf:
+        raise RequestError(f'--tip-std {arguments.tip_std} must be a length in m, zero or more')
     arm = model_of(arguments)
-    shape, estimate = solve_within_domain(arm, solved(arm, arguments), arguments.pressure)
+    prediction = predict(arm, solved(arm, arguments), arguments)
     if arguments.json:
-        print_json(content(arm, shape, estimate))
+        print_json(content(arm, prediction, units_of(arguments, arm)))
     else:
-        show(arm, shape, estimate)
-    return DONE if shape.converged else NEGATIVE
+        show(arm, prediction, units_of(arguments, arm, SHOWN_SI))
+    return DONE if prediction.shape.converged else NEGATIVE
 
 
 def solved(arm: Arm, arguments: Namespace) -> Shape:
@@ -100,15 +127,10 @@ def solved(arm: Arm, arguments: Namespace) -> Shape:
     return solve(arm, pressure, (force[0], force[1]), moment, stations=stations)
 
 
-def solve_within_domain(
-    arm: Arm, shape: Shape, pressure: float
-) -> tuple[Shape, ShapeEstimate | None]:
-    """Return a shape with its uncertainty; none of both where the model says nothing of the load.
-
-    pressure: what the sensor reads, Pa.
-    """
+def predict(arm: Arm, shape: Shape, arguments: Namespace) -> Prediction:
+    """Return a shape with its uncertainty; a failed one where the model knows no such load."""
     if not shape.converged:
-        return shape, None
+        return Prediction(shape=shape)
     load = Load(
         pressure=shape.pressure,
         force_x=shape.force[0],
@@ -118,9 +140,21 @@ def solve_within_domain(
     position = locate_load(arm, load, steady_pressure(arm, shape.pressure))
     if position.reason:
         failed = failed_shape(arm, load, shape.arclength, position.sentence, math.nan, 0)
-        return replace(failed, extrapolated=True), None
+        return Prediction(shape=replace(failed, extrapolated=True))
     settings = EstimatorSettings(stations=shape.arclength.size)
-    return shape, estimate_uncertainty(Estimator(arm=arm, settings=settings), shape, pressure)
+    estimator = Estimator(arm=arm, settings=settings)
+    estimate = estimate_uncertainty(estimator, shape, arguments.pressure)
+    if not arguments.tip or estimate is None:
+        return Prediction(shape=shape, estimate=estimate)
+    std = arguments.tip_std
+    measured = with_measured_tip(
+        estimator, estimate, measured_tip_std(arm.sensors) if std is None else std
+    )
+    if measured is None:
+        return Prediction(shape=shape)
+    return Prediction(
+        shape=shape, estimate=measured.estimate, force_covariance=measured.force_covariance
+    )
 
 
 def estimate_uncertainty(
@@ -147,10 +181,22 @@ def wrench_read(estimator: Estimator, shape: Shape, pressure: float) -> list[flo
     return read
 
 
-def content(arm: Arm, shape: Shape, estimate: ShapeEstimate | None) -> dict[str, object]:
-    """Return the JSON of the contract."""
+def content(arm: Arm, prediction: Prediction, units: UnitSystem) -> dict[str, object]:
+    """Return the JSON of the contract, in these units."""
+    shape, estimate = prediction.shape, prediction.estimate
+    length, force, moment = (getattr(units, kind).per_si for kind in ('length', 'force', 'moment'))
+    curvature = units.curvature.per_si
     x, y, theta = shape.tip
+    tip_std, jacobian = None, None
+    if estimate is not None:
+        std_x, std_y, std_theta = deviations(estimate.tip_covariance)
+        tip_std = {'x': length * std_x, 'y': length * std_y, 'theta': std_theta}
+        causes = np.array([1.0, force, force, moment])
+        jacobian = np.array([length, length, 1.0])[:, None] * estimate.jacobian / causes
+    covariance = prediction.force_covariance
     return {
+        'units': units.name,
+        'scales': {'length': units.length.size, 'force': units.force.size},
         'status': shape.status,
         'converged': shape.converged,
         'residual': shape.residual,
@@ -158,62 +204,77 @@ def content(arm: Arm, shape: Shape, estimate: ShapeEstimate | None) -> dict[str,
         'stable': shape.stable,
         'extrapolated': shape.extrapolated,
         'pressure': shape.pressure,
-        'force': list(shape.force),
-        'moment_at_end': shape.end_moment,
-        'arclength': shape.arclength,
-        'x': shape.x,
-        'y': shape.y,
+        'force': [force * value for value in shape.force],
+        'force_std': None
+        if covariance is None
+        else [force * value for value in deviations(covariance)],
+        'force_covariance': None if covariance is None else force**2 * covariance,
+        'moment_at_end': moment * shape.end_moment,
+        'arclength': length * shape.arclength,
+        'x': length * shape.x,
+        'y': length * shape.y,
         'theta': shape.theta,
-        'curvature': shape.curvature,
-        'intrinsic_curvature': shape.intrinsic_curvature,
-        'moment': shape.moment,
-        'tip': {'x': x, 'y': y, 'theta': theta},
-        'tip_std': None
-        if estimate is None
-        else dict(zip('xy', tip_std(estimate)[:2], strict=True)) | {'theta': tip_std(estimate)[2]},
+        'curvature': curvature * shape.curvature,
+        'intrinsic_curvature': curvature * shape.intrinsic_curvature,
+        'moment': moment * shape.moment,
+        'tip': {'x': length * x, 'y': length * y, 'theta': theta},
+        'tip_std': tip_std,
         'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'warnings': [] if estimate is None else list(estimate.warnings),
-        'jacobian': None if estimate is None else estimate.jacobian,
+        'jacobian': jacobian,
     }
 
 
-def tip_std(estimate: ShapeEstimate) -> list[float]:
-    """Return standard deviations of x, y (m) and theta (rad) of the tip."""
-    deviations: list[float] = np.sqrt(np.diag(estimate.tip_covariance)).tolist()
-    return deviations
+def deviations(covariance: Array) -> list[float]:
+    """Return the standard deviations in a covariance."""
+    found: list[float] = np.sqrt(np.diag(covariance)).tolist()
+    return found
 
 
-def show(arm: Arm, shape: Shape, estimate: ShapeEstimate | None) -> None:
+def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
     """Print the answer for people."""
     console = output_console()
+    shape, estimate = prediction.shape, prediction.estimate
     residual = f' (residual {shape.residual:.1e} rad)' if shape.converged else ''
     console.print(f'{shape.status}{residual}')
     if not shape.converged or estimate is None:
         return
-    x, y, theta = shape.tip
-    std = tip_std(estimate)
     table = Table(show_header=True)
     for name in ('quantity', 'value', 'std', 'unit'):
         table.add_column(name, justify='left' if name in ('quantity', 'unit') else 'right')
-    table.add_row('pressure', f'{kilopascals(shape.pressure):.3f}', '', 'kPa')
-    table.add_row('end force F1', f'{shape.force[0]:.5f}', '', 'N')
-    table.add_row('end force F2', f'{shape.force[1]:.5f}', '', 'N')
-    table.add_row('end moment', f'{1000.0 * shape.end_moment:.4f}', '', 'mN m')
-    table.add_row('tip x', f'{millimeters(x):.3f}', f'{millimeters(std[0]):.3f}', 'mm')
-    table.add_row('tip y', f'{millimeters(y):.3f}', f'{millimeters(std[1]):.3f}', 'mm')
-    table.add_row(
-        'tip heading', f'{math.degrees(theta):.3f}', f'{math.degrees(std[2]):.3f}', 'deg'
-    )
+
+    def add(name: str, value: float, std: float | None, unit: Unit, places: int) -> None:
+        """Add a row, value and std in this unit."""
+        texts = (
+            '' if item is None else f'{unit.per_si * item:.{places}f}' for item in (value, std)
+        )
+        table.add_row(name, *texts, unit.name)
+
+    length, force, moment = units.length, units.force, units.moment
+    places = 5 if units.name == DIMENSIONLESS else 3
+    covariance = prediction.force_covariance
+    force_std = [None, None] if covariance is None else deviations(covariance)
+    std = deviations(estimate.tip_covariance)
     largest = int(np.argmax(np.abs(shape.curvature)))
-    at = millimeters(float(shape.arclength[largest]))
-    table.add_row(
+    at = f'at {length.per_si * shape.arclength[largest]:.3g} {length.name}'
+    add('pressure', shape.pressure, None, Unit(name='kPa', size=PASCALS_PER_KILOPASCAL), 3)
+    for index, name in enumerate(('end force F1', 'end force F2')):
+        add(name, shape.force[index], force_std[index], force, 5)
+    add('end moment', shape.end_moment, None, moment, 4)
+    for index, name in enumerate(('tip x', 'tip y')):
+        add(name, shape.tip[index], std[index], length, places)
+    add('tip heading', shape.tip[2], std[2], Unit(name='deg', size=math.radians(1.0)), 3)
+    add(
         'largest curvature',
-        f'{shape.curvature[largest]:.3f}',
-        f'{estimate.std_curvature[largest]:.3f}',
-        f'1/m, at {at:.0f} mm',
+        float(shape.curvature[largest]),
+        float(estimate.std_curvature[largest]),
+        Unit(name=f'{units.curvature.name}, {at}', size=units.curvature.size),
+        3,
     )
-    table.add_row('moment at the clamp', f'{1000.0 * shape.moment[0]:.4f}', '', 'mN m')
+    add('moment at the clamp', float(shape.moment[0]), None, moment, 4)
     console.print(table)
+    if units.name == DIMENSIONLESS:
+        console.print(scales_sentence(arm))
     left_out = error_left_out(arm.covariance, arm.sources)
     if left_out:
         console.print(f'note: {left_out}')

@@ -26,6 +26,7 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.model_file import model_hash
+from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import markers_output, TIP_FRAME, transform_output
 from pneunet_ros.messages.readings import PRESSURE, SENSORS, TARGETS
 from pneunet_ros.model.uncertainty import error_left_out
@@ -57,7 +58,7 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--views',
         action='store_true',
-        help='write markers (visualization_msgs) and the transform to the tip (/tf) as well',
+        help='write markers, the transform to the tip (/tf) and joint_states as well',
     )
     add_overwrite(parser)
     add_topics(parser)
@@ -96,7 +97,7 @@ def run(arguments: Namespace) -> int:
                     arguments.output, overwrite=arguments.overwrite, inputs=[arguments.recording]
                 )
             )
-            markers = (markers_output(lambda: arm), transform_output(TIP_FRAME))
+            markers = (markers_output(lambda: arm), transform_output(TIP_FRAME), JOINT_STATES)
             shown = markers if arguments.views else ()
             record_steps(writer, recording, estimator, topics, on_progress, shown, targets)
     seconds = time.perf_counter() - begun

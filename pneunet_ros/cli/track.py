@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 import time
 from typing import Any
 
 import numpy as np
+from pneunet_ros.cli.track_film import add_film_options, film_readings, joined
 from pneunet_ros.cli.track_summary import show, summary_of
 from pneunet_ros.cli.verb import (
     add_json,
@@ -30,6 +31,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.atomic import written_together
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.offline.film import record_film
 from pneunet_ros.offline.track import (
     look_ahead,
     record_tracking,
@@ -40,14 +42,14 @@ from pneunet_ros.offline.track import (
 from pneunet_ros.recordings.image_files import FOLDER_RATE, NO_LENS
 from pneunet_ros.recordings.image_sources import open_images, SourceRequest, TOPIC_NAMES
 from pneunet_ros.recordings.image_stream import ImageStream
-from pneunet_ros.recordings.recording_writer import write_recording
+from pneunet_ros.recordings.recording_writer import RecordingWriter, write_recording
 from pneunet_ros.tables.length_unit import length_unit, LENGTHS, LengthUnit
 from pneunet_ros.tables.target_table import write_table
 from pneunet_ros.vision.camera_settings import CameraSettings, PosePlane
 from pneunet_ros.vision.tracker import Tracker, Tracking
 
 CAMERA = 'config/camera.yaml'
-PREVIEWS = ('.png', '.mp4')
+PREVIEWS = ('.png', '.mp4', '.html')
 Follower = Callable[[TrackStep], None]
 
 
@@ -86,7 +88,15 @@ def options(parser: ArgumentParser) -> None:
         '--preview',
         type=Path,
         metavar='FILE',
-        help='draw the overlay: some frames and plots (.png), or all frames as a video (.mp4)',
+        help='draw the overlay: some frames and plots (.png), all frames as a video (.mp4), or a '
+        'page to scrub through, with a verdict (.html)',
+    )
+    parser.add_argument(
+        '--estimates',
+        type=Path,
+        metavar='REC',
+        help='draw the predicted centerlines of this recording (of `replay`) into the page '
+        '(default: those beside the images, where there are)',
     )
     parser.add_argument(
         '--table', type=Path, metavar='FILE.csv', help='write a line per target and frame'
@@ -106,6 +116,7 @@ def options(parser: ArgumentParser) -> None:
         f'(default: what the video says; {FOLDER_RATE:g} for a folder)',
     )
     add_topics(parser, 'image_raw=/my/topic')
+    add_film_options(parser)
     add_json(parser)
 
 
@@ -120,20 +131,18 @@ def run(arguments: Namespace) -> int:
         topics=topics_of(arguments.topic, TOPIC_NAMES),
     )
     stream = open_images(arguments.source, request)
+    readings = film_readings(arguments, stream)
     tracker = Tracker(arm=arm, settings=settings)
     unit = length_unit(arguments.lengths, arm.length)
     tally = TrackTally(targets=arm.target_arclength.size)
     sentences = stream.recording.sentences if stream.recording is not None else ()
+    film: dict[str, Any] = {}
     with ExitStack() as stack:
         stack.enter_context(written_together())
-        writer = None
-        if arguments.output is not None:
-            writer = stack.enter_context(
-                write_recording(
-                    arguments.output, overwrite=arguments.overwrite, inputs=inputs(arguments)
-                )
-            )
-        followers = [tally.count, *followers_of(arguments, stack, stream, arm, unit)]
+        tabulate = table_writer(arguments, stack, unit)
+        trackings: list[Tracking] = []
+        on_tracking = [trackings.append] if readings is not None else tabulate
+        followers = [tally.count, *preview_followers(arguments, stack, stream, arm, unit)]
         bar = stack.enter_context(progress_bar(shown=not arguments.json))
         task = bar.add_task('looking for the arm at rest', total=stream.frames)
         start, ahead = look_ahead(stream, tracker, lambda: bar.advance(task))
@@ -145,35 +154,60 @@ def run(arguments: Namespace) -> int:
         def on_progress(step: TrackStep) -> None:
             for follow in followers:
                 follow(step)
+            if isinstance(step.outcome, Tracking):
+                for take in on_tracking:
+                    take(step.outcome)
             if step.frame:
                 times.append(time.perf_counter())
                 if tally.frames % 20 == 0:
                     bar.update(task, completed=tally.frames)
 
-        if writer is None:
+        if arguments.output is None or readings is not None:
             for step in track_steps(stream, tracker, start=start):
                 on_progress(step)
         else:
+            writer = stack.enter_context(output_writer(arguments))
             left_out = record_tracking(
                 writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress, start
             )
             sentences = (*sentences, *left_out)
+        if readings is not None:
+            bar.update(task, description='matching film and table')
+            run_, film = joined(readings, trackings)
+            sentences = (*sentences, *readings.sentences)
+            if run_ is not None:
+                record_film(stack.enter_context(output_writer(arguments)), run_)
+                for tracking in run_.trackings:
+                    for take in tabulate:
+                        take(tracking)
         seconds = time.perf_counter() - times[0]
-    summary = summary_of(arguments, arm, stream, tally, unit)
+    summary = summary_of(arguments, arm, stream, tally, unit) | film
     # The median leaves out the first frames, in which kernels may have to be compiled.
     rate = 1.0 / float(np.median(np.diff(times))) if tally.frames else 0.0
     summary |= {'seconds': seconds, 'frames_per_second': rate, 'sentences': list(sentences)}
+    if film and not film['frames_covered']:
+        summary['output'] = None
     if arguments.json:
         print_json(summary)
     else:
         show(summary, unit)
-    return DONE if tally.explained else NEGATIVE
+    return DONE if tally.explained and film.get('frames_covered', 1) else NEGATIVE
+
+
+def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWriter]:
+    """Open the recording that is written."""
+    return write_recording(
+        arguments.output, overwrite=arguments.overwrite, inputs=inputs(arguments)
+    )
 
 
 def check_request(arguments: Namespace, settings: CameraSettings) -> None:
     """Refuse, before any work is done, what cannot go together."""
     if arguments.preview is not None and arguments.preview.suffix.lower() not in PREVIEWS:
         raise RequestError(f'--preview {arguments.preview} must end in {" or ".join(PREVIEWS)}')
+    page = arguments.preview is not None and arguments.preview.suffix.lower() == '.html'
+    if arguments.estimates is not None and not page:
+        raise RequestError('--estimates are drawn into a page: give --preview FILE.html')
     if arguments.with_images and arguments.output is None:
         raise RequestError('--with-images needs --output OUT.mcap, where the images go')
     outputs = [arguments.output, arguments.table, arguments.preview]
@@ -189,28 +223,32 @@ def check_request(arguments: Namespace, settings: CameraSettings) -> None:
 
 def inputs(arguments: Namespace) -> list[Path]:
     """List what is read, which no output may replace."""
-    files = [arguments.source, arguments.model, arguments.camera]
+    given = (arguments.model, arguments.camera, arguments.estimates, arguments.readings)
+    files = [arguments.source, *given]
     if arguments.camera_info not in (None, NO_LENS):
         files.append(Path(arguments.camera_info))
     return [file for file in files if file is not None]
 
 
-def followers_of(
+def table_writer(
+    arguments: Namespace, stack: ExitStack, unit: LengthUnit
+) -> list[Callable[[Tracking], None]]:
+    """Open the table that was asked for: what takes a frame, or nothing."""
+    if arguments.table is None:
+        return []
+    table = stack.enter_context(
+        write_table(arguments.table, unit, overwrite=arguments.overwrite, inputs=inputs(arguments))
+    )
+    return [lambda tracking: table.write(tracking.sightings)]
+
+
+def preview_followers(
     arguments: Namespace, stack: ExitStack, stream: ImageStream, arm: Arm, unit: LengthUnit
 ) -> list[Follower]:
-    """Open the table and the preview that were asked for; each sees every step."""
-    options: dict[str, Any] = {'overwrite': arguments.overwrite, 'inputs': inputs(arguments)}
-    followers: list[Follower] = []
-    if arguments.table is not None:
-        table = stack.enter_context(write_table(arguments.table, unit, **options))
-
-        def tabulate(step: TrackStep) -> None:
-            if isinstance(step.outcome, Tracking):
-                table.write(step.outcome.sightings)
-
-        followers.append(tabulate)
+    """Open the preview that was asked for: what sees every step, or nothing."""
     if arguments.preview is None:
-        return followers
+        return []
+    options: dict[str, Any] = {'overwrite': arguments.overwrite, 'inputs': inputs(arguments)}
     if arguments.preview.suffix.lower() == '.mp4':
         from pneunet_ros.reports.tracking.preview_video import write_video
 
@@ -220,15 +258,10 @@ def followers_of(
             if isinstance(step.outcome, Tracking) and isinstance(step.item.reading, Image):
                 video.add(step.item.reading, step.outcome, step.state)
 
-        return [*followers, film]
-    from pneunet_ros.reports.tracking.preview import write_preview
+        return [film]
+    from pneunet_ros.cli.track_preview import open_preview
 
-    title = f'{arguments.source} through {arm.name}'
-    preview = stack.enter_context(
-        write_preview(
-            arguments.preview, stream.frames, arm.target_arclength.size, title, unit, **options
-        )
-    )
+    preview = stack.enter_context(open_preview(arguments, stream, arm, unit, **options))
 
     def collect(step: TrackStep) -> None:
         if step.frame:
@@ -236,4 +269,4 @@ def followers_of(
             tracking = step.outcome if isinstance(step.outcome, Tracking) else None
             preview.add(step.item.log_time_ns, image, tracking, step.state)
 
-    return [*followers, collect]
+    return [collect]

@@ -21,6 +21,7 @@ def summary_of(
     return {
         'source': arguments.source,
         'kind': stream.kind,
+        'clock': stream.clock,
         'output': arguments.output,
         'table': arguments.table,
         'preview': arguments.preview,
@@ -54,6 +55,7 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
     frames, explained = summary['frames'], summary['explained']
     table.add_row('images', f'{summary["kind"]}, {summary["topics"]["image_raw"]}')
     table.add_row('lens', str(summary['topics']['camera_info']))
+    table.add_row('stamps', summary['clock'])
     table.add_row('frames', str(frames))
     table.add_row('frames tracked', share(explained, frames))
     reasons = ', '.join(f'{count} {reason}' for reason, count in summary['reasons'].items())
@@ -71,6 +73,9 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
             f'{shown * summary["smoothing_rms"]:.3g} {unit.shown} '
             f'(worst frame {shown * summary["worst_smoothing_rms"]:.3g} {unit.shown})',
         )
+    if 'delay_sentence' in summary:
+        table.add_row('delay', summary['delay_sentence'])
+        table.add_row('frames within the table', share(summary['frames_covered'], frames))
     seconds, rate = summary['seconds'], summary['frames_per_second']
     table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
     console.print(table)

@@ -12,6 +12,7 @@ from typing import Any
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.printable import printable
 from pneunet_ros.core.share import share_path
+from pneunet_ros.core.unit_system import dimensionless, SI, UnitSystem
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.model_file import load_model
@@ -83,6 +84,29 @@ def add_model(parser: ArgumentParser) -> None:
         type=Path,
         metavar='FILE',
         help="model file, YAML (default: the shipped model of the paper's arm)",
+    )
+
+
+def add_dimensionless(parser: ArgumentParser, what: str) -> None:
+    """Add the option for the scales of the paper."""
+    parser.add_argument(
+        '--dimensionless',
+        action='store_true',
+        help=f'{what} by the scales of the arm, as in the paper: lengths by l, forces by mg, '
+        'moments by mg l, curvature by 1/l (default: SI; pressure stays in Pa)',
+    )
+
+
+def units_of(arguments: Namespace, arm: Arm, otherwise: UnitSystem = SI) -> UnitSystem:
+    """Return the units that were asked for: the scales of this arm, or the others."""
+    return dimensionless(arm.length, arm.weight) if arguments.dimensionless else otherwise
+
+
+def scales_sentence(arm: Arm) -> str:
+    """Say what dimensionless numbers were divided by."""
+    length, weight = 1000.0 * arm.length, arm.weight
+    return (
+        f'dimensionless: lengths by l = {length:g} mm, forces by mg = {weight:g} N of {arm.name}'
     )
 
 

@@ -1,17 +1,22 @@
 """Compile the kernels where numba is at hand; they run as plain Python where it is not.
 
-The kernels of this package are written so that both give the same numbers; `HAVE_NUMBA` tells
-which it is. Contraction to fused multiply-adds is the only relaxation of IEEE arithmetic: NaN
-stays NaN.
+The kernels of this package are written so that both give the same numbers. Contraction to fused
+multiply-adds is the only relaxation of IEEE arithmetic: NaN stays NaN.
+
+A process that has to answer at once says `answer_first` before it imports any kernel. Where the
+kernels are not on the disk they then run as plain Python, until `use_compiled` puts the compiled
+ones in their places (`core.kernel_cache` has them compiled meanwhile, in a process of its own).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 import hashlib
 import importlib.util
 import os
 from pathlib import Path
+import sys
 from typing import Any, TypeVar
 
 Function = TypeVar('Function', bound=Callable[..., Any])
@@ -19,12 +24,16 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.get(
     'PNEUNET_NO_NUMBA'
 )
+CACHED = {'error_model': 'numpy', 'fastmath': {'contract'}, 'cache': True}
+WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}}
+INLINED = {**WITHIN, 'forceinline': True}
 
 
 def fingerprint(package: Path) -> str:
     """Compute a hash of all files of a package that have to do with kernels: they import this one.
 
-    Kernels call kernels and take constants from other files, hence one hash for them all.
+    Kernels call kernels and take constants from other files, hence one hash for them all. Files
+    without kernels import this module, not from it.
     """
     whole = hashlib.sha256()
     for folder, folders, names in os.walk(package):
@@ -37,7 +46,46 @@ def fingerprint(package: Path) -> str:
     return whole.hexdigest()
 
 
-SOURCES = fingerprint(Path(__file__).parent.parent) if HAVE_NUMBA else ''
+@cache
+def sources() -> str:
+    """Return the fingerprint of this package."""
+    return fingerprint(Path(__file__).parent.parent)
+
+
+class Waiting:
+    """The kernels that run as plain Python until compiled ones take their places.
+
+    plain: what runs, and the options of its compiled twin, in the order of their definition.
+    """
+
+    def __init__(self) -> None:
+        self.expected = False
+        self.plain: list[tuple[Callable[..., Any], dict[str, Any]]] = []
+
+
+WAITING = Waiting()
+
+
+def answer_first() -> None:
+    """Let the kernels that are imported from now on run as plain Python until `use_compiled`."""
+    WAITING.expected = HAVE_NUMBA
+
+
+def is_waiting() -> bool:
+    """Whether kernels run as plain Python only until compiled ones take their places."""
+    return WAITING.expected
+
+
+def is_compiled() -> bool:
+    """Whether the kernels are compiled, and not plain Python."""
+    return HAVE_NUMBA and not is_waiting()
+
+
+def state_of_kernels() -> str:
+    """Say what runs: 'compiled', or plain Python and why."""
+    if is_compiled():
+        return 'compiled'
+    return 'plain Python while they are compiled' if is_waiting() else 'plain Python: no numba'
 
 
 def kernel(function: Function) -> Function:
@@ -46,22 +94,7 @@ def kernel(function: Function) -> Function:
     A cached kernel is compiled again when any of the files has changed. Numba itself looks at the
     kernel's own file alone and would go on with equations of another file as they once were.
     """
-    if not HAVE_NUMBA:
-        return function
-    import numba
-
-    options = {'error_model': 'numpy', 'fastmath': {'contract'}}
-    compiled: Any
-    try:
-        compiled = numba.njit(cache=True, **options)(function)
-        index = compiled._cache._cache_file
-        index._source_stamp = (index._source_stamp, SOURCES)
-    except (RuntimeError, AttributeError):
-        # Nowhere to keep a cache, neither beside this file nor in the home folder; or a numba
-        # that keeps it in another way.
-        compiled = numba.njit(**options)(function)
-    kernel_function: Function = compiled
-    return kernel_function
+    return compiled_or_plain(function, CACHED)
 
 
 def part(function: Function) -> Function:
@@ -70,21 +103,65 @@ def part(function: Function) -> Function:
     Numba optimizes across calls only where it compiles both sides; what it finds on disk is called
     as it is. Kernels that share such a part are as fast whichever of them was compiled first.
     """
-    if not HAVE_NUMBA:
-        return function
-    import numba
-
-    compiled: Function = numba.njit(error_model='numpy', fastmath={'contract'})(function)
-    return compiled
+    return compiled_or_plain(function, WITHIN)
 
 
 def inlined(function: Function) -> Function:
     """Compile an equation that is copied into its callers, so that loops vectorize."""
+    return compiled_or_plain(function, INLINED)
+
+
+def compiled_or_plain(function: Function, options: dict[str, Any]) -> Function:
+    """Return a function that compiles itself when it is called, or for the time being itself."""
     if not HAVE_NUMBA:
         return function
+    if WAITING.expected:
+        WAITING.plain.append((function, options))
+        return function
+    return dispatcher(function, options)
+
+
+def dispatcher(function: Function, options: dict[str, Any]) -> Function:
+    """Return the function of numba that compiles itself when it is called."""
     import numba
 
-    compiled: Function = numba.njit(error_model='numpy', fastmath={'contract'}, forceinline=True)(
-        function
-    )
-    return compiled
+    compiled: Any
+    try:
+        compiled = numba.njit(**options)(function)
+        if 'cache' in options:
+            index = compiled._cache._cache_file
+            index._source_stamp = (index._source_stamp, sources())
+    except (RuntimeError, AttributeError):
+        # Nowhere to keep a cache, neither beside this file nor in the home folder; or a numba
+        # that keeps it in another way.
+        compiled = numba.njit(**WITHIN)(function)
+    kernel_function: Function = compiled
+    return kernel_function
+
+
+def use_compiled() -> None:
+    """Put the compiled kernels in the places of the plain ones, in all modules.
+
+    Those that are on the disk are loaded first, so that no caller waits for them.
+    """
+    if not is_waiting():
+        return
+    compiled = {id(function): dispatcher(function, options) for function, options in WAITING.plain}
+    for compiled_kernel in compiled.values():
+        load_kept(compiled_kernel)
+    for module in list(sys.modules.values()):
+        names = getattr(module, '__dict__', {})
+        for name, value in list(names.items()):
+            if id(value) in compiled:
+                names[name] = compiled[id(value)]
+    WAITING.expected = False
+    WAITING.plain.clear()
+
+
+def load_kept(function: Any) -> None:
+    """Load what is on the disk of a compiled kernel, for all types that it was called with."""
+    try:
+        for signature, *_ in function._cache._cache_file._load_index():
+            function.compile(signature)
+    except AttributeError:
+        pass  # no cache, or a numba that keeps it in another way: loaded at the first call

@@ -24,6 +24,7 @@ SI_PER_UNIT: dict[str, dict[str, float]] = {
         'pa': 1.0,
         'hpa': 100.0,
         'kpa': 1000.0,
+        'mpa': 1e6,
         'mbar': 100.0,
         'bar': 1e5,
         'psi': 6894.757293168,

@@ -77,8 +77,8 @@ class Hypothesis:
 
     @property
     def has_memory(self) -> bool:
-        """Whether it lives by the history of pressure, so that points are not linear in it."""
-        return self.kind.actuate is not Effect.actuate
+        """Whether it lives by earlier pressures, so that points are not linear in it."""
+        return self.kind.implements('actuate') or self.kind.implements('frame_delay')
 
     @property
     def is_linear(self) -> bool:

@@ -102,7 +102,8 @@ class KnownInputs:
 
     def of(self, arm: Arm) -> list[Inputs]:
         """Return what acted on an arm in all runs; the noise of a reading has no past."""
-        key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting))
+        in_time = [item for item in arm.effects if item.frame_delay]
+        key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting, *in_time))
         if key not in self.known:
             all_inputs = inputs_of(arm, [item.run for item in self.filtered])
             self.known[key] = [

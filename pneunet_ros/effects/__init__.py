@@ -6,6 +6,7 @@ camera, then from the pressure at the sensor to the chamber, then what the chamb
 
 from __future__ import annotations
 
+from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.camera_rotation import CameraRotation
 from pneunet_ros.effects.camera_scale import CameraScale
 from pneunet_ros.effects.clamp_compliance import ClampCompliance
@@ -31,6 +32,7 @@ EFFECTS: dict[str, type[Effect]] = {
         ForceMisalignment,
         CameraScale,
         CameraRotation,
+        CameraDelay,
         PressureLag,
         Hysteresis,
         Creep,

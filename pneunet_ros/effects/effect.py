@@ -7,6 +7,7 @@ place       methods                       what they change
 =========== ============================= ====================================================
 sensing     sense                         what a reading of pressure and wrench means
 sensing     see                           where a camera measures a point
+sensing     frame_delay                   when a camera saw what it shows
 actuation   initial, actuate, in_play     pressure at the sensor, with its past, -> chamber
 actuation   history_terms                 what that past adds to the rod, such as a mixture of
                                           rows of the intrinsic curvature
@@ -155,6 +156,11 @@ class Effect(abc.ABC):
     def see(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return the measured places of points that truly are at x, y (m) in the base frame."""
         return x, y
+
+    @property
+    def frame_delay(self) -> float:
+        """By how much (s) the stamp of a frame is later than what it shows."""
+        return 0.0
 
     def initial(self, pressure: float, scale: PressureScale) -> History:
         """History of an arm that has rested at this pressure (Pa) for ever."""

@@ -20,7 +20,7 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import count_reason, match_stamps, stamp_fault, STARTS_ANEW
-from pneunet_ros.core.units import seconds_between
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.measurement.predicted_targets import innovation, predict_targets
@@ -252,14 +252,16 @@ def compare_waiting(
     periods = np.diff(stamps[-settings.periods - 1 :])
     reach = 0.5 * float(np.median(periods)) if periods.size else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
+    delay_ns = round(estimator.arm.frame_delay * NANOSECONDS_PER_SECOND)
     for sightings in waiting:
-        nearest, near = match_stamps(np.array([sightings.stamp_ns]), stamps, reach)
+        shown_ns = sightings.stamp_ns - delay_ns
+        nearest, near = match_stamps(np.array([shown_ns]), stamps, reach)
         if near[0]:
             estimate = state.estimates[nearest[0]]
             running, frame = add_frame(state.running, sightings, estimate, estimator, settings)
             compared = (*state.compared, frame)
             state = replace(state, running=running, compared=compared, matched=state.matched + 1)
-        elif sightings.stamp_ns > stamps[-1]:
+        elif shown_ns > stamps[-1]:
             state = replace(state, waiting=(*state.waiting, sightings))
         else:
             state = state.count_unmatched('no_estimate')

@@ -108,6 +108,7 @@ class _Output:
 
     def put_in_place(self) -> None:
         """Take the final name; what was there before is gone only when that has worked."""
+        _PUT.append((str(self.path), self.final, self.temporary.stat().st_ino))
         if not self.final.is_dir():
             os.replace(self.temporary, self.final)
             return
@@ -126,7 +127,20 @@ class _Output:
         os.close(self.lock)
 
 
+# Outputs that this process has put in place or begun to: what the user called them, their place,
+# and the number that the file system gave what was written.
+_PUT: list[tuple[str, Path, int]] = []
 _TOGETHER: ContextVar[list[_Output] | None] = ContextVar('written_together', default=None)
+
+
+def outputs_written() -> list[str]:
+    """Return the outputs of this process that stand in their places, as the user called them.
+
+    An interrupt may come between taking a name and noting it, hence a look at what is there.
+    """
+    return [
+        path for path, final, number in _PUT if final.exists() and final.stat().st_ino == number
+    ]
 
 
 def _finish(outputs: list[_Output]) -> None:

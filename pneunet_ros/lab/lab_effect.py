@@ -65,6 +65,10 @@ class LabEffect(abc.ABC):
         """Return the chain with this effect at chamber pressures (frames,) Pa."""
         return chain
 
+    def late(self, share: Array) -> Array:
+        """Return by how much (s) frames are stamped late; share (frames,) 0 to 1 of time."""
+        return 0.0 * share
+
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
         """Return where a camera sees points (frames, n, 2) m; share (frames,) 0 to 1 of time."""
         return points

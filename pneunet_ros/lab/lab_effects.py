@@ -97,6 +97,18 @@ class LabCameraRotation(LabEffect):
         return turn(points, angle[:, None])
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabCameraDelay(LabEffect):
+    """A frame is stamped late; rich: the clock of the camera runs fast."""
+
+    name: ClassVar[str] = 'camera_delay'
+    delay: float = quantity(0.0, unit='s', bounds=(-10.0, 10.0))
+
+    def late(self, share: Array) -> Array:
+        """Return the delay, more so at the end of the recording."""
+        return freeze(self.delay * (1.0 + 0.3 * self.richness * (2.0 * share - 1.0)))
+
+
 def turn(vectors: Array, angle: Array) -> Array:
     """Return vectors (..., 2) turned counter-clockwise by angles that broadcast to (...)."""
     cosine, sine = np.cos(angle), np.sin(angle)
@@ -290,5 +302,6 @@ LAB_EFFECTS: dict[str, type[LabEffect]] = {
         LabLoadOffset,
         LabCameraScale,
         LabCameraRotation,
+        LabCameraDelay,
     )
 }

@@ -215,6 +215,12 @@ class LiveLab:
             )
         return LiveReading(pressure=float(pressure[0] + noise.pressure_std * white[0]), load=felt)
 
+    @property
+    def frame_delay(self) -> float:
+        """By how much (s) frames are stamped late."""
+        middle = np.full(1, MIDDLE)
+        return float(sum(effect.late(middle)[0] for effect in self.scenario.effects))
+
     def camera_points(self, shape: ChainShape) -> Array:
         """Return where the camera shows the targets (targets, 2) m, before its noise."""
         arm = self.scenario.arm

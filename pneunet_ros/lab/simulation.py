@@ -198,10 +198,12 @@ def measure(
     """Return what the sensors make of the truth."""
     arm, noise, rates = scenario.arm, scenario.noise, scenario.rates
     start, duration = scenario.start, events.duration
+    share = freeze(truth.time / duration)
+    late = sum((effect.late(share) for effect in scenario.effects), 0.0 * share)
     times = (
         regular_times(rates.pressure, duration),
         regular_times(rates.wrench, duration),
-        truth.time,
+        freeze(truth.time + late),
     )
     stamp = [
         draw_stamps(random_of(scenario, f'stamps of {name}'), time, start, noise)
@@ -217,7 +219,6 @@ def measure(
     force, moment = force * hanging[:, None], moment * hanging
     nearest_wrench = nearest_stamps(stamp[1], stamp[2])
     points = np.stack([truth.target_x, truth.target_y], axis=-1)
-    share = freeze(truth.time / duration)
     for effect in scenario.effects:
         points = effect.see(arm, points, share)
     points = points + truth.registration + truth.drift[:, None]

@@ -11,6 +11,7 @@ from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.model.uncertainty import SensorNoise
 
 
@@ -37,8 +38,9 @@ class RecordingData:
     where a target was not seen. tip_pose (frames, 3): x, y m and heading rad of the tip, NaN where
     not measured; None: never (see `measurement.tip_pose`). static: frames are steady states in any
     order, their stamps mean nothing. pressurized: False where no pressure was recorded; it is then
-    zero. load_known: the load is a known constant, which no sensor has read. Raises RecordingError
-    where these do not fit together.
+    zero. load_known: the load is a known constant, which no sensor has read. wrench_stamp_ns
+    (wrenches,) and wrench (wrenches, 3) N, N m are all readings of the end load; None where only
+    those at the frames are known. Raises RecordingError where these do not fit together.
     """
 
     name: str
@@ -55,6 +57,8 @@ class RecordingData:
     static: bool = False
     pressurized: bool = True
     load_known: bool = False
+    wrench_stamp_ns: Stamps | None = None
+    wrench: Array | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes and the order of the stamps."""
@@ -94,6 +98,8 @@ class RecordingData:
             load_known=False,
             force=np.zeros((frames, 2)),
             moment=np.zeros(frames),
+            wrench_stamp_ns=None,
+            wrench=None,
         )
 
     def with_end_load(self, force_x: float, force_y: float) -> RecordingData:
@@ -128,6 +134,37 @@ class RecordingData:
         if self.tip_pose is not None:
             cut['tip_pose'] = self.tip_pose[kept]
         return replace(self, **cut)
+
+    def delay_frames(self, delay: float) -> RecordingData:
+        """Return the run with every frame showing the arm of its stamp minus delay (s).
+
+        Pressure and load between readings are on the straight line; before the first and after the
+        last they stay. Static frames have no time.
+        """
+        if self.static or delay == 0.0:
+            return self
+        shown = self.reading_stamp_ns[self.reading] - round(delay * NANOSECONDS_PER_SECOND)
+        stamps = np.union1d(self.reading_stamp_ns, shown)
+        start = int(stamps[0])
+        load = np.column_stack([self.force, self.moment])
+        read_ns, read = self.stamp_ns, load
+        if self.wrench_stamp_ns is not None and self.wrench is not None:
+            read_ns, read = self.wrench_stamp_ns, self.wrench
+        read_at, at = (
+            (item - start) / NANOSECONDS_PER_SECOND for item in (read_ns, self.stamp_ns)
+        )
+        changes = [
+            np.interp(at - delay, read_at, part) - np.interp(at, read_at, part) for part in read.T
+        ]
+        load = load + np.transpose(changes)
+        return replace(
+            self,
+            reading_stamp_ns=stamps,
+            pressure=np.interp(stamps - start, self.reading_stamp_ns - start, self.pressure),
+            reading=np.searchsorted(stamps, shown),
+            force=load[:, :2],
+            moment=load[:, 2],
+        )
 
     @property
     def points(self) -> Array:

@@ -58,6 +58,7 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
     The arm is taken to have rested at the first pressure before the first run, and to have held
     still between two. Static frames have no history: each is an equilibrium of its own.
     """
+    runs = [run.delay_frames(arm.frame_delay) for run in runs]
     if not arm.acting:
         return tuple(steady_inputs(arm, run) for run in runs)
     all_inputs = {which: equilibria(arm, run) for which, run in enumerate(runs) if run.static}

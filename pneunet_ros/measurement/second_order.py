@@ -73,8 +73,8 @@ class SecondOrder:
         twice = -2.0 * self.sensitivity.fields(arclength)
         fields = np.empty_like(twice)
         for side, rotation in zip((self.before, self.after), self.rotation, strict=True):
-            knots = self.sensitivity.knots
-            at_stations(side.panels, side.nodes, knots, rotation, arclength, fields)
+            panels, _, nodes = side.for_kernels()
+            at_stations(panels, nodes, self.sensitivity.knots, rotation, arclength, fields)
             twice += fields
         error: Array = 0.5 * math.sqrt(SECOND_MOMENT) / self.step**2 * twice[:CURVATURE]
         return error

@@ -181,6 +181,11 @@ class Arm:
             x, y = effect.see(x, y)
         return x, y
 
+    @property
+    def frame_delay(self) -> float:
+        """By how much (s) the stamp of a frame is later than what it shows."""
+        return sum(effect.frame_delay for effect in self.effects)
+
     def initial_history(self, pressure: float) -> tuple[History, ...]:
         """History of an arm that has rested at this pressure (Pa), one tuple per acting effect."""
         return tuple(effect.initial(pressure, self.scale) for effect in self.acting)
@@ -251,6 +256,7 @@ class Arm:
         history: that of `actuate`, the same at all of the pressures; or per acting effect an array
         (n, numbers), one history per pressure. None: an arm that has rested for ever at each.
         """
+        pressure = frozen_array(pressure)  # kernels are compiled again for what may be written
         sections, rotation = self.table.at(pressure)
         clamp = np.zeros((pressure.size, CLAMP_WIDTH))
         clamp[:, CLAMP_ANGLE] = self.clamp_angle

@@ -69,23 +69,26 @@ class Sensitivity:
     def fields(self, arclength: Array) -> Array:
         """Return x, y, theta, curvature, intrinsic curvature, moment (6, n) at arclengths (m)."""
         out = np.empty((FIELD_COUNT, arclength.size))
-        solution = self.solution
-        at_stations(solution.panels, solution.nodes, self.knots, self.rotation, arclength, out)
+        panels, _, nodes = self.solution.for_kernels()
+        at_stations(panels, nodes, self.knots, self.rotation, arclength, out)
         return out
 
     def stations(self, arclength: Array) -> Array:
         """Return the changes (causes, 6, n) of the same, at increasing material arclengths (m)."""
-        changes: Array = station_changes(
-            self.solution.panels,
-            self.solution.nodes,
+        panels, _, nodes = self.solution.for_kernels()
+        out = np.empty((len(self.node_changes), FIELD_COUNT, arclength.size))
+        station_changes(
+            panels,
+            nodes,
             self.knots,
             self.rotation,
             self.panel_changes,
             self.rotation_changes,
             self.node_changes,
             arclength,
+            out,
         )
-        return changes
+        return out
 
 
 def solve(
@@ -242,9 +245,7 @@ def linearized_ends(
     causes = LOADS + panel_changes.shape[0]
     nodes = np.zeros((causes, *solution.nodes.shape))  # the last row is partly unused
     tip = np.empty((causes, TIP_WIDTH))
-    stable = sensitivities(
-        solution.panels, solution.ends, solution.nodes, panel_changes, end_changes, nodes, tip
-    )
+    stable = sensitivities(*solution.for_kernels(), panel_changes, end_changes, nodes, tip)
     return nodes, tip, bool(stable)
 
 

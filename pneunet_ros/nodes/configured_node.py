@@ -9,10 +9,12 @@ import time
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from pneunet_ros.core import jit
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.nodes.health import Level, Report
+from pneunet_ros.nodes.health import count_texts, Level, Report
 from pneunet_ros.nodes.log import Log
+from pneunet_ros.nodes.losses import Losses
 from pneunet_ros.nodes.parameters import ParameterTable, without_effect
 from pneunet_ros.nodes.topics import latched_qos, output_qos, publisher
 from rcl_interfaces.msg import SetParametersResult
@@ -22,7 +24,6 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-DEFAULT_NAMESPACE = '/pneunet'  # where no other is given with `-r __ns:=/other`
 REPORT_PERIOD = 1.0  # s
 SHARED_TOPICS = ('/diagnostics', '/tf', '/rosout', '/parameter_events')  # of all nodes
 
@@ -58,18 +59,26 @@ class ConfiguredNode(Node, ABC, Generic[C]):
         configured: Callable[[Mapping[str, Any], C | None], C],
     ) -> None:
         """Declare all parameters and use them; nothing can be heard of the node yet."""
-        super().__init__(name, namespace=DEFAULT_NAMESPACE)
+        super().__init__(name)
         self.table, self.configured = table, configured
         self.configuration: C = configured(table.declare(self), None)
         self.candidate = self.configuration
         self.log = Log(self.get_logger())
+        self.losses = Losses()
+        self.open_diagnostics()
+
+    def open_diagnostics(self) -> None:
+        """Say that the node is there and gets ready."""
+        self.diagnostics = publisher(
+            self, 'diagnostic_msgs/msg/DiagnosticArray', '/diagnostics', output_qos()
+        )
+        kernels = jit.state_of_kernels()
+        self.get_logger().info(f'preparing; kernels: {kernels}')
+        self.publish_status('start', Level.OK, 'preparing', {'kernels': kernels})
 
     def open_services(self) -> None:
         """Open services and outputs that are there whatever the inputs are."""
         self.info = publisher(self, 'std_msgs/msg/String', self.INFO_TOPIC, latched_qos())
-        self.diagnostics = publisher(
-            self, 'diagnostic_msgs/msg/DiagnosticArray', '/diagnostics', output_qos()
-        )
         self.create_service(Trigger, '~/reset', self.reset)
         self.create_service(Trigger, '~/reload_model', self.reload_model)
         self.add_on_set_parameters_callback(self.validate)
@@ -163,14 +172,29 @@ class ConfiguredNode(Node, ABC, Generic[C]):
             sentences.append(f'somebody else publishes on {", ".join(sorted(topics))}, too')
         return '; '.join(sentences)
 
+    def note_message(self, topic: str, info: Mapping[str, int | None]) -> None:
+        """Count what was lost of a topic before this message of it."""
+        self.losses.take(topic, info, self.count_publishers)
+
     def publish_report(self, what: str, report: Report) -> None:
-        """Publish diagnostics on `what`; the stamp is now, as that is what they tell of."""
-        model, rivals = self.configuration.model, self.rivals()
+        """Publish diagnostics on `what`."""
+        rivals = self.rivals()
         level, message = report.level, report.message
-        if rivals:
-            message = rivals if level is Level.OK else f'{message}; {rivals}'
+        for warning in filter(None, (self.losses.sentence(), rivals)):
+            message = warning if level is Level.OK else f'{message}; {warning}'
             level = max(level, Level.WARN)
-        values = {'model': model, **report.values, 'rivals': rivals}
+        kernels = jit.state_of_kernels()
+        total = {topic[1:]: count for topic, count in self.losses.total.items()}
+        lost = count_texts('lost', total)
+        values = {'kernels': kernels, **report.values, **lost, 'rivals': rivals}
+        self.publish_status(what, level, message, values)
+
+    def publish_status(
+        self, what: str, level: Level, message: str, values: Mapping[str, str]
+    ) -> None:
+        """Publish one status; the stamp is now, as that is what it tells of."""
+        model = self.configuration.model
+        values = {'model': model, **values}
         status = DiagnosticStatus(
             level=bytes([level]),
             name=f'{self.get_fully_qualified_name()[1:]}: {what}',

@@ -5,34 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 import gc
 import re
-import signal
 import sys
-from types import FrameType
 from typing import Any
 
 from pneunet_ros.core.errors import PneunetError, RequestError
 from pneunet_ros.core.printable import printable
+from pneunet_ros.nodes.signals import end_at_signal, ignore_signals, refuse_signals, signal_came
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
 
 DONE, WRONG_REQUEST = 0, 2
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-def run(make_node: Callable[[], Any], usage: str, arguments: list[str] | None = None) -> int:
-    """Make a node and let it work until a signal comes; returns the exit code.
+def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str]) -> int:
+    """Make nodes, one after the other, and let them take turns in one thread until a signal comes.
 
-    arguments: the command line with the name of the program, by default that of this process. What
-    a user got wrong (PneunetError) is one sentence on stderr and exit code 2.
+    arguments: the command line with the name of the program; returns the exit code. What a user
+    got wrong (PneunetError) is one sentence on stderr and exit code 2.
     """
-    return run_together((make_node,), usage, sys.argv if arguments is None else arguments)
-
-
-def run_together(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str]) -> int:
-    """Make nodes, one after the other, and let them take turns in one thread; as `run`."""
     nodes: list[Any] = []
-    _on_signals(_end)
+    end_at_signal()
     try:
         if {'-h', '--help'} & set(arguments[1:]):
             print(usage)
@@ -49,15 +42,16 @@ def run_together(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except PneunetError as error:
-        if signal.getsignal(_SIGNALS[0]) is _ignore:
+        if signal_came():
             return DONE  # a signal came, of which ROS has made an error of whatever it cut off
         print(printable(str(error)), file=sys.stderr)
         return WRONG_REQUEST
     finally:
-        _on_signals(_ignore)
+        ignore_signals()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+        refuse_signals()
     return DONE
 
 
@@ -74,24 +68,3 @@ def _start_ros(arguments: list[str]) -> None:
         raise RequestError(
             f'unknown argument {others[0]}: parameters and names are given after --ros-args'
         )
-
-
-def _on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
-    for number in _SIGNALS:
-        signal.signal(number, handler)
-
-
-def _end(number: int, frame: FrameType | None) -> None:
-    """Stop at the first signal; from now on others are ignored, as they would hit the clean-up."""
-    _on_signals(_ignore)
-    # A compiler that is cut off in the middle complains from its destructors, to no one's use.
-    sys.unraisablehook = _ignore_unraisable
-    raise KeyboardInterrupt
-
-
-def _ignore_unraisable(unraisable: object) -> None:
-    """Say nothing."""
-
-
-def _ignore(number: int, frame: FrameType | None) -> None:
-    """Do nothing. SIG_IGN would not do: rclpy puts back the handler it found when it ends."""

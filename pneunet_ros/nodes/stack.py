@@ -8,31 +8,26 @@ from __future__ import annotations
 
 import sys
 
-from pneunet_ros.nodes import process
-from pneunet_ros.nodes.estimator.node import EstimatorNode
-from pneunet_ros.nodes.tracker.node import TrackerNode
-from pneunet_ros.nodes.virtual_arm.node import VirtualArmNode
+from pneunet_ros.nodes.start import NODES, start
 
-NODES = {'virtual_arm': VirtualArmNode, 'estimator': EstimatorNode, 'tracker': TrackerNode}
 DEFAULT = ('estimator', 'tracker')
-USAGE = """usage: pneunet_stack [virtual_arm] [estimator] [tracker] [--ros-args ...]
+USAGE = """usage: pneunet-stack [virtual_arm] [estimator] [tracker] [--ros-args ...]
 
 Runs nodes in one process, by default estimator and tracker. A parameter on the command line goes
 to all of them, and one that does not know it says so; a file of parameters names the nodes:
 
-  pneunet_stack --ros-args -p model_file:=/path/to/model.yaml
-  pneunet_stack virtual_arm estimator --ros-args --params-file my_stack.yaml
+  pneunet-stack --ros-args -p model_file:=/path/to/model.yaml
+  pneunet-stack virtual_arm estimator --ros-args --params-file my_stack.yaml
 """
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the nodes that are named until a signal comes; the console script `pneunet_stack`."""
+    """Run the nodes that are named until a signal comes; the console script `pneunet-stack`."""
     arguments = sys.argv if arguments is None else arguments
     end = arguments.index('--ros-args') if '--ros-args' in arguments else len(arguments)
     named = [name for name in NODES if name in arguments[1:end]] or DEFAULT
     others = [argument for argument in arguments[1:end] if argument not in NODES]
-    makers = [NODES[name] for name in named]
-    return process.run_together(makers, USAGE, [arguments[0], *others, *arguments[end:]])
+    return start(*named, usage=USAGE, arguments=[arguments[0], *others, *arguments[end:]])
 
 
 if __name__ == '__main__':

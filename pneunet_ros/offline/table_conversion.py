@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.messages.readings import SENSORS, TARGETS
-from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import ReadingSeries
 from pneunet_ros.recordings.recording_writer import RecordingWriter
 from pneunet_ros.tables.reading_table import ReadingTable
+from rosbags.interfaces import Connection
 
 NAMESPACE = '/pneunet'
+WrittenMessage = tuple[int, Connection, bytes]  # stamp in ns, topic, serialized
 
 
 def tabulate(series: Mapping[str, ReadingSeries], more: npt.ArrayLike = ()) -> ReadingTable:
@@ -32,18 +35,21 @@ def tabulate(series: Mapping[str, ReadingSeries], more: npt.ArrayLike = ()) -> R
 
 def record_table(writer: RecordingWriter, table: ReadingTable) -> dict[str, int]:
     """Write the readings of a table, each logged at its stamp; returns counts by topic."""
-    counts = {f'{NAMESPACE}/{name}': count for name, count in table.counts().items() if count}
+    for stamp_ns, topic, raw in table_messages(writer, table):
+        writer.write_raw(topic, stamp_ns, raw)
+    return {f'{NAMESPACE}/{name}': count for name, count in table.counts().items() if count}
+
+
+def table_messages(writer: RecordingWriter, table: ReadingTable) -> Iterator[WrittenMessage]:
+    """Yield the readings of a table as messages: stamp in ns, topic, serialized bytes."""
+    counts, present = table.counts(), table.present()
+    ranked = [sensor for sensor in sorted(SENSORS, key=attrgetter('rank')) if counts[sensor.name]]
     topics = {
-        sensor.name: writer.add(f'{NAMESPACE}/{sensor.name}', sensor.type)
-        for sensor in SENSORS
-        if f'{NAMESPACE}/{sensor.name}' in counts
+        sensor.name: writer.add(f'{NAMESPACE}/{sensor.name}', sensor.type) for sensor in ranked
     }
-    present = table.present()
-    ranked = sorted(SENSORS, key=lambda sensor: sensor.rank)
     for row, stamp_ns in enumerate(table.stamp_ns.tolist()):
         for sensor in ranked:
             if present[sensor.name][row]:
                 values = table.values[sensor.name][row]
                 message = sensor.message(stamp_ns, values, BASE_FRAME, ROSBAGS_TYPES)
-                writer.write(topics[sensor.name], stamp_ns, message)
-    return counts
+                yield stamp_ns, topics[sensor.name], serialize(message, sensor.type)

@@ -8,6 +8,7 @@ from typing import Any
 
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.yaml_file import YamlFile
+from pneunet_ros.recordings.file_kinds import holds_pictures, recording_from
 
 METADATA = 'metadata.yaml'
 FOLDER_FILES = (METADATA, '*.mcap')  # patterns of all that belongs to such a folder
@@ -25,6 +26,8 @@ def mcap_files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     if not (path / METADATA).exists():
+        if holds_pictures(path):
+            raise RecordingError(f'{path} {recording_from(path)}')
         loose = ', '.join(sorted(file.name for file in path.glob('*.mcap'))) or 'no .mcap file'
         raise RecordingError(
             f'{path} is a folder without {METADATA} (it holds {loose}): name an .mcap file '

@@ -35,8 +35,9 @@ def read_run(
 
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
     within half a median period; frames without one, and those in which no target was seen, are
-    left out. Without a topic of it, or with `wrench_required` false, nothing was attached. Without
-    one of pressure the arm has none. The pose of the tip belongs to the nearest frame, too.
+    left out. Without a topic of it, or with `wrench_required` false, nothing was attached; a
+    wrench that never changes is a known load, not a reading. Without a topic of pressure the arm
+    has none. The pose of the tip belongs to the nearest frame, too.
 
     Args:
         path: of an .mcap file or a rosbag2 folder.
@@ -83,10 +84,13 @@ def read_run(
         reading = np.arange(len(frames.stamp_ns))
     else:
         reading, keep = _match(sentences, frames, readings, keep)
-    load = np.zeros((len(frames.stamp_ns), 3))
+    load, known = np.zeros((len(frames.stamp_ns), 3)), False
     if wrench is not None:
         at, keep = _match(sentences, frames, wrench, keep)
         load = wrench.values[at]
+        if is_constant(wrench.values):
+            known = True
+            sentences.append(f'{wrench.topic} never changes: a known load, which no sensor read')
     if not keep.any():
         raise RecordingError(f'{path}: no frame is left: {"; ".join(sentences)}')
     run = RecordingData(
@@ -97,6 +101,9 @@ def read_run(
         stamp_ns=frames.stamp_ns[keep],
         reading=reading[keep],
         loaded=wrench is not None,
+        load_known=known,
+        wrench_stamp_ns=None if wrench is None else wrench.stamp_ns,
+        wrench=None if wrench is None else wrench.values,
         force=load[keep, :2],
         moment=load[keep, 2],
         x=points[keep, 0],
@@ -104,6 +111,14 @@ def read_run(
         tip_pose=None if pose is None else pose[keep],
     )
     return run, tuple(sentences)
+
+
+def is_constant(values: Array) -> bool:
+    """Whether a load (readings, 3) is the same throughout, to the last bit, and not zero.
+
+    No sensor does so: weights hung there, and somebody filled in a column.
+    """
+    return len(values) > 1 and bool(np.all(values == values[0]) and np.any(values[0] != 0.0))
 
 
 def _frames(

@@ -18,11 +18,9 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.messages.compressed_image import decode_compressed, decode_heard
+from pneunet_ros.recordings.file_kinds import COMPRESSED, PICTURES
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
 
-VIDEOS = ('.mp4', '.avi', '.mov', '.mkv')
-COMPRESSED = ('.png', '.jpg', '.jpeg')
-PICTURES = (*COMPRESSED, '.bmp', '.tif', '.tiff')
 LENS_FILES = ('camera_info.yaml', 'ost.yaml')  # looked for beside the images
 NO_LENS = 'none'  # what a person says instead of a file: the image is free of distortion
 FOLDER_RATE = 30.0  # Hz
@@ -31,6 +29,7 @@ IMAGE_TOPIC = '/pneunet/image_raw'
 CAMERA_FRAME = 'camera'
 LARGEST_PICTURE = 200_000_000  # bytes; a tiff of 64 megapixels and 3 channels has as many
 SILENT = 0  # log level of OpenCV
+FIRST_FRAMES = 20  # which tell whether a video has times
 _BROKEN_OFF = 0.9  # share of the frames a video promises, below which it says that some are lost
 
 # Read by OpenCV when it opens its first video: ffmpeg shall not print what an error will say.
@@ -98,7 +97,9 @@ def folder_images(folder: Path, camera_info: str | None, rate: float | None) -> 
             stamp_ns = stamp_at(index, used)
             yield StreamItem(stamp_ns, IMAGE_TOPIC, _picture(file, stamp_ns), b'')
 
-    return _stream('folder of images', folder, items, camera_info, len(files), used)
+    return _stream(
+        'folder of images', folder, items, camera_info, len(files), used, _counted(used)
+    )
 
 
 def _picture(file: Path, stamp_ns: int) -> Image | MessageError:
@@ -127,23 +128,27 @@ def _decode_plain(data: Bytes) -> Bytes:
 
 
 def video_images(path: Path, camera_info: str | None, rate: float | None) -> ImageStream:
-    """Read the frames of a video, `rate` a second (None: as many as it says itself).
+    """Read the frames of a video, at the presentation times that the file gives them.
 
-    camera_info: file with the lens, or 'none'. Raises RecordingError for what is no video and
-    RequestError without a lens.
+    rate: count that many a second instead, as where the file has no times. camera_info: file with
+    the lens, or 'none'. Raises RecordingError for what is no video and RequestError without a
+    lens.
     """
     checked_rate(rate)
     if not path.is_file():
         raise RecordingError(f'{path} does not exist: a video file is needed')
     video = _open_video(path)
     own, count = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
-    readable, _ = video.read()
+    times = _first_times(video)
     video.release()
-    if not readable:
+    if not times:
         raise RecordingError(f'{path} is a video without one frame that can be read')
-    if rate is None and not (math.isfinite(own) and RATES[0] <= own <= RATES[1]):
+    timed = rate is None and len(times) > 1 and bool(np.all(np.diff(times) > 0.0))
+    if not (timed or rate or (math.isfinite(own) and RATES[0] <= own <= RATES[1])):
         raise RequestError(f'{path} does not say how many frames it has a second: give --rate HZ')
-    used = own if rate is None else rate
+    used = rate or own
+    if timed and not RATES[0] <= own <= RATES[1]:
+        used = 1e3 * (len(times) - 1) / (times[-1] - times[0])
     frames = round(count) if math.isfinite(count) and count >= 1.0 else 1
 
     def items() -> Iterator[StreamItem]:
@@ -153,7 +158,8 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             readable, pixels = video.read()
             if not readable:
                 break
-            stamp_ns = stamp_at(index, used)
+            since = video.get(cv2.CAP_PROP_POS_MSEC) - times[0]
+            stamp_ns = 1 + round(since * 1e6) if timed else stamp_at(index, used)
             yield StreamItem(
                 stamp_ns, IMAGE_TOPIC, _image(np.asarray(pixels, np.uint8), stamp_ns), b''
             )
@@ -163,7 +169,20 @@ def video_images(path: Path, camera_info: str | None, rate: float | None) -> Ima
             error = MessageError(f'{path} breaks off: {index} of {frames} frames can be read')
             yield StreamItem(stamp_at(index, used), IMAGE_TOPIC, error, b'')
 
-    return _stream('video', path, items, camera_info, frames, used)
+    clock = 'presentation times in the file' if timed else _counted(used)
+    return _stream('video', path, items, camera_info, frames, used, clock)
+
+
+def _first_times(video: cv2.VideoCapture) -> list[float]:
+    """Return the presentation times (ms) of the first frames."""
+    times: list[float] = []
+    while len(times) < FIRST_FRAMES and video.grab():
+        times.append(float(video.get(cv2.CAP_PROP_POS_MSEC)))
+    return times
+
+
+def _counted(rate: float) -> str:
+    return f'frames counted, {rate:g} a second'
 
 
 def _open_video(path: Path) -> cv2.VideoCapture:
@@ -198,6 +217,7 @@ def _stream(
     camera_info: str | None,
     frames: int,
     rate: float,
+    clock: str,
 ) -> ImageStream:
     if camera_info is None:
         raise RequestError(
@@ -216,5 +236,6 @@ def _stream(
         lens_source=camera_info,
         frames=frames,
         rate=rate,
+        clock=clock,
         read=read,
     )

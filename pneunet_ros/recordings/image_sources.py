@@ -13,12 +13,12 @@ from pneunet_ros.files.camera_file import load_camera_info
 from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE, TRACKER_INPUTS
 from pneunet_ros.recordings.bag_folder import METADATA
+from pneunet_ros.recordings.file_kinds import VIDEOS
 from pneunet_ros.recordings.image_files import (
     folder_images,
     FOLDER_RATE,
     NO_LENS,
     video_images,
-    VIDEOS,
 )
 from pneunet_ros.recordings.image_stream import ImageStream, StreamItem, with_lens
 from pneunet_ros.recordings.message_store import deserialize, store_for
@@ -111,6 +111,7 @@ def _open_recording(path: Path, request: SourceRequest) -> ImageStream:
         lens_source=info_topic or str(request.camera_info),
         frames=frames,
         rate=(frames - 1) / seconds if frames > 1 and seconds > 0.0 else FOLDER_RATE,
+        clock='headers of the images',
         read=read,
         recording=recording,
     )

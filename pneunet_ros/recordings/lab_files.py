@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.errors import PneunetError, RecordingError, RequestError
 from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.estimation.shape_error import Centerlines, ShapeSeries, Tips
 from pneunet_ros.files.atomic import atomic_output, written_together
 from pneunet_ros.files.npz import DAMAGED_ARCHIVE, read_arrays
 from pneunet_ros.files.yaml_file import one_line
@@ -107,6 +108,33 @@ def truth_arrays(recording: LabRecording) -> dict[str, Any]:
         'scenario': np.array(json.dumps(describe(recording.scenario))),
         'memory': np.array(json.dumps(remembered)),
     }
+
+
+def read_truth(path: Path) -> ShapeSeries:
+    """Return the true shapes of a recording of the lab; RecordingError where it is no truth."""
+    try:
+        arrays = read_arrays(path, ['stamp_ns', 'arclength', 'x', 'y', 'theta'])
+        points = np.stack([arrays['x'], arrays['y']], axis=1).astype(np.float64)
+        stamp_ns = arrays['stamp_ns'].astype(np.int64)
+        arclength, heading = (arrays[name].astype(np.float64) for name in ('arclength', 'theta'))
+        if not np.all(np.diff(stamp_ns) > 0):
+            raise ValueError('stamp_ns must increase')
+        return ShapeSeries(
+            name=str(path),
+            centerlines=Centerlines(
+                topic='truth', stamp_ns=stamp_ns, arclength=arclength, points=points
+            ),
+            tips=Tips(
+                topic='truth', stamp_ns=stamp_ns, place=points[:, :, -1], heading=heading[:, -1]
+            ),
+            frame=BASE_FRAME,
+            exact=True,
+        )
+    except (*DAMAGED_ARCHIVE, PneunetError) as error:
+        raise RecordingError(
+            f'{path} is no truth: an .npz with stamp_ns (frames,), arclength (stations,) m, and '
+            f'x, y, theta (frames, stations), as `pneunet simulate` writes it ({one_line(error)})'
+        ) from None
 
 
 def memory_after(path: Path) -> LabMemory:

@@ -23,6 +23,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.recordings.file_kinds import recording_from
 from pneunet_ros.recordings.limits import LIMITS
 import zstandard
 
@@ -96,9 +97,7 @@ def open_mcap(path: Path) -> McapFile:
             if size == 0:
                 raise RecordingError(f'{path} is empty: an MCAP recording is needed')
             if stream.read(len(MAGIC)) != MAGIC:
-                raise RecordingError(
-                    f'{path} is no MCAP file: turn other formats into it with `ros2 bag convert`'
-                )
+                raise RecordingError(f'{path} {recording_from(path)}')
             return _Scan(path, stream, size).run()
     except UnknownCompression as error:
         raise RecordingError(f'{path}: {error}') from error

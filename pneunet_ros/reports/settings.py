@@ -14,6 +14,9 @@ class ReportSettings:
     as_noise: float = tuning(
         1.2, 'up to it a residual over its noise is called as good as the noise', source='invented'
     )
+    tracked_share: float = tuning(
+        0.99, 'share of frames from which on the tracker is said to follow', source='invented'
+    )
     share_p_value: float = tuning(0.01, 'below it a share of the misfit stands out')
     linearity_sigmas: float = tuning(3.0, 'a larger departure from a straight line is no chance')
     rigidity_error: float = tuning(0.3, 'largest relative error of a slope that is shown')

@@ -13,7 +13,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import inlined, kernel
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import ONES, prepare
-from pneunet_ros.solver.columns import set_ends
+from pneunet_ros.solver.columns import set_ends, write
 from pneunet_ros.solver.interpolation import at_stations, resolution
 from pneunet_ros.solver.panel import (
     dot,
@@ -272,5 +272,5 @@ def evaluate_batch(
         set_ends(rods.clamp[rod], loads[rod], end)
         prepare(rods.length, rods.sections[rod], rods.knots, rotation, end, counts, panels)
         missed[rod] = at_stations(panels, own, rods.knots, rotation, arclength, out)
-        fields[:, rod] = out
+        write(out, fields[:, rod])
         detail[rod] = resolution(panels, own, rods.knots, rotation)

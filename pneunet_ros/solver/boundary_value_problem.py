@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.jit import HAVE_NUMBA
+from pneunet_ros.core.jit import is_compiled
 from pneunet_ros.solver import collocation, collocation_numpy
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.continuation import continue_in_load
@@ -18,8 +18,18 @@ from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import ACCEPTED, SOLVER, SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
 
-newton = collocation.newton if HAVE_NUMBA else collocation_numpy.newton
 ANGLES = col.NODE_GAUSS + GAUSS_POINTS  # columns of a node that hold angles
+
+
+def newton(
+    panels: Array, ends: Array, nodes: Array, most_iterations: int, tolerance: float
+) -> tuple[float, int]:
+    """Bring nodes to equilibrium by the compiled kernel, or by numpy while there is none.
+
+    As `collocation.newton`.
+    """
+    bring = collocation.newton if is_compiled() else collocation_numpy.newton
+    return bring(panels, ends, nodes, most_iterations, tolerance)
 
 
 class BoundaryValueProblem:

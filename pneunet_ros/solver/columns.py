@@ -156,3 +156,14 @@ def set_ends(clamp: Array, load: Array, ends: Array) -> None:
         ends[i] = clamp[i]
     for i in range(LOADS):
         ends[END_X + i] = load[i]
+
+
+@inlined
+def write(values: Array, out: Array) -> None:
+    """Write a table over another of its shape.
+
+    An assignment of arrays would have numba compile the words of its errors as well.
+    """
+    for row in range(values.shape[0]):
+        for column in range(values.shape[1]):
+            out[row, column] = values[row, column]

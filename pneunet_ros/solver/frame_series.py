@@ -14,7 +14,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import kernel
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import newton, prepare, unloaded_nodes
-from pneunet_ros.solver.columns import set_ends
+from pneunet_ros.solver.columns import set_ends, write
 from pneunet_ros.solver.interpolation import at_stations, resolution
 from pneunet_ros.solver.linearization import station_changes
 from pneunet_ros.solver.rod import Rods
@@ -65,7 +65,7 @@ def solve_frames(
             if rod == 0:
                 unloaded_nodes(panels, ends, nodes[rod])
             else:
-                nodes[rod] = nodes[rod - 1]
+                write(nodes[rod - 1], nodes[rod])
         residual, _ = newton(panels, ends, nodes[rod], most_iterations, tolerance)
         if not residual <= ACCEPTED:
             return rod
@@ -104,7 +104,7 @@ def linearize_frames(
     tip_changes = np.empty((col.LOADS + further, col.TIP_WIDTH))
     ends, section = np.empty(col.END_WIDTH), np.empty(rods.sections.shape[1:])
     for k in range(knot_count):
-        rotation_changes[k] = knot_rotation[k]
+        write(knot_rotation[k], rotation_changes[k])
     for rod in range(len(nodes)):
         sections, rotation = rods.sections[rod], rods.rotation[rod]
         set_ends(rods.clamp[rod], loads[rod], ends)
@@ -115,7 +115,7 @@ def linearize_frames(
                 for i in range(col.PANEL_ROTATION, col.PANEL_ROTATION_END + 1):
                     changes[k, p, i] = after[p, i]
         for k in range(column_count):
-            section[:] = sections
+            write(sections, section)
             at, column = columns[k, col.PLACE_SECTION], columns[k, col.PLACE_COLUMN]
             section[at, column] = sections[at, column] - steps[k]
             prepare(rods.length, section, rods.knots, rotation, ends, counts, before)
@@ -128,7 +128,7 @@ def linearize_frames(
         frames.stable[rod] = sensitivities(
             panels, ends, nodes[rod], changes, end_changes, node_changes, tip_changes
         )
-        out[rod] = station_changes(
+        station_changes(
             panels,
             nodes[rod],
             rods.knots,
@@ -137,4 +137,5 @@ def linearize_frames(
             rotation_changes,
             node_changes,
             frames.arclength,
+            out[rod],
         )

@@ -264,8 +264,9 @@ def station_changes(
     rotation_changes: Array,
     node_changes: Array,
     arclength: Array,
-) -> Array:
-    """Change of x, y, theta, kappa, kappa0, M at stations, (causes, 6, stations).
+    out: Array,
+) -> None:
+    """Change of x, y, theta, kappa, kappa0, M at stations, into out (causes, 6, stations).
 
     The causes are those of `sensitivity.sensitivities`: F1, F2, M and the further ones, for which
     panel_changes and rotation_changes are given. It is the derivative of `at_stations`.
@@ -283,7 +284,10 @@ def station_changes(
         (stations, col.STATION_WIDTH)
     )  # of a station: v, slopes of the four series in v, the law
     places, distances = np.empty(stations, dtype=np.int64), np.empty(stations)
-    out = np.zeros((causes, col.FIELD_COUNT, stations))
+    for cause in range(causes):
+        for field in range(col.FIELD_COUNT):
+            for i in range(stations):
+                out[cause, field, i] = 0.0
     first, following, reached = 0, 0, 0
     before = 0.0  # length of the panel before
     for p in range(count):
@@ -419,4 +423,3 @@ def station_changes(
                     joints[field, cause] += AT_END[j] * inner[field, j]
                 joints[field, cause] += missing[field]
         before = h
-    return out

@@ -19,3 +19,11 @@ class SolverNodes:
     ends: Array
     nodes: Array
     counts: tuple[int, ...]
+
+    def for_kernels(self) -> tuple[Array, Array, Array]:
+        """Return copies of panels, ends and nodes, as a kernel is compiled for that may write.
+
+        Tables within other kernels may be written, and a kernel is compiled again for tables that
+        may not.
+        """
+        return self.panels.copy(), self.ends.copy(), self.nodes.copy()

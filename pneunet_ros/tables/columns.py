@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
 import re
 
 from pneunet_ros.core.errors import RecordingError
@@ -14,6 +15,7 @@ STAMP = 'stamp_ns'
 TIME = 'time'
 ESTIMATE = 'estimate_'  # begins the columns of what the estimator made of readings
 MOST_TARGETS = 500
+_NAMES_SHOWN = 12
 
 IN_BASE = ('force_x', 'force_y')
 OF_STRINGS = ('force_a', 'angle_a', 'force_b', 'angle_b')
@@ -33,6 +35,21 @@ KINDS = {
     **{name: _KINDS[name] for name in TOGETHER},
 }
 _TARGET = re.compile(r'(.+?)(\d{1,3})')
+_UNIT_IN_BRACKETS = re.compile(r'\s*[\[(]([^\[\]()]*)[\])]\s*$')
+_BETWEEN_WORDS = re.compile(r'[\s_./*·-]+')
+_UNIT_SPELLINGS = {'nm': 'n_m', 'mnm': 'mn_m', 'nmm': 'n_mm', 'sec': 's', 'seconds': 's'}
+# What others call a quantity: to ask whether it was meant, as a letter alone can mean much.
+_OTHER_WORDS = {
+    't': TIME,
+    'timestamp': TIME,
+    'p': 'pressure',
+    'fx': 'force_x',
+    'f1': 'force_x',
+    'fy': 'force_y',
+    'f2': 'force_y',
+    'm': 'moment',
+    'mz': 'moment',
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +79,46 @@ def column_of(name: str) -> Column | None:
     return None
 
 
+def standard_name(name: str) -> str:
+    """Return the known name that is written so: 'Pressure [kPa]' is pressure_kpa, 'Time' time_s.
+
+    Capitals, spaces and the brackets of a unit do not matter; an unknown name stays as it is.
+    """
+    plain = _plain(name)
+    if plain == TIME:
+        return f'{TIME}_s'
+    known = plain == STAMP or plain.startswith(ESTIMATE) or column_of(plain) is not None
+    return plain if known else name
+
+
+def _plain(name: str) -> str:
+    text = name.strip().lower().translate({ord('µ'): 'u', ord('μ'): 'u', ord('°'): 'deg'})
+    text = _UNIT_IN_BRACKETS.sub(r' \1', text)
+    plain = _BETWEEN_WORDS.sub('_', text).strip('_')
+    head, _, unit = plain.rpartition('_')
+    return f'{head}_{_UNIT_SPELLINGS[unit]}' if unit in _UNIT_SPELLINGS else plain
+
+
+def likely_name(name: str) -> str:
+    """Return the known name that an unknown one may stand for, '' where none is near."""
+    plain = _plain(name)
+    head, _, unit = plain.rpartition('_')
+    for other, quantity in _OTHER_WORDS.items():
+        if head == other and unit in SI_PER_UNIT[KINDS[quantity]]:
+            return f'{quantity}_{unit}'
+    quantity = _OTHER_WORDS.get(plain, plain)
+    if quantity in KINDS and quantity not in TOGETHER:
+        return f'{quantity}_({"|".join(SI_PER_UNIT[KINDS[quantity]])})'
+    target = ''.join(filter(str.isdigit, plain)) or '0'
+    known = [
+        f'{quantity}{target if quantity in TOGETHER else ""}_{unit}'
+        for quantity, kind in KINDS.items()
+        for unit in SI_PER_UNIT[kind]
+    ]
+    alike = [known_name for known_name in known if known_name.endswith(f'_{unit}')]
+    return next(iter(get_close_matches(plain, alike, 1, 0.75)), '')
+
+
 def known_names() -> str:
     """Return the patterns of all known names, for a person."""
     patterns = [STAMP]
@@ -75,25 +132,41 @@ def known_names() -> str:
 def columns_of(names: Iterable[str], where: str) -> list[Column]:
     """Return what these columns are; raises RecordingError where they make no whole.
 
-    Unknown names, one quantity twice, a target without its other coordinate, an angle without its
-    string, and end forces both resolved and by strings are refused.
+    Unknown names (all of them are named), one quantity twice, a target without its other
+    coordinate, an angle without its string, and end forces both resolved and by strings are
+    refused.
     """
     columns: dict[tuple[str, int | None], Column] = {}
+    unknown: list[str] = []
     for name in names:
         column = column_of(name)
         if column is None:
-            raise RecordingError(
-                f'{where}: the column {name!r} is not known; rename it (--rename OLD=NEW) or '
-                f'leave it out (--ignore COLUMN); known are {known_names()}'
-            )
+            unknown.append(name)
+            continue
         key = column.quantity, column.target
         if key in columns:
             raise RecordingError(
                 f'{where}: {columns[key].name} and {name} say the same: --ignore one of them'
             )
         columns[key] = column
+    if unknown:
+        raise RecordingError(f'{where}: {_unknown_columns(unknown)}')
     _check_whole({key: column.name for key, column in columns.items()}, where)
     return list(columns.values())
+
+
+def _unknown_columns(names: list[str]) -> str:
+    """Say which columns are not known, all of them, and what to do."""
+    asked = []
+    for name in names[:_NAMES_SHOWN]:
+        likely = likely_name(name)
+        asked.append(f'{name!r} ({likely}?)' if likely else repr(name))
+    more = f' and {len(names) - _NAMES_SHOWN} more' if len(names) > _NAMES_SHOWN else ''
+    noun, verb, it = ('column', 'is', 'it') if len(names) == 1 else ('columns', 'are', 'them')
+    return (
+        f'the {noun} {", ".join(asked)}{more} {verb} not known; rename {it} (--rename OLD=NEW) or '
+        f'leave {it} out (--ignore COLUMN); known are {known_names()}'
+    )
 
 
 def _check_whole(names: dict[tuple[str, int | None], str], where: str) -> None:

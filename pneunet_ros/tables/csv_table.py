@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import csv
 from dataclasses import dataclass, field
+from datetime import date
 from decimal import Decimal, InvalidOperation
 import io
+import itertools
 import math
 from pathlib import Path
+import re
 from typing import TextIO
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.tables.columns import standard_name, TIME
 
 MOST_BYTES = 500_000_000
 MOST_ROWS = 2_000_000
@@ -24,6 +28,19 @@ MOST_CELLS = 25_000_000
 LONGEST_CELL = 200
 LONGEST_LINE = 2 * MOST_COLUMNS * LONGEST_CELL  # characters
 _NAMES_SHOWN = 30
+CLOCK = f'{TIME}_s'  # a column that may hold dates and times of day
+_RULES = {
+    ',': 'cells are separated by commas, and decimals by a point',
+    ';': 'cells are separated by semicolons, as in the first line',
+    '\t': 'cells are separated by tabs, as in the first line',
+}
+_QUOTED = re.compile(r'"[^"]*"')
+_TIME_OF_DAY = re.compile(
+    r'(?:(?P<date>\d{4}-\d\d?-\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4})[T ]+)?'
+    r'(?P<hour>[01]?\d|2[0-3]):(?P<minute>[0-5]\d)(?::(?P<second>[0-5]\d(?:[.,]\d{1,9})?))?'
+    r' ?(?:Z|(?P<half>[AaPp][Mm]))?',
+    re.ASCII,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,18 +61,25 @@ class CsvTable:
     """Columns by name: numbers (rows,), NaN where a cell is empty or NaN.
 
     exact: the same as ratios of integers for the columns that were asked for exactly. `lines` are
-    the numbers of the rows' lines in the file, for sentences.
+    the numbers of the rows' lines in the file, `sentences` say how names were read.
     """
 
     numbers: Mapping[str, Array]
     exact: Mapping[str, tuple[Decimal | None, ...]]
     lines: tuple[int, ...]
+    sentences: tuple[str, ...]
 
 
-def read_csv(path: Path, request: TableRequest, exact: Collection[str] = ()) -> CsvTable:
+def read_csv(
+    path: Path,
+    request: TableRequest,
+    exact: Collection[str] = (),
+    check_names: Callable[[Collection[str]], object] = len,
+) -> CsvTable:
     """Return the columns of a file by their new names; raises RecordingError that says where.
 
-    exact: names of columns to be read without rounding, too.
+    exact: names of columns to be read without rounding, too. check_names: sees the new names
+    before any row is read, and may raise.
     """
     try:
         with open_regular(path) as binary:
@@ -63,7 +87,7 @@ def read_csv(path: Path, request: TableRequest, exact: Collection[str] = ()) -> 
                 raise RecordingError(f'{path} has more than {MOST_BYTES // 10**6} MB: split it')
             binary.seek(0)
             stream = io.TextIOWrapper(binary, encoding='utf-8-sig', newline='')
-            return _read(path, stream, request, exact)
+            return _read(path, stream, request, exact, check_names)
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
     except UnicodeDecodeError as error:
@@ -74,25 +98,35 @@ def read_csv(path: Path, request: TableRequest, exact: Collection[str] = ()) -> 
         raise RecordingError(f'{path} is no CSV file: {error}') from error
 
 
-def _read(path: Path, stream: TextIO, request: TableRequest, exact: Collection[str]) -> CsvTable:
-    reader = csv.reader(_lines(path, stream), strict=True)
+def _read(
+    path: Path,
+    stream: TextIO,
+    request: TableRequest,
+    exact: Collection[str],
+    check_names: Callable[[Collection[str]], object],
+) -> CsvTable:
+    given = _lines(path, stream)
+    first = next(given, '')
+    mark = _delimiter(first)
+    reader = csv.reader(itertools.chain([first], given), strict=True, delimiter=mark)
     header = [name.strip() for name in next(reader, [])]
     _check_header(path, header, request)
     renamed = [request.rename.get(name, name) for name in header]
-    places = {
-        new: place
-        for place, (name, new) in enumerate(zip(header, renamed, strict=True))
-        if not {name, new} & set(request.ignore) and name not in request.select
-    }
-    if len(set(renamed)) < len(renamed):
-        twice = next(name for name in renamed if renamed.count(name) > 1)
-        raise RecordingError(f'{path}: after --rename two columns are called {twice}')
+    standard = [standard_name(name) for name in renamed]
+    places: dict[str, int] = {}
+    for place, (name, *new) in enumerate(zip(header, renamed, standard, strict=True)):
+        if not name or {name, *new} & set(request.ignore) or name in request.select:
+            continue
+        if new[1] in places:
+            raise RecordingError(f'{path}: two columns are called {new[1]}: --ignore one of them')
+        places[new[1]] = place
+    check_names(places)
     selected = {header.index(name): (name, text) for name, text in request.select.items()}
     numbers = {name: array('d') for name in places}  # 8 bytes a number
     exactly: dict[str, list[Decimal | None]] = {name: [] for name in exact if name in places}
     lines: list[int] = []
     others: dict[str, None] = {}
-    for cells in _rows(path, reader, len(header)):
+    for cells in _rows(path, reader, len(header), mark):
         if any(cells[place].strip() != text for place, (_, text) in selected.items()):
             others.update({', '.join(cells[place].strip() for place in selected): None})
             continue
@@ -102,7 +136,7 @@ def _read(path: Path, stream: TextIO, request: TableRequest, exact: Collection[s
             raise RecordingError(f'{path} has more than {MOST_CELLS} cells: split it')
         lines.append(reader.line_num)
         for name, place in places.items():
-            text = cells[place].strip()
+            text = _plain_number(name, cells[place].strip(), mark)
             numbers[name].append(_number(path, reader.line_num, name, text))
             if name in exactly:
                 exactly[name].append(_exact(path, reader.line_num, name, text))
@@ -112,7 +146,57 @@ def _read(path: Path, stream: TextIO, request: TableRequest, exact: Collection[s
         numbers={name: freeze(np.array(values)) for name, values in numbers.items()},
         exact={name: tuple(values) for name, values in exactly.items()},
         lines=tuple(lines),
+        sentences=_spelling(path, {renamed[place]: name for name, place in places.items()}),
     )
+
+
+def _delimiter(header: str) -> str:
+    """Return what stands between cells: a semicolon or tab where the first line has one."""
+    unquoted = _QUOTED.sub('', header)
+    return next((mark for mark in (';', '\t') if mark in unquoted), ',')
+
+
+def _plain_number(name: str, text: str, mark: str) -> str:
+    """Return a number with a decimal point; the text of a date or a time of day in seconds."""
+    if name == CLOCK and ':' in text:
+        return _clock_seconds(text)
+    if mark != ',' and text.count(',') == 1 and '.' not in text:
+        return text.replace(',', '.')
+    return text
+
+
+def _clock_seconds(text: str) -> str:
+    """Return the seconds of a time of day, since 1970 where a date is before it; else the text."""
+    match = _TIME_OF_DAY.fullmatch(text)
+    if match is None:
+        return text
+    hour, minute = int(match['hour']), int(match['minute'])
+    if match['half']:
+        hour = hour % 12 + (12 if match['half'].lower() == 'pm' else 0)
+    seconds = Decimal((match['second'] or '0').replace(',', '.'))
+    try:
+        days = _days(match['date']) if match['date'] else 0
+    except ValueError:
+        return text
+    return str(86400 * days + 3600 * hour + 60 * minute + seconds)
+
+
+def _days(text: str) -> int:
+    """Return days since 1970 of 2026-11-22, 22.11.2026 or 11/22/2026; ValueError for no day."""
+    first, second, third = (int(part) for part in re.split(r'[-./]', text))
+    year, month, day = (first, second, third) if '-' in text else (third, second, first)
+    if '/' in text and second > 12:  # the American order; both orders last for one day
+        month, day = day, month
+    return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
+
+
+def _spelling(path: Path, read_as: Mapping[str, str]) -> tuple[str, ...]:
+    """Say which columns were read under another name than they have."""
+    pairs = [f'{name!r} as {new}' for name, new in read_as.items() if name != new]
+    if not pairs:
+        return ()
+    more = f' and {len(pairs) - _NAMES_SHOWN} more' if len(pairs) > _NAMES_SHOWN else ''
+    return (f'{path}: columns were read {", ".join(pairs[:_NAMES_SHOWN])}{more}',)
 
 
 def _lines(path: Path, stream: TextIO) -> Iterator[str]:
@@ -125,7 +209,7 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
         yield line
 
 
-def _rows(path: Path, reader: Iterator[list[str]], columns: int) -> Iterator[list[str]]:
+def _rows(path: Path, reader: Iterator[list[str]], columns: int, mark: str) -> Iterator[list[str]]:
     """Yield rows of so many cells; empty lines pass by."""
     for cells in reader:
         if not any(cell.strip() for cell in cells):
@@ -134,7 +218,7 @@ def _rows(path: Path, reader: Iterator[list[str]], columns: int) -> Iterator[lis
             line = getattr(reader, 'line_num', 0)
             raise RecordingError(
                 f'{path}, line {line}: {len(cells)} cells, but there are {columns} columns; '
-                'cells are separated by commas, and decimals by a point'
+                f'{_RULES[mark]}'
             )
         yield cells
 
@@ -142,18 +226,12 @@ def _rows(path: Path, reader: Iterator[list[str]], columns: int) -> Iterator[lis
 def _check_header(path: Path, header: Sequence[str], request: TableRequest) -> None:
     if not header or not any(header):
         raise RecordingError(f'{path} is empty: the first line must name the columns')
-    for mark, called in ((';', 'semicolons'), ('\t', 'tabs')):
-        if len(header) == 1 and mark in header[0]:
-            raise RecordingError(
-                f'{path}: columns are separated by {called}; export it with commas between '
-                'columns and a point in decimals'
-            )
     if len(header) > MOST_COLUMNS:
         raise RecordingError(f'{path} has more than {MOST_COLUMNS} columns')
     for name in header:
         if len(name) > LONGEST_CELL:
             raise RecordingError(f'{path}: a name of a column has {len(name)} characters')
-        if header.count(name) > 1:
+        if name and header.count(name) > 1:
             raise RecordingError(f'{path}: two columns are called {name!r}')
     there = {*header, *request.rename.values()}
     asked = {'--select': request.select, '--rename': request.rename, '--ignore': request.ignore}

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.core.units import seconds_between, SI_PER_UNIT
 from pneunet_ros.messages.readings import Component, SENSORS, TARGETS
 
@@ -48,10 +49,10 @@ class ReadingTable:
         return {name: int(np.count_nonzero(rows)) for name, rows in self.present().items()}
 
 
-def columns(table: ReadingTable) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the columns of a table by names that `import` knows; time counts from its start.
+def columns(table: ReadingTable, units: UnitSystem = SI) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the columns of a table by names that say the unit; time counts from its start.
 
-    What was never read has no column.
+    Those in SI are the names that `import` knows. What was never read has no column.
     """
     start = int(table.stamp_ns[0]) if len(table.stamp_ns) else 0
     seconds = [seconds_between(start, stamp) for stamp in table.stamp_ns.tolist()]
@@ -65,15 +66,19 @@ def columns(table: ReadingTable) -> dict[str, npt.NDArray[np.generic]]:
         if sensor.per_target:
             for target in range(values.shape[2]):
                 for place, component in enumerate(sensor.components):
-                    found[column_name(component, target)] = values[:, place, target]
+                    name, size = column_unit(component, units)
+                    found[f'{component.name}{target}_{name}'] = values[:, place, target] / size
         elif counts[sensor.name]:
             for place, component in enumerate(sensor.components):
-                found[column_name(component)] = values[:, place]
+                name, size = column_unit(component, units)
+                found[f'{component.name}_{name}'] = values[:, place] / size
     return found
 
 
-def column_name(component: Component, target: int | None = None) -> str:
-    """Return the name of a column in SI: 'pressure_pa', 'x3_m'."""
-    units = SI_PER_UNIT[component.kind]
-    si = next(unit for unit, si_per_unit in units.items() if si_per_unit == 1.0)
-    return f'{component.name}{"" if target is None else target}_{si}'
+def column_unit(component: Component, units: UnitSystem) -> tuple[str, float]:
+    """Return the unit of a column as its name ends, 'n_m' or 'mg_l', and its size in SI."""
+    unit = units.of_kind(component.kind)
+    if unit is not None:
+        return unit.name.lower().replace(' ', '_'), unit.size
+    sizes = SI_PER_UNIT[component.kind]
+    return next(name for name, size in sizes.items() if size == 1.0), 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 import math
@@ -55,9 +55,9 @@ def read_table(path: Path, request: ImportRequest) -> tuple[ReadingTable, tuple[
     if request.rate is not None and not 1e-6 <= request.rate <= 1e6:
         raise RequestError(f'--rate {request.rate:g} Hz must lie between 1e-6 and 1e6')
     times = [STAMP, *(f'{TIME}_{unit}' for unit in SI_PER_UNIT['time'])]
-    table = read_csv(path, request, exact=times)
-    sentences = []
-    names = [name for name in table.numbers if name != STAMP and not name.startswith(ESTIMATE)]
+    table = read_csv(path, request, times, lambda names: columns_of(_readings(names), str(path)))
+    sentences = [*table.sentences]
+    names = _readings(table.numbers)
     if len(names) + (STAMP in table.numbers) < len(table.numbers):
         sentences.append(f'{path}: columns {ESTIMATE}... are not readings and were left out')
     columns = {(item.quantity, item.target): item for item in columns_of(names, str(path))}
@@ -135,6 +135,11 @@ def string_force(
     )
 
 
+def _readings(names: Iterable[str]) -> list[str]:
+    """Return the names of columns without stamps and without what an estimator made."""
+    return [name for name in names if name != STAMP and not name.startswith(ESTIMATE)]
+
+
 def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportRequest) -> Stamps:
     """Return the stamps of the rows: as given, or from time or rate, then not before 1 s."""
     rows = len(table.lines)
@@ -168,6 +173,8 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
         if not 0 < stamp_ns < LATEST_STAMP:
             raise RecordingError(f'{where}: {value} is no time that a header can hold')
         if stamps and stamp_ns <= stamps[-1]:
-            raise RecordingError(f'{where}: time must increase from row to row')
+            raise RecordingError(
+                f'{where}: time must increase from row to row (are fractions of a second missing?)'
+            )
         stamps.append(stamp_ns)
     return np.array(stamps, dtype=np.int64)

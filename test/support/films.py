@@ -18,8 +18,11 @@ from pneunet_ros.lab.scene import Dots, FrameState, Scene
 from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.readings import PRESSURE_TYPE
 from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, COMPRESSED_TYPE
+from pneunet_ros.offline.track import track_steps, TrackStep
+from pneunet_ros.recordings.image_sources import open_images, SourceRequest
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording_writer import write_recording
+from pneunet_ros.vision.tracker import Tracker
 
 from support.made_recordings import header, PRESSURE, pressure
 
@@ -179,3 +182,11 @@ def write_camera_info(path: Path, width: int = WIDTH) -> Path:
         'distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [0.0, 0.0, 0.0, 0.0, 0.0]\n'
     )
     return path
+
+
+def tracked_steps(path: Path, tracker: Tracker) -> list[TrackStep]:
+    """Return the steps of frames in which the arm rests, bends, and is hidden for a while."""
+    shown = list(pictures())
+    shown[6] = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    stream = open_images(write_messages(path, film(shown)), SourceRequest())
+    return [step for step in track_steps(stream, tracker) if step.frame]

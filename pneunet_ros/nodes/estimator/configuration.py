@@ -15,6 +15,7 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.builders import Output
+from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
 from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.nodes.model_info import model_info, model_label
@@ -36,6 +37,9 @@ class NodeSettings:
         False, 'publish the topic markers: the arm, its targets and the end force, for displays'
     )
     publish_tf: bool = setting(False, 'publish the transform from frame_id to tip_frame on /tf')
+    publish_joint_states: bool = setting(
+        False, 'publish the topic joint_states of the chain of links that `pneunet urdf` writes'
+    )
     tip_frame: str = setting(TIP_FRAME, 'frame of the free end, on /tf')
 
     def __post_init__(self) -> None:
@@ -51,6 +55,8 @@ class NodeSettings:
             outputs.append(transform_output(self.tip_frame))
         if self.publish_markers:
             outputs.append(markers_output(arm))
+        if self.publish_joint_states:
+            outputs.append(JOINT_STATES)
         return tuple(outputs)
 
 
@@ -59,6 +65,7 @@ PARAMETERS = ParameterTable(
     read_only=frozenset(
         {
             'frame_id',
+            'publish_joint_states',
             'publish_markers',
             'publish_tf',
             'stations',

@@ -22,7 +22,6 @@ from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
-from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.estimator.configuration import (
     configured_estimator,
@@ -38,13 +37,13 @@ from pneunet_ros.nodes.topics import input_qos, subscription
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-USAGE = """usage: estimator [--ros-args ...]
+USAGE = """usage: pneunet-estimator [--ros-args ...]
 
 Estimates the shape of a pneu-net arm from the topics pressure and end_wrench. All settings are
 ROS parameters, as in
 
-  estimator --ros-args -p model_file:=/path/to/model.yaml
-  estimator --ros-args --params-file config/estimator.yaml
+  pneunet-estimator --ros-args -p model_file:=/path/to/model.yaml
+  pneunet-estimator --ros-args --params-file config/estimator.yaml
 """
 ZERO_SPAN = 1.0  # s of pressure readings that ~/zero_pressure looks at
 ZERO_READINGS = 1000  # of which it keeps no more than the last so many
@@ -64,7 +63,6 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=settings.frame_id
         )
-        self.get_logger().info('preparing the solver; the very first time it is compiled')
         trouble = warm_up(self.configuration.estimator, serializer)
         if trouble:
             self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')
@@ -75,7 +73,11 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         self.open_services()
         self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
 
-        self.health = EstimatorHealth(self.resolve_topic_name(PRESSURE.name), time.monotonic())
+        self.topics = {
+            sensor.name: self.resolve_topic_name(sensor.name)
+            for sensor in (PRESSURE, END_WRENCH, TARGETS)
+        }
+        self.health = EstimatorHealth(self.topics[PRESSURE.name], time.monotonic())
         # Of readings that are all there, the executor takes that of the first subscription: what
         # is compared may wait, what is estimated not.
         for sensor, take in (
@@ -87,8 +89,9 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
                 subscription(self, sensor.type, sensor.name, take, input_qos())
         self.tell_ready()
 
-    def take_wrench(self, message: Any) -> None:
+    def take_wrench(self, message: Any, info: dict[str, int]) -> None:
         """Take a wrench message."""
+        self.note_message(self.topics[END_WRENCH.name], info)
         try:
             reading = END_WRENCH.decode(message)
         except MessageError as error:
@@ -104,6 +107,7 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
 
     def take_pressure(self, message: Any, info: dict[str, int]) -> None:
         """Take a pressure message and publish the shape at it."""
+        self.note_message(self.topics[PRESSURE.name], info)
         try:
             reading = PRESSURE.decode(message)
         except MessageError as error:
@@ -128,8 +132,9 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
                 return
         self.recent.append(reading)
 
-    def take_targets(self, message: Any) -> None:
+    def take_targets(self, message: Any, info: dict[str, int]) -> None:
         """Take a frame of measured targets and compare it with the estimates."""
+        self.note_message(self.topics[TARGETS.name], info)
         consistency, refusal = take_targets_message(
             self.consistency, self.configuration.estimator, message
         )
@@ -201,8 +206,3 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
         if not share_arm_and_settings(configuration, self.configuration):
             self.consistency = self.consistency.fresh()
         self.outputs.centerline_rate = configuration.node.centerline_rate
-
-
-def main() -> int:
-    """Run the node until a signal comes; the console script `estimator`."""
-    return process.run(EstimatorNode, USAGE)

@@ -12,7 +12,7 @@ from pneunet_ros.nodes.topics import output_qos, publisher
 
 # Published first, as a controller may wait for them; the centerline last, as it is for people.
 FOR_CONTROL = ('shape', 'tip', 'tip_jacobian')
-FOR_PEOPLE = ('centerline', 'markers')
+FOR_PEOPLE = ('centerline', 'markers', 'joint_states')
 PUBLISHED = tuple(
     sorted(OUTPUTS, key=lambda topic: (topic.name not in FOR_CONTROL, topic.name in FOR_PEOPLE))
 )

@@ -26,7 +26,6 @@ from pneunet_ros.messages.tracker import (
     TARGETS_OUTPUT,
     TRACKER_OUTPUTS,
 )
-from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.following import FollowingSubscription
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
@@ -41,13 +40,13 @@ from pneunet_ros.nodes.tracker.warm_up import warm_up
 from pneunet_ros.vision.overlay import curve_in_image, draw
 from pneunet_ros.vision.tracker import TrackerState, Tracking
 
-USAGE = """usage: tracker [--ros-args ...]
+USAGE = """usage: pneunet-tracker [--ros-args ...]
 
 Measures the targets on a pneu-net arm, and its centerline, in the images of a camera. All settings
 are ROS parameters, as in
 
-  tracker --ros-args -p camera_file:=/path/to/camera.yaml -p image_transport:=compressed
-  tracker --ros-args --params-file config/tracker.yaml
+  pneunet-tracker --ros-args -p camera_file:=/path/to/camera.yaml -p image_transport:=compressed
+  pneunet-tracker --ros-args --params-file config/tracker.yaml
 """
 FOLLOW_PERIOD = 0.5  # s; how soon another quality of service of the camera is noticed
 WRONG_CAMERA_INFO = 'wrong_camera_info'  # reason of a refusal, beside those of the tracker
@@ -60,7 +59,6 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('tracker', PARAMETERS, configured_tracker)
         self.state = TrackerState()
-        self.get_logger().info('preparing the kernels; the very first time they are compiled')
         self.serializer = MessageSerializer(
             types=RCLPY_TYPES, serialize=serialize, frame_id=self.configuration.node.frame_id
         )
@@ -101,6 +99,7 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
 
     def take_image(self, message: Any, info: dict[str, int]) -> None:
         """Take an image message and publish the targets in it."""
+        self.note_message(self.inputs[1].topic, info)
         try:
             image = self.decode(message)
         except MessageError as error:
@@ -168,8 +167,3 @@ class TrackerNode(ConfiguredNode[TrackerConfiguration]):
         """Start anew if anything is another one; what is known of the camera remains."""
         if configuration.tracker is not self.configuration.tracker:
             self.state = configuration.tracker.reset(self.state)
-
-
-def main() -> int:
-    """Run the node until a signal comes; the console script `tracker`."""
-    return process.run(TrackerNode, USAGE)

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import sys
 
-from pneunet_ros.nodes.virtual_arm.node import main
+from pneunet_ros.nodes.start import start
 
-sys.exit(main())
+
+def main() -> int:
+    """Run the node until a signal comes; returns the exit code."""
+    return start('virtual_arm')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -48,6 +48,15 @@ class VirtualArmSettings:
         'what the camera gives: targets, as a tracker would; images, for the tracker; or none',
         ('targets', 'images', 'none'),
     )
+    swing_period: float = quantity(
+        0.0,
+        unit='s',
+        meaning=(
+            'in which the arm rests, then swells and falls, until the first command; '
+            '0: it waits at rest'
+        ),
+        bounds=(0.0, 1e4),
+    )
     frame_id: str = setting(BASE_FRAME, 'frame of end_wrench, targets and true_tip, at the clamp')
 
     def __post_init__(self) -> None:

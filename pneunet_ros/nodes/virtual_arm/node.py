@@ -16,12 +16,12 @@ import numpy as np
 from pneunet_ros.core.errors import MessageError, RequestError
 from pneunet_ros.core.frames import heading_quaternion
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.lab.chain import ChainShape
 from pneunet_ros.lab.live import Film, LiveLab, Load, SCENE
 from pneunet_ros.messages.builders import header, image, IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, targets_message
 from pneunet_ros.messages.tracker import camera_info_message, CAMERA_INFO_TYPE
-from pneunet_ros.nodes import process
 from pneunet_ros.nodes.configured_node import ConfiguredNode
 from pneunet_ros.nodes.health import count_texts, Level, Report, texts
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES
@@ -32,16 +32,17 @@ from pneunet_ros.nodes.virtual_arm.configuration import (
     VirtualArmConfiguration,
 )
 
-USAGE = """usage: virtual_arm [--ros-args ...]
+USAGE = """usage: pneunet-virtual-arm [--ros-args ...]
 
 Plays a pneu-net arm with its valve, sensors and camera: try the whole stack without hardware. The
 pressure is commanded on the topic pressure_command. All settings are ROS parameters, as in
 
-  virtual_arm --ros-args -p camera:=images
-  virtual_arm --ros-args -p effects:="hysteresis.width=4000 gravity.weight_y=-1.0"
+  pneunet-virtual-arm --ros-args -p camera:=images
+  pneunet-virtual-arm --ros-args -p effects:="hysteresis.width=4000 gravity.weight_y=-1.0"
 """
 TIP_TYPE = 'geometry_msgs/msg/PoseStamped'
 PRESSURE_FRAME, CAMERA_FRAME = 'pressure_sensor', 'camera'
+SWING = 0.8  # of the largest pressure
 NOT_FINITE, WRONG_FRAME = 'not_finite', 'wrong_frame'
 
 
@@ -54,9 +55,8 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         """Declare all parameters, get everything warm, and only then open the topics."""
         super().__init__('virtual_arm', PARAMETERS, configured_virtual_arm)
         settings = self.configuration.node
-        self.get_logger().info('preparing the lab; the very first time it is compiled')
         self.random = np.random.default_rng(settings.seed)
-        self.command = 0.0
+        self.command: float | None = None
         self.load = Load()
         self.begun = time.monotonic()
         self.film = self.camera(self.configuration.lab)
@@ -115,8 +115,9 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.refuse(NOT_FINITE, f'a commanded pressure of {command} is refused')
             return
         low, high = self.configuration.lab.scenario.arm.pressure_range
-        self.command = min(max(command, low), high)
-        if self.command != command:
+        within = min(max(command, low), high)
+        self.command = within
+        if within != command:
             sentence = f'the valve goes from {low:g} to {high:g} Pa, not to {command:g} Pa'
             self.log.warn('range', sentence, time.monotonic())
 
@@ -141,10 +142,19 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         self.rejected[reason] += 1
         self.log_refusal(Refusal(stamp_ns=0, reason=reason, sentence=sentence, error=False))
 
+    def commanded(self) -> float:
+        """Return the pressure (Pa) that the valve is to reach, commanded or of the swing."""
+        if self.command is not None:
+            return self.command
+        period = self.configuration.node.swing_period
+        turns = self.now() / period % 2.0 if period > 0.0 else 0.0
+        high: float = self.configuration.lab.scenario.arm.pressure_range[1]
+        return 0.5 * SWING * high * (1.0 - math.cos(2.0 * math.pi * max(turns - 1.0, 0.0)))
+
     def advance(self) -> int:
         """Bring the arm to the present; returns the stamp (ns) of it."""
         lab = self.configuration.lab
-        self.state = lab.step(self.state, self.now(), self.command, self.load)
+        self.state = lab.step(self.state, self.now(), self.commanded(), self.load)
         stamp_ns: int = self.get_clock().now().nanoseconds
         return stamp_ns
 
@@ -185,9 +195,14 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         tip.pose.orientation.z, tip.pose.orientation.w = heading_quaternion(theta)
         return tip
 
+    def frame_stamp(self) -> int:
+        """Bring the arm to the present; returns the stamp (ns) that its camera gives it."""
+        late = self.configuration.lab.frame_delay
+        return self.advance() + round(late * NANOSECONDS_PER_SECOND)
+
     def show_targets(self) -> None:
         """Publish the targets as a tracker measures them."""
-        stamp_ns = self.advance()
+        stamp_ns = self.frame_stamp()
         lab, frame_id = self.configuration.lab, self.configuration.node.frame_id
 
         def show(shape: ChainShape) -> None:
@@ -199,7 +214,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
 
     def show_image(self) -> None:
         """Publish an image of the arm, the camera first."""
-        stamp_ns = self.advance()
+        stamp_ns = self.frame_stamp()
 
         def show(shape: ChainShape) -> None:
             assert self.film is not None
@@ -216,7 +231,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
         rate = self.readings / max(now - self.reported, 1e-9)
         values = {
             'rate_hz': rate,
-            'command_pa': self.command,
+            'command_pa': self.commanded(),
             'pressure_pa': self.state.pressure,
             'force_x_n': self.load.force_x,
             'force_y_n': self.load.force_y,
@@ -231,7 +246,7 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
 
     def forget(self) -> str:
         """Put an unconditioned arm (no prior loading) in its place, vented and without a load."""
-        self.command, self.load = 0.0, Load()
+        self.command, self.load = None, Load()
         self.state = self.configuration.lab.begin(self.now())
         return 'an unconditioned arm (no prior loading), vented and without a load'
 
@@ -243,8 +258,3 @@ class VirtualArmNode(ConfiguredNode[VirtualArmConfiguration]):
             self.state = lab.take_over(self.state)
         else:
             self.state = lab.begin(self.now())
-
-
-def main() -> int:
-    """Run the node until a signal comes; the console script `virtual_arm`."""
-    return process.run(VirtualArmNode, USAGE)

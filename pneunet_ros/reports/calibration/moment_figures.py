@@ -45,14 +45,14 @@ def moments(data: FigureData) -> Picture | None:
         )
     along.set(
         title='(a) moment along the arm',
-        xlabel='arclength s / l',
-        ylabel='moment M_est (mN m)',
+        xlabel='arclength $s / l$',
+        ylabel=r'moment $M_\mathrm{est}$ (mN m)',
         xlim=(0.0, 1.0),
     )
     against.set(
         title='(b) moment against change of curvature; square: clamp',
-        xlabel='measured kappa - kappa0 (1/m)',
-        ylabel='moment M_est (mN m)',
+        xlabel=r'measured $\kappa - \kappa_0$ (1/m)',
+        ylabel=r'moment $M_\mathrm{est}$ (mN m)',
     )
     data.colors.bar(figure, against)
     return picture(
@@ -124,20 +124,20 @@ def one_moment(data: FigureData) -> Picture | None:
         view.moment / rigidity_along(sections, view.arclength),
         color='#8a5aa8',
         linestyle='--',
-        label='M_est / fitted rigidity',
+        label=r'$M_\mathrm{est}$ / fitted rigidity',
     )
     lines.axhline(0.0, color='0.6', linewidth=0.7)
     lines.axvline(0.0, color='0.6', linewidth=0.7)
     lines.set(
         title=f'(a) {load_label(view.steady_state)}',
-        xlabel='kappa - kappa0 (1/m)',
-        ylabel='moment M_est (mN m)',
+        xlabel=r'$\kappa - \kappa_0$ (1/m)',
+        ylabel=r'moment $M_\mathrm{est}$ (mN m)',
     )
     legend(lines, loc='best')
     along.set(
         title='(b) the same along the arm; shaded: the sections',
-        xlabel='arclength s / l',
-        ylabel='kappa - kappa0 (1/m)',
+        xlabel='arclength $s / l$',
+        ylabel=r'$\kappa - \kappa_0$ (1/m)',
         xlim=(0.0, 1.0),
     )
     legend(along, loc='best')
@@ -196,7 +196,7 @@ def law(data: FigureData) -> Picture | None:
     worst = data.settings.rigidity_error
     for place in range(fitted.rigidity.shape[1]):
         color = SECTION_COLORS[place]
-        name = f'alpha{place + 1}' if two else 'alpha'
+        name = rf'$\alpha_{place + 1}$' if two else r'$\alpha$'
         label = f'{name}, fitted, 2 sigma'
         draw_rigidity(axes[0], fitted.pressure, fitted, place, color=color, label=label)
         slopes = [
@@ -208,7 +208,7 @@ def law(data: FigureData) -> Picture | None:
         if slopes:
             draw_slopes(axes[0], slopes, arm.weight * arm.length**2, color, name)
     axes[0].set(
-        title='(a) rigidity alpha = B / (mg l^2)', xlabel='pressure (kPa)', ylabel='alpha (-)'
+        title=r'(a) rigidity $\alpha = B / (mg\,l^2)$', xlabel='pressure (kPa)', ylabel=r'$\alpha$'
     )
     add_stiffness_axis(axes[0], arm)
     limits = [fitted.rigidity.min(), fitted.rigidity.max(), 0.0]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.reports.calibration.figures import calibration_figures
@@ -23,7 +24,7 @@ from pneunet_ros.reports.calibration.tables import (
     Row,
 )
 from pneunet_ros.reports.calibration.verdict import residual_rms, verdict_of
-from pneunet_ros.reports.figure import Pictures
+from pneunet_ros.reports.figure import Pictures, units_note
 from pneunet_ros.reports.page import render_page
 
 PAGE = 'index.html'
@@ -38,25 +39,30 @@ def write_report(
     provenance: Mapping[str, Any],
     overwrite: bool = False,
     on_progress: OnProgress = say_nothing,
+    units: UnitSystem = SI,
 ) -> Path:
     """Write the report of a calibration into a folder, and return the path of its page.
 
     The folder appears whole or not at all. provenance: what is known of the inputs, nested as it
-    pleases, shown as it is. Raises RecordingError when the folder exists (without `overwrite`), or
-    holds something other than an earlier report, or cannot be written.
+    pleases, shown as it is; units: of the axes of figures. Raises RecordingError when the folder
+    exists (without `overwrite`), or holds something other than an earlier report, or cannot be
+    written.
     """
     with atomic_output(directory, overwrite=overwrite, replaceable=REPLACEABLE) as folder:
         folder.mkdir()
-        pictures = calibration_figures(calibration, on_progress)
+        pictures = calibration_figures(calibration, on_progress, units)
         for item in itertools.chain(*pictures.values()):
             (folder / item.file).write_bytes(item.png)
-        page = report_page(calibration, pictures, provenance)
+        page = report_page(calibration, pictures, provenance, units)
         (folder / PAGE).write_text(page, encoding='utf-8')
     return Path(directory) / PAGE
 
 
 def report_page(
-    calibration: Calibration, pictures: Pictures, provenance: Mapping[str, Any]
+    calibration: Calibration,
+    pictures: Pictures,
+    provenance: Mapping[str, Any],
+    units: UnitSystem = SI,
 ) -> str:
     """Return the page, pictures inside."""
     rows = number_rows(calibration)
@@ -72,6 +78,7 @@ def report_page(
         noise=noise_rows(calibration),
         linearity=linearity_rows(calibration),
         provenance=flat(provenance),
+        units_note=units_note(units),
     )
 
 

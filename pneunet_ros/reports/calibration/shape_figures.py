@@ -50,7 +50,7 @@ def free_shapes(data: FigureData) -> Picture:
         draw_measured(curvatures, view, arm.length, data.colors(view.steady_state.pressure))
     as_shapes(shapes, '(a) shapes without load')
     legend(shapes, handles=STYLES, loc='best')
-    as_curvatures(curvatures, '(b) intrinsic curvature kappa_p0 with 2-sigma band')
+    as_curvatures(curvatures, r'(b) intrinsic curvature $\kappa_{p0}$ with 2-sigma band')
     data.colors.bar(figure, curvatures)
     return picture(
         '05_unloaded',
@@ -162,4 +162,4 @@ def draw_measured(axes: Axes, view: MomentView, length: float, color: Color) -> 
 
 def as_curvatures(axes: Axes, title: str) -> None:
     """Label axes of curvature along the arm."""
-    axes.set(title=title, xlabel='arclength s / l', ylabel='curvature (1/m)', xlim=(0.0, 1.0))
+    axes.set(title=title, xlabel='arclength $s / l$', ylabel='curvature (1/m)', xlim=(0.0, 1.0))

@@ -51,7 +51,7 @@ def sensitivity(data: FigureData) -> Picture | None:
         legend(shapes[place], loc='best')
         moved[place].set(
             title=f'free end moves {travel(variation)} in all',
-            xlabel='arclength s / l',
+            xlabel='arclength $s / l$',
             ylabel='distance from the fitted (mm)',
             xlim=(0.0, 1.0),
         )
@@ -103,16 +103,16 @@ def linearity(data: FigureData) -> Picture | None:
     figure, axes = panels(2 if loaded else 1)
     draw_lines(axes[0], free)
     axes[0].set(
-        title='(a) kappa0, rows of the fitted table',
+        title=r'(a) $\kappa_0$, rows of the fitted table',
         xlabel='pressure (kPa)',
-        ylabel='kappa0 (1/m)',
+        ylabel=r'$\kappa_0$ (1/m)',
     )
     if loaded:
         draw_lines(axes[1], loaded)
         axes[1].set(
-            title='(b) kappa - kappa0 under load, measured',
+            title=r'(b) $\kappa - \kappa_0$ under load, measured',
             xlabel='pressure (kPa)',
-            ylabel='kappa - kappa0 (1/m)',
+            ylabel=r'$\kappa - \kappa_0$ (1/m)',
         )
     for panel in axes:
         legend(panel, loc='best')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -28,14 +29,24 @@ class Verdict:
     command: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BendingStiffness:
+    """EI (N m^2) of a section of the arm, '' for all of it, with its std, at a pressure (Pa)."""
+
+    section: str
+    value: float
+    std: float
+    pressure: float
+
+
 def verdict_of(calibration: Calibration, settings: ReportSettings = REPORT_SETTINGS) -> Verdict:
     """Return the verdict on a calibration."""
     joint = calibration.joint
-    loaded = any(item.run.loaded for item in joint.runs)
+    stiffness = bending_stiffness(joint)
     certainty = 'The bending stiffness was not measured: no recording is under load.'
-    if loaded:
-        certainty = f'Bending stiffness EI {stiffness_text(joint)}.'
-    next_step, command = next_steps(calibration, loaded, settings)
+    if stiffness:
+        certainty = f'Bending stiffness EI {stiffness_text(stiffness)}.'
+    next_step, command = next_steps(calibration, bool(stiffness), settings)
     return Verdict(
         fit=fit_sentence(joint, settings),
         certainty=certainty,
@@ -54,7 +65,10 @@ def fit_sentence(fit: Fit, settings: ReportSettings) -> str:
     times = noise_ratio(fit)
     if times <= settings.as_noise:
         return f'The model fits: {size}, as good as the noise.'
-    return f'The model does not fit: {size}, {times:.2g} times the noise. Something is missing.'
+    return (
+        f'The model does not fit: {size}, worse than the noise: {times:.2g} times it. '
+        'Something is missing.'
+    )
 
 
 def residual_rms(fit: Fit) -> float:
@@ -69,17 +83,27 @@ def noise_ratio(fit: Fit) -> float:
     return math.sqrt(fit.chi_squared / max(fit.dof, 1))
 
 
-def stiffness_text(fit: Fit) -> str:
-    """Return EI of each section in the middle of the pressures, with standard errors."""
+def bending_stiffness(fit: Fit) -> list[BendingStiffness]:
+    """Return EI of each section in the middle of the pressures; none without loaded recordings."""
+    if not any(item.run.loaded for item in fit.runs):
+        return []
     middle = 0.5 * sum(fit.arm.pressure_range)
     view, scale = law_view(fit, np.array([middle])), fit.arm.weight * fit.arm.length**2
     values, stds = (scale * item[0] for item in (view.rigidity, view.rigidity_std))
     names = SECTIONS if values.size > 1 else ('',)
-    texts = [
-        f'{stiffness_with_error(value, std)} {name}'.rstrip()
+    return [
+        BendingStiffness(section=name, value=value, std=std, pressure=middle)
         for value, std, name in zip(values.tolist(), stds.tolist(), names, strict=True)
     ]
-    return f'{" and ".join(texts)}, at {kilopascals(middle):.0f} kPa'
+
+
+def stiffness_text(stiffness: Sequence[BendingStiffness]) -> str:
+    """Say EI of each section, at least one, with its standard error."""
+    texts = [
+        f'{stiffness_with_error(item.value, item.std)} {item.section}'.rstrip()
+        for item in stiffness
+    ]
+    return f'{" and ".join(texts)}, at {kilopascals(stiffness[0].pressure):.0f} kPa'
 
 
 def stiffness_with_error(value: float, std: float) -> str:

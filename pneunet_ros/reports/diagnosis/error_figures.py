@@ -60,7 +60,7 @@ def errors_along_arm(data: FigureData) -> Picture | None:
         right.plot(share, along_arm(errors), style, color=color, markersize=3.6, label=label)
     right.set(
         title=f'(b) error along the arm, {data.tested_on} recordings',
-        xlabel='arclength s / l',
+        xlabel='arclength $s / l$',
         ylabel='rms per coordinate (mm)',
         xlim=(-0.02, 1.02),
     )
@@ -226,7 +226,7 @@ def shapes(data: FigureData) -> Picture | None:
             below.plot(share, distance, color=color, marker=marker, markersize=3.2, linewidth=1.2)
         band = BAND_SIGMAS * millimeters(1.0) * item.noise_distance[frame]
         below.fill_between(share, 0.0, band, color=GREY, alpha=0.15, linewidth=0)
-        below.set(xlabel='arclength s / l', xlim=(-0.02, 1.02))
+        below.set(xlabel='arclength $s / l$', xlim=(-0.02, 1.02))
     same_height(axes[len(frames) :], low=0.0)
     axes[len(frames)].set_ylabel('distance from measured (mm)')
     for panel in axes[1 : len(frames)]:

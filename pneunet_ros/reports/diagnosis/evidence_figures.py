@@ -91,10 +91,14 @@ def biased_parameters(data: FigureData) -> Picture | None:
     for side, color, name in ((before, BEFORE, 'before'), (after, AFTER, 'after')):
         draw_rigidities(rigidities, side, color, name)
     curvatures.set(
-        title='(a) kappa_p0; dashed: before', xlabel='arclength s / l', ylabel='kappa_p0 (1/m)'
+        title=r'(a) $\kappa_{p0}$; dashed: before',
+        xlabel='arclength $s / l$',
+        ylabel=r'$\kappa_{p0}$ (1/m)',
     )
     rigidities.set(
-        title='(b) rigidity alpha = B / (mg l^2), 2 sigma', xlabel='pressure (kPa)', ylabel='alpha'
+        title=r'(b) rigidity $\alpha = B / (mg\,l^2)$, 2 sigma',
+        xlabel='pressure (kPa)',
+        ylabel=r'$\alpha$',
     )
     add_stiffness_axis(rigidities, after.arm)
     legend(curvatures, loc='best')
@@ -115,6 +119,6 @@ def draw_rigidities(axes: Axes, side: Evaluation, color: str, name: str) -> None
     fitted = law_view(side.fit, np.clip(pressure, *side.arm.moment_law.pressure_range))
     sections = fitted.rigidity.shape[1]
     for section in range(sections):
-        label = f'alpha{section + 1}, {name}' if sections > 1 else name
+        label = rf'$\alpha_{section + 1}$, {name}' if sections > 1 else name
         style = {'linestyle': ('-', '--')[section % 2], 'linewidth': 1.5, 'label': label}
         draw_rigidity(axes, pressure, fitted, section, color=color, **style)

@@ -12,6 +12,7 @@ import numpy as np
 from pneunet_ros.calibration.calibration import domain_of
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.settings import settings_changed, settings_used
+from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Misfit, UnsettledDiagnosis
 from pneunet_ros.diagnosis.settings import DiagnosisSettings
@@ -38,20 +39,22 @@ def write_diagnosis(
     held_out: Sequence[RecordingData],
     provenance: Mapping[str, Any],
     on_progress: OnProgress = say_nothing,
+    units: UnitSystem = SI,
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
     frame: the model that was given; training, held_out: the runs as given to the diagnosis;
-    provenance: `inputs` (file, sha256 and role of each) and `versions`. The folder must not
-    exist; `files.atomic.atomic_output` makes it appear as a whole.
+    provenance: `inputs` (file, sha256 and role of each) and `versions`; units: of the axes of
+    figures. The folder must not exist; `files.atomic.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
     data = FigureData(diagnosis=diagnosis, training=training, held_out=held_out)
-    pictures = draw_figures(FIGURES, data, on_progress)
+    pictures = draw_figures(FIGURES, data, on_progress, units)
     for item in itertools.chain(*pictures.values()):
         (folder / item.file).write_bytes(item.png)
     origin = {**provenance, 'seed': diagnosis.seed}
-    (folder / PAGE).write_text(report_page(diagnosis, pictures, origin), encoding='utf-8')
+    page = report_page(diagnosis, pictures, origin, units)
+    (folder / PAGE).write_text(page, encoding='utf-8')
     save_model(diagnosed_arm(diagnosis, frame, origin), folder / MODEL)
     content = diagnosis_content(diagnosis, provenance)
     (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')

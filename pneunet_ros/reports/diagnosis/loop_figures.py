@@ -63,8 +63,8 @@ def loops(data: FigureData) -> Picture | None:
         draw(axes[column], loop.change, MILLI * loop.moment, loop.direction)
         axes[column].set(
             title=f'({"ab"[column]}) {when}',
-            xlabel='measured kappa - kappa0 (1/m)',
-            ylabel='moment M_est (mN m)',
+            xlabel=r'measured $\kappa - \kappa_0$ (1/m)',
+            ylabel=r'moment $M_\mathrm{est}$ (mN m)',
         )
         draw(
             axes[2 + column],

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.diagnosis.result import CLEAR, Diagnosis, UnsettledDiagnosis
 from pneunet_ros.reports.calibration.tables import flat
-from pneunet_ros.reports.calibration.verdict import stiffness_text
+from pneunet_ros.reports.calibration.verdict import bending_stiffness, stiffness_text
 from pneunet_ros.reports.diagnosis.error_figures import error_sentence
 from pneunet_ros.reports.diagnosis.tables import (
     added_effects,
@@ -23,7 +24,7 @@ from pneunet_ros.reports.diagnosis.tables import (
     where_table,
     where_text,
 )
-from pneunet_ros.reports.figure import Pictures
+from pneunet_ros.reports.figure import Pictures, units_note
 from pneunet_ros.reports.page import render_page
 from pneunet_ros.reports.settings import REPORT_SETTINGS
 
@@ -31,7 +32,12 @@ TEMPLATE = 'diagnosis_report.html.jinja'
 UNSETTLED = 'unsettled_report.html.jinja'
 
 
-def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[str, Any]) -> str:
+def report_page(
+    diagnosis: Diagnosis,
+    pictures: Pictures,
+    provenance: Mapping[str, Any],
+    units: UnitSystem = SI,
+) -> str:
     """Return the page, pictures inside."""
     next_step, command = next_steps(diagnosis)
     return render_page(
@@ -55,23 +61,32 @@ def report_page(diagnosis: Diagnosis, pictures: Pictures, provenance: Mapping[st
         similar=similarity_table(diagnosis, REPORT_SETTINGS.similar_cosine),
         shift=shift_table(diagnosis),
         detectable=detectable_table(diagnosis),
+        units_note=units_note(units),
         provenance=flat(provenance),
     )
 
 
 def unsettled_page(diagnosis: UnsettledDiagnosis, name: str, provenance: Mapping[str, Any]) -> str:
     """Return the page of a diagnosis that has no number; name: of the model."""
-    return render_page(UNSETTLED, diagnosis=diagnosis, name=name, provenance=flat(provenance))
+    recordings = ' '.join(str(item['file']) for item in provenance.get('inputs', ()))
+    return render_page(
+        UNSETTLED,
+        diagnosis=diagnosis,
+        name=name,
+        recordings=recordings or 'REC...',
+        provenance=flat(provenance),
+    )
 
 
 def stiffness_change(diagnosis: Diagnosis) -> str:
     """Say the bending stiffness, before and after where an effect was added."""
     before, after = diagnosis.before.fit, diagnosis.after.fit
-    if not any(item.run.loaded for item in after.runs):
+    found = bending_stiffness(after)
+    if not found:
         return 'not measured: no training recording is under load'
     if not added_effects(diagnosis):
-        return stiffness_text(before)
-    return f'{stiffness_text(after)}; before: {stiffness_text(before)}'
+        return stiffness_text(bending_stiffness(before))
+    return f'{stiffness_text(found)}; before: {stiffness_text(bending_stiffness(before))}'
 
 
 def next_steps(diagnosis: Diagnosis) -> tuple[str, str]:

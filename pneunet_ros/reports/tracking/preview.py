@@ -21,6 +21,7 @@ from pneunet_ros.core.errors import shortened
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import figure_text
 from pneunet_ros.reports.tracking.heat_map import heat
 from pneunet_ros.reports.tracking.preview_video import overlay_of
@@ -132,6 +133,14 @@ class Preview:
         self._draw_history(parts[2], unit)
         figure.suptitle(figure_text(shortened(title, LONGEST_TITLE)), fontsize=17)
         figure.savefig(path, dpi=110, format='png')
+
+    def summary(self, unit: LengthUnit) -> Picture:
+        """Return curves and history of all frames as a picture, without the images."""
+        figure = Figure(figsize=(0.7 * WIDTH, 8.0), layout='constrained')
+        parts: Any = figure.subfigures(2, 1, height_ratios=(4.5, 3.5))
+        self._draw_curves(parts[0], unit)
+        self._draw_history(parts[1], unit)
+        return picture('tracking', 'All frames', 'Curves, and targets over time.', figure)
 
     def _seconds(self, log_time_ns: int) -> float:
         return seconds_between(self._times_ns[0], log_time_ns)

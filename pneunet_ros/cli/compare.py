@@ -1,0 +1,167 @@
+"""`pneunet compare`: how far two recordings, or an estimate and a truth, are from one another."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+import math
+from pathlib import Path
+from typing import Any
+
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_model,
+    add_overwrite,
+    DONE,
+    model_of,
+    NEGATIVE,
+    output_console,
+    print_json,
+    topics_of,
+)
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.offline.compare import compare_files, CompareRequest, comparison_content
+from pneunet_ros.recordings.recorded_shapes import SHAPE_TOPICS
+from rich.table import Table
+
+SIDES = ('a', 'b')
+PLOTS = ('.png', '.svg', '.pdf')
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        'a',
+        type=Path,
+        metavar='A',
+        help='a recording with `tip` and `shape` (of `replay`), or with `targets` (of `track`)',
+    )
+    parser.add_argument(
+        'b',
+        type=Path,
+        nargs='?',
+        metavar='B',
+        help='another one, or a truth (.truth.npz, from `simulate`)',
+    )
+    parser.add_argument(
+        '--truth', type=Path, metavar='FILE', help='compare A, and B, with this as well'
+    )
+    parser.add_argument(
+        '--plot',
+        type=Path,
+        metavar='FILE',
+        help='draw shapes, and errors over arclength and time (.png, .svg or .pdf)',
+    )
+    add_model(parser)
+    parser.add_argument(
+        '--topic',
+        action='append',
+        default=[],
+        metavar='[a.|b.]NAME=TOPIC',
+        help='read this topic, of A and B or of one of them, e.g. b.targets=/pneunet/targets for '
+        'what was measured in a recording that also holds estimates; may be repeated; NAME is '
+        f'{", ".join(SHAPE_TOPICS[:-1])} or {SHAPE_TOPICS[-1]}',
+    )
+    add_overwrite(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Compare and summarize."""
+    if arguments.plot is not None and arguments.plot.suffix.lower() not in PLOTS:
+        raise RequestError(f'--plot {arguments.plot} must end in {", ".join(PLOTS)}')
+    arm = model_of(arguments)
+    a_topics, b_topics = side_topics(arguments.topic)
+    comparisons = compare_files(
+        CompareRequest(
+            a=arguments.a,
+            b=arguments.b,
+            truth=arguments.truth,
+            a_topics=a_topics,
+            b_topics=b_topics,
+            target_arclength=arm.target_arclength,
+            length=arm.length if arguments.model is not None else None,
+        )
+    )
+    found = [item for item in comparisons if item.tip is not None or item.shape is not None]
+    plot = arguments.plot if found else None
+    if plot is not None:
+        from pneunet_ros.reports.compare_plot import draw_comparisons
+
+        inputs = [path for path in (arguments.a, arguments.b, arguments.truth) if path]
+        with atomic_output(plot, overwrite=arguments.overwrite, inputs=inputs) as temporary:
+            draw_comparisons(found, temporary, plot.suffix.lower().lstrip('.'))
+    contents = [comparison_content(item) for item in comparisons]
+    if arguments.json:
+        print_json({'comparisons': contents, 'plot': plot})
+    else:
+        show(contents)
+        if plot is not None:
+            output_console().print(f'wrote {plot}')
+    return DONE if len(found) == len(comparisons) else NEGATIVE
+
+
+def side_topics(pairs: list[str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the topics that were chosen for A and for B, by last name."""
+    of_one = [f'{side}.{name}' for side in SIDES for name in SHAPE_TOPICS]
+    chosen = topics_of(pairs, [*SHAPE_TOPICS, *of_one])
+    both = {name: topic for name, topic in chosen.items() if name in SHAPE_TOPICS}
+    a, b = (
+        both
+        | {name: chosen[f'{side}.{name}'] for name in SHAPE_TOPICS if f'{side}.{name}' in chosen}
+        for side in SIDES
+    )
+    return a, b
+
+
+def show(contents: list[dict[str, Any]]) -> None:
+    """Print the errors for people, how many frames matched, and what was compared."""
+    console = output_console()
+    for content in contents:
+        console.print(f'{content["of"]}\nagainst {content["to"]}')
+        table = Table()
+        for column in ('error', 'rms', 'median', '95 %', 'largest', 'unit'):
+            table.add_column(column, justify='left' if column in ('error', 'unit') else 'right')
+        for name in ('tip', 'shape'):
+            if content[name] is not None:
+                add_errors(table, name, content[name], known=content['length'] is not None)
+        if table.row_count:
+            console.print(table)
+        for name in ('tip', 'shape'):
+            if content[name] is not None:
+                console.print(matched_sentence(name, content[name]))
+        for sentence in content['sentences']:
+            console.print(f'note: {sentence}')
+
+
+def add_errors(table: Table, name: str, errors: dict[str, Any], *, known: bool) -> None:
+    """Add the rows of an error: mm, percent of the length where it is known, and degrees."""
+    keys = ('rms', 'median', 'p95', 'max')
+    table.add_row(name, *(f'{millimeters(errors[key]):.3f}' for key in keys), 'mm')
+    if known:
+        shares = errors['percent_of_length']
+        table.add_row('', *(f'{shares[key]:.3f}' for key in keys), '% of the length')
+    turned = errors.get('heading')
+    if turned is not None:
+        table.add_row('tip heading', *(f'{math.degrees(turned[key]):.3f}' for key in keys), 'deg')
+
+
+def matched_sentence(name: str, errors: dict[str, Any]) -> str:
+    """Say what was compared, in how many frames, and how far apart their stamps are."""
+    of, to = errors['topics'].values()
+    apart = errors['stamps_apart']
+    said = (
+        f'{name}: {of} against {to}, {errors["frames"]} frames matched, stamps '
+        f'{1e3 * apart["median"]:.3g} ms apart (median), {1e3 * apart["max"]:.3g} ms at most'
+    )
+    if name != 'tip':
+        return f'{said}; {errors["points"]} points at {len(errors["arclength"])} places'
+    along, across = (millimeters(value) for value in errors['mean'].tolist())
+    said += f'; mean difference ({along:+.3f}, {across:+.3f}) mm'
+    moved = errors['moved_between_stamps']
+    if moved > 0.0:
+        said += f'; between matched stamps it moves {millimeters(moved):.3f} mm rms'
+    if math.isfinite(errors['inside_95']):
+        said += f'; {100.0 * errors["inside_95"]:.1f} % within the 95 % ellipse'
+    return said

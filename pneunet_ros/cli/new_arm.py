@@ -1,0 +1,195 @@
+"""`pneunet new-arm`: size and targets of an arm -> arm.yaml, and a sheet to put the dots on."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from pathlib import Path
+import re
+import sys
+from typing import Any
+
+import numpy as np
+from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import kilopascals, millimeters, SI_PER_UNIT
+from pneunet_ros.files.atomic import atomic_output, written_together
+from pneunet_ros.files.model_file import save_model
+from pneunet_ros.model.starting_arm import even_places, starting_arm
+from pneunet_ros.reports.target_template import write_template
+
+FEWEST_TARGETS, MOST_TARGETS = 3, 500
+STEP = 0.0005  # m, to which places of targets are rounded, to be found on a ruler
+NUMBER_AND_UNIT = re.compile(r'\s*([-+0-9.eE]+?)\s*([A-Za-z]*)\s*')
+# A mass on a scale is a weight in gram-force.
+UNITS = {
+    'length': SI_PER_UNIT['length'],
+    'force': {**SI_PER_UNIT['force'], 'g': SI_PER_UNIT['force']['gf']},
+    'pressure': SI_PER_UNIT['pressure'],
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Question:
+    """What has to be known: option, kind of unit, what it means, and what is usual."""
+
+    name: str
+    kind: str
+    meaning: str
+    usual: str
+
+
+QUESTIONS = (
+    Question(
+        name='length',
+        kind='length',
+        meaning='length from the clamp to the free end, along the arm',
+        usual='112mm',
+    ),
+    Question(
+        name='weight',
+        kind='force',
+        meaning='weight of the arm: newtons, or grams on a scale',
+        usual='17g',
+    ),
+    Question(
+        name='pressure', kind='pressure', meaning='largest pressure it will see', usual='60kPa'
+    ),
+    Question(name='dot', kind='length', meaning='diameter of the dots', usual='3mm'),
+)
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    parser.epilog = (
+        'Numbers are SI, or carry a unit: 112mm, 0.17N, 17g, 60kPa. What is not given is asked '
+        'for, where there is somebody to ask.'
+    )
+    for question in QUESTIONS:
+        parser.add_argument(
+            f'--{question.name}', metavar='SIZE', help=f'{question.meaning}, as {question.usual}'
+        )
+    parser.add_argument(
+        '--targets', metavar='N', help='number of dots, evenly from the clamp to the free end'
+    )
+    parser.add_argument(
+        '--places',
+        nargs='+',
+        metavar='SIZE',
+        help='places of the dots along the arm, from the clamp, instead of their number',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        default=Path('arm.yaml'),
+        metavar='ARM.yaml',
+        help='write the arm here (default: arm.yaml), and the sheet beside it, as .pdf',
+    )
+    parser.add_argument('--no-template', action='store_true', help='write no sheet of dots')
+    add_overwrite(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Ask, and write arm and sheet."""
+    if arguments.output.suffix not in ('.yaml', '.yml'):
+        raise RequestError(f'--output {arguments.output} must end in .yaml')
+    sizes, places = answers(arguments, input if sys.stdin.isatty() else None)
+    name = arguments.output.stem
+    arm = starting_arm(name, sizes['length'], sizes['weight'], places, sizes['pressure'])
+    template = None if arguments.no_template else arguments.output.with_suffix('.pdf')
+    with written_together():
+        save_model(arm, arguments.output, overwrite=arguments.overwrite)
+        if template is not None:
+            with atomic_output(template, overwrite=arguments.overwrite) as temporary:
+                write_template(temporary, name, places, sizes['dot'])
+    summary: dict[str, Any] = {
+        'output': arguments.output,
+        'template': template,
+        'length': arm.length,
+        'weight': arm.weight,
+        'largest_pressure': sizes['pressure'],
+        'dot': sizes['dot'],
+        'target_arclength': places,
+    }
+    if arguments.json:
+        print_json(summary)
+        return DONE
+    console = output_console()
+    shown = ', '.join(f'{millimeters(place):g}' for place in places.tolist())
+    console.print(
+        f'{name}: {millimeters(arm.length):g} mm, {arm.weight:.4g} N, up to '
+        f'{kilopascals(sizes["pressure"]):g} kPa; {places.size} targets at {shown} mm'
+    )
+    console.print(f'wrote {arguments.output}: size and targets; all else is invented')
+    if template is not None:
+        console.print(f'wrote {template}: print at 100 % and check its ruler')
+    return DONE
+
+
+def answers(
+    arguments: Namespace, ask: Callable[[str], str] | None
+) -> tuple[dict[str, float], Array]:
+    """Return the sizes (SI) by name, and the places of the targets (targets,) m.
+
+    ask: where what was not given is asked for; None: nobody is there, RequestError.
+    """
+    targets_given = arguments.targets or arguments.places
+    missing = [item.name for item in QUESTIONS if getattr(arguments, item.name) is None]
+    missing += [] if targets_given else ['targets']
+    if missing and ask is None:
+        raise RequestError(
+            f'give {", ".join(f"--{name}" for name in missing)}: nobody is here to be asked'
+        )
+    sizes = {}
+    for question in QUESTIONS:
+        text = getattr(arguments, question.name)
+        if text is None and ask is not None:
+            text = ask(f'{question.meaning} [{question.usual}]: ').strip() or question.usual
+        sizes[question.name] = positive(f'--{question.name}', text, question.kind)
+    if arguments.places:
+        if arguments.targets:
+            raise RequestError('give --targets or --places, not both')
+        given = [size(f'--places {text}', text, 'length') for text in arguments.places]
+        return sizes, np.array(given)
+    text = arguments.targets
+    if text is None and ask is not None:
+        text = ask('number of dots [12]: ').strip() or '12'
+    if not str(text).isdecimal() or not FEWEST_TARGETS <= int(text) <= MOST_TARGETS:
+        raise RequestError(
+            f'--targets {text}: a whole number from {FEWEST_TARGETS} to {MOST_TARGETS} is needed'
+        )
+    places = even_places(sizes['length'], int(text), sizes['dot'], STEP)
+    if not places[1] > 1.5 * sizes['dot']:
+        raise RequestError(
+            f'--targets {text}: dots of {millimeters(sizes["dot"]):g} mm would be '
+            f'{millimeters(places[1]):g} mm apart, and need half a diameter between them'
+        )
+    return sizes, places
+
+
+def positive(option: str, text: str, kind: str) -> float:
+    """Return a size above zero, SI; RequestError for what is none."""
+    value = size(option, text, kind)
+    if not value > 0.0:
+        raise RequestError(f'{option} {text} must be above zero')
+    return value
+
+
+def size(option: str, text: str, kind: str) -> float:
+    """Return a number with a unit of this kind, or without one, in SI."""
+    match = NUMBER_AND_UNIT.fullmatch(text)
+    units = UNITS[kind]
+    try:
+        value = float(match[1]) * (units[match[2].lower()] if match[2] else 1.0) if match else None
+    except (ValueError, KeyError):
+        value = None
+    if value is None or not math.isfinite(value):
+        raise RequestError(
+            f'{option} {text}: a number is needed, in SI or with one of the units '
+            f'{", ".join(units)}'
+        )
+    return value

@@ -1,0 +1,61 @@
+"""What `import` and `track` ask of a table of readings."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable
+import math
+
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.tables.table_reader import ImportRequest
+
+
+def add_table_options(parser: ArgumentParser) -> None:
+    """Add the options that say how the columns of a table are read."""
+    group = parser.add_argument_group('columns of the table')
+    for option, form, meaning in (
+        ('--select', 'COLUMN=VALUE', 'read only the rows that hold this text in this column'),
+        ('--rename', 'OLD=NEW', 'call a column by a name that is known'),
+        ('--offset', 'COLUMN=NUMBER', 'add to a column (new name), in its unit'),
+        ('--ignore', 'COLUMN', 'leave columns out'),
+    ):
+        group.add_argument(
+            option, action='extend', nargs='+', default=[], metavar=form, help=meaning
+        )
+
+
+def table_request(arguments: Namespace, rate: float | None = None) -> ImportRequest:
+    """Return what was asked for; rate: rows per second of a table without time."""
+    offsets = {
+        name: number(f'--offset {name}={text}', text)
+        for name, text in pairs_of('--offset', arguments.offset).items()
+    }
+    return ImportRequest(
+        select=pairs_of('--select', arguments.select),
+        rename=pairs_of('--rename', arguments.rename),
+        ignore=arguments.ignore,
+        offsets=offsets,
+        rate=rate,
+    )
+
+
+def pairs_of(option: str, words: Iterable[str]) -> dict[str, str]:
+    """Return texts by name from words NAME=TEXT; raises RequestError for another form."""
+    pairs: dict[str, str] = {}
+    for word in words:
+        name, equals, text = word.partition('=')
+        if not equals or not name or not text or name in pairs:
+            raise RequestError(f'{option} {word} is not of the form NAME=TEXT, a name only once')
+        pairs[name] = text
+    return pairs
+
+
+def number(option: str, text: str) -> float:
+    """Return a finite number; raises RequestError that names the option."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RequestError(f'{option}: {text!r} is no number')
+    return value

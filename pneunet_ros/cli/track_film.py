@@ -1,0 +1,122 @@
+"""`pneunet track FILM --readings TABLE`: what is asked for, and frames and readings made one."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pneunet_ros.cli.table_options import add_table_options, number, table_request
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.estimation.clock_delay import ClockDelay
+from pneunet_ros.offline.film import check_readings, delay_of, FilmedRun, join, with_end_load
+from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.tables.reading_table import ReadingTable
+from pneunet_ros.tables.table_reader import read_table
+from pneunet_ros.vision.tracker import Tracking
+
+AUTO = 'auto'
+
+
+def add_film_options(parser: ArgumentParser) -> None:
+    """Add the options for a film with a table of readings."""
+    group = parser.add_argument_group('a film with a table of readings')
+    group.add_argument(
+        '--readings',
+        type=Path,
+        metavar='TABLE.csv',
+        help='pressures, and end forces if there are any, that were read while a video or folder '
+        'of images was taken: with them, OUT.mcap is a recording for calibrate and diagnose',
+    )
+    group.add_argument(
+        '--delay',
+        metavar='S',
+        help='a frame at t in the film shows the arm at t - S in the table, each counted from its '
+        f'first frame or row; {AUTO}: from how motion follows pressure (default: {AUTO})',
+    )
+    group.add_argument(
+        '--end-load',
+        nargs=2,
+        metavar=('FX', 'FY'),
+        help='a known constant end load (N, base frame), where weights hung and no sensor read',
+    )
+    add_table_options(parser)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilmReadings:
+    """The table beside a film; delay (s), None where it is to be estimated."""
+
+    path: Path
+    table: ReadingTable
+    sentences: tuple[str, ...]
+    delay: float | None
+
+
+def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | None:
+    """Return the table that was given; None without one; RequestError for what cannot be."""
+    if arguments.readings is None:
+        for option in ('delay', 'end_load', 'select', 'rename', 'offset', 'ignore'):
+            if getattr(arguments, option):
+                name = option.replace('_', '-')
+                raise RequestError(f'--{name} says something of --readings, which is not given')
+        return None
+    if stream.recording is not None:
+        raise RequestError(
+            f'{arguments.source} is a recording, whose topics have stamps of their own: '
+            '--readings is for videos and folders of images'
+        )
+    if arguments.output is None:
+        raise RequestError('--readings needs --output OUT.mcap, where frames and readings go')
+    table, sentences = read_table(arguments.readings, table_request(arguments))
+    check_readings(table, arguments.readings)
+    if arguments.end_load is not None:
+        table = with_end_load(table, *(number('--end-load', text) for text in arguments.end_load))
+    automatic = arguments.delay in (None, AUTO)
+    return FilmReadings(
+        path=arguments.readings,
+        table=table,
+        sentences=sentences,
+        delay=None if automatic else number('--delay', arguments.delay),
+    )
+
+
+def joined(
+    readings: FilmReadings, trackings: Sequence[Tracking]
+) -> tuple[FilmedRun | None, dict[str, Any]]:
+    """Return frames and readings on one clock, None where the delay is not known, and a summary.
+
+    Raises RequestError where a delay that was given leaves no frame within the table.
+    """
+    found: ClockDelay | None = None
+    delay = readings.delay
+    if not trackings:
+        return None, summary_of(readings, None, None, 'no frame was looked at')
+    if delay is None:
+        found = delay_of(trackings, readings.table)
+        if found.trouble:
+            return None, summary_of(readings, found, None, f'{found.trouble}; give --delay S')
+        delay = found.delay
+    run = join(trackings, readings.table, delay)
+    if not run.covered:
+        raise RequestError(
+            f'--delay {delay:g}: no frame of the film lies within the table of {readings.path}'
+        )
+    sentence = found.sentence if found is not None else f'a delay of {delay:g} s was given'
+    return run, summary_of(readings, found, run, sentence)
+
+
+def summary_of(
+    readings: FilmReadings, found: ClockDelay | None, run: FilmedRun | None, sentence: str
+) -> dict[str, Any]:
+    """Return the numbers of the delay."""
+    known = found is not None and not found.trouble
+    return {
+        'readings': readings.path,
+        'delay': found.delay if known and found is not None else readings.delay,
+        'delay_std': found.std if known and found is not None else None,
+        'delay_sentence': sentence,
+        'frames_covered': 0 if run is None else run.covered,
+    }

@@ -1,0 +1,49 @@
+"""What `pneunet track --preview` draws when all frames were seen: a picture, or a page."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from contextlib import AbstractContextManager
+from typing import Any
+
+from pneunet_ros.estimation.shape_error import Centerlines
+from pneunet_ros.messages.builders import POINTS_TYPE
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.recordings.image_stream import ImageStream
+from pneunet_ros.recordings.recorded_shapes import read_estimates, SHAPE
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.reports.tracking.page import TrackingPage, write_page
+from pneunet_ros.reports.tracking.preview import Preview, write_preview
+from pneunet_ros.tables.length_unit import LengthUnit
+
+PAGE = '.html'
+
+
+def open_preview(
+    arguments: Namespace, stream: ImageStream, arm: Arm, unit: LengthUnit, **options: Any
+) -> AbstractContextManager[Preview | TrackingPage]:
+    """Return what collects all frames, and is written when its context ends without an error."""
+    targets = arm.target_arclength.size
+    if arguments.preview.suffix.lower() != PAGE:
+        title = f'{arguments.source} through {arm.name}'
+        return write_preview(arguments.preview, stream.frames, targets, title, unit, **options)
+    page = TrackingPage(
+        source=str(arguments.source),
+        model=arm.name,
+        target_arclength=arm.target_arclength,
+        preview=Preview(frames=stream.frames, targets=targets),
+        estimated=recorded_estimates(arguments, stream),
+    )
+    output = '' if arguments.output is None else str(arguments.output)
+    return write_page(arguments.preview, page, unit, output=output, **options)
+
+
+def recorded_estimates(arguments: Namespace, stream: ImageStream) -> Centerlines | None:
+    """Return the shapes of the recording of estimates, or those beside the images, if any."""
+    recording = stream.recording
+    if arguments.estimates is not None:
+        recording = open_recording(arguments.estimates)
+        recording.find(SHAPE, POINTS_TYPE)
+    elif recording is None or len(recording.candidates(SHAPE, POINTS_TYPE)) != 1:
+        return None
+    return read_estimates(recording, {}).centerlines

@@ -1,0 +1,70 @@
+"""`pneunet urdf`: the arm as a chain of links, for robot_state_publisher."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from pneunet_ros.cli.verb import (
+    add_json,
+    add_model,
+    add_overwrite,
+    DONE,
+    model_of,
+    output_console,
+    print_json,
+)
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.messages.link_chain import link_ends, urdf
+from pneunet_ros.messages.markers import TIP_FRAME
+from pneunet_ros.model.equilibrium import station_arclength
+
+DEFAULTS = EstimatorSettings()
+
+
+def options(parser: ArgumentParser) -> None:
+    """Add the options."""
+    add_model(parser)
+    parser.add_argument(
+        '--stations',
+        type=int,
+        default=DEFAULTS.stations,
+        metavar='N',
+        help='stations of the estimator whose joint_states move it (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--frame-id',
+        default=DEFAULTS.frame_id,
+        metavar='FRAME',
+        help='link at the clamp (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--tip-frame',
+        default=TIP_FRAME,
+        metavar='FRAME',
+        help='link at the free end (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--output', type=Path, required=True, metavar='FILE', help='URDF file to write'
+    )
+    add_overwrite(parser)
+    add_json(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Write the URDF."""
+    arm = model_of(arguments)
+    if not 2 <= arguments.stations <= 2000:
+        raise RequestError('--stations must lie between 2 and 2000')
+    arclength = station_arclength(arm.reach, arguments.stations)
+    text = urdf(arm.name, arclength, arguments.frame_id, arguments.tip_frame)
+    with atomic_output(arguments.output, overwrite=arguments.overwrite) as temporary:
+        temporary.write_text(text, encoding='utf-8')
+    links = link_ends(arguments.stations).size - 1
+    if arguments.json:
+        print_json({'output': arguments.output, 'model': arm.name, 'links': links})
+    else:
+        output_console().print(f'wrote {arguments.output}: {arm.name} as a chain of {links} links')
+    return DONE

@@ -1,0 +1,31 @@
+"""A camera whose clock is ahead of that of the sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pneunet_ros.core.units import quantity
+from pneunet_ros.effects.effect import Effect, Place
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraDelay(Effect):
+    """A frame stamped t shows the arm of t - delay."""
+
+    name: ClassVar[str] = 'camera_delay'
+    place: ClassVar[Place] = 'sensing'
+    meaning: ClassVar[str] = 'a frame stamped t shows the arm of t - delay'
+    delay: float = quantity(
+        0.0,
+        unit='s',
+        meaning='by which stamps of frames are late',
+        bounds=(-10.0, 10.0),
+        prior=(-0.2, 0.2),
+        source='prior: stamped on receipt, behind exposure, transport and some buffered frames',
+    )
+
+    @property
+    def frame_delay(self) -> float:
+        """The delay."""
+        return self.delay

@@ -1,0 +1,434 @@
+"""The delay between the clock of a film and that of a table of readings, by what drove the motion.
+
+A frame stamped t shows the arm of t - delay. At the right delay the places of the targets are a
+smooth function of pressure and load; at a wrong one the same pressure is seen with many shapes.
+What a soft arm does beside that function (plays, slow relaxations) is fitted with it, so that it
+is not taken for a delay; a line that fills within a few frames cannot be told from one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
+from scipy.special import stdtrit
+
+Indices = npt.NDArray[np.int64]
+Plays = tuple[tuple[float, ...], int]  # widths, and powers of the pressure that weigh each
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClockDelaySettings:
+    """What the delay is fitted with, and when it is not known."""
+
+    components: int = tuning(2, 'of the motion of all targets that are looked at', unit='number')
+    fewest_frames: int = tuning(40, 'in which the targets were seen', unit='frame')
+    seen: float = tuning(0.8, 'share of the frames in which a target must be seen')
+    overlap: float = tuning(0.75, 'of the shorter of film and table that must be in both')
+    motion: float = tuning(3.0, 'standard deviation of the motion', unit='noise of a frame')
+    explained: float = tuning(0.8, 'share of the motion that pressure and load explain, at least')
+    rival: float = tuning(2.0, 'residual of the next best delay over that of the best, squared')
+    apart: float = tuning(5.0, 'from a delay to the next', unit='frame')
+    coarse_frames: int = tuning(400, 'used to look through all delays', unit='frame')
+    coarse_steps: int = tuning(4000, 'at most, of all delays', unit='number')
+    candidates: int = tuning(6, 'delays that are looked at closely', unit='number')
+    largest_grid: int = tuning(200_000, 'instants of the table', unit='number')
+    cells: float = tuning(4.0, 'instants of the table in a frame', unit='number')
+    powers: int = tuning(6, 'of the pressure', unit='number')
+    plays: tuple[Plays, ...] = tuning(
+        (((0.01, 0.04, 0.16), 4), ((0.02, 0.08), 4), ((0.005, 0.015, 0.03, 0.06, 0.12), 2)),
+        'sets of plays, of which each is fitted; how far they disagree is in the standard error',
+        unit='range of pressure',
+    )
+    law: float = tuning(0.1, 'error of what plays change in the delay: no arm has just these')
+    told: float = tuning(
+        0.1,
+        'share of what a delay does to the motion that no play does as well, at least',
+        source='measured: 0.00 to 0.09 where pressure goes round one loop, else 0.10 to 0.95',
+    )
+    law_reach: float = tuning(0.5, 'in which the delay without plays is looked for', unit='s')
+    relaxations: tuple[float, ...] = tuning((1.0, 3.0, 10.0, 30.0), 'time constants', unit='s')
+    ridge: float = tuning(1e-7, 'for columns that are hardly told apart', unit='variance')
+    blocks: int = tuning(16, 'of the film, of which each is left out once', unit='number')
+    stamps: float = tuning(0.05, 'error of stamps of frames and readings', unit='period')
+    blur: float = tuning(0.02, 'by which its error may move a frame', unit='range of motion')
+
+
+NO_PLAYS: Plays = ((), 1)
+CLOCK_DELAY = ClockDelaySettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClockDelay:
+    """A delay between two clocks, from their first frame and first reading on.
+
+    delay, std (s): a frame shows the arm of its time minus delay, with one standard error;
+    explained: share of the motion that pressure and load explain with it; frames: how many told;
+    frame_period (s). trouble: why the data cannot tell, empty where they do.
+    """
+
+    delay: float
+    std: float
+    explained: float
+    frames: int
+    frame_period: float
+    trouble: str = ''
+
+    @property
+    def sentence(self) -> str:
+        """Say the delay, and how sure it is."""
+        share = self.std / self.frame_period
+        sure = (
+            'to a fifth of a frame or better'
+            if share <= 0.2
+            else 'to a frame or better'
+            if share <= 1.0
+            else 'roughly, not to a frame'
+        )
+        return (
+            f'{self.delay:.4f} s by which the film is ahead of the table, with a standard error '
+            f'of {self.std:.4f} s ({share:.2g} of a frame): known {sure}, from {self.frames} '
+            f'frames, {100.0 * self.explained:.5g} % of whose motion pressure and load explain'
+        )
+
+
+def estimate_delay(
+    frame_time: Array,
+    motion: Array,
+    reading_time: Array,
+    drive: Array,
+    settings: ClockDelaySettings = CLOCK_DELAY,
+) -> ClockDelay:
+    """Return by how much the film's clock is ahead of that of the readings.
+
+    The delay is where the residual of the motion over a smooth function of what drove it is
+    smallest; its standard error is by leaving out blocks of the film (jackknife), which sees that
+    residuals hang together, widened by Student's t where few blocks tell.
+
+    Args:
+        frame_time: (frames,) s, increasing.
+        motion: (frames, coordinates) m of the targets, NaN where one was not seen.
+        reading_time: (readings,) s, increasing.
+        drive: (readings, 1 + loads) pressure in Pa, then forces that change in N.
+        settings: the numbers that decide.
+
+    Returns:
+        The delay, with a sentence in `trouble` where the data cannot tell.
+
+    """
+    period = float(np.median(np.diff(frame_time))) if len(frame_time) > 1 else math.inf
+    scores, kept = motion_components(motion, settings)
+    unknown = ClockDelay(
+        delay=math.nan, std=math.inf, explained=0.0, frames=kept.size, frame_period=period
+    )
+    trouble = _too_little(scores, reading_time, drive, settings)
+    if trouble:
+        return replace(unknown, trouble=trouble)
+    without, *fits = (
+        DelayFit(frame_time[kept], scores, reading_time, drive, period, plays, settings)
+        for plays in (NO_PLAYS, *settings.plays)
+    )
+    best, *rivals = fits[0].candidates()
+    reach = settings.apart * period
+    delays = [best, *(fit.refine(best, reach) for fit in fits[1:])]
+    changed = float(np.mean(delays)) - without.refine(best, max(reach, settings.law_reach))
+    details = [fit.details(delay) for fit, delay in zip(fits, delays, strict=True)]
+    reading_period = float(np.median(np.diff(reading_time)))
+    found = replace(
+        unknown,
+        delay=float(np.mean(delays)),
+        std=math.hypot(
+            max(detail.std for detail in details),
+            float(np.std(delays, ddof=1)),
+            settings.law * changed,
+            settings.stamps * math.hypot(period, reading_period),
+        ),
+        explained=details[0].explained,
+        frames=details[0].frames,
+    )
+    trouble = _cannot_tell(found, fits[0], rivals, details[0].rate, settings)
+    if not trouble and np.mean([detail.told for detail in details]) < settings.told:
+        trouble = (
+            'the pressure goes the same way again and again, where hysteresis looks like a delay: '
+            'a quick step or two would tell'
+        )
+    return replace(found, trouble=trouble)
+
+
+def _too_little(
+    scores: Array, reading_time: Array, drive: Array, settings: ClockDelaySettings
+) -> str:
+    """Say why there is nothing to find a delay in; empty where there is."""
+    frames, fewest = len(scores), settings.fewest_frames
+    if frames < fewest:
+        return f'{frames} frames show the targets, and {fewest} are needed'
+    if len(reading_time) < 3 or not np.any(np.ptp(drive, axis=0) > 0.0):
+        return 'neither pressure nor load changes in the table'
+    noise = np.median(np.abs(np.diff(scores[:, 0], 2))) / (0.6745 * math.sqrt(6.0))
+    if not np.std(scores[:, 0]) > settings.motion * noise:
+        return 'the arm does not move in the film'
+    return ''
+
+
+def _cannot_tell(
+    found: ClockDelay,
+    fit: DelayFit,
+    rivals: Sequence[float],
+    rate: float,
+    settings: ClockDelaySettings,
+) -> str:
+    """Say why a delay that was found is none; empty where it is one."""
+    if found.explained < settings.explained:
+        return (
+            f'at no delay do pressure and load explain more than {100.0 * found.explained:.3g} % '
+            'of the motion: are film and table of the same run?'
+        )
+    best = fit.unexplained(found.delay)
+    for rival in rivals:
+        ratio = float(np.mean(fit.unexplained(rival) / best))
+        if abs(rival - found.delay) > settings.apart * fit.period and ratio < settings.rival:
+            return (
+                f'delays of {found.delay:.2f} s and {rival:.2f} s fit alike: the pressure repeats '
+                'itself, or changes too evenly'
+            )
+    if not found.std * rate < settings.blur:
+        return (
+            f'the delay is {found.delay:.2f} s with a standard error of {found.std:.2g} s, which '
+            f'moves a frame by more than {100.0 * settings.blur:g} % of the motion: the pressure '
+            'changes too evenly; a quick step or two would tell'
+        )
+    return ''
+
+
+def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Array, Indices]:
+    """Return the largest principal components of the motion (kept, components), and their frames.
+
+    Of the targets that are seen nearly always, in the frames that show all of them.
+    """
+    seen = np.isfinite(motion)
+    looked_at = seen.any(axis=1)
+    if not looked_at.any():
+        return np.zeros((0, settings.components)), np.zeros(0, dtype=np.int64)
+    often = seen[looked_at].mean(axis=0) >= settings.seen
+    kept = np.flatnonzero(seen[:, often].all(axis=1) & often.any())
+    points = motion[kept][:, often]
+    points = points - points.mean(axis=0) if kept.size else points
+    _, _, axes = np.linalg.svd(points, full_matrices=False)
+    return points @ axes[: settings.components].T, kept
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitDetails:
+    """Standard error (s) of one fit, the share of the motion that it explains, its frames.
+
+    told: share of what a delay does to the motion that no other column does. rate: of the motion
+    (1/s), its mean in shares of its range.
+    """
+
+    std: float
+    told: float
+    rate: float
+    explained: float
+    frames: int
+
+
+class DelayFit:
+    """Motion over what drove it with one set of plays, at any delay."""
+
+    def __init__(
+        self,
+        time: Array,
+        scores: Array,
+        reading_time: Array,
+        drive: Array,
+        period: float,
+        plays: Plays,
+        settings: ClockDelaySettings,
+    ) -> None:
+        self.time, self.scores, self.period, self.settings = time, scores, period, settings
+        span = float(reading_time[-1] - reading_time[0])
+        step = max(period / settings.cells, span / settings.largest_grid)
+        self.grid = np.arange(reading_time[0], reading_time[-1], step)
+        smooth = np.column_stack(
+            [box_average(reading_time, column, self.grid, step) for column in drive.T]
+        )
+        self.columns = regressors(smooth, step, plays, settings)
+        self.slopes = np.gradient(self.columns, step, axis=0)
+        self.shorter = settings.overlap * min(float(time[-1] - time[0]), span)
+
+    def inside(self, delay: float) -> Indices:
+        """Return which frames the table covers at a delay."""
+        at = self.time - delay
+        return np.flatnonzero((at >= self.grid[0]) & (at <= self.grid[-1]))
+
+    def rows(self, table: Array, times: Array) -> Array:
+        """Return rows of a table over the grid at other times, by straight lines between."""
+        place = (times - self.grid[0]) / (self.grid[1] - self.grid[0])
+        row = np.clip(place.astype(np.int64), 0, len(self.grid) - 2)
+        above = (place - row)[:, None]
+        return np.asarray((1.0 - above) * table[row] + above * table[row + 1])
+
+    def design(self, times: Array) -> tuple[Array, Array]:
+        """Return the columns at these times with a constant, (n, k + 1), and their scales (k,)."""
+        columns = self.rows(self.columns, times)
+        columns = columns - columns.mean(axis=0)
+        scales = np.sqrt((columns**2).mean(axis=0)) + 1e-12
+        return np.column_stack([np.ones(len(times)), columns / scales]), scales
+
+    def normal(self, design: Array) -> Array:
+        """Return the normal matrix of a design."""
+        ridge = self.settings.ridge * len(design)
+        return np.asarray(design.T @ design + ridge * np.eye(design.shape[1]))
+
+    def unexplained(self, delay: float, every: int = 1) -> Array:
+        """Return the share of each component's variance that is left; inf with too few frames.
+
+        Of the variance in the frames that the table covers: where the arm rests, nothing is left
+        at any delay, and nothing is explained.
+        """
+        frames = self.inside(delay)
+        enough = max(self.settings.fewest_frames, 0.9 * self.shorter / self.period)
+        if frames.size < min(enough, 0.5 * self.time.size):
+            return np.full(self.scores.shape[1], math.inf)
+        frames = frames[::every]
+        design, _ = self.design(self.time[frames] - delay)
+        scores = self.scores[frames]
+        left = scores - design @ np.linalg.solve(self.normal(design), design.T @ scores)
+        variance = np.var(scores, axis=0) + 1e-300
+        return np.asarray((left**2).mean(axis=0) / variance)
+
+    def cost(self, delay: float, every: int = 1) -> float:
+        """Return the logarithm of what is left of the motion, summed over components."""
+        return float(np.sum(np.log(self.unexplained(delay, every) + 1e-300)))
+
+    def candidates(self) -> list[float]:
+        """Return delays at which the residual is a minimum, the best one first."""
+        low = float(self.time[0] - self.grid[-1]) + self.shorter
+        high = float(self.time[-1] - self.grid[0]) - self.shorter
+        step = max(self.period, (high - low) / self.settings.coarse_steps)
+        delays = np.arange(low, high + step, step)
+        every = max(1, self.time.size // self.settings.coarse_frames)
+        costs = np.array([self.cost(float(delay), every) for delay in delays])
+        padded = np.concatenate([[math.inf], costs, [math.inf]])
+        lowest = np.isfinite(costs) & (costs <= padded[:-2]) & (costs <= padded[2:])
+        ranked = sorted(np.flatnonzero(lowest).tolist(), key=lambda place: float(costs[place]))
+        found = [
+            self.minimum(float(delays[place]), 1.5 * step)
+            for place in ranked[: self.settings.candidates]
+        ]
+        return sorted(found, key=self.cost)
+
+    def refine(self, delay: float, reach: float) -> float:
+        """Return the minimum within reach (s) of a delay that another set of plays has found."""
+        around = np.arange(delay - reach, delay + reach, 0.5 * self.period)
+        best = min((float(other) for other in around), key=self.cost)
+        return self.minimum(best, self.period)
+
+    def minimum(self, delay: float, reach: float) -> float:
+        """Return where the residual is smallest within reach (s) of a delay."""
+        result = minimize_scalar(
+            self.cost,
+            bounds=(delay - reach, delay + reach),
+            method='bounded',
+            options={'xatol': 1e-4 * self.period},
+        )
+        return float(result.x) if math.isfinite(result.fun) else delay
+
+    def details(self, delay: float) -> FitDetails:
+        """Return how sure a delay is: the fit made linear, without each block of frames in turn.
+
+        Few blocks may hold all that tells the delay: Student's t has as many degrees of freedom
+        as blocks would tell as much if all told alike, less one.
+        """
+        frames = self.inside(delay)
+        at, scores = self.time[frames] - delay, self.scores[frames]
+        design, scales = self.design(at)
+        normal = self.normal(design)
+        weights = np.linalg.solve(normal, design.T @ scores)
+        left = scores - design @ weights
+        noise = left.std(axis=0) + 1e-300
+        moved = -(self.rows(self.slopes, at) / scales) @ weights[1:] / noise
+        alone = moved - design @ np.linalg.solve(normal, design.T @ moved)
+        left_white = left / noise
+        told, without = np.zeros(self.settings.blocks), np.zeros(self.settings.blocks)
+        for which, block in enumerate(np.array_split(np.arange(frames.size), told.size)):
+            rest = np.setdiff1d(np.arange(frames.size), block, assume_unique=True)
+            part = design[rest]
+            shadow = np.linalg.solve(self.normal(part), part.T @ moved[rest])
+            free = moved[rest] - part @ shadow
+            told[which] = np.sum(alone[block] ** 2)
+            without[which] = np.sum(free * left_white[rest]) / np.sum(free * moved[rest])
+        jackknife = math.sqrt((told.size - 1) * float(np.var(without)))
+        freedom = max(float(told.sum() ** 2 / np.sum(told**2)) - 1.0, 0.5)
+        widened = 0.5 * float(stdtrit(freedom, 0.97725))
+        explained = 1.0 - float(np.sum(left**2) / np.sum((scores - scores.mean(axis=0)) ** 2))
+        return FitDetails(
+            std=jackknife * widened,
+            told=float(told.sum() / np.sum(moved**2)),
+            rate=float(noise[0] * np.abs(moved[:, 0]).mean() / np.ptp(scores[:, 0])),
+            explained=explained,
+            frames=frames.size,
+        )
+
+
+def box_average(time: Array, values: Array, centers: Array, width: float) -> Array:
+    """Return means over boxes of a width (s) of readings joined by straight lines."""
+    slopes = np.diff(values) / np.diff(time)
+    areas = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
+
+    def integral(to: Array) -> Array:
+        line = np.clip(np.searchsorted(time, to, side='right') - 1, 0, len(time) - 2)
+        since = to - time[line]
+        return np.asarray(areas[line] + values[line] * since + 0.5 * slopes[line] * since**2)
+
+    low = np.maximum(centers - 0.5 * width, time[0])
+    high = np.minimum(centers + 0.5 * width, time[-1])
+    return np.asarray((integral(high) - integral(low)) / (high - low))
+
+
+def regressors(drive: Array, step: float, plays: Plays, settings: ClockDelaySettings) -> Array:
+    """Return what the motion may be a sum of, (instants, columns).
+
+    Powers of the pressure; how far a play of each width lags, weighted by powers; how far the
+    pressure is ahead of each relaxation; powers of every load, and its products with the pressure.
+    """
+    pressure = unit_range(drive[:, 0])
+    widths, powers = plays
+    columns = [chebvander(pressure, settings.powers)[:, 1:]]
+    for width in widths:
+        lag = (pressure - follow_play(pressure, width)) / width
+        columns.append(lag[:, None] * chebvander(pressure, powers - 1))
+    for constant in settings.relaxations:
+        share = 1.0 - math.exp(-step / constant)
+        late, _ = lfilter([share], [1.0, share - 1.0], pressure, zi=[pressure[0] * (1.0 - share)])
+        columns.append((late - pressure)[:, None])
+    loads = [unit_range(load) for load in drive[:, 1:].T if np.ptp(load) > 0.0]
+    for load in loads:
+        columns.append(load[:, None] * chebvander(pressure, 2))
+        columns.append(np.column_stack([load**2, load**2 * pressure, load**3]))
+    if len(loads) > 1:
+        columns.append((loads[0] * loads[1])[:, None])
+    return np.concatenate(columns, axis=1)
+
+
+def unit_range(values: Array) -> Array:
+    """Return values between -1 and 1; zeros where they do not change."""
+    low, span = float(values.min()), float(np.ptp(values))
+    return np.asarray(2.0 * (values - low) / span - 1.0) if span > 0.0 else np.zeros(values.size)
+
+
+def follow_play(values: Array, width: float) -> Array:
+    """Return the answer of a play to values in unit range, its width in their range."""
+    followed, answer = np.empty_like(values), float(values[0])
+    for place, value in enumerate(values.tolist()):
+        answer = min(max(answer, value - width), value + width)
+        followed[place] = answer
+    return followed

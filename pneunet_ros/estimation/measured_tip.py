@@ -1,0 +1,75 @@
+"""An estimate where the tip was measured instead of the force: how sure the force found is.
+
+The force is the one that brings the model's tip to the measured place. What is wrong in tip,
+pressure and model is wrong in the force by d F = (d tip / d F)^-1 (d tip_measured - d tip_model),
+and the shape moves by both together: near the tip hardly, as that was measured. All of it to first
+order: the tip does not move along itself here, which is what the second order is for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
+from pneunet_ros.measurement.noise_jacobian import propagate_covariance
+from pneunet_ros.measurement.noise_model import target_std
+from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import FORCE_Y, LOADS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredTip:
+    """The estimate at a measured tip, and the covariance (2, 2) N^2 of the force found."""
+
+    estimate: ShapeEstimate
+    force_covariance: Array
+
+
+def measured_tip_std(noise: SensorNoise) -> float:
+    """Return one sigma (m) of x, and of y, of a tip that the camera measured as a target."""
+    return math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
+
+
+def with_measured_tip(
+    estimator: Estimator, estimate: ShapeEstimate, tip_std: float
+) -> MeasuredTip | None:
+    """Return the estimate as one of a measured tip.
+
+    estimate: at the force found, whose tip is where it was measured; the moment is exact. tip_std:
+    one sigma (m) of x, and of y, of that place. None where no covariance follows.
+    """
+    if estimate.noise is None or estimate.second_order is None or estimate.position is None:
+        return None
+    sensitivity = estimate.second_order.sensitivity
+    known = estimate.noise[LOADS:].copy()  # pressure and model: no wrench was read
+    known[:, :LOADS] = 0.0
+    causes = with_extrapolation_error(known, estimate.position)
+    forces = slice(0, FORCE_Y + 1)
+    response = sensitivity.tip[forces, :2]  # (F1 or F2, x or y) m/N
+    force_errors = np.linalg.solve(
+        response.T, np.hstack([-(causes @ sensitivity.tip[:, :2]).T, tip_std * np.eye(2)])
+    ).T
+    noise = np.vstack([causes, np.zeros((2, causes.shape[1]))])
+    noise[:, forces] += force_errors
+    covariance, std = np.empty((3, 3)), np.empty((3, estimator.arclength.size))
+    stations = sensitivity.stations(estimator.arclength)
+    if not propagate_covariance(noise, sensitivity.tip, stations, covariance, std):
+        return None
+    std_x, std_y, std_curvature = freeze(std)
+    return MeasuredTip(
+        estimate=replace(
+            estimate,
+            tip_covariance=freeze(covariance),
+            std_x=std_x,
+            std_y=std_y,
+            std_curvature=std_curvature,
+            noise=noise,
+            second_order=None,
+        ),
+        force_covariance=freeze(force_errors.T @ force_errors),
+    )

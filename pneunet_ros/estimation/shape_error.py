@@ -1,0 +1,333 @@
+"""How far shapes of an arm are from other shapes of it: at the tip, and along the arm.
+
+Points of one material arclength belong together, and frames whose stamps are nearest: of the two
+series the frames of the slower one are taken, each with the nearest of the faster one within half
+a period of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze, frozen_array
+from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.stamps import match_stamps, Stamps
+
+END = 1e-6  # m; as far beyond its last station a curve is still known: rounding of float32
+LARGEST_95 = 5.991464547107979  # chi squared of two coordinates, 95 %
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Centerlines:
+    """Points along an arm over time: stamp_ns (frames,) increasing, arclength (points,) m.
+
+    points (frames, 2, points): x, y in m, NaN where one is not known. topic: where they come from.
+    """
+
+    topic: str
+    stamp_ns: Stamps
+    arclength: Array
+    points: Array
+
+    def __post_init__(self) -> None:
+        """Check that the arrays fit together."""
+        frames, places = len(self.stamp_ns), len(self.arclength)
+        if frames < 1 or places < 2 or not np.all(np.diff(self.arclength) > 0.0):
+            raise RecordingError(
+                f'{self.topic} is no centerline over time: it needs a frame, two points and an '
+                'arclength that increases along them'
+            )
+        object.__setattr__(self, 'points', frozen_array(self.points, (frames, 2, places)))
+
+    def at(self, frames: Stamps, arclength: Array) -> Array:
+        """Return x, y of these frames at places (m) along the arm, (frames, 2, places) m."""
+        chosen = self.points[frames]
+        if np.array_equal(arclength, self.arclength):
+            return chosen
+        known = np.isfinite(chosen).all(axis=(1, 2))
+        found = np.full((len(frames), 2, len(arclength)), np.nan)
+        if known.any():
+            from scipy.interpolate import CubicSpline  # slow to import, and many need it not
+
+            found[known] = CubicSpline(self.arclength, chosen[known], axis=2)(arclength)
+        return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tips:
+    """The free end over time: place (frames, 2) m, heading (frames,) rad, NaN where not known.
+
+    covariance (frames, 2, 2) m^2 of the place, None where nothing says how sure it is.
+    """
+
+    topic: str
+    stamp_ns: Stamps
+    place: Array
+    heading: Array
+    covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the arrays fit together."""
+        frames = len(self.stamp_ns)
+        object.__setattr__(self, 'place', frozen_array(self.place, (frames, 2)))
+        object.__setattr__(self, 'heading', frozen_array(self.heading, (frames,)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ShapeSeries:
+    """What one source says of the shape: centerlines, the free end, or both.
+
+    frame: the frame that its coordinates are in, '' where nothing says so. exact: a truth, with
+    no error of its own.
+    """
+
+    name: str
+    centerlines: Centerlines | None
+    tips: Tips | None
+    frame: str = ''
+    exact: bool = False
+    sentences: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorStatistics:
+    """Distances (m): how many, root mean square, median, 95 % of them below it, largest."""
+
+    count: int
+    rms: float
+    median: float
+    p95: float
+    max: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TipErrors:
+    """How far the tip is from the other, over matched frames.
+
+    difference (frames, 2) m; heading (frames,) rad, NaN where one side does not know it; moved
+    (frames,) m: how far it moves, at its speed, in the time that the stamps are apart. at (m):
+    place along the arm, where both sides know a point; at_end: it is the free end. inside_95:
+    share of the frames in whose 95 % ellipse a truth lies, NaN without covariance or truth.
+    topics: of the two sides.
+    """
+
+    topics: tuple[str, str]
+    stamp_ns: Stamps
+    apart: Array
+    difference: Array
+    heading: Array
+    moved: Array
+    at: float
+    at_end: bool
+    inside_95: float
+
+    @property
+    def distance(self) -> Array:
+        """Distance (m) in every matched frame."""
+        return np.hypot(self.difference[:, 0], self.difference[:, 1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CenterlineErrors:
+    """How far centerlines are from the others, over matched frames, at arclength (places,) m.
+
+    of, to (frames, 2, places) m. topics: of the two sides.
+    """
+
+    topics: tuple[str, str]
+    stamp_ns: Stamps
+    apart: Array
+    arclength: Array
+    of: Array
+    to: Array
+
+    @property
+    def distance(self) -> Array:
+        """Distance (frames, places) m, NaN where one side does not know the point."""
+        difference = self.of - self.to
+        return np.hypot(difference[:, 0], difference[:, 1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Comparison:
+    """One source against another. length (m): of the arm, NaN where nothing tells it.
+
+    tip, shape: None where not both sides know it, or where no frame matches.
+    """
+
+    of: ShapeSeries
+    to: ShapeSeries
+    length: float
+    tip: TipErrors | None
+    shape: CenterlineErrors | None
+
+
+def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None) -> Comparison:
+    """Compare the shapes of one source with those of another, frame by frame.
+
+    length: of the arm, m; None: as far as the centerlines reach. Raises RecordingError where the
+    two have nothing in common that could be compared, whatever their stamps.
+    """
+    if of.frame and to.frame and of.frame != to.frame:
+        raise RecordingError(
+            f'{of.name} is in the frame {of.frame} and {to.name} in {to.frame}: '
+            'shapes in different frames cannot be compared'
+        )
+    reach = [item.centerlines.arclength[-1] for item in (of, to) if item.centerlines is not None]
+    shape = tip = None
+    if of.centerlines is not None and to.centerlines is not None:
+        shape = compare_centerlines(of.centerlines, to.centerlines)
+    if of.tips is not None and to.tips is not None:
+        at = length or max(reach, default=math.nan)
+        tip = compare_tips(of.tips, to.tips, at=at, exact=to.exact)
+    elif of.centerlines is not None and to.centerlines is not None:
+        tip = compare_last_points(shape)
+    else:
+        raise RecordingError(
+            f'{of.name} has {contents(of)} and {to.name} has {contents(to)}: there is nothing '
+            'that both know'
+        )
+    return Comparison(
+        of=of, to=to, length=length or max(reach, default=math.nan), tip=tip, shape=shape
+    )
+
+
+def contents(series: ShapeSeries) -> str:
+    """Say what a source knows."""
+    known = [item.topic for item in (series.tips, series.centerlines) if item is not None]
+    return ' and '.join(known) or 'nothing'
+
+
+def compare_tips(of: Tips, to: Tips, *, at: float, exact: bool) -> TipErrors | None:
+    """Compare the free ends; at: their place along the arm, m; exact: the second are the truth."""
+    mine, other = match_series(of.stamp_ns, to.stamp_ns)
+    difference = of.place[mine] - to.place[other]
+    kept = np.isfinite(difference).all(axis=1)
+    mine, other, difference = mine[kept], other[kept], difference[kept]
+    if not mine.size:
+        return None
+    turned = of.heading[mine] - to.heading[other]
+    inside = math.nan
+    if exact and of.covariance is not None:
+        inside = share_inside(difference, of.covariance[mine])
+    apart = stamps_apart(of.stamp_ns[mine], to.stamp_ns[other])
+    return TipErrors(
+        topics=(of.topic, to.topic),
+        stamp_ns=of.stamp_ns[mine],
+        apart=apart,
+        moved=apart * speed(to.stamp_ns, to.place)[other],
+        difference=freeze(difference),
+        heading=freeze(np.arctan2(np.sin(turned), np.cos(turned))),
+        at=at,
+        at_end=True,
+        inside_95=inside,
+    )
+
+
+def speed(stamp_ns: Stamps, place: Array) -> Array:
+    """Return the speed (frames,) m/s of a point at place (frames, 2) m; 0 for one frame alone."""
+    if stamp_ns.size < 2:
+        return np.zeros(stamp_ns.size)
+    velocity = np.gradient(place, (stamp_ns - stamp_ns[0]) * 1e-9, axis=0)
+    return np.hypot(velocity[:, 0], velocity[:, 1])
+
+
+def share_inside(difference: Array, covariance: Array) -> float:
+    """Return the share of differences (frames, 2) m within the 95 % ellipse of a covariance.
+
+    NaN where no frame has one.
+    """
+    known = np.isfinite(covariance).all(axis=(1, 2)) & (np.linalg.det(covariance) > 0.0)
+    if not known.any():
+        return math.nan
+    solved = np.linalg.solve(covariance[known], difference[known][:, :, None])[:, :, 0]
+    distance = np.sum(difference[known] * solved, axis=1)
+    return float(np.mean(distance <= LARGEST_95))
+
+
+def compare_centerlines(of: Centerlines, to: Centerlines) -> CenterlineErrors | None:
+    """Compare at the places of one side, as far along the arm as both reach.
+
+    That is the side that does not know all points, or else has fewer; the other one is
+    interpolated by cubic splines over arclength. None where no frame matches.
+    """
+    coarse, fine = sorted(
+        (of, to), key=lambda item: (bool(np.isfinite(item.points).all()), len(item.arclength))
+    )
+    low, high = fine.arclength[0] - END, fine.arclength[-1] + END
+    common = (coarse.arclength >= low) & (coarse.arclength <= high)
+    mine, other = match_series(of.stamp_ns, to.stamp_ns)
+    if not mine.size or not common.any():
+        return None
+    arclength = coarse.arclength
+    points = of.at(mine, arclength)[:, :, common], to.at(other, arclength)[:, :, common]
+    kept = np.any(np.all(np.isfinite(points[0] - points[1]), axis=1), axis=1)
+    if not kept.any():
+        return None
+    return CenterlineErrors(
+        topics=(of.topic, to.topic),
+        stamp_ns=of.stamp_ns[mine[kept]],
+        apart=stamps_apart(of.stamp_ns[mine], to.stamp_ns[other])[kept],
+        arclength=arclength[common],
+        of=freeze(points[0][kept]),
+        to=freeze(points[1][kept]),
+    )
+
+
+def compare_last_points(shape: CenterlineErrors | None) -> TipErrors | None:
+    """Return the errors at the last place along the arm that both sides know."""
+    if shape is None:
+        return None
+    difference = (shape.of - shape.to)[:, :, -1]
+    kept = np.isfinite(difference).all(axis=1)
+    if not kept.any():
+        return None
+    return TipErrors(
+        topics=shape.topics,
+        stamp_ns=shape.stamp_ns[kept],
+        apart=shape.apart[kept],
+        moved=shape.apart[kept] * speed(shape.stamp_ns[kept], shape.to[kept, :, -1]),
+        difference=freeze(difference[kept]),
+        heading=freeze(np.full(np.count_nonzero(kept), np.nan)),
+        at=float(shape.arclength[-1]),
+        at_end=False,
+        inside_95=math.nan,
+    )
+
+
+def match_series(of_ns: Stamps, to_ns: Stamps) -> tuple[Stamps, Stamps]:
+    """Return which frames of two series belong together, by the frames of the slower one."""
+    nothing = np.zeros(0, dtype=np.int64)
+    if not of_ns.size or not to_ns.size:
+        return nothing, nothing
+    if median_period(of_ns) < median_period(to_ns):
+        found, near = match_stamps(to_ns, of_ns, 0.5 * median_period(of_ns))
+        return found[near], np.flatnonzero(near)
+    period = median_period(to_ns)
+    found, near = match_stamps(of_ns, to_ns, 0.5 * period if math.isfinite(period) else 0.0)
+    return np.flatnonzero(near), found[near]
+
+
+def median_period(stamp_ns: Stamps) -> float:
+    """Return the median time (ns) from one stamp to the next; infinite for one alone."""
+    return float(np.median(np.diff(stamp_ns))) if stamp_ns.size > 1 else math.inf
+
+
+def stamps_apart(of_ns: Stamps, to_ns: Stamps) -> Array:
+    """Return how far (s) matched stamps are from one another."""
+    return np.asarray(np.abs(of_ns - to_ns) * 1e-9)
+
+
+def error_statistics(distance: npt.NDArray[np.float64]) -> ErrorStatistics:
+    """Return the statistics of distances (m), at least one of which is finite; NaN are none."""
+    values = distance[np.isfinite(distance)]
+    return ErrorStatistics(
+        count=values.size,
+        rms=float(np.sqrt(np.mean(values**2))),
+        median=float(np.median(values)),
+        p95=float(np.percentile(values, 95.0)),
+        max=float(np.max(values)),
+    )

@@ -1,0 +1,90 @@
+"""The arm that calibration starts from: what a ruler and a scale tell, and the rest invented."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
+from pneunet_ros.model.moment_law import PiecewiseLinearLaw
+from pneunet_ros.model.uncertainty import SensorNoise
+
+MEASURED = 'measured with ruler and scale'
+INVENTED = 'invented, for calibration to start from'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartingArmSettings:
+    """What is made up of an arm of which nothing is known but its size."""
+
+    turn: float = tuning(2.0, 'of the tip at the largest pressure', unit='rad')
+    split: float = tuning(0.1, 'l1 / l', source="representative: the paper's arm")
+    rigidity: tuple[float, float] = tuning(
+        (0.085, 0.05), 'B / (mg l^2)', source="representative: the paper's arm"
+    )
+
+
+def starting_arm(
+    name: str,
+    length: float,
+    weight: float,
+    places: Array,
+    largest_pressure: float,
+    settings: StartingArmSettings | None = None,
+) -> Arm:
+    """Return an arm of this size that bends evenly, marked as invented where it is.
+
+    Args:
+        name: of the model.
+        length: from the clamp to the free end, m.
+        weight: of the arm, N.
+        places: of its targets along it, (targets,) m.
+        largest_pressure: that it will see, Pa.
+        settings: what is made up.
+
+    Returns:
+        The arm, for `calibrate --arm` and for tracking.
+
+    Raises:
+        ModelError: the numbers make no arm.
+
+    """
+    settings = settings or StartingArmSettings()
+    pressure = np.array([0.0, largest_pressure])
+    curvature = np.outer([0.0, settings.turn / length], np.ones(3))
+    return Arm(
+        name=name,
+        length=length,
+        weight=weight,
+        target_arclength=places,
+        intrinsic_curvature=IntrinsicCurvature(
+            pressure=pressure, arclength=np.array([0.0, 0.5, 1.0]), curvature=curvature
+        ),
+        moment_law=PiecewiseLinearLaw(
+            pressure=pressure,
+            split=np.full(2, settings.split),
+            rigidity=np.tile(settings.rigidity, (2, 1)),
+            moment_offset=np.zeros((2, 2)),
+        ),
+        sensors=SensorNoise(pressure_std=60.0, force_std=1e-3, moment_std=1e-5, target_std=1.2e-4),
+        sources={
+            'arm': MEASURED,
+            'intrinsic_curvature': INVENTED,
+            'moment_law': INVENTED,
+            'sensors': 'representative, of usual sensors; put in those of yours',
+        },
+        provenance={'source': 'pneunet new-arm', 'recordings': []},
+    )
+
+
+def even_places(length: float, targets: int, diameter: float, step: float) -> Array:
+    """Return places (targets,) m from the clamp on, a whole number of steps (m) apart.
+
+    The last dot lies on the arm as a whole.
+    """
+    spacing = (length - 0.5 * diameter) / (targets - 1)
+    steps = np.arange(targets) * int(spacing / step + 1e-9)
+    return np.round(steps * step, 9)

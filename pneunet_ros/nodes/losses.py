@@ -1,0 +1,45 @@
+"""Messages that were sent and never taken, by the numbers that DDS gives them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+NUMBER = 'publication_sequence_number'  # of a message's info; None where the middleware has none
+
+
+class Losses:
+    """Counts the gaps between the numbers of the messages of each topic.
+
+    They are lost on the way, or pushed out of the queue while the node was busy.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[str, int] = {}
+        self._new: Counter[str] = Counter()
+        self.total: Counter[str] = Counter()
+
+    def take(
+        self, topic: str, info: Mapping[str, int | None], publishers: Callable[[str], int]
+    ) -> None:
+        """Note that a message was taken.
+
+        info: what rclpy tells of it; publishers: counts who publishes on a topic. Each of several
+        has numbers of its own, and a message does not say whose it is: nothing is counted then.
+        """
+        number = info.get(NUMBER)
+        if number is None:
+            return
+        missing = number - self._last.get(topic, number - 1) - 1
+        self._last[topic] = number
+        if missing > 0 and publishers(topic) == 1:
+            self._new[topic] += missing
+            self.total[topic] += missing
+
+    def sentence(self) -> str:
+        """Say what was lost since this was last asked; empty where nothing was."""
+        lost, self._new = self._new, Counter()
+        return '; '.join(
+            f'{count} message{"s" if count > 1 else ""} on {topic} lost'
+            for topic, count in sorted(lost.items())
+        )

@@ -1,0 +1,55 @@
+"""Signals end a process once: the first one stops it, and others do not hit the clean-up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import signal
+import sys
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def end_at_signal() -> None:
+    """Let the first signal raise KeyboardInterrupt."""
+    _handle(_end)
+
+
+def ignore_signals() -> None:
+    """Let signals do nothing. SIG_IGN would not do: rclpy puts back the handler it found."""
+    _handle(_ignore)
+
+
+def refuse_signals() -> None:
+    """Let no signal reach this process any more, in the last moments of its interpreter.
+
+    Python puts the default in the place of every handler of its own when it ends, and a signal
+    would kill it there. Only after ROS has shut down, which puts back the handler it found.
+    """
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def signal_came() -> bool:
+    """Whether the first signal has come, or the end has begun without one."""
+    return signal.getsignal(SIGNALS[0]) is _ignore
+
+
+def _handle(handler: Callable[[int, FrameType | None], None]) -> None:
+    for number in SIGNALS:
+        signal.signal(number, handler)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    ignore_signals()
+    # A compiler that is cut off in the middle complains from its destructors, to no one's use.
+    sys.unraisablehook = _say_nothing
+    raise KeyboardInterrupt
+
+
+def _say_nothing(unraisable: object) -> None:
+    pass
+
+
+def _ignore(number: int, frame: FrameType | None) -> None:
+    pass

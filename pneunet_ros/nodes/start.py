@@ -1,0 +1,44 @@
+"""Start nodes: signals first, then what takes a while to import, with answers at once.
+
+Nothing that has kernels or ROS is imported before, so that a signal in the first seconds ends the
+process as it does later.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+import sys
+
+from pneunet_ros.core.kernel_cache import answer_first, compile_meanwhile
+from pneunet_ros.nodes.signals import end_at_signal, refuse_signals
+
+NODES = {
+    'virtual_arm': 'VirtualArmNode',
+    'estimator': 'EstimatorNode',
+    'tracker': 'TrackerNode',
+}
+
+
+def start(*names: str, usage: str = '', arguments: list[str] | None = None) -> int:
+    """Run nodes, in turns in one thread, until a signal comes; returns the exit code.
+
+    names: keys of NODES; usage: text for --help, by default that of the node; arguments: the
+    command line with the name of the program, by default that of this process. Where no kernel is
+    compiled they work by plain Python while another process compiles them. The kernels of the
+    virtual arm alone are compiled as it begins: by plain Python it would be late for its clock.
+    """
+    arguments = sys.argv if arguments is None else arguments
+    end_at_signal()
+    try:
+        if 'virtual_arm' in names:
+            import_module('pneunet_ros.lab.live')
+        answer_first()
+        modules = [import_module(f'pneunet_ros.nodes.{name}.node') for name in names]
+        compile_meanwhile()
+        nodes = [getattr(module, NODES[name]) for module, name in zip(modules, names, strict=True)]
+        run = import_module('pneunet_ros.nodes.process').run
+        code: int = run(nodes, usage or modules[0].USAGE, arguments)
+    except KeyboardInterrupt:
+        refuse_signals()
+        return 0
+    return code

@@ -1,0 +1,180 @@
+"""Two sources of shapes, recordings or truths, side by side: the numbers of their differences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.estimation.shape_error import (
+    CenterlineErrors,
+    compare_shapes,
+    Comparison,
+    error_statistics,
+    ShapeSeries,
+    TipErrors,
+)
+from pneunet_ros.recordings.lab_files import read_truth
+from pneunet_ros.recordings.recorded_shapes import read_shapes
+
+TRUTH_SUFFIX = '.npz'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompareRequest:
+    """What is compared: A with B, or both with a truth.
+
+    a_topics, b_topics: full topic names by their last names, of what is read; target_arclength
+    (targets,) m: where targets are painted; length (m): of the arm, None: as the shapes tell.
+    """
+
+    a: Path
+    b: Path | None
+    truth: Path | None
+    a_topics: Mapping[str, str]
+    b_topics: Mapping[str, str]
+    target_arclength: Array
+    length: float | None = None
+
+
+def compare_files(request: CompareRequest) -> list[Comparison]:
+    """Compare A with B and, where there is one, both with the truth.
+
+    Raises RequestError where there is nothing to compare with, RecordingError where a file cannot
+    be read or two have nothing in common.
+    """
+    if request.b is None and request.truth is None:
+        raise RequestError('give a second recording B to compare with, or --truth FILE')
+    a = read_side(request.a, request.a_topics, request.target_arclength)
+    b = truth = None
+    if request.b is not None:
+        b = read_side(request.b, request.b_topics, request.target_arclength)
+        refuse_itself(a, b)
+    if request.truth is not None:
+        truth = read_side(request.truth, {}, request.target_arclength)
+    pairs = [(a, b), (a, truth), (b, truth)]
+    return [
+        compare_shapes(of, to, request.length)
+        for of, to in pairs
+        if of is not None and to is not None
+    ]
+
+
+def read_side(path: Path, topics: Mapping[str, str], target_arclength: Array) -> ShapeSeries:
+    """Read a truth (.npz), or what a recording says of the shape."""
+    if path.suffix == TRUTH_SUFFIX:
+        return read_truth(path)
+    return read_shapes(path, topics, target_arclength)
+
+
+def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
+    """Refuse to compare something with itself, which always agrees."""
+    sides = [
+        (
+            Path(side.name).resolve(),
+            *(item and item.topic for item in (side.tips, side.centerlines)),
+        )
+        for side in (a, b)
+    ]
+    if sides[0] == sides[1]:
+        raise RequestError(
+            f'A and B are the same topics of {a.name}: choose what of B to compare with, as in '
+            '--topic b.targets=/pneunet/targets'
+        )
+
+
+def comparison_content(comparison: Comparison) -> dict[str, Any]:
+    """Return the numbers of a comparison, SI."""
+    of, to, length = comparison.of, comparison.to, comparison.length
+    known = math.isfinite(length)
+    tip, shape = comparison.tip, comparison.shape
+    return {
+        'of': of.name,
+        'to': to.name,
+        'length': length if known else None,
+        'tip': None if tip is None else tip_content(tip, length),
+        'shape': None if shape is None else shape_content(shape, length),
+        'sentences': [*of.sentences, *to.sentences, *doubts(comparison)],
+    }
+
+
+def tip_content(tip: TipErrors, length: float) -> dict[str, Any]:
+    """Return the errors of the tip, m and rad."""
+    turned = np.abs(tip.heading[np.isfinite(tip.heading)])
+    return {
+        **errors_content(tip.topics, tip.distance, tip.apart, length),
+        'at': tip.at,
+        'at_end': tip.at_end,
+        'moved_between_stamps': float(np.sqrt(np.nanmean(tip.moved**2))),
+        'mean': np.mean(tip.difference, axis=0),
+        'heading': asdict(error_statistics(turned)) if turned.size else None,
+        'inside_95': tip.inside_95,
+        'worst_stamp_ns': int(tip.stamp_ns[np.argmax(tip.distance)]),
+    }
+
+
+def shape_content(shape: CenterlineErrors, length: float) -> dict[str, Any]:
+    """Return the errors along the arm, m."""
+    distance = shape.distance
+    seen = np.count_nonzero(np.isfinite(distance), axis=0)
+    along = np.sqrt(np.nansum(distance**2, axis=0) / np.where(seen > 0, seen, np.nan))
+    worst, _ = np.unravel_index(np.nanargmax(distance), distance.shape)
+    return {
+        **errors_content(shape.topics, distance, shape.apart, length),
+        'arclength': shape.arclength,
+        'rms_along': along,
+        'worst_stamp_ns': int(shape.stamp_ns[worst]),
+    }
+
+
+def errors_content(
+    topics: tuple[str, str], distance: Array, apart: Array, length: float
+) -> dict[str, Any]:
+    """Return what errors of tip and shape have in common; lengths in m, stamps apart in s."""
+    errors = asdict(error_statistics(distance))
+    count = errors.pop('count')
+    return {
+        'topics': dict(zip(('of', 'to'), topics, strict=True)),
+        'frames': len(distance),
+        'points': count,
+        'stamps_apart': {'median': float(np.median(apart)), 'max': float(np.max(apart))},
+        **errors,
+        'percent_of_length': {name: 100.0 * value / length for name, value in errors.items()},
+    }
+
+
+def doubts(comparison: Comparison) -> list[str]:
+    """Say what limits a comparison, or why there is none."""
+    if comparison.tip is None and comparison.shape is None:
+        sides = f'no frame of {comparison.of.name} matches one of {comparison.to.name}'
+        return [f'{sides}: {spans(comparison)}']
+    said = []
+    tip = comparison.tip
+    if tip is not None and not tip.at_end:
+        said.append(
+            f'the tip is compared at s = {1000.0 * tip.at:.4g} mm, the last place that both know'
+        )
+    if not math.isfinite(comparison.length):
+        said.append('the length of the arm is not known: give --model for errors in percent of it')
+    return said
+
+
+def spans(comparison: Comparison) -> str:
+    """Say over which times the two sides reach."""
+    texts = []
+    for side in (comparison.of, comparison.to):
+        stamps = [item.stamp_ns for item in (side.tips, side.centerlines) if item is not None]
+        items = [item for item in stamps if item.size]
+        if not items:
+            return f'{side.name} has no frame that can be compared'
+        start, end = min(item[0] for item in items), max(item[-1] for item in items)
+        texts.append(
+            f'{seconds_between(0, int(start)):.3f} to {seconds_between(0, int(end)):.3f} s'
+        )
+    return f'stamps are {texts[0]} and {texts[1]}'

@@ -1,0 +1,132 @@
+"""A film that was tracked and a table of readings, on two clocks -> one recording on the table's.
+
+Both clocks count from their first frame and their first row. A frame at t in the film shows the
+arm at t - delay in the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+import heapq
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.estimation.clock_delay import ClockDelay, estimate_delay
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS, TIP_POSE
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
+from pneunet_ros.offline.table_conversion import NAMESPACE, table_messages, WrittenMessage
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
+from pneunet_ros.recordings.recording_writer import RecordingWriter
+from pneunet_ros.tables.reading_table import ReadingTable
+from pneunet_ros.tables.table_reader import FIRST_STAMP
+from pneunet_ros.vision.tracker import Tracking
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilmedRun:
+    """Frames and readings on one clock: trackings in order, and the table of readings."""
+
+    trackings: tuple[Tracking, ...]
+    table: ReadingTable
+
+    @property
+    def covered(self) -> int:
+        """How many frames lie within the table."""
+        stamps = np.array([frame.sightings.stamp_ns for frame in self.trackings])
+        first, last = self.table.stamp_ns[[0, -1]]
+        return int(np.count_nonzero((stamps >= first) & (stamps <= last)))
+
+
+def check_readings(table: ReadingTable, path: Path) -> None:
+    """Refuse a table that cannot stand beside a film."""
+    counts = table.counts()
+    if not counts[PRESSURE.name]:
+        raise RequestError(f'--readings {path} has no pressure: a column such as pressure_kpa')
+    for sensor in (TARGETS, TIP_POSE):
+        if counts[sensor.name]:
+            raise RequestError(
+                f'--readings {path} holds {sensor.name}, which the film shows: leave the columns '
+                'out (--ignore COLUMN)'
+            )
+
+
+def with_end_load(table: ReadingTable, force_x: float, force_y: float) -> ReadingTable:
+    """Return the table under a known constant end load (N, base frame), without one of its own."""
+    if table.counts()[END_WRENCH.name]:
+        raise RequestError('--end-load is for tables without forces, and this one has them')
+    load = np.tile([force_x, force_y, 0.0], (len(table.stamp_ns), 1))
+    return replace(table, values={**table.values, END_WRENCH.name: load})
+
+
+def delay_of(trackings: Sequence[Tracking], table: ReadingTable) -> ClockDelay:
+    """Estimate by how much the film's clock is ahead of the table's."""
+    sightings = [tracking.sightings for tracking in trackings]
+    read = table.present()[PRESSURE.name]
+    time = _seconds(table.stamp_ns - table.stamp_ns[0])
+    drive = [table.values[PRESSURE.name][read, 0]]
+    loaded = table.present()[END_WRENCH.name]
+    if loaded.any():
+        forces = table.values[END_WRENCH.name][loaded, :2]
+        drive += [np.interp(time[read], time[loaded], force) for force in forces.T]
+    return estimate_delay(
+        _seconds(np.array([frame.stamp_ns for frame in sightings]) - 1),
+        np.array([np.concatenate([frame.x, frame.y]) for frame in sightings]),
+        time[read],
+        np.column_stack(drive),
+    )
+
+
+def _seconds(nanoseconds: Array) -> Array:
+    return np.asarray(nanoseconds / NANOSECONDS_PER_SECOND)
+
+
+def join(trackings: Iterable[Tracking], table: ReadingTable, delay: float) -> FilmedRun:
+    """Put frames and readings on the clock of the table.
+
+    Where the film begins before a table that counts from zero, both are moved: no stamp is zero.
+    """
+    trackings = tuple(trackings)
+    start = int(table.stamp_ns[0]) - 1 - round(delay * NANOSECONDS_PER_SECOND)
+    first = min(start + trackings[0].sightings.stamp_ns, int(table.stamp_ns[0]))
+    moved = max(0, FIRST_STAMP - first)
+    return FilmedRun(
+        trackings=tuple(_moved(tracking, start + moved) for tracking in trackings),
+        table=replace(table, stamp_ns=table.stamp_ns + moved),
+    )
+
+
+def _moved(tracking: Tracking, by_ns: int) -> Tracking:
+    sightings, curve = tracking.sightings, tracking.curve
+    return replace(
+        tracking,
+        sightings=replace(sightings, stamp_ns=sightings.stamp_ns + by_ns),
+        curve=None if curve is None else replace(curve, stamp_ns=curve.stamp_ns + by_ns),
+    )
+
+
+def record_film(writer: RecordingWriter, run: FilmedRun) -> None:
+    """Write frames and readings in the order of time."""
+    messages = table_messages(writer, run.table), _frame_messages(writer, run.trackings)
+    for stamp_ns, topic, raw in heapq.merge(*messages, key=itemgetter(0)):
+        writer.write_raw(topic, stamp_ns, raw)
+
+
+def _frame_messages(
+    writer: RecordingWriter, trackings: Iterable[Tracking]
+) -> Iterator[WrittenMessage]:
+    topics = {
+        output.name: writer.add(f'{NAMESPACE}/{output.name}', output.type)
+        for output in TRACKER_OUTPUTS
+    }
+    serializer = MessageSerializer(types=ROSBAGS_TYPES, serialize=serialize, frame_id=BASE_FRAME)
+    for tracking in trackings:
+        for output, result in outputs_of(tracking):
+            raw = serializer.bytes_of(output, result)
+            yield tracking.sightings.stamp_ns, topics[output.name], raw

@@ -1,0 +1,30 @@
+"""Kinds of files that are no recordings, by their names, and which verb takes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+VIDEOS = ('.mp4', '.avi', '.mov', '.mkv')
+COMPRESSED = ('.png', '.jpg', '.jpeg')
+PICTURES = (*COMPRESSED, '.bmp', '.tif', '.tiff')
+TABLES = ('.csv', '.tsv')
+
+
+def holds_pictures(folder: Path) -> bool:
+    """Whether a folder holds images that `track` reads."""
+    return any(file.suffix.lower() in PICTURES for file in folder.iterdir())
+
+
+def recording_from(path: Path) -> str:
+    """Say how a recording is made of a path that is none."""
+    if path.suffix.lower() in VIDEOS or (path.is_dir() and holds_pictures(path)):
+        return (
+            'holds images: `pneunet track FILM --readings TABLE.csv --output REC.mcap` makes a '
+            'recording of a film and a table of pressures'
+        )
+    if path.suffix.lower() in TABLES:
+        return (
+            'is a table: `pneunet import TABLE.csv --output REC.mcap` makes a recording of it, '
+            'and `pneunet track FILM --readings TABLE.csv` one of a film and a table'
+        )
+    return 'is no MCAP file: turn other formats into it with `ros2 bag convert`'

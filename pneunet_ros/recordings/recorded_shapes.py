@@ -1,0 +1,259 @@
+"""Shapes of a recording as arrays: what was estimated, or what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import MessageError, RecordingError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.stamps import match_stamps, Stamps
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.shape_error import Centerlines, median_period, ShapeSeries, Tips
+from pneunet_ros.messages.builders import (
+    ARRAY_TYPE,
+    CURVATURE_ROWS,
+    nanoseconds,
+    PATH_TYPE,
+    POINTS_TYPE,
+    POSE_TYPE,
+    UNFIT,
+)
+from pneunet_ros.messages.point_cloud import cloud_points
+from pneunet_ros.messages.readings import Sensor, TARGETS, TIP_POSE
+from pneunet_ros.recordings.recorded_series import find_series, read_series
+from pneunet_ros.recordings.recording import open_recording, Recording
+
+TIP, SHAPE = 'tip', 'shape'
+MEASURED_LINE, MEASURED_CURVATURE = 'measured_centerline', 'measured_curvature'
+ESTIMATES = {TIP: POSE_TYPE, SHAPE: POINTS_TYPE}
+SHAPE_TOPICS = (*ESTIMATES, TARGETS.name, MEASURED_LINE, MEASURED_CURVATURE, TIP_POSE.name)
+PLACES = [0, 1, 6, 7]  # of x and y among the 36 covariances of a pose
+
+
+class StampedRows(NamedTuple):
+    """Rows of numbers of a topic: its frame, increasing stamps, log times, what was left out."""
+
+    frame: str
+    stamp_ns: Stamps
+    log_ns: Stamps
+    rows: list[Array]
+    sentences: tuple[str, ...]
+
+
+def read_shapes(path: Any, overrides: Mapping[str, str], target_arclength: Array) -> ShapeSeries:
+    """Return what a recording says of the shape: what was estimated, or else what was measured.
+
+    overrides: full topic names by SHAPE_TOPICS; they choose what is read, too: of a recording with
+    estimates, what was measured. target_arclength (targets,) m: where the targets are painted.
+    Raises RecordingError where there is nothing of both, or it cannot be read.
+    """
+    recording = open_recording(path)
+    if set(overrides) & set(ESTIMATES) or (not overrides and estimate_topics(recording, {})):
+        return read_estimates(recording, overrides)
+    return read_measured(recording, overrides, target_arclength)
+
+
+def estimate_topics(recording: Recording, overrides: Mapping[str, str]) -> dict[str, str]:
+    """Return the topics of tip and shape that are there, full names by last names.
+
+    Raises RecordingError where there are two of one name.
+    """
+    return {
+        name: recording.find(name, kind, overrides.get(name))
+        for name, kind in ESTIMATES.items()
+        if name in overrides or recording.candidates(name, kind)
+    }
+
+
+def read_estimates(recording: Recording, overrides: Mapping[str, str]) -> ShapeSeries:
+    """Return the shapes that an estimator wrote; the tip is the end of the shape without `tip`."""
+    topics = estimate_topics(recording, overrides)
+    centerlines = tips = None
+    frames, sentences = [], [*recording.sentences]
+    if SHAPE in topics:
+        topic = topics[SHAPE]
+        found = read_rows(recording, topic, shape_row)
+        frames.append(found.frame)
+        sentences += found.sentences
+        arclength = found.rows[0][0]
+        if not all(np.array_equal(row[0], arclength) for row in found.rows):
+            raise RecordingError(f'{recording.path}: the stations of {topic} change on the way')
+        rows, stamp_ns = np.array(found.rows), found.stamp_ns
+        centerlines = Centerlines(
+            topic=topic, stamp_ns=stamp_ns, arclength=arclength, points=rows[:, 1:3]
+        )
+        tips = Tips(topic=topic, stamp_ns=stamp_ns, place=rows[:, 1:3, -1], heading=rows[:, 3, -1])
+    if TIP in topics:
+        tips, found = read_tips(recording, topics[TIP])
+        frames.append(found.frame)
+        sentences += found.sentences
+    return ShapeSeries(
+        name=str(recording.path),
+        centerlines=centerlines,
+        tips=tips,
+        frame=frames[-1],
+        sentences=tuple(sentences),
+    )
+
+
+def read_tips(recording: Recording, topic: str) -> tuple[Tips, StampedRows]:
+    """Return the free end with its covariance, as an estimator wrote it."""
+    found = read_rows(recording, topic, tip_row)
+    rows = np.array(found.rows)
+    tips = Tips(
+        topic=topic,
+        stamp_ns=found.stamp_ns,
+        place=rows[:, :2],
+        heading=rows[:, 2],
+        covariance=freeze(rows[:, 3:].reshape(-1, 2, 2)),
+    )
+    return tips, found
+
+
+def read_measured(
+    recording: Recording, overrides: Mapping[str, str], target_arclength: Array
+) -> ShapeSeries:
+    """Return the targets, or the smoothed centerline where there are none, and the tip's pose."""
+    smoothed = {MEASURED_LINE, MEASURED_CURVATURE} & set(overrides)
+    sensors: tuple[Sensor[Any], ...] = (TIP_POSE,) if smoothed else (TARGETS, TIP_POSE)
+    there = {}
+    for sensor in sensors:
+        topic = find_series(recording, sensor, overrides, required=False)
+        if topic is not None:
+            there[sensor.name] = topic
+    centerlines = tips = None
+    sentences = [*recording.sentences]
+    series = read_series(recording, there, EstimatorSettings(), target_arclength.size)
+    for item in series.values():
+        sentences += item.sentences()
+    if TARGETS.name in series:
+        targets = series[TARGETS.name]
+        centerlines = Centerlines(
+            topic=targets.topic,
+            stamp_ns=targets.stamp_ns,
+            arclength=target_arclength,
+            points=targets.values.reshape(-1, 2, target_arclength.size),
+        )
+    elif smoothed or recording.candidates(MEASURED_LINE, PATH_TYPE):
+        centerlines = read_smoothed(recording, overrides)
+    if TIP_POSE.name in series:
+        poses = series[TIP_POSE.name]
+        tips = Tips(
+            topic=poses.topic,
+            stamp_ns=poses.stamp_ns,
+            place=poses.values[:, :2],
+            heading=poses.values[:, 2],
+        )
+    if centerlines is None and tips is None:
+        raise RecordingError(
+            f'{recording.path} holds no shape: none of the topics {", ".join(SHAPE_TOPICS)}; '
+            '`pneunet replay --output` writes estimates, `pneunet track --output` targets'
+        )
+    return ShapeSeries(
+        name=str(recording.path),
+        centerlines=centerlines,
+        tips=tips,
+        frame=BASE_FRAME,
+        sentences=tuple(sentences),
+    )
+
+
+def read_smoothed(recording: Recording, overrides: Mapping[str, str]) -> Centerlines:
+    """Return the smoothed centerlines on all stations that occur; each reaches as far as targets.
+
+    The arclength is that of the curvature which was written with each: it has no stamp of its own.
+    """
+    names = ((MEASURED_LINE, PATH_TYPE), (MEASURED_CURVATURE, ARRAY_TYPE))
+    topics = [recording.find(name, kind, overrides.get(name)) for name, kind in names]
+    lines = read_rows(recording, topics[0], path_row)
+    stations = read_rows(recording, topics[1], arclength_row, stamped=False)
+    found, near = match_stamps(lines.log_ns, stations.log_ns, 0.5 * median_period(lines.log_ns))
+    belong = [
+        (stamp_ns, stations.rows[place], row)
+        for stamp_ns, row, place, close in zip(
+            lines.stamp_ns.tolist(), lines.rows, found.tolist(), near.tolist(), strict=True
+        )
+        if close and stations.rows[place].size == row.shape[1]
+    ]
+    if not belong:
+        raise RecordingError(
+            f'{recording.path}: no message of {topics[1]} belongs to one of {topics[0]}'
+        )
+    arclength = np.unique(np.concatenate([places for _, places, _ in belong]))
+    points = np.full((len(belong), 2, arclength.size), np.nan)
+    for frame, (_, places, row) in enumerate(belong):
+        points[frame][:, np.searchsorted(arclength, places)] = row
+    stamp_ns = np.array([stamp for stamp, _, _ in belong], dtype=np.int64)
+    return Centerlines(topic=topics[0], stamp_ns=stamp_ns, arclength=arclength, points=points)
+
+
+def read_rows(
+    recording: Recording, topic: str, row_of: Callable[[Any], Array], *, stamped: bool = True
+) -> StampedRows:
+    """Return the numbers of every message of a topic, in the order of their header stamps.
+
+    stamped: the messages have a header; otherwise the log time stands for the stamp. Of messages
+    of one stamp the first counts. Raises RecordingError where a message is not usable.
+    """
+    stamps: list[int] = []
+    logged: list[int] = []
+    rows: list[Array] = []
+    frames: set[str] = set()
+    for message in recording.messages([topic]):
+        stamp_ns = message.log_time_ns
+        try:
+            if stamped:
+                stamp_ns = nanoseconds(message.message.header.stamp)
+                frames.add(str(message.message.header.frame_id))
+            rows.append(row_of(message.message))
+        except (*UNFIT, MessageError) as error:
+            raise RecordingError(
+                f'{recording.path}: {topic} at log time {message.log_time_ns} ns is not usable: '
+                f'{error}'
+            ) from error
+        stamps.append(stamp_ns)
+        logged.append(message.log_time_ns)
+    if not rows:
+        raise RecordingError(f'{recording.path}: {topic} is empty')
+    if len(frames) > 1:
+        raise RecordingError(f'{recording.path}: {topic} is in {len(frames)} different frames')
+    increasing_ns, kept = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
+    twice = len(stamps) - kept.size
+    return StampedRows(
+        frame=''.join(frames),
+        stamp_ns=increasing_ns,
+        log_ns=np.array(logged, dtype=np.int64)[kept],
+        rows=[rows[place] for place in kept.tolist()],
+        sentences=(f'{topic}: {twice} messages left out: a stamp came twice',) if twice else (),
+    )
+
+
+def tip_row(message: Any) -> Array:
+    """Return x, y (m), heading (rad) and the four covariances of x and y (m^2) of a tip, (7,)."""
+    pose, turned = message.pose.pose.position, message.pose.pose.orientation
+    covariance = np.asarray(message.pose.covariance, dtype=np.float64)[PLACES]
+    heading = 2.0 * math.atan2(turned.z, turned.w)
+    return np.array([pose.x, pose.y, heading, *covariance], dtype=np.float64)
+
+
+def shape_row(message: Any) -> Array:
+    """Return arclength, x, y (m) and heading (rad) of all stations of a shape, (4, stations)."""
+    points = cloud_points(message)
+    return np.stack([points[name].astype(np.float64) for name in ('s', 'x', 'y', 'theta')])
+
+
+def path_row(message: Any) -> Array:
+    """Return x, y (m) of all poses of a path, (2, poses)."""
+    places = [(item.pose.position.x, item.pose.position.y) for item in message.poses]
+    return np.array(places, dtype=np.float64).reshape(-1, 2).T
+
+
+def arclength_row(message: Any) -> Array:
+    """Return the arclength (stations,) m of a curvature."""
+    values = np.asarray(message.data, dtype=np.float64)
+    arclength: Array = values.reshape(len(CURVATURE_ROWS), -1)[0]
+    return arclength

@@ -1,0 +1,83 @@
+"""A comparison of shapes as a picture: shapes, errors along the arm, errors over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.axes import Axes
+import numpy as np
+from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
+from pneunet_ros.estimation.shape_error import CenterlineErrors, Comparison, TipErrors
+from pneunet_ros.reports.style import (
+    as_shapes,
+    draw_dots,
+    FIRST,
+    GREY,
+    HEIGHT,
+    legend,
+    MEASURED,
+    panels,
+    SECOND,
+    short,
+)
+
+SHOWN = 6  # frames whose shapes are drawn
+WIDTH = 15.0  # inches
+MM = millimeters(1.0)
+
+
+def draw_comparisons(comparisons: Sequence[Comparison], path: Path, form: str) -> None:
+    """Draw every comparison as a row of panels; form: png, svg or pdf."""
+    rows = len(comparisons)
+    figure, axes = panels(3, rows, height=HEIGHT * rows, width=WIDTH)
+    for row, comparison in enumerate(comparisons):
+        shapes, along, over_time = axes[3 * row : 3 * row + 3]
+        title = f'{short(comparison.of.name)} against {short(comparison.to.name)}'
+        as_shapes(shapes, title)
+        along.set(title='Error along the arm', xlabel='arclength (mm)', ylabel='distance (mm)')
+        over_time.set(title='Error of the tip', xlabel='time (s)', ylabel='distance (mm)')
+        if comparison.shape is not None:
+            draw_shapes(shapes, comparison.shape)
+            draw_along(along, comparison.shape)
+        if comparison.tip is not None:
+            draw_over_time(over_time, comparison.tip)
+    figure.savefig(path, dpi=120, format=form, metadata={'Date': None} if form == 'svg' else None)
+
+
+def draw_shapes(axes: Axes, shape: CenterlineErrors) -> None:
+    """Draw both sides of a few frames, from the first to the last."""
+    frames = np.unique(np.linspace(0, len(shape.stamp_ns) - 1, SHOWN).round().astype(int))
+    for frame in frames.tolist():
+        first = frame == frames[0]
+        axes.plot(
+            *(MM * shape.of[frame]),
+            color=FIRST,
+            linewidth=1.8,
+            label=shape.topics[0] if first else '',
+        )
+        x, y = MM * shape.to[frame]
+        draw_dots(axes, x, y, 4.0, color=MEASURED, label=shape.topics[1] if first else '')
+    legend(axes)
+
+
+def draw_along(axes: Axes, shape: CenterlineErrors) -> None:
+    """Draw rms and 95 % of the distance over arclength."""
+    distance = MM * shape.distance
+    seen = np.isfinite(distance).any(axis=0)
+    s, known = MM * shape.arclength[seen], distance[:, seen]
+    axes.plot(s, np.sqrt(np.nanmean(known**2, axis=0)), color=FIRST, linewidth=1.8, label='rms')
+    axes.plot(s, np.nanpercentile(known, 95.0, axis=0), color=SECOND, label='95 %')
+    axes.set_ylim(bottom=0.0)
+    legend(axes)
+
+
+def draw_over_time(axes: Axes, tip: TipErrors) -> None:
+    """Draw the distance of the tip in every frame, and its rms."""
+    seconds = (tip.stamp_ns - tip.stamp_ns[0]) / NANOSECONDS_PER_SECOND
+    distance = MM * tip.distance
+    axes.plot(seconds, distance, color=FIRST, linewidth=1.0, marker='.', markersize=4)
+    rms = float(np.sqrt(np.mean(distance**2)))
+    axes.axhline(rms, color=GREY, linewidth=1.0, linestyle='--', label=f'rms {rms:.3f} mm')
+    axes.set_ylim(bottom=0.0)
+    legend(axes)

@@ -1,0 +1,121 @@
+"""A sheet to put targets on an arm with: strips of dots at their places, 1:1, and a ruler."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import millimeters
+
+PAGES = {'A4': (210.0, 297.0), 'letter': (215.9, 279.4)}  # mm, width and height
+MILLIMETERS_PER_INCH = 25.4
+MARGIN = 12.0  # mm, that no printer leaves out
+RULER = 100.0  # mm
+STRIP = 12.0  # mm, least width
+GAP = 6.0  # mm between strips
+STRIPS = (
+    ('black dots, for a pale arm', 'white', 'black', True),
+    ('white dots, for a dark arm', 'black', 'white', True),
+    ('outlines, to punch and paint through', 'white', 'none', False),
+)
+
+
+def write_template(path: Path, name: str, places: Array, diameter: float) -> None:
+    """Write the PDF: a page of A4 and one of letter paper, each with all of it.
+
+    places (targets,) and diameter in m. Raises RequestError for an arm that no page holds.
+    """
+    with PdfPages(path, metadata={'CreationDate': None, 'Creator': None, 'Producer': None}) as pdf:
+        for paper in PAGES:
+            pdf.savefig(template_page(paper, name, places, diameter))
+
+
+def template_page(paper: str, name: str, places: Array, diameter: float) -> Figure:
+    """Draw a page on which one unit of its axes is a millimeter of paper."""
+    width, height = PAGES[paper]
+    shown, dot = np.array([millimeters(place) for place in places.tolist()]), diameter * 1e3
+    length = float(shown[-1] - shown[0]) + 2.0 * dot
+    if length > height - 2.0 * MARGIN:
+        raise RequestError(
+            f'a row of targets of {length:.0f} mm is longer than a page of {paper}: put the dots '
+            'on by a ruler (--no-template)'
+        )
+    figure = Figure(figsize=(width / MILLIMETERS_PER_INCH, height / MILLIMETERS_PER_INCH))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0.0, width), ylim=(0.0, height))
+    axes.set_axis_off()
+    start = MARGIN + dot
+    strip = max(STRIP, 2.0 * dot)
+    left = MARGIN
+    for words, paper_color, color, filled in STRIPS:
+        _draw_strip(axes, (left, start - dot), strip, length, paper_color)
+        for place in shown - shown[0]:
+            center = (left + 0.5 * strip, start + place)
+            _draw_dot(axes, center, dot, color, filled)
+        axes.text(
+            left + strip + 1.5, start, words, rotation=90, fontsize=7, va='bottom', ha='left'
+        )
+        left += strip + GAP + 4.0
+    _draw_places(axes, left, start, shown)
+    _draw_ruler(axes, width - MARGIN - 8.0, MARGIN + 2.0)
+    spacing = ', '.join(f'{gap:g}' for gap in np.unique(np.round(np.diff(shown), 4)))
+    axes.text(
+        0.5 * width + 20.0,
+        height - MARGIN,
+        f'Targets of {name}\n\n{shown.size} dots of {dot:g} mm, {spacing} mm apart\n'
+        f'{paper}: print at 100 %, never "fit to page";\nthen lay a ruler on the scale: it must '
+        f'be {RULER:g} mm.\n\nThe dot at the bottom (0) goes to the clamp.',
+        fontsize=9,
+        va='top',
+        ha='center',
+    )
+    return figure
+
+
+def _draw_strip(
+    axes: Axes, corner: tuple[float, float], width: float, length: float, color: str
+) -> None:
+    axes.add_patch(
+        Rectangle(corner, width, length, facecolor=color, edgecolor='0.6', linewidth=0.4)
+    )
+
+
+def _draw_dot(
+    axes: Axes, center: tuple[float, float], diameter: float, color: str, filled: bool
+) -> None:
+    line = 0.0 if filled else 0.3
+    edge = 'none' if filled else 'black'
+    axes.add_patch(Circle(center, 0.5 * diameter, facecolor=color, edgecolor=edge, linewidth=line))
+    if not filled:
+        for across, along in ((0.9, 0.0), (0.0, 0.9)):
+            axes.plot(
+                [center[0] - across * diameter, center[0] + across * diameter],
+                [center[1] - along * diameter, center[1] + along * diameter],
+                color='black',
+                linewidth=0.2,
+            )
+
+
+def _draw_places(axes: Axes, left: float, start: float, shown: Array) -> None:
+    """Write the place of every target (mm from the clamp) and its number."""
+    for number, place in enumerate(shown.tolist()):
+        at = start + place - shown[0]
+        axes.plot([left - 2.0, left], [at, at], color='0.4', linewidth=0.3)
+        axes.text(left + 1.0, at, f'{number}: {place:g} mm', fontsize=6, va='center')
+
+
+def _draw_ruler(axes: Axes, x: float, start: float) -> None:
+    """Draw a scale with a line each millimeter."""
+    axes.plot([x, x], [start, start + RULER], color='black', linewidth=0.4)
+    for tick in range(int(RULER) + 1):
+        size = 5.0 if tick % 10 == 0 else 3.5 if tick % 5 == 0 else 2.0
+        axes.plot([x, x + size], [start + tick] * 2, color='black', linewidth=0.25)
+        if tick % 10 == 0:
+            axes.text(x - 1.0, start + tick, f'{tick}', fontsize=6, va='center', ha='right')
+    axes.text(x + 2.0, start + RULER + 3.0, 'mm', fontsize=7, ha='center')

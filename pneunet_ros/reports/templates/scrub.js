@@ -1,0 +1,63 @@
+'use strict';
+const data = JSON.parse(document.getElementById('frames').textContent);
+const slider = document.getElementById('slider');
+const stage = document.getElementById('stage');
+const bars = document.getElementById('bars');
+const SVG = 'http://www.w3.org/2000/svg';
+const WIDTH = 720, HEIGHT = 200, LEFT = 64, EDGE = 18;
+
+function add(parent, name, attributes, text) {
+  const element = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  if (text !== undefined) element.textContent = text;
+  parent.append(element);
+}
+
+function line(parent, points, kind) {
+  const known = (points || []).filter((point) => point);
+  if (known.length) add(parent, 'polyline', { points: known.join(' '), class: kind });
+}
+
+function limit() {
+  let largest = 50;
+  for (const frame of data.frames)
+    for (const key of ['from_measured', 'from_predicted'])
+      for (const value of frame[key] || []) largest = Math.max(largest, Math.abs(value || 0));
+  return largest;
+}
+const most = limit();
+
+function drawBars(frame) {
+  bars.replaceChildren();
+  const middle = HEIGHT / 2;
+  const x = (s) => LEFT + (WIDTH - LEFT - 10) * s / data.length;
+  const y = (value) => middle - (middle - EDGE) * value / most;
+  for (const value of [-most, 0, most]) {
+    add(bars, 'line', { x1: LEFT, x2: WIDTH, y1: y(value), y2: y(value), class: 'grid' });
+    add(bars, 'text', { x: LEFT - 6, y: y(value) + 5, 'text-anchor': 'end' }, value.toFixed(0));
+  }
+  for (const [key, shift, kind] of [['from_measured', -3, 'measured'], ['from_predicted', 3, 'predicted']])
+    (frame[key] || []).forEach((value, target) => {
+      if (value === null) return;
+      const at = x(data.arclength[target]) + shift;
+      add(bars, 'line', { x1: at, x2: at, y1: y(0), y2: y(value), class: `bar ${kind}` });
+    });
+}
+
+function show(index) {
+  const frame = data.frames[index];
+  stage.replaceChildren();
+  stage.setAttribute('viewBox', `0 0 ${frame.width} ${frame.height}`);
+  add(stage, 'image', { href: frame.image, width: frame.width, height: frame.height });
+  line(stage, frame.predicted, 'predicted');
+  line(stage, frame.measured, 'measured');
+  frame.targets.forEach((point) => {
+    if (point) add(stage, 'circle', { cx: point[0], cy: point[1], r: frame.radius });
+  });
+  document.getElementById('said').textContent = frame.text;
+  slider.setAttribute('aria-valuetext', frame.text);
+  drawBars(frame);
+}
+
+slider.addEventListener('input', () => show(Number(slider.value)));
+show(Number(slider.value));

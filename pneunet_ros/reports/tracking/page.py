@@ -1,0 +1,271 @@
+"""What tracking looked like, as one HTML page: a verdict, and frames to scrub through.
+
+Each frame shows image, targets, measured centerline and, where the recording holds estimates, the
+predicted one; below, how far each target is from them.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+import hashlib
+import importlib.resources
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.image import Image
+from pneunet_ros.core.stamps import match_stamps
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.estimation.shape_error import Centerlines, median_period
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.reports.page import render_page
+from pneunet_ros.reports.settings import REPORT_SETTINGS
+from pneunet_ros.reports.tracking.preview import Preview
+from pneunet_ros.tables.length_unit import LengthUnit
+from pneunet_ros.vision.overlay import curve_in_image, headline
+from pneunet_ros.vision.rest_plane import RESTING
+from pneunet_ros.vision.smoother import MeasuredCurve
+from pneunet_ros.vision.tracker import TrackerState, Tracking
+from scipy.interpolate import CubicSpline
+
+TEMPLATE = 'tracking_report.html.jinja'
+SCRIPT = 'scrub.js'
+SHOWN = 48  # frames, at most; half as many are always there when there were more
+WIDEST = 720  # px, of a frame in the page
+JPEG_QUALITY = 70
+MICRO = 1e6
+
+
+@dataclass(slots=True, kw_only=True)
+class TrackingPage:
+    """Collects the frames of a recording, and makes the page of them.
+
+    source: what the user named; model: name of the arm; target_arclength (targets,) m; estimated:
+    the shapes that the recording holds, None without; preview: what is drawn of all frames.
+    """
+
+    source: str
+    model: str
+    target_arclength: Array
+    preview: Preview
+    estimated: Centerlines | None = None
+    _every: int = 1
+    _count: int = 0
+    _explained: int = 0
+    _start_ns: int = 0
+    _seen: int = 0
+    _reasons: Counter[str] = field(default_factory=Counter)
+    _sentences: dict[str, str] = field(default_factory=dict)
+    _stds: list[float] = field(default_factory=list)
+    _rms: list[float] = field(default_factory=list)
+    _frames: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(
+        self,
+        log_time_ns: int,
+        image: Image | None,
+        tracking: Tracking | None,
+        state: TrackerState,
+    ) -> None:
+        """Take one frame into account; None for what could not be read or was not looked at."""
+        self.preview.add(log_time_ns, image, tracking, state)
+        self._start_ns = self._start_ns or log_time_ns
+        if tracking is not None:
+            self._tally(tracking)
+        if image is not None and tracking is not None and self._count % self._every == 0:
+            seconds = seconds_between(self._start_ns, log_time_ns)
+            self._frames.append(self._frame(seconds, image, tracking, state))
+        if len(self._frames) > SHOWN:
+            self._frames = self._frames[::2]
+            self._every *= 2
+        self._count += 1
+
+    def _tally(self, tracking: Tracking) -> None:
+        if tracking.reason:
+            self._reasons[tracking.reason] += 1
+            self._sentences[tracking.reason] = tracking.sentence
+            return
+        self._explained += 1
+        self._seen += tracking.sightings.seen
+        self._stds.append(float(np.nanmedian(tracking.sightings.std)))
+        if tracking.curve is not None:
+            self._rms.append(tracking.curve.rms)
+
+    def _frame(
+        self, seconds: float, image: Image, tracking: Tracking, state: TrackerState
+    ) -> dict[str, Any]:
+        """Return what the script of the page shows of a frame; places in px of the small image."""
+        grey = image.grey()
+        scale = min(1.0, WIDEST / image.width)
+        small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        _, jpeg = cv2.imencode('.jpg', small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        sightings = tracking.sightings
+        frame: dict[str, Any] = {
+            'text': f't = {seconds:.3f} s: {headline(tracking)}',
+            'image': f'data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode()}',
+            'width': small.shape[1],
+            'height': small.shape[0],
+            'targets': pixels(np.column_stack([sightings.u, sightings.v]), scale),
+            'radius': 3.0
+            if tracking.reason
+            else round(0.5 * scale * float(np.nanmedian(sightings.major)) + 2.0, 1),
+        }
+        if tracking.reason or state.plane is None or state.lens is None:
+            return frame
+        if tracking.curve is not None:
+            frame['measured'] = pixels(
+                curve_in_image(tracking.curve, state.plane, state.lens), scale
+            )
+            frame['from_measured'] = self._distances(
+                tracking, *line_of(tracking.curve), self.target_arclength
+            )
+        points = self._estimate_at(sightings.stamp_ns)
+        if points is not None and self.estimated is not None:
+            in_image = state.lens.distort(state.plane.normalized(points.T))
+            frame['predicted'] = pixels(in_image, scale)
+            frame['from_predicted'] = self._distances(
+                tracking, self.estimated.arclength, points, self.target_arclength
+            )
+        return frame
+
+    def _distances(
+        self, tracking: Tracking, arclength: Array, points: Array, at: Array
+    ) -> list[int | None]:
+        """Return how far (um) each target is from a curve, to its left; None where not known."""
+        inside = (at >= arclength[0] - 1e-9) & (at <= arclength[-1] + 1e-9)
+        spline = CubicSpline(arclength, points, axis=1)
+        x, y = spline(at)
+        slope_x, slope_y = spline(at, 1)
+        normal = (tracking.sightings.y - y) * slope_x - (tracking.sightings.x - x) * slope_y
+        away = np.where(inside, MICRO * normal / np.hypot(slope_x, slope_y), np.nan)
+        return [round(value) if math.isfinite(value) else None for value in away.tolist()]
+
+    def _estimate_at(self, stamp_ns: int) -> Array | None:
+        """Return the estimated points (2, stations) m nearest to a stamp; None where none is."""
+        if self.estimated is None or not self.estimated.stamp_ns.size:
+            return None
+        reach = 0.5 * median_period(self.estimated.stamp_ns)
+        found, near = match_stamps(
+            np.array([stamp_ns]), self.estimated.stamp_ns, reach if math.isfinite(reach) else 0.0
+        )
+        return self.estimated.points[found[0]] if near[0] else None
+
+    def html(self, unit: LengthUnit, output: str) -> str:
+        """Return the page; output: the recording that was written, '' without."""
+        script = importlib.resources.files('pneunet_ros.reports.templates').joinpath(SCRIPT)
+        text = script.read_text(encoding='utf-8')
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        next_step, command = self._next(output)
+        return render_page(
+            TEMPLATE,
+            source=self.source,
+            model=self.model,
+            verdict=self._verdict(),
+            certainty=self._certainty(unit),
+            next_step=next_step,
+            command=command,
+            reasons=[
+                (reason, count, self._sentences[reason])
+                for reason, count in self._reasons.most_common()
+            ],
+            frames=self._frames,
+            total=self._count,
+            first=self._first_tracked(),
+            length=float(self.target_arclength[-1]),
+            arclength=self.target_arclength.tolist(),
+            summary=self.preview.summary(unit).inline,
+            script=text,
+            script_digest=digest,
+            provenance=[('source', self.source), ('model', self.model), ('output', output)],
+        )
+
+    def _first_tracked(self) -> int:
+        """Return which of the frames that are shown is seen first."""
+        tracked = [place for place, item in enumerate(self._frames) if 'measured' in item]
+        return tracked[0] if tracked else 0
+
+    @property
+    def _moving(self) -> int:
+        """How many frames there are beside those in which the tracker learns the arm at rest."""
+        return self._count - self._reasons[RESTING]
+
+    @property
+    def _good(self) -> bool:
+        return self._explained >= REPORT_SETTINGS.tracked_share * max(self._moving, 1)
+
+    def _verdict(self) -> str:
+        if not self._count:
+            return 'There is no frame in it.'
+        frames = f'{self._explained} of {self._moving} frames tracked'
+        if self._reasons[RESTING]:
+            frames += f' after {self._reasons[RESTING]} of the arm at rest'
+        if not self._explained:
+            return f'The arm was not found: {frames}.'
+        share = self._seen / (self._explained * self.target_arclength.size)
+        seen = f'{100.0 * share:.1f} % of the targets seen in them'
+        if self._good:
+            return f'The tracker follows the arm: {frames}, {seen}.'
+        return f'The tracker loses the arm: {frames}, {seen}.'
+
+    def _certainty(self, unit: LengthUnit) -> str:
+        if not self._stds:
+            return 'No target was found, so there is nothing to be sure of.'
+        scale = unit.shown_per_meter
+        text = (
+            f'One sigma of a target is {scale * float(np.median(self._stds)):.2g} {unit.shown} '
+            'per coordinate, as the tracker estimates it from the image'
+        )
+        if self._rms:
+            rms = scale * float(np.median(self._rms))
+            text += f'; targets are {rms:.2g} {unit.shown} rms from the smooth curve'
+        return f'{text}. That the row is the right one, you see below.'
+
+    def _next(self, output: str) -> tuple[str, str]:
+        if not self._good:
+            return (
+                'Look at the frames that were not tracked, and say in a camera file what the '
+                'targets look like.',
+                f'pneunet track {self.source} --camera CAMERA.yaml --preview AGAIN.html',
+            )
+        if not output:
+            return (
+                'Write the targets into a recording.',
+                f'pneunet track {self.source} --output TRACKED.mcap',
+            )
+        return 'Ask what the recording can be used for.', f'pneunet check {output}'
+
+
+def line_of(curve: MeasuredCurve) -> tuple[Array, Array]:
+    """Return arclength (stations,) m and points (2, stations) m of a measured curve."""
+    return curve.arclength, np.stack([curve.x, curve.y])
+
+
+def pixels(points: Array, scale: float) -> list[list[float] | None]:
+    """Return places (n, 2) px in an image made smaller, to a tenth; None where there is none."""
+    return [
+        [round(scale * u, 1), round(scale * v, 1)] if math.isfinite(u + v) else None
+        for u, v in points.tolist()
+    ]
+
+
+@contextmanager
+def write_page(
+    path: Path,
+    page: TrackingPage,
+    unit: LengthUnit,
+    *,
+    output: str = '',
+    overwrite: bool = False,
+    inputs: Iterable[Path] = (),
+) -> Iterator[TrackingPage]:
+    """Write the page of what was collected when all is; errors of `atomic_output`."""
+    with atomic_output(path, overwrite=overwrite, inputs=inputs) as temporary:
+        yield page
+        temporary.write_text(page.html(unit, output), encoding='utf-8')

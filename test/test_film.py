@@ -1,0 +1,151 @@
+"""A film and a table on two clocks: one recording, in which frames stand at the right readings."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+from pneunet_ros.cli.main import main
+from pneunet_ros.core.share import share_path
+from pneunet_ros.recordings.dataset_reader import read_run
+from pneunet_ros.recordings.recording import open_recording
+import pytest
+from support.films import ARM, FRAMES, pictures, RATE, REST, STEP, write_folder, write_video
+
+DELAY = 0.1  # s, by which the film began before the table
+TARGETS = ARM.target_arclength.size
+READ_EVERY = 0.01  # s
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Return a folder with a film, and a table of the pressures that made it."""
+    folder = tmp_path_factory.mktemp('film')
+    write_video(folder / 'film.avi', pictures())
+    write_folder(folder / 'frames', pictures())
+    time = np.arange(0.0, FRAMES / RATE, READ_EVERY)
+    frame = (time + DELAY) * RATE
+    pressure = STEP * np.maximum(0.0, frame - REST + 1.0)
+    rows = [
+        f'{t:.2f};{1e-3 * p:.6f}'.replace('.', ',') for t, p in zip(time, pressure, strict=True)
+    ]
+    (folder / 'table.csv').write_text('\n'.join(['Time (s);Pressure [kPa]', *rows]))
+    return folder
+
+
+@pytest.fixture
+def track(folder, tmp_path, capsys):
+    """Run the verb; returns its exit code, what it says, and where it writes."""
+
+    def track(source, *more):
+        output = tmp_path / 'out.mcap'
+        table = ('--readings', str(folder / 'table.csv'), '--camera-info', 'none')
+        code = main(['track', str(folder / source), *table, '--output', str(output), *more])
+        said = capsys.readouterr()
+        return code, said.out + said.err, output
+
+    return track
+
+
+@pytest.mark.parametrize('source', ['film.avi', 'frames'])
+def test_frames_belong_to_the_pressure_of_their_time(track, source):
+    rate = ('--rate', f'{RATE:g}') if source == 'frames' else ()
+    code, _, output = track(source, '--delay', str(DELAY), *rate)
+    assert code == 0
+    run, _ = read_run(output, TARGETS)
+    # The frames before the table, and the first of rest, have nothing to belong to.
+    shown = np.arange(FRAMES)[-len(run.stamp_ns) :]
+    assert run.frame_pressure == pytest.approx(STEP * np.maximum(0, shown - REST + 1), abs=1e-6)
+    assert len(run.stamp_ns) == FRAMES - REST + 1
+    # A table that counts from zero is moved, as no stamp is zero; the frames with it.
+    first = open_recording(output).start_ns
+    assert first == 10**9
+    assert (run.reading_stamp_ns[0] - first) * 1e-9 == pytest.approx(DELAY, abs=1e-8)
+
+
+def test_without_forces_nothing_hangs_and_a_known_load_is_no_reading(track):
+    bare, _ = read_run(track('film.avi', '--delay', '0.1')[2], TARGETS)
+    assert not bare.loaded
+    code, _, output = track(
+        'film.avi', '--delay', '0.1', '--end-load', '0.1', '-0.02', '--overwrite'
+    )
+    assert code == 0
+    hung, sentences = read_run(output, TARGETS)
+    assert hung.load_known
+    np.testing.assert_array_equal(hung.force, np.tile([0.1, -0.02], (len(hung.stamp_ns), 1)))
+    assert any('never changes' in sentence for sentence in sentences)
+
+
+def test_json_tells_the_delay_and_the_clock_of_the_film(track):
+    code, said, _ = track('film.avi', '--delay', '0.1', '--json')
+    found = json.loads(said)
+    assert code == 0
+    assert found['delay'] == 0.1
+    assert found['delay_std'] is None
+    assert found['clock'] == 'presentation times in the file'
+    assert found['frames_covered'] == np.count_nonzero(np.arange(FRAMES) / RATE >= DELAY)
+
+
+def test_what_cannot_tell_the_delay_gives_no_recording(track, tmp_path):
+    code, said, output = track('film.avi', '--json')
+    assert code == 1
+    found = json.loads(said)
+    assert 'frames show the targets, and 40 are needed; give --delay S' in found['delay_sentence']
+    assert found['output'] is None
+    assert not output.exists()
+
+
+def test_the_table_of_targets_has_the_stamps_of_the_recording(track, tmp_path):
+    table = tmp_path / 'targets.csv'
+    assert track('film.avi', '--delay', '0.1', '--table', str(table))[0] == 0
+    stamps = {int(line.split(',')[0]) for line in table.read_text().splitlines()[1:]}
+    run, _ = read_run(tmp_path / 'out.mcap', TARGETS)
+    assert set(run.stamp_ns.tolist()) <= stamps
+
+
+@pytest.mark.parametrize(
+    ('more', 'said'),
+    [
+        (('--delay', '100'), 'no frame of the film lies within the table'),
+        (('--delay', 'soon'), "--delay: 'soon' is no number"),
+        (('--end-load', 'x', '0'), "--end-load: 'x' is no number"),
+        (('--ignore', 'Pressure [kPa]'), 'no reading|has no pressure'),
+    ],
+)
+def test_what_does_not_go_together_is_said(track, more, said):
+    code, text, output = track('film.avi', *more)
+    assert code == 2
+    assert re.search(said, text)
+    assert not output.exists()
+
+
+def test_a_film_is_no_table(folder, tmp_path, capsys):
+    assert main(['import', str(folder / 'film.avi'), '--output', str(tmp_path / 'r.mcap')]) == 2
+    assert 'holds images: `pneunet track FILM --readings' in capsys.readouterr().err
+
+
+def test_options_of_a_table_need_one(folder, capsys):
+    assert main(['track', str(folder / 'film.avi'), '--camera-info', 'none', '--delay', '1']) == 2
+    assert '--delay says something of --readings' in capsys.readouterr().err
+    demo, table = str(share_path('bags/camera_demo')), str(folder / 'table.csv')
+    assert main(['track', demo, '--readings', table, '--output', 'x.mcap']) == 2
+    assert 'is a recording, whose topics have stamps of their own' in capsys.readouterr().err
+    film = [str(folder / 'film.avi'), '--camera-info', 'none', '--readings', table]
+    assert main(['track', *film]) == 2
+    assert '--readings needs --output' in capsys.readouterr().err
+
+
+def test_forces_and_targets_of_a_table_are_looked_at(folder, tmp_path, capsys):
+    table = tmp_path / 'table.csv'
+    film = ['track', str(folder / 'film.avi'), '--camera-info', 'none', '--delay', '0']
+    output = ['--output', str(tmp_path / 'out.mcap'), '--readings', str(table)]
+    table.write_text('time_s,pressure_pa,x0_m,y0_m\n0,0,0,0\n1,0,0,0\n')
+    assert main([*film, *output]) == 2
+    assert 'holds targets, which the film shows' in capsys.readouterr().err
+    table.write_text('time_s,pressure_pa,force_x_n\n0,0,0.1\n1,0,0.2\n')
+    assert main([*film, *output, '--end-load', '0.1', '0']) == 2
+    assert '--end-load is for tables without forces' in capsys.readouterr().err
+    table.write_text('time_s,force_x_n\n0,0.1\n1,0.2\n')
+    assert main([*film, *output]) == 2
+    assert 'has no pressure: a column such as pressure_kpa' in capsys.readouterr().err
