@@ -1,8 +1,9 @@
-"""Blobs: bright areas of a camera image that can be targets, before they have an identity.
+"""Blobs: areas of a camera image that can be targets, before they have an identity.
 
-Whatever the light, a target is brighter than what is just around it. So the image is cut at many
-grey levels; what is as round as an ellipse at some of them, and large enough, may be a blob. There
-`centroid` fits an ellipse to the edge, from which all numbers come.
+Whatever the light, a target is brighter than what is just around it; dark targets are bright ones
+of the inverted image. So the image is cut at many grey levels; what is as round as an ellipse at
+some of them, and large enough, may be a blob. There `centroid` fits an ellipse to the edge, from
+which all numbers come.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from scipy.spatial import cKDTree
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlobSettings:
-    """How bright areas are told from what is behind them."""
+    """How areas are told from what is behind them."""
 
     most: int = tuning(500, 'areas of an image that are measured, those that stand out most')
     least_contrast: float = tuning(
@@ -72,7 +73,7 @@ def _row(column: int, meaning: str) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blobs:
-    """Bright areas of an image that can be targets; NaN in all quantities where there is none.
+    """Areas of an image that can be targets; NaN in all quantities where there is none.
 
     `table` (COLUMNS, n) has the quantities below as rows, and those that only `centroid` names.
     """

@@ -75,20 +75,25 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
     tells. NaN for a target that has too few.
     """
     whole = np.flatnonzero(table[:, EXACT] >= settings.exact)
-    axes, radius = axes_of(table), np.sqrt(table[:, AREA] / math.pi)
+    radius = np.sqrt(table[:, AREA] / math.pi)
+    looks = np.column_stack([
+        axes_of(table), table[:, SMEAR], table[:, LEVEL],
+        radius, table[:, BLUR], table[:, CONTRAST],
+    ])  # fmt: skip
     count = len(table)
     expected, smear = np.full((count, 3), np.nan), np.full((count, 2), np.nan)
-    blur, std, level, level_std, contrast, smear_std = np.full((6, count), np.nan)
+    std, level, level_std, smear_std = np.full((4, count), np.nan)
+    middle = np.full((count, 3), np.nan)
     for target in range(count):
         others = whole[whole != target]
         near = others[np.argsort(np.abs(others - target), kind='stable')[: settings.neighbors]]
         if len(near) >= settings.fewest:
-            expected[target], off = _line_at(target, near, axes)
-            std[target] = off / float(np.median(radius[near]))
-            blur[target] = float(np.median(table[near, BLUR]))
-            smear[target], smear_std[target] = _line_at(target, near, table[:, SMEAR])
-            (level[target],), level_std[target] = _line_at(target, near, table[:, [LEVEL]])
-            contrast[target] = float(np.median(table[near, CONTRAST]))
+            line, off = _line_at(target, near, looks)
+            expected[target], smear[target], level[target] = line[:3], line[3:5], line[5]
+            middle[target] = np.sort(looks[near, 6:], axis=0)[len(near) // 2]
+            std[target] = np.sqrt(np.mean(off[:3])) / middle[target, 0]
+            smear_std[target], level_std[target] = np.sqrt([np.mean(off[3:5]), off[5]])
+    blur, contrast = middle[:, 1:].T
     std = np.maximum(std, settings.least_std)
     stds = (std, settings.blur_std, np.maximum(smear_std, settings.smear_std))
     starts = outlines(places, expected, blur, smear, stds)
@@ -97,15 +102,17 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
     return starts
 
 
-def _line_at(target: int, near: Integers, values: Array) -> tuple[Array, float]:
-    """Return values (k,) of a line over neighbors at a target, and one sigma of them."""
+def _line_at(target: int, near: Integers, values: Array) -> tuple[Array, Array]:
+    """Return values (k,) of a line over neighbors at a target, and their variances."""
     away = (near - target).astype(np.float64)
-    design = np.column_stack([np.ones_like(away), away])
-    inverse = np.linalg.inv(design.T @ design)
-    line = inverse @ design.T @ values[near]
-    off = values[near] - design @ line
-    free = max(len(near) - 2, 1) * values.shape[1]
-    return line[0], float(np.sqrt((1.0 + inverse[0, 0]) * np.sum(off * off) / free))
+    middle = away.mean()
+    square = float(np.sum((away - middle) ** 2))
+    at_middle = values[near].mean(axis=0)
+    slope = (away - middle) @ values[near] / square
+    off = values[near] - at_middle - np.outer(away - middle, slope)
+    larger = 1.0 + 1.0 / len(near) + middle**2 / square
+    line = at_middle - middle * slope
+    return line, larger * np.sum(off * off, axis=0) / max(len(near) - 2, 1)
 
 
 def share_of_area(table: Array, expected: Array) -> Array:

@@ -65,7 +65,8 @@ class TrackedRow:
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
     area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
     looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
-    spacing: distance of neighbors, px; exposure: how long the shutter seems to be open, s.
+    spacing: distance of neighbors, px; exposure: how long the shutter seems to be open, s,
+    0 where nothing is known of it.
     """
 
     stamp_ns: int
@@ -345,7 +346,7 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
         table=row.table,
         seen=np.zeros(len(row.table), np.bool_),
         spacing=math.nan,
-        exposure=math.nan,
+        exposure=0.0,
     )
     return next_row(view, row, nowhere)
 
@@ -389,11 +390,11 @@ def exposure_of(
     """Return how long (s) the shutter seems to be open, by how far targets are smeared.
 
     velocity (n, 2) px/s; seconds: between frames; before: what it seemed to be in the last frame,
-    NaN where nothing is known. Where hardly anything moves a frame tells nothing of it.
+    0 where nothing is known. Where hardly anything moves a frame tells nothing of it.
     """
     settings = vision.row_tracker
     least, most = settings.least_exposure * seconds, settings.most_exposure * seconds
-    if math.isnan(before):
+    if before == 0.0:
         before = settings.first_exposure * seconds
     smeared = (table[:, SMEAR] != 0.0).any(axis=1)
     square = np.sum(velocity[smeared] ** 2)

@@ -30,7 +30,7 @@ FRAME_NS = 33_333_333
 FINE = 16  # parts of a pixel, per axis, of which a dot covers whole ones
 COARSE = 4  # the same, of the outlines of body and hand
 STATIONS = 1601  # of the curve from the clamp to the end of the body
-GHOSTS = 1.0  # px, that the arm moves at most between moments of an exposure
+GHOSTS = 1.5  # px, that the arm moves at most between moments of an exposure
 
 FLICKER = 0.15
 JPEG_QUALITY = 70
