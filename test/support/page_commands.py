@@ -25,6 +25,7 @@ import re
 import signal
 import subprocess
 import sys
+from textwrap import dedent
 import time
 from typing import NamedTuple
 
@@ -32,7 +33,8 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = [page for page in (ROOT / 'docs').glob('*.md') if page.name != 'index.md']  # it is made
 PAGES = sorted([*ROOT.glob('*.md'), *DOCS, *(ROOT / 'bags').glob('*/README.md')])
 BLOCK = re.compile(
-    r'(?:^<!-- (?P<remark>[^\n]*) -->\n)?^```(?P<kind>\w*)\n(?P<content>.*?)^```$',
+    r'(?:^ *<!-- (?P<remark>[^\n]*) -->\n)?'
+    r'^(?P<indent> *)```(?P<kind>\w*)\n(?P<content>.*?)^(?P=indent)```$',
     re.MULTILINE | re.DOTALL,
 )
 COMMAND = re.compile(r'^\$ ((?:.*\\\n)*.*)\n', re.MULTILINE)
@@ -99,7 +101,7 @@ def blocks_of(page: Path) -> list[Block]:
                 page=name,
                 line=text[: match.start()].count('\n') + 1,
                 kind=match['kind'],
-                content=match['content'],
+                content=dedent(match['content']),
                 remark=match['remark'] or '',
                 expected=expected,
             )
