@@ -211,6 +211,19 @@ def test_all_but_the_nodes_imports_without(missing):
     subprocess.run([sys.executable, '-c', script], check=True, cwd=CHECKOUT)
 
 
+@pytest.mark.parametrize('module', ['estimator.__main__', 'tracker.__main__', 'stack'])
+def test_a_node_without_ros_says_so_in_one_sentence(module):
+    script = (
+        "import sys; sys.modules['rclpy'] = None; "
+        f'from pneunet_ros.nodes.{module} import main; sys.exit(main())'
+    )
+    command = [sys.executable, '-c', script]
+    done = subprocess.run(command, cwd=CHECKOUT, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr.count('\n') == 1
+    assert "pip install 'pneunet_ros[ros]'" in done.stderr
+
+
 def installed_command(python, *arguments, environment, cwd):
     """Run an installed thing from a folder that is no checkout; what it says on stdout."""
     done = subprocess.run(
