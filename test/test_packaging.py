@@ -244,6 +244,9 @@ def test_pip_install_gives_commands_and_files(tmp_path, foreign_environment):
     (site,) = place.glob('lib/python3*/site-packages')
     libraries = Path(importlib.import_module('numpy').__file__).parent.parent
     (site / 'borrowed.pth').write_text(f'{libraries}\n')
+    # That of a new environment is too old to make a wheel by itself (before 70.1): borrow ours.
+    for old in site.glob('setuptools*'):
+        shutil.rmtree(old)
     run = {'environment': foreign_environment, 'cwd': tmp_path}
     pip = ['-m', 'pip', 'install', '--quiet', '--no-deps', '--no-build-isolation']
     installed_command(python, *pip, source, **run)
