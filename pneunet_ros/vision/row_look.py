@@ -54,6 +54,7 @@ class RowLookSettings:
     appeared: float = tuning(
         0.25, 'the same, off where the row is, of a doubtful one', unit='radius'
     )
+    size: float = tuning(0.8, 'area of an outline fitted to a part, over that by its neighbors')
     worse: float = tuning(5.0, 'error of a doubtful part, over that of the others')
     beyond: float = tuning(0.15, 'share of the edge that lies outside of the outline, at most')
     part_error: float = tuning(
@@ -136,7 +137,9 @@ def believable_parts(
     alike = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
     edge = (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
     within = found[:, BEYOND] <= settings.beyond
-    return np.asarray(alike & edge & within & (found[:, FILLED] >= settings.filled))
+    size = share_of_area(found, expected)
+    sized = (size >= settings.size) & (size <= 1.0 / settings.size)
+    return np.asarray(alike & edge & within & sized & (found[:, FILLED] >= settings.filled))
 
 
 def part_stds(found: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
