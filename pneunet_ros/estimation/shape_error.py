@@ -17,7 +17,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import match_stamps, Stamps
 
 END = 1e-6  # m; as far beyond its last station a curve is still known: rounding of float32
-LARGEST_95 = 5.991464547107979  # chi squared of two coordinates, 95 %
+LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

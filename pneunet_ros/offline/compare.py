@@ -16,6 +16,7 @@ from pneunet_ros.estimation.shape_error import (
     CenterlineErrors,
     compare_shapes,
     Comparison,
+    contents,
     error_statistics,
     ShapeSeries,
     TipErrors,
@@ -75,14 +76,7 @@ def read_side(path: Path, topics: Mapping[str, str], target_arclength: Array) ->
 
 def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
     """Refuse to compare something with itself, which always agrees."""
-    sides = [
-        (
-            Path(side.name).resolve(),
-            *(item and item.topic for item in (side.tips, side.centerlines)),
-        )
-        for side in (a, b)
-    ]
-    if sides[0] == sides[1]:
+    if Path(a.name).resolve() == Path(b.name).resolve() and contents(a) == contents(b):
         raise RequestError(
             f'A and B are the same topics of {a.name}: choose what of B to compare with, as in '
             '--topic b.targets=/pneunet/targets'

@@ -25,7 +25,6 @@ import re
 import signal
 import subprocess
 import sys
-from textwrap import dedent
 import time
 from typing import NamedTuple
 
@@ -101,7 +100,7 @@ def blocks_of(page: Path) -> list[Block]:
                 page=name,
                 line=text[: match.start()].count('\n') + 1,
                 kind=match['kind'],
-                content=dedent(match['content']),
+                content=re.sub(rf'^{match["indent"]}', '', match['content'], flags=re.MULTILINE),
                 remark=match['remark'] or '',
                 expected=expected,
             )
