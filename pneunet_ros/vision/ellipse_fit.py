@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core import jit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.settings import tuning
+from pneunet_ros.vision.edge_kernel import COLUMNS, EDGE, LEFT, linearize_edges, UNKNOWNS
 from scipy.special import erfc
 
 Integers = npt.NDArray[np.int64]
@@ -34,9 +36,6 @@ SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD = range(10, 14)
 ERROR, NEAR_EDGE, ON_EDGE, WITHIN, OUTSIDE = range(10, 15)
 FITTED = 15
 
-# What is searched: way of the center; size, two changes of shape; blur; way of motion; plateau and
-# its slopes.
-UNKNOWNS = 11
 # Moments of an exposure that are averaged, and the longest way (px) for which they are enough:
 # dots next to each other are less than two blurs apart.
 MOMENTS = ((1, 0.5), (5, 6.5), (13, math.inf))
@@ -128,7 +127,7 @@ class Rims(NamedTuple):
     after: Integers
     share: Array
 
-    def only(self, which: Mask) -> Rims:
+    def only(self, which: Integers) -> Rims:
         """Return some of the pixels."""
         return Rims(
             owner=self.owner[which],
@@ -139,12 +138,6 @@ class Rims(NamedTuple):
             after=self.after[which],
             share=self.share[which],
         )
-
-    def of(self, which: Integers, count: int) -> Rims:
-        """Return the pixels of some of so many ellipses."""
-        theirs = np.zeros(count, np.bool_)
-        theirs[which] = True
-        return self if theirs.all() else self.only(theirs[self.owner])
 
     def by_sector(self, values: Array, shape: tuple[int, int]) -> Array:
         """Return the sums of values (pixels,) over sectors, of this shape (ellipses, sectors)."""
@@ -179,12 +172,28 @@ class Fit:
     believed: Array
 
 
+class Linearized(NamedTuple):
+    """Sums over the pixels near the edges of some ellipses, as these are drawn now.
+
+    products (m, UNKNOWNS + 1, UNKNOWNS + 1): of the derivatives and what is left, weighted;
+    weights (m,); behind (m, sectors): grey levels of the background; edges (m, sectors, COLUMNS):
+    derivatives, what is left and how much an edge tells, each times the latter; covered (pixels,):
+    how much ellipses cover of each pixel, 0 where that does not count.
+    """
+
+    products: Array
+    weights: Array
+    behind: Array
+    edges: Array
+    covered: Array
+
+
 class Solution(NamedTuple):
     """What a pass over some ellipses tells.
 
-    step (n, UNKNOWNS); error (n,) px: of the center; behind (n, sectors): grey levels of the
-    background; edges, stds (n, sectors): how far an edge is outside of the outline, px, and how
-    well that is known; inside: the pixels that ellipses cover most; covered (pixels,): how much.
+    step (m, UNKNOWNS); error (m,) px: of the center; behind (m, sectors): grey levels of the
+    background; edges, stds (m, sectors): how far an edge is outside of the outline, px, and how
+    well that is known; covered (pixels,): how much they cover of each pixel.
     """
 
     step: Array
@@ -192,7 +201,6 @@ class Solution(NamedTuple):
     behind: Array
     edges: Array
     stds: Array
-    inside: Rims
     covered: Array
 
 
@@ -234,7 +242,6 @@ def _fit_together(
     fit.now[unknown, PLATEAU] = _first_plateaus(rims, starts, settings)[unknown]
     fitted = np.full_like(starts, np.nan)
     going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
-    rims = rims.of(going, count)
     for turn in range(settings.passes):
         if not len(going):
             break
@@ -244,12 +251,10 @@ def _fit_together(
         done = (turn > 1) & (way < settings.done) | (turn == settings.passes - 1)
         ended = np.flatnonzero(done & whole)
         if len(ended):
-            fitted[going[ended]] = _results(starts, fit, going, found, ended, settings)
+            fitted[going[ended]] = _results(rims, starts, fit, going, found, ended, settings)
         on = np.flatnonzero(~done & whole)
         fit.believed[going[on]] = _believed(found.edges[on], found.stds[on], turn == 0, settings)
-        if len(on) < len(going):
-            going = going[on]
-            rims = rims.of(going, count)
+        going = going[on]
     return fitted
 
 
@@ -351,10 +356,10 @@ class Drawn(NamedTuple):
 
 def _draw(
     rims: Rims, fit: Fit, moments: int, settings: EllipseSettings
-) -> tuple[Rims, Array, Array, Drawn]:
+) -> tuple[Integers, Array, Array, Drawn]:
     """Draw ellipses over the pixels near their edges, as the average over an exposure.
 
-    Returns these pixels, where they are (x, y px from the centers), and what is drawn.
+    Returns which pixels these are, where (x, y px from the centers), and what is drawn.
     """
     now, owner = fit.now, rims.owner
     x, y = rims.x - fit.off[owner, 0], rims.y - fit.off[owner, 1]
@@ -367,8 +372,9 @@ def _draw(
         for time in times
     ]
     outside = np.array([seen.outside for seen in views])
-    near = (outside.max(axis=0) > -settings.inward * blur - settings.margin) & (
-        outside.min(axis=0) < settings.outward * blur + settings.margin
+    near = np.flatnonzero(
+        (outside.max(axis=0) > -settings.inward * blur - settings.margin)
+        & (outside.min(axis=0) < settings.outward * blur + settings.margin)
     )
     blur, outside = blur[near], outside[:, near]
     distance = outside / blur
@@ -387,7 +393,7 @@ def _draw(
         moved[7] += time * by_v
     covered = erfc(distance / math.sqrt(2.0)).sum(axis=0) * (0.5 / moments)
     drawn = Drawn(covered, views[moments // 2].ratio[near], edge.sum(axis=0), moved)
-    return rims.only(near), x[near], y[near], drawn
+    return near, x[near], y[near], drawn
 
 
 def _solve(
@@ -399,11 +405,73 @@ def _solve(
     settings: EllipseSettings,
 ) -> Solution:
     """Linearize around the ellipses that go on, and solve for the step to the best ones."""
+    linearize = _linearize_compiled if jit.is_compiled() else _linearize
+    products, weights, behind, edges, covered = linearize(rims, fit, going, moments, settings)
+    searched = UNKNOWNS if moments > 1 else UNKNOWNS - 2  # not where nothing moves
+    variance = products[:, LEFT, LEFT] / np.maximum(weights - searched, 4.0)
+    variance = np.maximum(variance, QUANTIZATION)
+    now = fit.now[going]
+    typical = now[:, PLATEAU] - _middle(behind)
+    normal, gradient = _with_expectations(
+        products, variance, typical, starts, fit, going, settings
+    )
+    covariance = np.linalg.inv(normal)
+    step = (covariance @ gradient[:, :, None])[:, :, 0]
+    tells = np.maximum(edges[:, :, EDGE], 1e-9)
+    left = edges[:, :, LEFT] - (edges[:, :, :UNKNOWNS] @ step[:, :, None])[:, :, 0]
+    larger = variance * np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])
+    return Solution(
+        step=step,
+        error=np.sqrt(larger + _model_error(now, typical, settings) ** 2),
+        behind=behind,
+        edges=left / tells,
+        stds=np.sqrt(variance[:, None] / tells),
+        covered=covered,
+    )
+
+
+def _linearize_compiled(
+    rims: Rims, fit: Fit, going: Integers, moments: int, settings: EllipseSettings
+) -> Linearized:
+    """Linearize around some ellipses, all in one loop."""
+    now, (count, sectors) = fit.now, fit.believed.shape
+    xx, xy, yy = now[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
+    determinant = xx * yy - xy * xy
+    inverse = np.column_stack([yy, -xy, xx]) / determinant[:, None]
+    given = np.column_stack([
+        inverse, now[:, [WIDTH, SMEAR_U, SMEAR_V, PLATEAU]], fit.slopes, fit.off
+    ])  # fmt: skip
+    firsts = np.searchsorted(rims.owner, np.arange(count + 1))
+    sums = Linearized(
+        products=np.empty((len(going), UNKNOWNS + 1, UNKNOWNS + 1)),
+        weights=np.empty(len(going)),
+        behind=np.empty((len(going), sectors)),
+        edges=np.empty((len(going), sectors, COLUMNS)),
+        covered=np.zeros(len(rims.x)),
+    )
+    pixels = rims.x, rims.y, rims.levels, rims.share
+    reach = settings.inward, settings.outward, settings.margin
+    linearize_edges(
+        pixels, rims.before, firsts, going, given, fit.believed, moments, reach, tuple(sums)
+    )
+    return sums
+
+
+def _linearize(
+    rims: Rims, fit: Fit, going: Integers, moments: int, settings: EllipseSettings
+) -> Linearized:
+    """Linearize around some ellipses, as columns of numbers over their pixels."""
     now, size = fit.now, fit.believed.shape
-    rims, x, y, drawn = _draw(rims, fit, moments, settings)
+    theirs = np.zeros(len(now), np.bool_)
+    theirs[going] = True
+    all_covered = np.zeros(len(rims.x))
+    places = np.flatnonzero(theirs[rims.owner])
+    near, x, y, drawn = _draw(rims.only(places), fit, moments, settings)
+    rims = rims.only(places[near])
     # First the background of each sector. Uneven light tells on the blob from its center on,
     # behind it from the edge on.
     covered, bare = drawn.covered, 1.0 - drawn.covered
+    all_covered[places[near]] = covered
     lever = covered + bare * (1.0 - 1.0 / drawn.further)
     plateau = now[rims.owner, PLATEAU]
     tilt = fit.slopes[rims.owner, 0] * x + fit.slopes[rims.owner, 1] * y
@@ -412,42 +480,27 @@ def _solve(
         _smoothed(rims.by_sector(bare * bare, size)), 1e-6
     )
     background = rims.between(behind)
-    # Then the normal equations.
+    # Then the sums.
     height = plateau - background + tilt / drawn.further
-    by_edge = height * drawn.edge
-    columns = np.empty((UNKNOWNS + 1, len(x)))
+    columns = np.empty((COLUMNS, len(x)))
     columns[: UNKNOWNS - 3] = height * drawn.moved
     columns[8], columns[9], columns[10] = covered, lever * x, lever * y
-    columns[UNKNOWNS] = left - bare * background
+    columns[LEFT], columns[EDGE] = left - bare * background, height * drawn.edge
     weight = rims.between(fit.believed)
-    weighted = columns * weight
-    pieces = list(rims.pieces(going))
-    products = np.array([columns[:, piece] @ weighted[:, piece].T for piece in pieces])
-    searched = UNKNOWNS if moments > 1 else UNKNOWNS - 2  # not where nothing moves
-    free = np.bincount(rims.owner, weight, len(now))[going] - searched
-    variance = np.maximum(products[:, -1, -1] / np.maximum(free, 4.0), QUANTIZATION)
-    typical = now[going, PLATEAU] - _middle(behind[going])
-    normal, gradient = _with_expectations(
-        products, variance, typical, starts, fit, going, settings
-    )
-    covariance = np.linalg.inv(normal)
-    step = (covariance @ gradient[:, :, None])[:, :, 0]
-    off_edge = columns[UNKNOWNS]
-    for piece, one in zip(pieces, step, strict=True):
-        off_edge[piece] -= one @ columns[:UNKNOWNS, piece]
-    tells = np.maximum(rims.by_sector(by_edge * by_edge, size)[going], 1e-9)
-    most = np.zeros(len(now))
-    np.maximum.at(most, rims.owner, covered)
-    inside = covered > settings.within * most[rims.owner]
-    larger = variance * np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])
-    return Solution(
-        step=step,
-        error=np.sqrt(larger + _model_error(now[going], typical, settings) ** 2),
+    # All that is summed up, by what it is multiplied with: weighted columns, edges by sector.
+    factors = np.zeros((len(x), UNKNOWNS + 1 + size[1]))
+    factors[:, : UNKNOWNS + 1] = (columns[: UNKNOWNS + 1] * weight).T
+    line, sector = np.arange(len(x)), UNKNOWNS + 1 + rims.before % size[1]
+    after = UNKNOWNS + 1 + rims.after % size[1]
+    factors[line, sector] = (1.0 - rims.share) * columns[EDGE]
+    factors[line, after] = rims.share * columns[EDGE]
+    sums = np.array([columns[:, piece] @ factors[piece] for piece in rims.pieces(going)])
+    return Linearized(
+        products=sums[:, : UNKNOWNS + 1, : UNKNOWNS + 1],
+        weights=np.bincount(rims.owner, weight, len(now))[going],
         behind=behind[going],
-        edges=rims.by_sector(by_edge * off_edge, size)[going] / tells,
-        stds=np.sqrt(variance[:, None] / tells),
-        inside=rims.only(inside),
-        covered=covered[inside],
+        edges=sums[:, :, UNKNOWNS + 1 :].transpose(0, 2, 1),
+        covered=all_covered,
     )
 
 
@@ -561,6 +614,7 @@ def _median_of(values: Array, which: Mask) -> Array:
 
 
 def _results(
+    rims: Rims,
     starts: Array,
     fit: Fit,
     going: Integers,
@@ -577,13 +631,7 @@ def _results(
     fitted[:, [CENTER_U, CENTER_V]] = starts[which][:, [CENTER_U, CENTER_V]] + fit.off[which]
     fitted[:, ERROR] = found.error[ended]
     fitted[:, BEHIND] = _middle(found.behind[ended])
-    levels = np.full((len(fit.now), 2), math.nan)
-    levels[which] = fitted[:, [PLATEAU, BEHIND]]
-    owner, count = found.inside.owner, len(levels)
-    plateau, behind = levels[owner].T
-    least = behind + (found.covered - settings.plain) * (plateau - behind)
-    plain = np.bincount(owner[found.inside.levels >= least], minlength=count)
-    fitted[:, WITHIN] = (plain / np.maximum(np.bincount(owner, minlength=count), 1))[which]
+    fitted[:, WITHIN] = _plain_within(rims, which, fitted, found.covered, settings)
     edges, stds = found.edges[ended], found.stds[ended]
     clear = stds < settings.knows
     near = settings.near_edge + settings.near_edge_share * _radius(fitted)[:, None]
@@ -596,3 +644,21 @@ def _results(
     outside = clear & (edges > near + 2.0 * stds)
     fitted[:, OUTSIDE] = np.count_nonzero(outside, axis=1) / settings.sectors
     return fitted
+
+
+def _plain_within(
+    rims: Rims, which: Integers, fitted: Array, covered: Array, settings: EllipseSettings
+) -> Array:
+    """Return the share of the inside of ellipses that is as bright as it is drawn (which,).
+
+    covered (pixels,): how much they cover of each pixel.
+    """
+    shares = np.empty(len(which))
+    pieces = rims.pieces(which)
+    for number, (piece, one) in enumerate(zip(pieces, fitted, strict=True)):
+        plateau, behind = one[PLATEAU], one[BEHIND]
+        inside = covered[piece] > settings.within * covered[piece].max()
+        covers, levels = covered[piece][inside], rims.levels[piece][inside]
+        plain = levels >= behind + (covers - settings.plain) * (plateau - behind)
+        shares[number] = np.count_nonzero(plain) / max(len(plain), 1)
+    return shares
