@@ -28,6 +28,7 @@ LEFT, EDGE = 11, 12  # after them: what is left of a pixel, and how much its edg
 COLUMNS = 13
 STEPS = 64  # of the table of the normal distribution, per standard deviation
 FARTHEST = 8  # standard deviations of it
+SIXTH = 1.0 / 6.0  # a division takes as long as ten products
 
 
 def normal_table() -> Array:
@@ -52,15 +53,14 @@ def normal_at(x: float) -> tuple[float, float]:
         return 1.0, 0.0
     step = int((x + FARTHEST) * STEPS + 0.5)
     near = step / STEPS - FARTHEST
-    e = x - near
-    square = near * near
-    first, second = -near, square - 1.0
-    third, fourth = near * (3.0 - square), square * (square - 6.0) + 3.0
+    off, square = x - near, near * near
+    first, second = -0.5 * near, SIXTH * (square - 1.0)
+    third, fourth = 0.25 * SIXTH * near * (3.0 - square), square * (square - 6.0) + 3.0
     below, density = NORMAL[step, 0], NORMAL[step, 1]
-    inner = e * (second / 6.0 + e * (third / 24.0 + e * fourth / 120.0))
-    more = e * (1.0 + e * (0.5 * first + inner))
-    slope = 1.0 + e * (first + e * (0.5 * second + e * (third / 6.0 + e * fourth / 24.0)))
-    return 1.0 - below - density * more, density * slope
+    area = off * (1.0 + off * (first + off * (second + off * third)))
+    more = off * (4.0 * third + off * 0.25 * SIXTH * fourth)
+    slope = 1.0 + off * (2.0 * first + off * (3.0 * second + more))
+    return 1.0 - below - density * area, density * slope
 
 
 @kernel
@@ -71,7 +71,7 @@ def linearize_edges(
     going: Integers,
     given: Array,
     believed: Array,
-    moments: int,
+    moments_of: Integers,
     reach: tuple[float, float, float],
     sums: tuple[Array, Array, Array, Array, Array],
 ) -> None:
@@ -79,11 +79,11 @@ def linearize_edges(
 
     pixels, (pixels,) each: x, y px, level, and how far each is on its way to the next sector;
     sectors (pixels,): counted over all ellipses; firsts (n + 1,): where the pixels of each begin;
-    going (m,): which ellipses; given (n, GIVEN), believed (n, sectors): all of them; moments of an
-    exposure; reach: how far from an edge pixels count, inward and outward in blurs, and px added.
-    sums, where results are put: products of the columns (m, UNKNOWNS + 1, UNKNOWNS + 1), weights
-    (m,), background (m, sectors), columns times the edge by sector (m, sectors, COLUMNS), and how
-    much of each pixel is covered (pixels,), 0 where it does not count.
+    going (m,): which ellipses; given (n, GIVEN), believed (n, sectors), moments_of an exposure
+    (n,): of all; reach: how far from an edge pixels count, inward and outward in blurs, and px
+    added. sums, where results are put: products of the columns (m, UNKNOWNS + 1, UNKNOWNS + 1),
+    weights (m,), background (m, sectors), columns times the edge by sector (m, sectors, COLUMNS),
+    and how much of each pixel is covered (pixels,), 0 where it does not count.
     """
     all_x, all_y, levels, shares = pixels
     products, weights, behind, edges, covered_of = sums
@@ -97,7 +97,8 @@ def linearize_edges(
     for turn in range(going.size):
         ellipse = going[turn]
         it = given[ellipse]
-        blur, plateau = it[BLUR], it[LEVEL]
+        blur, plateau, moments = it[BLUR], it[LEVEL], moments_of[ellipse]
+        once = 1.0 / (moments * blur)
         nearest, farthest = -reach[0] * blur - reach[2], reach[1] * blur + reach[2]
         background[:] = 0.0
         used = 0
@@ -113,11 +114,13 @@ def linearize_edges(
                 px, py = x - time * it[WAY_U], y - time * it[WAY_V]
                 across = it[INVERSE_XX] * px + it[INVERSE_XY] * py
                 down = it[INVERSE_XY] * px + it[INVERSE_YY] * py
-                ratio = max(math.sqrt(across * across + down * down), 1e-6)
-                across, down = across / ratio, down / ratio
+                square = max(across * across + down * down, 1e-12)
+                ratio = math.sqrt(square)
                 out_x = it[INVERSE_XX] * across + it[INVERSE_XY] * down
                 out_y = it[INVERSE_XY] * across + it[INVERSE_YY] * down
-                stretch = 1.0 / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-12)
+                # At the very center there is no normal; it is far inside then.
+                normal = 1.0 / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-18)
+                stretch = ratio * normal
                 outside = (ratio - 1.0) * stretch
                 low, high = min(low, outside), max(high, outside)
                 if moment == moments // 2:
@@ -126,13 +129,14 @@ def linearize_edges(
                 above, density = normal_at(distance)
                 covered += above
                 edge += density
-                by_u, by_v = density * out_x * stretch, density * out_y * stretch
+                by_u, by_v = density * normal * out_x, density * normal * out_y
                 by_size = density * stretch
+                turned = by_size / square
                 column[0] += by_u
                 column[1] += by_v
                 column[2] += by_size
-                column[3] += by_size * (across * across - down * down)
-                column[4] += 2.0 * by_size * across * down
+                column[3] += turned * (across * across - down * down)
+                column[4] += 2.0 * turned * across * down
                 column[5] += density * distance
                 column[6] += time * by_u
                 column[7] += time * by_v
@@ -146,7 +150,7 @@ def linearize_edges(
             tilt = it[SLOPE_U] * x + it[SLOPE_V] * y
             column[8], column[9], column[10] = covered, lever * x, lever * y
             column[LEFT] = levels[pixel] - plateau * covered - lever * tilt
-            column[EDGE] = edge / (moments * blur)
+            column[EDGE] = edge * once
             places[used, 0], places[used, 1] = bare, plateau + tilt / further
             share = shares[pixel]
             first = sectors[pixel] - ellipse * count
@@ -173,7 +177,7 @@ def linearize_edges(
             level = behind[turn, first] + share * (behind[turn, after] - behind[turn, first])
             height = places[place, 1] - level
             for unknown in range(MOVING):
-                column[unknown] *= height / (moments * blur)
+                column[unknown] *= height * once
             column[LEFT] -= places[place, 0] * level
             column[EDGE] *= height
             one, other = believed[ellipse, first], believed[ellipse, after]

@@ -36,9 +36,9 @@ SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD = range(10, 14)
 ERROR, NEAR_EDGE, ON_EDGE, WITHIN, OUTSIDE = range(10, 15)
 FITTED = 15
 
-# Moments of an exposure that are averaged, and the longest way (px) for which they are enough:
-# dots next to each other are less than two blurs apart.
-MOMENTS = ((1, 0.5), (5, 6.5), (13, math.inf))
+# Moments of an exposure that are averaged, and from which way (px) on: dots next to each other are
+# less than two blurs apart.
+MOMENTS = ((5, 0.5), (13, 6.5))
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
 PEAK = 1.0 / math.sqrt(2.0 * math.pi)  # of the normal density
 TOGETHER = 1 << 15  # pixels of ellipses that are fitted side by side: what a cache holds
@@ -161,11 +161,13 @@ class Rims(NamedTuple):
 class Fit:
     """Ellipses as far as they are fitted, a line each.
 
-    now (n, FITTED); off (n, 2) px: way of the center so far; shape (n, 3): changes of size and
-    shape so far; slopes (n, 2) of the light, grey levels per px; believed (n, sectors): weights.
+    now (n, FITTED); moments (n,) of an exposure at which each is seen; off (n, 2) px: way of the
+    center so far; shape (n, 3): changes of size and shape so far; slopes (n, 2) of the light, grey
+    levels per px; believed (n, sectors): weights.
     """
 
     now: Array
+    moments: Integers
     off: Array
     shape: Array
     slopes: Array
@@ -212,41 +214,25 @@ def fit_ellipses(grey: Bytes, starts: Array, settings: EllipseSettings = ELLIPSE
     fitted = np.full_like(starts, np.nan)
     if not len(starts):
         return fitted
-    boxes, smear, least = _boxes(grey, starts, settings), _smear(starts), 0.0
-    for moments, most in MOMENTS:
-        alike = np.flatnonzero((smear >= least) & (smear < most))
-        pixels = np.cumsum(boxes[alike, 2] * boxes[alike, 3]) * moments
-        for some in np.split(alike, np.flatnonzero(np.diff(pixels // TOGETHER)) + 1):
-            fitted[some] = _fit_together(grey, starts[some], boxes[some], moments, settings)
-        least = most
+    boxes = _boxes(grey, starts, settings)
+    pixels = np.cumsum(boxes[:, 2] * boxes[:, 3])
+    for some in np.split(np.arange(len(starts)), np.flatnonzero(np.diff(pixels // TOGETHER)) + 1):
+        fitted[some] = _fit_together(grey, starts[some], boxes[some], settings)
     return fitted
 
 
-def _fit_together(
-    grey: Bytes, starts: Array, boxes: Integers, moments: int, settings: EllipseSettings
-) -> Array:
-    """Fit ellipses whose pixels lie within boxes (n, 4), seen at so many moments."""
-    count, sectors = len(starts), settings.sectors
+def _fit_together(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSettings) -> Array:
+    """Fit ellipses whose pixels lie within boxes (n, 4)."""
+    count = len(starts)
     rims = _cut_rims(grey, starts, boxes, settings)
-    fit = Fit(
-        now=starts.copy(),
-        off=np.zeros((count, 2)),
-        shape=np.zeros((count, 3)),
-        slopes=np.zeros((count, 2)),
-        believed=np.ones((count, sectors)),
-    )
-    fit.now[:, WIDTH] = np.clip(starts[:, WIDTH], settings.least_blur, settings.most_blur)
-    if moments == 1:
-        fit.now[:, [SMEAR_U, SMEAR_V]] = 0.0
-    unknown = np.isinf(starts[:, PLATEAU_STD])
-    fit.now[unknown, PLATEAU] = _first_plateaus(rims, starts, settings)[unknown]
+    fit = _begun(rims, starts, settings)
     fitted = np.full_like(starts, np.nan)
     going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
     for turn in range(settings.passes):
         if not len(going):
             break
-        found = _solve(rims, starts, fit, going, moments, settings)
-        whole = _move(fit, found.step, going, moments, settings)
+        found = _solve(rims, starts, fit, going, settings)
+        whole = _move(fit, found.step, going, settings)
         way = np.abs(found.step[:, :2]).max(axis=1)
         done = (turn > 1) & (way < settings.done) | (turn == settings.passes - 1)
         ended = np.flatnonzero(done & whole)
@@ -256,6 +242,26 @@ def _fit_together(
         fit.believed[going[on]] = _believed(found.edges[on], found.stds[on], turn == 0, settings)
         going = going[on]
     return fitted
+
+
+def _begun(rims: Rims, starts: Array, settings: EllipseSettings) -> Fit:
+    """Return fits that have not begun yet."""
+    count, smear = len(starts), _smear(starts)
+    now, moments = starts.copy(), np.ones(count, np.int64)
+    for many, least in MOMENTS:
+        moments[smear >= least] = many
+    now[moments == 1, SMEAR_U : SMEAR_V + 1] = 0.0
+    now[:, WIDTH] = np.clip(starts[:, WIDTH], settings.least_blur, settings.most_blur)
+    unknown = np.isinf(starts[:, PLATEAU_STD])
+    now[unknown, PLATEAU] = _first_plateaus(rims, starts, settings)[unknown]
+    return Fit(
+        now=now,
+        moments=moments,
+        off=np.zeros((count, 2)),
+        shape=np.zeros((count, 3)),
+        slopes=np.zeros((count, 2)),
+        believed=np.ones((count, settings.sectors)),
+    )
 
 
 def _boxes(grey: Bytes, starts: Array, settings: EllipseSettings) -> Integers:
@@ -401,13 +407,12 @@ def _solve(
     starts: Array,
     fit: Fit,
     going: Integers,
-    moments: int,
     settings: EllipseSettings,
 ) -> Solution:
     """Linearize around the ellipses that go on, and solve for the step to the best ones."""
     linearize = _linearize_compiled if jit.is_compiled() else _linearize
-    products, weights, behind, edges, covered = linearize(rims, fit, going, moments, settings)
-    searched = UNKNOWNS if moments > 1 else UNKNOWNS - 2  # not where nothing moves
+    products, weights, behind, edges, covered = linearize(rims, fit, going, settings)
+    searched = np.where(fit.moments[going] > 1, UNKNOWNS, UNKNOWNS - 2)  # not where nothing moves
     variance = products[:, LEFT, LEFT] / np.maximum(weights - searched, 4.0)
     variance = np.maximum(variance, QUANTIZATION)
     now = fit.now[going]
@@ -430,48 +435,69 @@ def _solve(
     )
 
 
+def _no_sums(rims: Rims, fit: Fit, going: Integers) -> Linearized:
+    """Return what a linearization is written to."""
+    count, sectors = len(going), fit.believed.shape[1]
+    return Linearized(
+        products=np.empty((count, UNKNOWNS + 1, UNKNOWNS + 1)),
+        weights=np.empty(count),
+        behind=np.empty((count, sectors)),
+        edges=np.empty((count, sectors, COLUMNS)),
+        covered=np.zeros(len(rims.x)),
+    )
+
+
 def _linearize_compiled(
-    rims: Rims, fit: Fit, going: Integers, moments: int, settings: EllipseSettings
+    rims: Rims, fit: Fit, going: Integers, settings: EllipseSettings
 ) -> Linearized:
     """Linearize around some ellipses, all in one loop."""
-    now, (count, sectors) = fit.now, fit.believed.shape
+    now = fit.now
     xx, xy, yy = now[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
-    determinant = xx * yy - xy * xy
-    inverse = np.column_stack([yy, -xy, xx]) / determinant[:, None]
+    inverse = np.column_stack([yy, -xy, xx]) / (xx * yy - xy * xy)[:, None]
     given = np.column_stack([
         inverse, now[:, [WIDTH, SMEAR_U, SMEAR_V, PLATEAU]], fit.slopes, fit.off
     ])  # fmt: skip
-    firsts = np.searchsorted(rims.owner, np.arange(count + 1))
-    sums = Linearized(
-        products=np.empty((len(going), UNKNOWNS + 1, UNKNOWNS + 1)),
-        weights=np.empty(len(going)),
-        behind=np.empty((len(going), sectors)),
-        edges=np.empty((len(going), sectors, COLUMNS)),
-        covered=np.zeros(len(rims.x)),
-    )
+    firsts = np.searchsorted(rims.owner, np.arange(len(now) + 1))
     pixels = rims.x, rims.y, rims.levels, rims.share
     reach = settings.inward, settings.outward, settings.margin
+    sums = _no_sums(rims, fit, going)
     linearize_edges(
-        pixels, rims.before, firsts, going, given, fit.believed, moments, reach, tuple(sums)
+        pixels, rims.before, firsts, going, given, fit.believed, fit.moments, reach, tuple(sums)
     )
     return sums
 
 
-def _linearize(
-    rims: Rims, fit: Fit, going: Integers, moments: int, settings: EllipseSettings
-) -> Linearized:
-    """Linearize around some ellipses, as columns of numbers over their pixels."""
+def _linearize(rims: Rims, fit: Fit, going: Integers, settings: EllipseSettings) -> Linearized:
+    """Linearize around some ellipses, all of one number of moments side by side."""
+    sums = _no_sums(rims, fit, going)
+    for moments in np.unique(fit.moments[going]).tolist():
+        alike = np.flatnonzero(fit.moments[going] == moments)
+        _linearize_alike(rims, fit, going[alike], moments, settings, alike, sums)
+    return sums
+
+
+def _linearize_alike(
+    rims: Rims,
+    fit: Fit,
+    going: Integers,
+    moments: int,
+    settings: EllipseSettings,
+    lines: Integers,
+    sums: Linearized,
+) -> None:
+    """Linearize around ellipses seen at so many moments, as columns of numbers over their pixels.
+
+    lines (m,): where in `sums` their results are written.
+    """
     now, size = fit.now, fit.believed.shape
     theirs = np.zeros(len(now), np.bool_)
     theirs[going] = True
-    all_covered = np.zeros(len(rims.x))
     places = np.flatnonzero(theirs[rims.owner])
     near, x, y, drawn = _draw(rims.only(places), fit, moments, settings)
     rims = rims.only(places[near])
     # First the background of each sector. Uneven light tells on the blob from its center on,
     # behind it from the edge on.
     covered, bare = drawn.covered, 1.0 - drawn.covered
-    all_covered[places[near]] = covered
     lever = covered + bare * (1.0 - 1.0 / drawn.further)
     plateau = now[rims.owner, PLATEAU]
     tilt = fit.slopes[rims.owner, 0] * x + fit.slopes[rims.owner, 1] * y
@@ -494,14 +520,13 @@ def _linearize(
     after = UNKNOWNS + 1 + rims.after % size[1]
     factors[line, sector] = (1.0 - rims.share) * columns[EDGE]
     factors[line, after] = rims.share * columns[EDGE]
-    sums = np.array([columns[:, piece] @ factors[piece] for piece in rims.pieces(going)])
-    return Linearized(
-        products=sums[:, : UNKNOWNS + 1, : UNKNOWNS + 1],
-        weights=np.bincount(rims.owner, weight, len(now))[going],
-        behind=behind[going],
-        edges=sums[:, :, UNKNOWNS + 1 :].transpose(0, 2, 1),
-        covered=all_covered,
-    )
+    pieces = rims.pieces(going)
+    products = np.array([columns[:, piece] @ factors[piece] for piece in pieces])
+    sums.products[lines] = products[:, : UNKNOWNS + 1, : UNKNOWNS + 1]
+    sums.weights[lines] = np.bincount(rims.owner, weight, len(now))[going]
+    sums.behind[lines] = behind[going]
+    sums.edges[lines] = products[:, :, UNKNOWNS + 1 :].transpose(0, 2, 1)
+    sums.covered[places[near]] = covered
 
 
 def _model_error(ellipses: Array, height: Array, settings: EllipseSettings) -> Array:
@@ -560,7 +585,7 @@ def _radius(ellipses: Array) -> Array:
     return np.asarray(np.sqrt(xx * yy - xy * xy))
 
 
-def _move(fit: Fit, step: Array, going: Integers, moments: int, settings: EllipseSettings) -> Mask:
+def _move(fit: Fit, step: Array, going: Integers, settings: EllipseSettings) -> Mask:
     """Change ellipses by steps (n, UNKNOWNS); their axes stay symmetric. Return which still are.
 
     Nothing else of a fit is changed.
@@ -581,10 +606,9 @@ def _move(fit: Fit, step: Array, going: Integers, moments: int, settings: Ellips
     now[:, AXIS_XX], now[:, AXIS_XY], now[:, AXIS_YY] = xx, xy, yy
     now[:, WIDTH] += np.clip(step[:, 5], -settings.widest_step, settings.widest_step)
     now[:, WIDTH] = np.clip(now[:, WIDTH], settings.least_blur, settings.most_blur)
-    if moments > 1:
-        now[:, [SMEAR_U, SMEAR_V]] += np.clip(
-            step[:, 6:8], -settings.smear_step, settings.smear_step
-        )
+    smear_step = np.clip(step[:, 6:8], -settings.smear_step, settings.smear_step)
+    smear_step[fit.moments[going] == 1] = 0.0
+    now[:, [SMEAR_U, SMEAR_V]] += smear_step
     now[:, PLATEAU] += step[:, 8]
     fit.slopes[going] += step[:, 9:]
     fit.now[going] = now

@@ -20,7 +20,6 @@ from pneunet_ros.vision.centroid import (
     CONTRAST,
     EXACT,
     FILLED,
-    Integers,
     LEVEL,
     Mask,
     outlines,
@@ -77,44 +76,50 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
     tells. NaN for a target that has too few.
     """
     whole = np.flatnonzero(table[:, EXACT] >= settings.exact)
+    away = (whole - np.arange(len(table))[:, None]).astype(np.float64)
+    distance = np.where(away == 0.0, np.inf, np.abs(away))
+    nearest = np.argsort(distance, axis=1, kind='stable')[:, : settings.neighbors]
+    # Those that are one of the whole ones themselves may have one neighbor less.
+    known = np.isfinite(np.take_along_axis(distance, nearest, axis=1))
+    known &= (np.count_nonzero(known, axis=1) >= settings.fewest)[:, None]
+    away, near = np.take_along_axis(away, nearest, axis=1), whole[nearest]
     radius = np.sqrt(table[:, AREA] / math.pi)
-    looks = np.column_stack([
-        axes_of(table), table[:, SMEAR], table[:, LEVEL],
-        radius, table[:, BLUR], table[:, CONTRAST],
-    ])  # fmt: skip
-    count = len(table)
-    expected, smear = np.full((count, 3), np.nan), np.full((count, 2), np.nan)
-    std, level, level_std, smear_std = np.full((4, count), np.nan)
-    middle = np.full((count, 3), np.nan)
-    for target in range(count):
-        others = whole[whole != target]
-        near = others[np.argsort(np.abs(others - target), kind='stable')[: settings.neighbors]]
-        if len(near) >= settings.fewest:
-            line, off = _line_at(target, near, looks)
-            expected[target], smear[target], level[target] = line[:3], line[3:5], line[5]
-            middle[target] = np.sort(looks[near, 6:], axis=0)[len(near) // 2]
-            std[target] = np.sqrt(np.mean(off[:3])) / middle[target, 0]
-            smear_std[target], level_std[target] = np.sqrt([np.mean(off[3:5]), off[5]])
-    blur, contrast = middle[:, 1:].T
-    std = np.maximum(std, settings.least_std)
-    stds = (std, settings.blur_std, np.maximum(smear_std, settings.smear_std))
-    starts = outlines(places, expected, blur, smear, stds)
+    on_line = np.column_stack([axes_of(table), table[:, SMEAR], table[:, LEVEL]])
+    line, variance = _lines_at(away, on_line[near], known)
+    expected, smear, level = line[:, :3], line[:, 3:5], line[:, 5]
+    usual = np.full((len(table), nearest.shape[1] + 1, 3), np.nan)
+    usual[:, :-1] = np.column_stack([radius, table[:, BLUR], table[:, CONTRAST]])[near]
+    usual[:, :-1][~known] = np.nan
+    middle = np.count_nonzero(known, axis=1) // 2
+    typical, blur, contrast = np.sort(usual, axis=1)[np.arange(len(table)), middle].T
+    std = np.maximum(np.sqrt(variance[:, :3].mean(axis=1)) / typical, settings.least_std)
+    smear_std = np.maximum(np.sqrt(variance[:, 3:5].mean(axis=1)), settings.smear_std)
+    starts = outlines(places, expected, blur, smear, (std, settings.blur_std, smear_std))
     starts[:, PLATEAU], starts[:, BEHIND] = level, level - contrast
+    level_std = np.sqrt(variance[:, 5])
     starts[:, PLATEAU_STD] = np.maximum(level_std, settings.level_std * contrast)
     return starts
 
 
-def _line_at(target: int, near: Integers, values: Array) -> tuple[Array, Array]:
-    """Return values (k,) of a line over neighbors at a target, and their variances."""
-    away = (near - target).astype(np.float64)
-    middle = away.mean()
-    square = float(np.sum((away - middle) ** 2))
-    at_middle = values[near].mean(axis=0)
-    slope = (away - middle) @ values[near] / square
-    off = values[near] - at_middle - np.outer(away - middle, slope)
-    larger = 1.0 + 1.0 / len(near) + middle**2 / square
-    line = at_middle - middle * slope
-    return line, larger * np.sum(off * off, axis=0) / max(len(near) - 2, 1)
+def _lines_at(away: Array, values: Array, known: Mask) -> tuple[Array, Array]:
+    """Return values (n, k) of lines over neighbors at targets, and their variances.
+
+    away (n, neighbors): from a target to its neighbors, along the row; values (n, neighbors, k);
+    known (n, neighbors): which neighbors it has. NaN of a target without any.
+    """
+    count = np.count_nonzero(known, axis=1)[:, None]
+    with np.errstate(invalid='ignore', divide='ignore'):
+        away = np.where(known, away, 0.0)
+        middle = away.sum(axis=1, keepdims=True) / count
+        away = np.where(known, away - middle, 0.0)
+        square = np.sum(away * away, axis=1, keepdims=True)
+        values = np.where(known[:, :, None], values, 0.0)
+        at_middle = values.sum(axis=1) / count
+        slope = np.sum(away[:, :, None] * values, axis=1) / square
+        off = values - at_middle[:, None] - away[:, :, None] * slope[:, None]
+        square_off = np.sum(np.where(known[:, :, None], off * off, 0.0), axis=1)
+        larger = 1.0 + 1.0 / count + middle * middle / square
+    return at_middle - middle * slope, larger * square_off / np.maximum(count - 2, 1)
 
 
 def share_of_area(table: Array, expected: Array) -> Array:
