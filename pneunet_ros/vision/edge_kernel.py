@@ -41,6 +41,21 @@ def normal_table() -> Array:
 NORMAL = normal_table()
 
 
+def exposure_tables(most: int) -> tuple[Array, Array]:
+    """Return times of an exposure from -1/2 to 1/2, and their shares of it, (most + 1, most) each.
+
+    Line n holds n of them, by Gauss and Legendre.
+    """
+    times, parts = np.zeros((2, most + 1, most))
+    for count in range(1, most + 1):
+        nodes, weights = np.polynomial.legendre.leggauss(count)
+        times[count, :count], parts[count, :count] = 0.5 * nodes, 0.5 * weights
+    return times, parts
+
+
+TIMES, PARTS = exposure_tables(13)
+
+
 @inlined
 def normal_at(x: float) -> tuple[float, float]:
     """Return the share of a normal distribution above x, and its density there, to 1e-13.
@@ -96,61 +111,62 @@ def linearize_edges(
     background = np.empty((count, 2))
     for turn in range(going.size):
         ellipse = going[turn]
-        it = given[ellipse]
-        blur, plateau, moments = it[BLUR], it[LEVEL], moments_of[ellipse]
-        once = 1.0 / (moments * blur)
+        xx, xy, yy, blur, way_u, way_v, plateau, slope_u, slope_v, off_u, off_v = (
+            given[ellipse, 0], given[ellipse, 1], given[ellipse, 2], given[ellipse, 3],
+            given[ellipse, 4], given[ellipse, 5], given[ellipse, 6], given[ellipse, 7],
+            given[ellipse, 8], given[ellipse, 9], given[ellipse, 10],
+        )  # fmt: skip
+        moments, sharp = moments_of[ellipse], 1.0 / blur
         nearest, farthest = -reach[0] * blur - reach[2], reach[1] * blur + reach[2]
         background[:] = 0.0
         used = 0
         for pixel in range(firsts[ellipse], firsts[ellipse + 1]):
-            x, y = all_x[pixel] - it[OFF_U], all_y[pixel] - it[OFF_V]
+            x, y = all_x[pixel] - off_u, all_y[pixel] - off_v
             low, high = math.inf, -math.inf
             covered = further = edge = 0.0
-            column = columns[used]
-            for unknown in range(MOVING):
-                column[unknown] = 0.0
+            by_u = by_v = by_size = by_along = by_aslant = by_blur = by_way_u = by_way_v = 0.0
             for moment in range(moments):
-                time = (moment + 0.5) / moments - 0.5
-                px, py = x - time * it[WAY_U], y - time * it[WAY_V]
-                across = it[INVERSE_XX] * px + it[INVERSE_XY] * py
-                down = it[INVERSE_XY] * px + it[INVERSE_YY] * py
+                time, part = TIMES[moments, moment], PARTS[moments, moment]
+                px, py = x - time * way_u, y - time * way_v
+                across, down = xx * px + xy * py, xy * px + yy * py
                 square = max(across * across + down * down, 1e-12)
                 ratio = math.sqrt(square)
-                out_x = it[INVERSE_XX] * across + it[INVERSE_XY] * down
-                out_y = it[INVERSE_XY] * across + it[INVERSE_YY] * down
+                out_x, out_y = xx * across + xy * down, xy * across + yy * down
                 # At the very center there is no normal; it is far inside then.
                 normal = 1.0 / max(math.sqrt(out_x * out_x + out_y * out_y), 1e-18)
                 stretch = ratio * normal
                 outside = (ratio - 1.0) * stretch
                 low, high = min(low, outside), max(high, outside)
-                if moment == moments // 2:
-                    further = ratio
-                distance = outside / blur
+                further += part * ratio
+                distance = outside * sharp
                 above, density = normal_at(distance)
-                covered += above
+                covered += part * above
+                density *= part * sharp
                 edge += density
-                by_u, by_v = density * normal * out_x, density * normal * out_y
-                by_size = density * stretch
-                turned = by_size / square
-                column[0] += by_u
-                column[1] += by_v
-                column[2] += by_size
-                column[3] += turned * (across * across - down * down)
-                column[4] += 2.0 * turned * across * down
-                column[5] += density * distance
-                column[6] += time * by_u
-                column[7] += time * by_v
+                move_u, move_v = density * normal * out_x, density * normal * out_y
+                stretched = density * stretch
+                turned = stretched / square
+                by_u += move_u
+                by_v += move_v
+                by_size += stretched
+                by_along += turned * (across * across - down * down)
+                by_aslant += 2.0 * turned * across * down
+                by_blur += density * distance
+                by_way_u += time * move_u
+                by_way_v += time * move_v
             if high <= nearest or low >= farthest:
                 covered_of[pixel] = 0.0
                 continue
-            covered /= moments
+            column = columns[used]
+            column[0], column[1], column[2], column[3] = by_u, by_v, by_size, by_along
+            column[4], column[5], column[6], column[7] = by_aslant, by_blur, by_way_u, by_way_v
             covered_of[pixel] = covered
             bare = 1.0 - covered
             lever = covered + bare * (1.0 - 1.0 / further)
-            tilt = it[SLOPE_U] * x + it[SLOPE_V] * y
+            tilt = slope_u * x + slope_v * y
             column[8], column[9], column[10] = covered, lever * x, lever * y
             column[LEFT] = levels[pixel] - plateau * covered - lever * tilt
-            column[EDGE] = edge * once
+            column[EDGE] = edge
             places[used, 0], places[used, 1] = bare, plateau + tilt / further
             share = shares[pixel]
             first = sectors[pixel] - ellipse * count
@@ -177,7 +193,7 @@ def linearize_edges(
             level = behind[turn, first] + share * (behind[turn, after] - behind[turn, first])
             height = places[place, 1] - level
             for unknown in range(MOVING):
-                column[unknown] *= height * once
+                column[unknown] *= height
             column[LEFT] -= places[place, 0] * level
             column[EDGE] *= height
             one, other = believed[ellipse, first], believed[ellipse, after]

@@ -16,7 +16,15 @@ from pneunet_ros.core import jit
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.vision.edge_kernel import COLUMNS, EDGE, LEFT, linearize_edges, UNKNOWNS
+from pneunet_ros.vision.edge_kernel import (
+    COLUMNS,
+    EDGE,
+    LEFT,
+    linearize_edges,
+    PARTS,
+    TIMES,
+    UNKNOWNS,
+)
 from scipy.special import erfc
 
 Integers = npt.NDArray[np.int64]
@@ -36,9 +44,9 @@ SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD = range(10, 14)
 ERROR, NEAR_EDGE, ON_EDGE, WITHIN, OUTSIDE = range(10, 15)
 FITTED = 15
 
-# Moments of an exposure that are averaged, and from which way (px) on: dots next to each other are
-# less than two blurs apart.
-MOMENTS = ((5, 0.5), (13, 6.5))
+# Moments of an exposure that are averaged, and from which way (px) on. No share of a pixel that is
+# covered is then off by more than 0.2 %, up to a way of 20 px where edges are blurred by 0.9 px.
+MOMENTS = ((2, 0.5), (3, 1.3), (5, 3.2), (9, 6.5), (13, 13.0))
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
 PEAK = 1.0 / math.sqrt(2.0 * math.pi)  # of the normal density
 TOGETHER = 1 << 15  # pixels of ellipses that are fitted side by side: what a cache holds
@@ -349,7 +357,7 @@ class Drawn(NamedTuple):
     """Ellipses as a picture shows them, (pixels,) each.
 
     covered: which share of the exposure they cover a pixel; further: how many times further out it
-    is than their edge in the middle of the exposure; edge: how much more is covered for each px by
+    is than their edge; edge: how much more is covered for each px by
     which the edge is further out; moved (UNKNOWNS - 3, pixels): the same for each px, or radius,
     of what is searched but plateau and slopes.
     """
@@ -369,13 +377,13 @@ def _draw(
     """
     now, owner = fit.now, rims.owner
     x, y = rims.x - fit.off[owner, 0], rims.y - fit.off[owner, 1]
-    times = ((np.arange(moments) + 0.5) / moments - 0.5).tolist()
+    times, parts = TIMES[moments, :moments], PARTS[moments, :moments]
     smear_u, smear_v, blur = now[owner, SMEAR_U], now[owner, SMEAR_V], now[owner, WIDTH]
     views = [
         _see(now, owner, x - time * smear_u, y - time * smear_v)
         if time
         else _see(now, owner, x, y)
-        for time in times
+        for time in times.tolist()
     ]
     outside = np.array([seen.outside for seen in views])
     near = np.flatnonzero(
@@ -384,10 +392,11 @@ def _draw(
     )
     blur, outside = blur[near], outside[:, near]
     distance = outside / blur
-    edge = PEAK / moments / blur * np.exp(-0.5 * distance * distance)
+    edge = PEAK * parts[:, None] / blur * np.exp(-0.5 * distance * distance)
     moved = np.zeros((UNKNOWNS - 3, len(blur)))
-    for time, seen, there, by_edge in zip(times, views, distance, edge, strict=True):
-        across, down, _, out_x, out_y, stretch, _ = (column[near] for column in seen)
+    further = np.zeros(len(blur))
+    for time, part, seen, there, by_edge in zip(times, parts, views, distance, edge, strict=True):
+        across, down, ratio, out_x, out_y, stretch, _ = (column[near] for column in seen)
         by_u, by_v, stretched = by_edge * out_x, by_edge * out_y, by_edge * stretch
         moved[0] += by_u
         moved[1] += by_v
@@ -397,8 +406,9 @@ def _draw(
         moved[5] += by_edge * there
         moved[6] += time * by_u
         moved[7] += time * by_v
-    covered = erfc(distance / math.sqrt(2.0)).sum(axis=0) * (0.5 / moments)
-    drawn = Drawn(covered, views[moments // 2].ratio[near], edge.sum(axis=0), moved)
+        further += part * ratio
+    covered = 0.5 * parts @ erfc(distance / math.sqrt(2.0))
+    drawn = Drawn(covered, further, edge.sum(axis=0), moved)
     return near, x[near], y[near], drawn
 
 
