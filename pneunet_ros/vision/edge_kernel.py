@@ -7,6 +7,7 @@ as fast, as nothing is written down between one operation and the next.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,19 +16,14 @@ from pneunet_ros.core.jit import inlined, kernel
 
 Integers = npt.NDArray[np.int64]
 
-# An ellipse as this kernel takes it: inverse of its axes (1/px), blur px, way in an exposure px,
-# plateau and slopes of the light, way of the center so far px.
-INVERSE_XX, INVERSE_XY, INVERSE_YY, BLUR, WAY_U, WAY_V, LEVEL, SLOPE_U, SLOPE_V = range(9)
-OFF_U, OFF_V = 9, 10
-GIVEN = 11
-# What is searched, in the order of `ellipse_fit`: way of the center, size, two changes of shape,
-# blur, way of motion, plateau, its slopes.
-UNKNOWNS = 11
-MOVING = 8  # of them, those that move the edge
-LEFT, EDGE = 11, 12  # after them: what is left of a pixel, and how much its edge tells
-COLUMNS = 13
-STEPS = 64  # of the table of the normal distribution, per standard deviation
-FARTHEST = 8  # standard deviations of it
+# What is searched: way of the center; size, two changes of shape; blur; way of motion; plateau and
+# its slopes. The first eight move the edge.
+UNKNOWNS, MOVING = 11, 8
+# Columns after them: what is left of a pixel, and how its grey level changes as the edge moves.
+LEFT, EDGE, COLUMNS = 11, 12, 13
+MOST_MOMENTS = 13  # of an exposure
+# The table of the normal distribution, in standard deviations: places in each, and how many.
+STEPS, FARTHEST = 64, 8
 SIXTH = 1.0 / 6.0  # a division takes as long as ten products
 
 
@@ -53,7 +49,23 @@ def exposure_tables(most: int) -> tuple[Array, Array]:
     return times, parts
 
 
-TIMES, PARTS = exposure_tables(13)
+TIMES, PARTS = exposure_tables(MOST_MOMENTS)
+
+
+class Linearized(NamedTuple):
+    """Sums over the pixels near the edges of some ellipses, as these are drawn now.
+
+    products (m, UNKNOWNS + 1, UNKNOWNS + 1): of the derivatives and what is left, weighted;
+    weights (m,); behind (m, sectors): grey levels of the background; edges (m, sectors, COLUMNS):
+    derivatives, what is left and how much an edge tells, each times the latter; covered (pixels,):
+    how much ellipses cover of each pixel, 0 where that does not count.
+    """
+
+    products: Array
+    weights: Array
+    behind: Array
+    edges: Array
+    covered: Array
 
 
 @inlined
@@ -88,17 +100,16 @@ def linearize_edges(
     believed: Array,
     moments_of: Integers,
     reach: tuple[float, float, float],
-    sums: tuple[Array, Array, Array, Array, Array],
+    sums: Linearized,
 ) -> None:
     """Sum up over the pixels of ellipses what a step of their fit needs.
 
     pixels, (pixels,) each: x, y px, level, and how far each is on its way to the next sector;
     sectors (pixels,): counted over all ellipses; firsts (n + 1,): where the pixels of each begin;
-    going (m,): which ellipses; given (n, GIVEN), believed (n, sectors), moments_of an exposure
-    (n,): of all; reach: how far from an edge pixels count, inward and outward in blurs, and px
-    added. sums, where results are put: products of the columns (m, UNKNOWNS + 1, UNKNOWNS + 1),
-    weights (m,), background (m, sectors), columns times the edge by sector (m, sectors, COLUMNS),
-    and how much of each pixel is covered (pixels,), 0 where it does not count.
+    going (m,): which ellipses. Of all ellipses: given (n, 11), as they are now: inverse axes xx,
+    xy, yy 1/px, blur px, way in an exposure u, v px, plateau, slopes of the light u, v, way of the
+    center so far u, v px; believed (n, sectors); moments_of an exposure (n,). reach: how far from
+    an edge pixels count, inward and outward in blurs, and px added. Fills `sums`.
     """
     all_x, all_y, levels, shares = pixels
     products, weights, behind, edges, covered_of = sums
@@ -111,11 +122,10 @@ def linearize_edges(
     background = np.empty((count, 2))
     for turn in range(going.size):
         ellipse = going[turn]
-        xx, xy, yy, blur, way_u, way_v, plateau, slope_u, slope_v, off_u, off_v = (
-            given[ellipse, 0], given[ellipse, 1], given[ellipse, 2], given[ellipse, 3],
-            given[ellipse, 4], given[ellipse, 5], given[ellipse, 6], given[ellipse, 7],
-            given[ellipse, 8], given[ellipse, 9], given[ellipse, 10],
-        )  # fmt: skip
+        xx, xy, yy = given[ellipse, 0], given[ellipse, 1], given[ellipse, 2]
+        blur, way_u, way_v = given[ellipse, 3], given[ellipse, 4], given[ellipse, 5]
+        plateau, slope_u, slope_v = given[ellipse, 6], given[ellipse, 7], given[ellipse, 8]
+        off_u, off_v = given[ellipse, 9], given[ellipse, 10]
         moments, sharp = moments_of[ellipse], 1.0 / blur
         nearest, farthest = -reach[0] * blur - reach[2], reach[1] * blur + reach[2]
         background[:] = 0.0

@@ -21,6 +21,7 @@ from pneunet_ros.vision.edge_kernel import (
     EDGE,
     LEFT,
     linearize_edges,
+    Linearized,
     PARTS,
     TIMES,
     UNKNOWNS,
@@ -180,22 +181,6 @@ class Fit:
     shape: Array
     slopes: Array
     believed: Array
-
-
-class Linearized(NamedTuple):
-    """Sums over the pixels near the edges of some ellipses, as these are drawn now.
-
-    products (m, UNKNOWNS + 1, UNKNOWNS + 1): of the derivatives and what is left, weighted;
-    weights (m,); behind (m, sectors): grey levels of the background; edges (m, sectors, COLUMNS):
-    derivatives, what is left and how much an edge tells, each times the latter; covered (pixels,):
-    how much ellipses cover of each pixel, 0 where that does not count.
-    """
-
-    products: Array
-    weights: Array
-    behind: Array
-    edges: Array
-    covered: Array
 
 
 class Solution(NamedTuple):
@@ -472,7 +457,7 @@ def _linearize_compiled(
     reach = settings.inward, settings.outward, settings.margin
     sums = _no_sums(rims, fit, going)
     linearize_edges(
-        pixels, rims.before, firsts, going, given, fit.believed, fit.moments, reach, tuple(sums)
+        pixels, rims.before, firsts, going, given, fit.believed, fit.moments, reach, sums
     )
     return sums
 
