@@ -509,14 +509,14 @@ def _linearize_alike(
     columns[LEFT], columns[EDGE] = left - bare * background, height * drawn.edge
     weight = rims.between(fit.believed)
     # All that is summed up, by what it is multiplied with: weighted columns, edges by sector.
-    factors = np.zeros((len(x), UNKNOWNS + 1 + size[1]))
-    factors[:, : UNKNOWNS + 1] = (columns[: UNKNOWNS + 1] * weight).T
-    line, sector = np.arange(len(x)), UNKNOWNS + 1 + rims.before % size[1]
-    after = UNKNOWNS + 1 + rims.after % size[1]
-    factors[line, sector] = (1.0 - rims.share) * columns[EDGE]
-    factors[line, after] = rims.share * columns[EDGE]
+    factors = np.zeros((UNKNOWNS + 1 + size[1], len(x)))
+    np.multiply(columns[: UNKNOWNS + 1], weight, out=factors[: UNKNOWNS + 1])
+    line, first = np.arange(len(x)), rims.before % size[1]
+    part = rims.share * columns[EDGE]
+    factors[UNKNOWNS + 1 + first, line] = columns[EDGE] - part
+    factors[UNKNOWNS + 1 + (first + 1) % size[1], line] = part
     pieces = rims.pieces(going)
-    products = np.array([columns[:, piece] @ factors[piece] for piece in pieces])
+    products = np.array([columns[:, piece] @ factors[:, piece].T for piece in pieces])
     sums.products[lines] = products[:, : UNKNOWNS + 1, : UNKNOWNS + 1]
     sums.weights[lines] = np.bincount(rims.owner, weight, len(now))[going]
     sums.behind[lines] = behind[going]
