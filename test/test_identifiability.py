@@ -14,7 +14,7 @@ NAMES = [f'moment_law.rigidity.{place}.0' for place in range(2)] + [
 
 
 def fit_with(correlation, *, width=0.1):
-    """Return a fit of four quantities with this correlation between all, `width` of their prior."""
+    """Return a fit of four quantities, all correlated alike, `width` times as wide as before."""
     count = len(NAMES)
     covariance = width**2 * (correlation + (1.0 - correlation) * np.eye(count))
     parameters = SimpleNamespace(prior=np.eye(count), quantities=lambda: (NAMES, np.eye(count)))
