@@ -139,6 +139,7 @@ class Estimator:
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
             return state.with_reading(reading.stamp_ns, history), refusal
         curved = uncertainty.second_order
+        assert curved is not None  # nothing was seen
         if curved.step < 1.0:
             notes.append('an error of one sigma leads to no equilibrium, or to another one')
         std_x, std_y, std_curvature = uncertainty.std

@@ -7,7 +7,7 @@ from functools import reduce
 from itertools import groupby
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.effects.effect import History, Terms
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
@@ -43,6 +43,24 @@ class Perturbation:
             knots=np.array([[side.knots] for side in sides]),
             rotation=np.array([side.rotation[:1] for side in sides]),
             distance=np.array([distance]),
+        )
+
+    def moved(self, rods: Rods, amounts: Array) -> Rods:
+        """Return a record (the first of `rods`) moved by so much of each cause, (causes,)."""
+        if not amounts.any():
+            return rods
+        shares = amounts / self.distance
+
+        def change(sides: Array) -> Array:
+            return np.asarray(np.tensordot(shares, sides[1] - sides[0], axes=1))
+
+        return Rods(
+            length=rods.length + float(change(self.length)),
+            pressure=rods.pressure,
+            sections=rods.sections + change(self.sections),
+            clamp=rods.clamp + change(self.clamp),
+            knots=freeze(rods.knots + change(self.knots)),
+            rotation=rods.rotation + change(self.rotation),
         )
 
 

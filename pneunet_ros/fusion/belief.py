@@ -1,0 +1,192 @@
+"""What is believed of all unknowns at the stamp of a frame: a mean, and a root of the covariance.
+
+The unknowns: the tip force, the pressure bias (what creep, hysteresis and a drifting sensor look
+like), the camera's drift and place, the columns of the model's covariance in sigma, and the
+painted places of the targets along and across the arm. In time the first ones move, each with a
+largest std of its own; model, camera and dots stay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.fusion.settings import FusionSettings
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.solver.solution import SolverNodes
+
+FORCE = slice(0, 2)
+BIAS = 2
+OF_BIAS = slice(2, 3)
+DRIFT = slice(3, 5)
+CAMERA = slice(5, 7)
+COLUMNS = 7  # where the columns of the model's covariance begin
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Unknowns:
+    """The unknowns of an arm: how many, how uncertain without any frame, and how they move.
+
+    std (n,): before any frame, N, Pa, m, sigma, m; times (3,): correlation times (s) of bias and
+    drift, which follow the force. force_scale: the largest force (N) that is likely.
+    """
+
+    columns: int
+    targets: int
+    std: Array
+    times: Array
+    force_scale: float
+
+    @property
+    def of_columns(self) -> slice:
+        """Where the columns of the model's covariance are."""
+        return slice(COLUMNS, COLUMNS + self.columns)
+
+    @property
+    def along(self) -> slice:
+        """Where the painted places along the arm are; those across it follow."""
+        start = COLUMNS + self.columns
+        return slice(start, start + self.targets)
+
+    @property
+    def across(self) -> slice:
+        """Where the painted places across the arm are."""
+        start = COLUMNS + self.columns + self.targets
+        return slice(start, start + self.targets)
+
+
+def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
+    """Return the unknowns of an arm; the force scale is the largest force of its calibration."""
+    noise, targets = arm.sensors, arm.target_arclength.size
+    columns = 0 if arm.covariance is None else len(arm.covariance.columns())
+    largest = 0.0 if arm.domain is None else arm.domain.largest_force
+    scale = largest if largest > 0.0 else arm.weight
+    low, high = arm.pressure_range
+    std = np.concatenate(
+        [
+            [scale, scale, settings.bias_share * (high - low)],
+            np.repeat([noise.drift_std, noise.registration_std], 2),
+            np.ones(columns),
+            np.full(2 * targets, noise.placement_std),
+        ]
+    )
+    times = [settings.bias_time, settings.drift_time, settings.drift_time]
+    return Unknowns(
+        columns=columns,
+        targets=targets,
+        std=freeze(std),
+        times=np.array(times),
+        force_scale=scale,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Belief:
+    """What is believed at a stamp: mean (n,), root (n, m) with root root^T the covariance.
+
+    walk (N/sqrt(s)): of the force, as it moved lately; solution: the rod there, None before the
+    first; frames: how many have been used.
+    """
+
+    stamp_ns: int
+    mean: Array
+    root: Array
+    walk: float
+    solution: SolverNodes | None = None
+    frames: int = 0
+
+    @property
+    def force_covariance(self) -> Array:
+        """Covariance (2, 2) N^2 of the force."""
+        root = self.root[FORCE]
+        return np.asarray(root @ root.T)
+
+    def std(self, which: int) -> float:
+        """Return one sigma of an unknown."""
+        return math.sqrt(float(self.root[which] @ self.root[which]))
+
+
+def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) -> Belief:
+    """Return what is believed before any frame."""
+    mean = freeze(np.zeros(unknowns.std.size))
+    return Belief(
+        stamp_ns=stamp_ns,
+        mean=mean,
+        root=freeze(np.diag(unknowns.std)),
+        walk=settings.force_walk,
+    )
+
+
+def move_belief(unknowns: Unknowns, belief: Belief, stamp_ns: int) -> Belief:
+    """Return the belief at a later stamp.
+
+    What moves is an Ornstein-Uhlenbeck process of the std before any frame; the force keeps its
+    mean, and only grows less certain, at first by its walk.
+    """
+    seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
+    if seconds == 0.0:
+        return replace(belief, stamp_ns=stamp_ns)
+    force_time = 2.0 * (unknowns.force_scale / belief.walk) ** 2
+    decay = np.exp(-seconds / np.array([force_time, force_time, *unknowns.times]))
+    moving = decay.size
+    mean, root = belief.mean.copy(), belief.root.copy()
+    mean[BIAS:moving] *= decay[BIAS:]
+    root[:moving] *= decay[:, None]
+    new = np.zeros((mean.size, moving))
+    new[:moving] = np.diag(unknowns.std[:moving] * np.sqrt(1.0 - decay**2))
+    return replace(
+        belief, stamp_ns=stamp_ns, mean=freeze(mean), root=compress(np.hstack([root, new]))
+    )
+
+
+def forget(unknowns: Unknowns, belief: Belief, where: slice) -> Belief:
+    """Return the belief of somebody who knows of some unknowns what was known before any frame."""
+    mean, root = belief.mean.copy(), belief.root.copy()
+    mean[where], root[where] = 0.0, 0.0
+    return widen(replace(belief, mean=freeze(mean), root=root), where, unknowns.std[where])
+
+
+def widen(belief: Belief, where: slice, std: Array) -> Belief:
+    """Return the belief where some unknowns may have moved by any amount of one sigma std (k,)."""
+    new = np.zeros((belief.mean.size, std.size))
+    new[where] = np.diag(std)
+    return replace(belief, root=compress(np.hstack([belief.root, new])))
+
+
+def walk_after(settings: FusionSettings, before: Belief, moved: Belief, after: Belief) -> float:
+    """Return the random walk of the force (N/sqrt(s)) after a frame.
+
+    before: the belief at the last frame, moved: at this one, and after it was taken. The force
+    changed by d, of which P_moved - P_after was to be expected; the rest is walk. It rises at once
+    and falls in `walk_time`.
+    """
+    seconds = seconds_between(before.stamp_ns, after.stamp_ns)
+    if not before.frames or seconds <= 0.0:
+        return before.walk
+    change = after.mean[FORCE] - moved.mean[FORCE]
+    expected = float(np.trace(moved.force_covariance - after.force_covariance))
+    more = (float(change @ change) - expected) / (2.0 * seconds)
+    share = 1.0 if more > 0.0 else min(1.0, seconds / settings.walk_time)
+    least, most = settings.least_walk**2, settings.largest_walk**2
+    return math.sqrt(min(max(before.walk**2 + share * more, least), most))
+
+
+def take_measurement(belief: Belief, response: Array, value: Array, std: Array) -> Belief:
+    """Return the belief after a linear measurement: value (k,) = response (k, n) x + noise.
+
+    std (k,) of the noise, independent. The square-root form of the Kalman update.
+    """
+    seen = response @ belief.root / std[:, None]
+    precision = np.linalg.cholesky(np.eye(seen.shape[1]) + seen.T @ seen)
+    root = np.linalg.solve(precision, belief.root.T).T
+    step = root @ (root.T @ (response.T @ ((value - response @ belief.mean) / std**2)))
+    return replace(belief, mean=freeze(belief.mean + step), root=freeze(root))
+
+
+def compress(root: Array) -> Array:
+    """Return a square root (n, n) of the covariance of a root (n, m), m >= n."""
+    triangle: Array = np.linalg.qr(root.T, mode='r')  # type: ignore[assignment]
+    return freeze(np.ascontiguousarray(triangle.T))

@@ -1,0 +1,181 @@
+"""One frame taken into the belief: gates, cold starts, and whether a second solution fits as well.
+
+A target that does not fit all others (a swapped dot) is left out, a frame that does not fit at all
+is not used, and now and then the search begins anew from forces all over the scale: with the tip
+hidden another equilibrium may look the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.estimation.consistency import chi_square_limit
+from pneunet_ros.fusion.belief import Belief, FORCE, forget
+from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameUpdate:
+    """What became of a frame.
+
+    belief: after it, None where it was not used, for which `reason` is the key. nis: the least
+    cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
+    that did not fit. ambiguous: another force explains it as well, None where nobody looked.
+    """
+
+    belief: Belief | None
+    reason: str = ''
+    nis: float = math.nan
+    coordinates: int = 0
+    left_out: int = 0
+    ambiguous: bool | None = None
+
+
+Fit = tuple[FrameProblem, FrameLinearization]
+
+
+def take_frame(
+    problem: FrameProblem, *, cold: bool, look_around: bool, force_read: bool
+) -> FrameUpdate:
+    """Take a frame.
+
+    cold: nothing is known of the force, and the search begins everywhere; look_around: it begins
+    everywhere as well, to see whether another force explains the frame; force_read: a sensor tells
+    the force, so that neither makes sense.
+    """
+    if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
+        return FrameUpdate(belief=None, reason='too_few_targets')
+    fits: list[Fit] = []
+    if force_read or not cold:
+        tracked = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
+        if tracked is not None:
+            fits = [leave_out(problem, tracked)]
+    believed = bool(fits) and (force_read or excess(fits[0]) <= 1.0)
+    if believed and not force_read and force_jumped(*fits[0]):
+        fits = [remember_no_force(fits[0])]
+    if not (believed or force_read):  # the force may have jumped
+        fits += [leave_out(*fit) for fit in solutions(forgetting(problem))[:1]]
+    if not fits:
+        return FrameUpdate(belief=None, reason='no_equilibrium')
+    best = fits[0] if believed else min(fits, key=excess)
+    ambiguous = None
+    if not force_read and (cold or look_around or not believed):
+        best, ambiguous = look_for_rivals(best)
+    chosen, fit = best
+    coordinates = fit.trial.residual.size
+    update = FrameUpdate(
+        belief=chosen.posterior(fit),
+        nis=fit.cost,
+        coordinates=coordinates,
+        left_out=int(np.count_nonzero(problem.used & ~chosen.used)),
+        ambiguous=ambiguous,
+    )
+    if excess(best) > problem.settings.frame_gate:
+        return replace(update, belief=None, reason='inconsistent')
+    return update
+
+
+def excess(fit: Fit) -> float:
+    """Return the NIS of a fit over what noise rarely exceeds."""
+    problem, found = fit
+    coordinates = found.trial.residual.size
+    return found.cost / (coordinates * chi_square_limit(coordinates, problem.settings.quantile))
+
+
+def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
+    """Return the fit without targets that do not fit the others, the worst first."""
+    seen = int(np.count_nonzero(problem.used))
+    most = math.floor(problem.settings.most_left_out * float(seen))
+    for _ in range(most):
+        against = problem.at_targets(fit)
+        worst = int(np.nanargmax(against))
+        if against[worst] <= problem.settings.target_gate:
+            break
+        used = problem.used.copy()
+        used[worst] = False
+        without = replace(problem, used=used)
+        again = without.search(fit.trial.xi, fit.trial.bent.solution)
+        if again is None:
+            break
+        problem, fit = without, again
+    return problem, fit
+
+
+def force_jumped(problem: FrameProblem, fit: FrameLinearization) -> bool:
+    """Whether the force changed by more than its memory allows."""
+    prior, after = problem.prior, problem.posterior(fit)
+    change = after.mean[FORCE] - prior.mean[FORCE]
+    expected = prior.force_covariance - after.force_covariance
+    size = np.linalg.lstsq(expected, change, rcond=1e-6)[0]
+    return float(change @ size) > problem.settings.force_gate
+
+
+def remember_no_force(fit: Fit) -> Fit:
+    """Return the fit without a memory of the force, from where it is; itself where there is none."""
+    problem, found = fit
+    wide = forgetting(problem)
+    again = wide.search(wide.start_at(force_of(problem, found)), found.trial.bent.solution)
+    return fit if again is None else (wide, again)
+
+
+def forgetting(problem: FrameProblem) -> FrameProblem:
+    """Return the problem for somebody who knows nothing of the force."""
+    return replace(problem, prior=forget(problem.unknowns, problem.prior, FORCE))
+
+
+def solutions(problem: FrameProblem) -> list[Fit]:
+    """Return fits of a frame from cold starts, the best first."""
+    settings, scale = problem.settings, problem.unknowns.force_scale
+    angles = 2.0 * np.pi * np.arange(settings.start_directions) / settings.start_directions
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    forces = [np.zeros(2), *(share * scale * one for share in settings.start_forces
+                             for one in directions)]  # fmt: skip
+    trials = [problem.try_at(problem.start_at(force), None) for force in forces]
+    known = sorted((trial for trial in trials if trial is not None), key=lambda item: item.cost)
+    found = [search_from(problem, trial) for trial in known[: settings.starts_followed]]
+    return sorted(
+        ((problem, fit) for fit in found if fit is not None), key=lambda fit: fit[1].cost
+    )
+
+
+def search_from(problem: FrameProblem, trial: Trial) -> FrameLinearization | None:
+    """Search from a trial."""
+    return problem.search(trial.xi, trial.bent.solution)
+
+
+def look_for_rivals(best: Fit) -> tuple[Fit, bool]:
+    """Return the best of all solutions, and whether another one explains the frame as well.
+
+    All are compared without a memory of the force; one that is better by more than `rival` takes
+    the place of the one that was followed.
+    """
+    problem, fit = best
+    settings = problem.settings
+    wide = forgetting(problem)
+    followed = wide.search(wide.start_at(force_of(problem, fit)), fit.trial.bent.solution)
+    rivals = solutions(wide)
+    if followed is None:
+        return (rivals[0], len(rivals) > 1) if rivals else (best, True)
+    others = [rival for rival in rivals if are_apart((wide, followed), rival)]
+    if not others:
+        return best, False
+    gain = followed.cost - others[0][1].cost
+    if gain > settings.rival:
+        return others[0], False
+    return best, gain > -settings.rival
+
+
+def force_of(problem: FrameProblem, fit: FrameLinearization) -> Array:
+    """Return the force (2,) N of a fit."""
+    return np.asarray(problem.mean[FORCE] + problem.root[FORCE] @ fit.trial.xi)
+
+
+def are_apart(first: Fit, second: Fit) -> bool:
+    """Whether two fits are two solutions, and not two ends of one search."""
+    between = force_of(*first) - force_of(*second)
+    covariance = first[0].posterior(first[1]).force_covariance
+    distance = float(between @ np.linalg.solve(covariance, between))
+    return distance > first[0].settings.apart
