@@ -1,9 +1,10 @@
 """What is believed of all unknowns at the stamp of a frame: a mean, and a root of the covariance.
 
 The unknowns: the tip force, the pressure bias (what creep, hysteresis and a drifting sensor look
-like), the camera's drift and place, the columns of the model's covariance in sigma, and the
-painted places of the targets along and across the arm. In time the first ones move, each with a
-largest std of its own; model, camera and dots stay.
+like), the camera's drift and place, the columns of the model's covariance in sigma, the painted
+places of the targets along and across the arm, and the noise of the readings at this stamp. In
+time the first ones move, each with a largest std of its own; model, camera and dots stay; noise is
+new in every reading.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ BIAS = 2
 OF_BIAS = slice(2, 3)
 DRIFT = slice(3, 5)
 CAMERA = slice(5, 7)
+MOMENT_NOISE, PRESSURE_NOISE = -2, -1
 COLUMNS = 7  # where the columns of the model's covariance begin
 
 
@@ -30,8 +32,8 @@ COLUMNS = 7  # where the columns of the model's covariance begin
 class Unknowns:
     """The unknowns of an arm: how many, how uncertain without any frame, and how they move.
 
-    std (n,): before any frame, N, Pa, m, sigma, m; times (3,): correlation times (s) of bias and
-    drift, which follow the force. force_scale: the largest force (N) that is likely.
+    std (n,): before any frame and reading, N, Pa, m, sigma, m; times (3,): correlation times (s) of
+    bias and drift, which follow the force. force_scale: the largest force (N) that is likely.
     """
 
     columns: int
@@ -71,6 +73,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
             np.repeat([noise.drift_std, noise.registration_std], 2),
             np.ones(columns),
             np.full(2 * targets, noise.placement_std),
+            np.zeros(2),
         ]
     )
     times = [settings.bias_time, settings.drift_time, settings.drift_time]
@@ -154,6 +157,14 @@ def widen(belief: Belief, where: slice, std: Array) -> Belief:
     new = np.zeros((belief.mean.size, std.size))
     new[where] = np.diag(std)
     return replace(belief, root=compress(np.hstack([belief.root, new])))
+
+
+def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief:
+    """Return the belief with the noise of other readings: of the moment (N m), of the pressure."""
+    mean, root = belief.mean.copy(), belief.root.copy()
+    mean[MOMENT_NOISE:], root[MOMENT_NOISE:] = 0.0, 0.0
+    known = replace(belief, mean=freeze(mean), root=root)
+    return widen(known, slice(-2, None), np.array([moment_std, pressure_std]))
 
 
 def walk_after(settings: FusionSettings, before: Belief, moved: Belief, after: Belief) -> float:

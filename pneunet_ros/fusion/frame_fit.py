@@ -25,6 +25,8 @@ from pneunet_ros.fusion.belief import (
     CAMERA,
     DRIFT,
     FORCE,
+    MOMENT_NOISE,
+    PRESSURE_NOISE,
     Unknowns,
 )
 from pneunet_ros.fusion.settings import FusionSettings
@@ -133,8 +135,8 @@ class FrameLinearization:
 class FrameProblem:
     """One frame beside a prior: what is minimized over the unknowns.
 
-    prior: moved to the stamp of the frame; used (targets,): which targets count. The moment's
-    error and the white noise of the pressure are two more unknowns, of this frame alone.
+    prior: moved to the stamp of the frame, with the noise of its readings; used (targets,): which
+    targets count.
     """
 
     table: PerturbationTable
@@ -144,20 +146,22 @@ class FrameProblem:
     inputs: FrameInputs
     sightings: TargetSightings
     used: Mask
-    mean: Array = field(init=False)
-    root: Array = field(init=False)
     std: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Add the two unknowns of the frame."""
-        count, width = self.prior.root.shape
-        mean, root = np.zeros(count + 2), np.zeros((count + 2, width + 2))
-        mean[:count], root[:count, :width] = self.prior.mean, self.prior.root
-        root[count, width] = self.inputs.moment_std
-        root[count + 1, width + 1] = self.inputs.chamber_std
+        """Take the white noise of the targets that count."""
         white = np.fmax(self.sightings.std[self.used], self.table.arm.sensors.target_std)
-        for name, value in (('mean', mean), ('root', root), ('std', np.tile(white, 2))):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, 'std', np.tile(white, 2))
+
+    @property
+    def mean(self) -> Array:
+        """Mean of the prior."""
+        return self.prior.mean
+
+    @property
+    def root(self) -> Array:
+        """Root of the covariance of the prior."""
+        return self.prior.root
 
     def start_at(self, force: Array) -> Array:
         """Return the likeliest xi with a force (2,) N."""
@@ -173,8 +177,8 @@ class FrameProblem:
             self.table,
             self.inputs,
             x[FORCE],
-            float(x[BIAS] + x[-1]),
-            self.inputs.moment + float(x[-2]),
+            float(x[BIAS] + x[PRESSURE_NOISE]),
+            self.inputs.moment + float(x[MOMENT_NOISE]),
             x[unknowns.of_columns],
             start,
             targets,
@@ -202,8 +206,8 @@ class FrameProblem:
         targets = unknowns.targets
         response = np.zeros((2, targets, self.mean.size))
         response[:, :, FORCE] = by_cause[FORCE].transpose(1, 2, 0)
-        response[:, :, BIAS] = response[:, :, -1] = by_cause[PRESSURE]
-        response[:, :, -2] = by_cause[END_LOAD_MOMENT]
+        response[:, :, BIAS] = response[:, :, PRESSURE_NOISE] = by_cause[PRESSURE]
+        response[:, :, MOMENT_NOISE] = by_cause[END_LOAD_MOMENT]
         by_column = by_cause[PRESSURE + 1 :]
         by_column = by_column + self.inputs.by_column[:, None, None] * by_cause[PRESSURE]
         response[:, :, unknowns.of_columns] = by_column.transpose(1, 2, 0)
@@ -265,13 +269,11 @@ class FrameProblem:
         return found
 
     def posterior(self, fit: FrameLinearization) -> Belief:
-        """Return what is believed after the frame; its own two unknowns are integrated out."""
-        count = self.prior.mean.size
-        mean = (self.mean + self.root @ fit.trial.xi)[:count]
-        root = np.linalg.solve(fit.hessian_root, self.root[:count].T).T
+        """Return what is believed after the frame."""
+        root = np.linalg.solve(fit.hessian_root, self.root.T).T
         return Belief(
             stamp_ns=self.prior.stamp_ns,
-            mean=freeze(mean),
+            mean=freeze(self.mean + self.root @ fit.trial.xi),
             root=freeze(np.ascontiguousarray(root)),
             walk=self.prior.walk,
             solution=fit.trial.bent.solution,

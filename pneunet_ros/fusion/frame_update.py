@@ -114,7 +114,7 @@ def force_jumped(problem: FrameProblem, fit: FrameLinearization) -> bool:
 
 
 def remember_no_force(fit: Fit) -> Fit:
-    """Return the fit without a memory of the force, from where it is; itself where there is none."""
+    """Return the fit without a memory of the force; itself where there is none."""
     problem, found = fit
     wide = forgetting(problem)
     again = wide.search(wide.start_at(force_of(problem, found)), found.trial.bent.solution)

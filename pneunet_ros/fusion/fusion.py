@@ -31,13 +31,16 @@ from pneunet_ros.fusion.belief import (
     first_belief,
     FORCE,
     forget,
+    MOMENT_NOISE,
     move_belief,
     OF_BIAS,
+    PRESSURE_NOISE,
     take_measurement,
     Unknowns,
     unknowns_of,
     walk_after,
     widen,
+    with_noise,
 )
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.frame_fit import bend_arm, BentArm, FrameInputs, FrameProblem
@@ -337,12 +340,14 @@ class Fusion:
             prior = forget(self.unknowns, prior, FORCE)
         if wrench is not None:
             prior = self.with_wrench(prior, wrench, age, instant.gauge)
+        inputs = self.inputs_at(instant, wrench)
+        prior = with_noise(prior, inputs.moment_std, inputs.chamber_std)
         problem = FrameProblem(
             table=self.table,
             unknowns=self.unknowns,
             settings=self.settings,
             prior=prior,
-            inputs=self.inputs_at(instant, wrench),
+            inputs=inputs,
             sightings=sightings,
             used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
         )
@@ -391,24 +396,26 @@ class Fusion:
         """Estimate shape and force at a pressure: the belief moved to its stamp."""
         stamp_ns = instant.stamp_ns
         belief = state.belief or first_belief(self.unknowns, self.settings, stamp_ns)
-        belief = move_belief(self.unknowns, belief, stamp_ns)
         wrench, age = self.wrench_at(state, stamp_ns)
+        inputs = self.inputs_at(instant, wrench)
+        if belief.stamp_ns != stamp_ns or not belief.frames:
+            belief = move_belief(self.unknowns, belief, stamp_ns)
+            belief = with_noise(belief, inputs.moment_std, inputs.chamber_std)
         if wrench is not None and wrench.stamp_ns != state.wrench_used_ns:
             belief = self.with_wrench(belief, wrench, age, instant.gauge)
-        inputs = self.inputs_at(instant, wrench)
         if wrench is not None:
             beside = out_of_plane(self.arm, self.sensors, wrench)
             if beside.stops:
                 return state, refuse(stamp_ns, 'out_of_plane', beside.sentence)
             notes = [*notes, *([beside.note] if beside.warns else [])]
-        pressure_error = float(belief.mean[BIAS])
+        noise = float(belief.mean[PRESSURE_NOISE])
         columns = belief.mean[self.unknowns.of_columns]
         bent = bend_arm(
             self.table,
             inputs,
             belief.mean[FORCE],
-            pressure_error,
-            inputs.moment,
+            float(belief.mean[BIAS]) + noise,
+            inputs.moment + float(belief.mean[MOMENT_NOISE]),
             columns,
             belief.solution if mode is not Mode.PREDICTION else state.solution,
             self.arclength,
@@ -435,7 +442,7 @@ class Fusion:
             mode=mode,
             force=force,
             force_covariance=covariance,
-            pressure_bias=pressure_error,
+            pressure_bias=float(belief.mean[BIAS]),
             pressure_bias_std=belief.std(BIAS),
             ambiguous=state.ambiguous,
             nis=math.nan if state.nis is None else state.nis.mean,
@@ -517,13 +524,12 @@ class Fusion:
     def causes_root(self, belief: Belief, inputs: FrameInputs, sensitivity: Sensitivity) -> Array:
         """Return the noise input matrix (sources, causes) of a belief."""
         columns = belief.root[self.unknowns.of_columns]
-        width = belief.root.shape[1]
-        causes = np.zeros((width + 2, len(sensitivity.tip)))
-        causes[:width, FORCE] = belief.root[FORCE].T
-        causes[:width, PRESSURE] = belief.root[BIAS] + inputs.by_column @ columns
-        causes[:width, PRESSURE + 1 :] = columns.T
-        causes[width, END_LOAD_MOMENT] = inputs.moment_std
-        causes[width + 1, PRESSURE] = inputs.chamber_std
+        causes = np.zeros((belief.root.shape[1], len(sensitivity.tip)))
+        causes[:, FORCE] = belief.root[FORCE].T
+        causes[:, END_LOAD_MOMENT] = belief.root[MOMENT_NOISE]
+        by_column = inputs.by_column @ columns
+        causes[:, PRESSURE] = belief.root[BIAS] + belief.root[PRESSURE_NOISE] + by_column
+        causes[:, PRESSURE + 1 :] = columns.T
         return np.ascontiguousarray(np.linalg.qr(causes, mode='r'))
 
     def known_force(
