@@ -32,8 +32,8 @@ COLUMNS = 7  # where the columns of the model's covariance begin
 class Unknowns:
     """The unknowns of an arm: how many, how uncertain without any frame, and how they move.
 
-    std (n,): before any frame and reading, N, Pa, m, sigma, m; times (3,): correlation times (s) of
-    bias and drift, which follow the force. force_scale: the largest force (N) that is likely.
+    std (n,): before any frame and reading, N, Pa, m, sigma, m; times (3,): correlation times (s)
+    of bias and drift, which follow the force. force_scale: the largest force (N) that is likely.
     """
 
     columns: int

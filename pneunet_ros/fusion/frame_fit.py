@@ -130,6 +130,14 @@ class FrameLinearization:
         """The squared whitened residual, of the prior too."""
         return self.trial.cost
 
+    @property
+    def log_evidence_cost(self) -> float:
+        """Minus twice the log of the evidence of this solution, by Laplace, but for a constant.
+
+        A solution that must be met to a hair, as near buckling, is less likely than its cost.
+        """
+        return self.cost + 2.0 * float(np.sum(np.log(np.diagonal(self.hessian_root))))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameProblem:

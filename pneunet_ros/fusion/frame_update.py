@@ -136,9 +136,8 @@ def solutions(problem: FrameProblem) -> list[Fit]:
     trials = [problem.try_at(problem.start_at(force), None) for force in forces]
     known = sorted((trial for trial in trials if trial is not None), key=lambda item: item.cost)
     found = [search_from(problem, trial) for trial in known[: settings.starts_followed]]
-    return sorted(
-        ((problem, fit) for fit in found if fit is not None), key=lambda fit: fit[1].cost
-    )
+    fits = [(problem, fit) for fit in found if fit is not None]
+    return sorted(fits, key=lambda fit: fit[1].log_evidence_cost)
 
 
 def search_from(problem: FrameProblem, trial: Trial) -> FrameLinearization | None:
@@ -162,7 +161,7 @@ def look_for_rivals(best: Fit) -> tuple[Fit, bool]:
     others = [rival for rival in rivals if are_apart((wide, followed), rival)]
     if not others:
         return best, False
-    gain = followed.cost - others[0][1].cost
+    gain = followed.log_evidence_cost - others[0][1].log_evidence_cost
     if gain > settings.rival:
         return others[0], False
     return best, gain > -settings.rival
