@@ -191,10 +191,13 @@ class Fusion:
             return state.count_unused(reason), refusal
         state = replace(state, frame_stamp_ns=stamp_ns)
         shown_ns = self.shown_ns(sightings)
-        last_ns = state.pressures[-1].stamp_ns if state.pressures else None
-        if last_ns is not None and shown_ns <= last_ns:
+        if state.pressures and shown_ns <= state.pressures[-1].stamp_ns:
             return self.use_frame(state, sightings), None
-        if last_ns is not None and not self.is_stale(last_ns, shown_ns):
+        if state.pressures:
+            since_ns = state.pressures[-1].stamp_ns
+        else:
+            since_ns = self.shown_ns(state.waiting[0] if state.waiting else sightings)
+        if not self.is_stale(since_ns, shown_ns):
             if len(state.waiting) == self.settings.most_waiting:
                 state = replace(state, waiting=state.waiting[1:]).count_unused('no_pressure')
             return replace(state, waiting=(*state.waiting, sightings)), None
@@ -296,7 +299,8 @@ class Fusion:
     ) -> Belief:
         """Return the belief after an end wrench (base frame), a linear measurement of the force.
 
-        By its age (s) the force may have walked.
+        By its age (s) the force may have walked. One that is not where it was believed makes its
+        past forgotten.
         """
         reading = Load(
             pressure=gauge,
@@ -311,6 +315,11 @@ class Fusion:
             response[:, self.unknowns.of_columns] = -self.by_columns(reading)[:, FORCE].T
         std = math.hypot(self.arm.sensors.force_std, belief.walk * math.sqrt(abs(age)))
         value = np.array([true.force_x, true.force_y])
+        innovation = value - response @ belief.mean
+        spread = response @ belief.root
+        covariance = spread @ spread.T + std**2 * np.eye(2)
+        if innovation @ np.linalg.solve(covariance, innovation) > self.settings.force_gate:
+            belief = replace(forget(self.unknowns, belief, FORCE), solution=belief.solution)
         return take_measurement(belief, response, value, np.full(2, std))
 
     def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
