@@ -32,8 +32,8 @@ COLUMNS = 7  # where the columns of the model's covariance begin
 class Unknowns:
     """The unknowns of an arm: how many, how uncertain without any frame, and how they move.
 
-    std (n,): before any frame and reading, N, Pa, m, sigma, m; times (3,): correlation times (s)
-    of bias and drift, which follow the force. force_scale: the largest force (N) that is likely.
+    std (n,): before any frame and reading, N, Pa, m, sigma, m; times (k,): correlation times (s)
+    of bias, drift, camera and columns, which follow the force. force_scale: the largest force (N) that is likely.
     """
 
     columns: int
@@ -76,12 +76,17 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
             np.zeros(2),
         ]
     )
-    times = [settings.bias_time, settings.drift_time, settings.drift_time]
+    times = np.concatenate(
+        [
+            [settings.bias_time, settings.drift_time, settings.drift_time, np.inf, np.inf],
+            np.full(columns, settings.model_time),
+        ]
+    )
     return Unknowns(
         columns=columns,
         targets=targets,
         std=freeze(std),
-        times=np.array(times),
+        times=freeze(times),
         force_scale=scale,
     )
 
