@@ -33,7 +33,8 @@ class Unknowns:
     """The unknowns of an arm: how many, how uncertain without any frame, and how they move.
 
     std (n,): before any frame and reading, N, Pa, m, sigma, m; times (k,): correlation times (s)
-    of bias, drift, camera and columns, which follow the force. force_scale: the largest force (N) that is likely.
+    of bias, drift, camera and columns, which follow the force. force_scale: the largest force (N)
+    that is likely.
     """
 
     columns: int
@@ -172,19 +173,19 @@ def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief
     return widen(known, slice(-2, None), np.array([moment_std, pressure_std]))
 
 
-def walk_after(settings: FusionSettings, before: Belief, moved: Belief, after: Belief) -> float:
+def walk_after(settings: FusionSettings, before: Belief, after: Belief) -> float:
     """Return the random walk of the force (N/sqrt(s)) after a frame.
 
-    before: the belief at the last frame, moved: at this one, and after it was taken. The force
-    changed by d, of which P_moved - P_after was to be expected; the rest is walk. It rises at once
-    and falls in `walk_time`.
+    before, after: the beliefs at the last frame and at this one, which are all but independent in
+    the force. What their two variances leave of its change is walk. It rises at once and falls
+    in `walk_time`.
     """
     seconds = seconds_between(before.stamp_ns, after.stamp_ns)
     if not before.frames or seconds <= 0.0:
         return before.walk
-    change = after.mean[FORCE] - moved.mean[FORCE]
-    expected = float(np.trace(moved.force_covariance - after.force_covariance))
-    more = (float(change @ change) - expected) / (2.0 * seconds)
+    change = np.square(after.mean[FORCE] - before.mean[FORCE])
+    explained = np.diagonal(before.force_covariance + after.force_covariance)
+    more = float(np.max(change - explained)) / seconds
     share = 1.0 if more > 0.0 else min(1.0, seconds / settings.walk_time)
     least, most = settings.least_walk**2, settings.largest_walk**2
     return math.sqrt(min(max(before.walk**2 + share * more, least), most))

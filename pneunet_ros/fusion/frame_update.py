@@ -13,7 +13,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.estimation.consistency import chi_square_limit
-from pneunet_ros.fusion.belief import Belief, FORCE, forget
+from pneunet_ros.fusion.belief import Belief, FORCE
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
 
 
@@ -44,7 +44,7 @@ def take_frame(
 
     cold: nothing is known of the force, and the search begins everywhere; look_around: it begins
     everywhere as well, to see whether another force explains the frame; force_read: a sensor tells
-    the force, so that neither makes sense.
+    the force, and neither makes sense.
     """
     if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
         return FrameUpdate(belief=None, reason='too_few_targets')
@@ -54,10 +54,8 @@ def take_frame(
         if tracked is not None:
             fits = [leave_out(problem, tracked)]
     believed = bool(fits) and (force_read or excess(fits[0]) <= 1.0)
-    if believed and not force_read and force_jumped(*fits[0]):
-        fits = [remember_no_force(fits[0])]
     if not (believed or force_read):  # the force may have jumped
-        fits += [leave_out(*fit) for fit in solutions(forgetting(problem))[:1]]
+        fits += [leave_out(*fit) for fit in solutions(problem)[:1]]
     if not fits:
         return FrameUpdate(belief=None, reason='no_equilibrium')
     best = fits[0] if believed else min(fits, key=excess)
@@ -104,28 +102,6 @@ def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
     return problem, fit
 
 
-def force_jumped(problem: FrameProblem, fit: FrameLinearization) -> bool:
-    """Whether the force changed by more than its memory allows."""
-    prior, after = problem.prior, problem.posterior(fit)
-    change = after.mean[FORCE] - prior.mean[FORCE]
-    expected = prior.force_covariance - after.force_covariance
-    size = np.linalg.lstsq(expected, change, rcond=1e-6)[0]
-    return float(change @ size) > problem.settings.force_gate
-
-
-def remember_no_force(fit: Fit) -> Fit:
-    """Return the fit without a memory of the force; itself where there is none."""
-    problem, found = fit
-    wide = forgetting(problem)
-    again = wide.search(wide.start_at(force_of(problem, found)), found.trial.bent.solution)
-    return fit if again is None else (wide, again)
-
-
-def forgetting(problem: FrameProblem) -> FrameProblem:
-    """Return the problem for somebody who knows nothing of the force."""
-    return replace(problem, prior=forget(problem.unknowns, problem.prior, FORCE))
-
-
 def solutions(problem: FrameProblem) -> list[Fit]:
     """Return fits of a frame from cold starts, the best first."""
     settings, scale = problem.settings, problem.unknowns.force_scale
@@ -148,17 +124,11 @@ def search_from(problem: FrameProblem, trial: Trial) -> FrameLinearization | Non
 def look_for_rivals(best: Fit) -> tuple[Fit, bool]:
     """Return the best of all solutions, and whether another one explains the frame as well.
 
-    All are compared without a memory of the force; one that is better by more than `rival` takes
-    the place of the one that was followed.
+    One that is better by more than `rival` takes the place of the one that was followed.
     """
-    problem, fit = best
+    problem, followed = best
     settings = problem.settings
-    wide = forgetting(problem)
-    followed = wide.search(wide.start_at(force_of(problem, fit)), fit.trial.bent.solution)
-    rivals = solutions(wide)
-    if followed is None:
-        return (rivals[0], len(rivals) > 1) if rivals else (best, True)
-    others = [rival for rival in rivals if are_apart((wide, followed), rival)]
+    others = [rival for rival in solutions(problem) if are_apart(best, rival)]
     if not others:
         return best, False
     gain = followed.log_evidence_cost - others[0][1].log_evidence_cost

@@ -330,7 +330,11 @@ class Fusion:
         before = prior = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
         if prior.frames and shown_ns < prior.stamp_ns:
             return state.count_unused('older')
-        moved = prior = move_belief(self.unknowns, prior, shown_ns)
+        # From frame to frame the force is free: a frame must not inherit what the last one erred.
+        # But it is not drawn to zero either, frame after frame, which the unknowns that stay would
+        # take for evidence.
+        free = replace(prior, walk=self.settings.largest_walk)
+        prior = move_belief(self.unknowns, free, shown_ns)
         instant = self.pressure_at(state, shown_ns)
         alone = not state.pressures or self.is_stale(
             min((one.stamp_ns for one in state.pressures), key=lambda ns: abs(ns - shown_ns)),
@@ -367,7 +371,7 @@ class Fusion:
             force_read=wrench is not None,
         )
         if update.belief is not None:
-            walk = walk_after(self.settings, before, moved, update.belief)
+            walk = walk_after(self.settings, before, update.belief)
             update = replace(update, belief=replace(update.belief, walk=walk))
         return self.after_frame(state, shown_ns, update, wrench)
 

@@ -18,7 +18,7 @@ class FusionSettings:
     largest_walk: float = tuning(0.3, 'random walk of a force, at most', unit='N/sqrt(s)')
     walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
     force_gate: float = tuning(
-        6.0, 'of a change of the force, beyond which its past is forgotten', unit='chi squared'
+        6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
     )
     bias_share: float = tuning(0.02, 'std of the pressure bias', unit='of the range')
     bias_time: float = tuning(20.0, 'correlation time of the pressure bias', unit='s')
