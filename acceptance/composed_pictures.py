@@ -1,7 +1,7 @@
 """Arms composed on real photographs, both polarities: what the tracker finds, and how exactly.
 
     python acceptance/composed_pictures.py [--frames N] [--photograph NAME ...] [--polarity NAME]
-        [--disturbance NAME ...] [--json] [--films DIR]
+        [--disturbance NAME ...] [--json | --markdown] [--films DIR]
 
 Each film has an arm of 23 dots of 5 px radius, at 1280 x 720, in front of a photograph; the arm
 rests for eight frames and then bends. It is seen as it is, blurred by motion, compressed
@@ -104,6 +104,32 @@ def show(rows: dict[str, dict[str, float]]) -> None:
     Console(width=150).print(table)
 
 
+def markdown(rows: dict[str, dict[str, float]]) -> str:
+    """Return the table of docs/tracker.md, what misses its goal in bold."""
+    lines = [
+        '| film | frames | not tracked | found | tip found | false | swapped | rms px '
+        '| tip rms px | error/std | tip error/std |',
+        '|' + '---|' * 11,
+    ]
+    for name, row in rows.items():
+        bold = missed(row)
+        cells = {
+            'frames': f'{row["frames"]}',
+            'unexplained': f'{row["unexplained"]}',
+            'found_share': f'{row["found_share"]:.1%}',
+            'tip_found_share': f'{row["tip_found_share"]:.1%}',
+            'false': f'{row["false"]}',
+            'swapped': f'{row["swapped"]}',
+            'rms_px': f'{row["rms_px"]:.3f}',
+            'tip_rms_px': f'{row["tip_rms_px"]:.3f}',
+            'normalized': f'{row["normalized"]:.2f}',
+            'tip_normalized': f'{row["tip_normalized"]:.2f}',
+        }
+        words = [f'**{cell}**' if key in bold else cell for key, cell in cells.items()]
+        lines.append(' | '.join([f'| {name.replace("_", ", ")}', *words]) + ' |')
+    return '\n'.join(lines)
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Run and print."""
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -113,7 +139,9 @@ def main(words: Sequence[str] | None = None) -> int:
     command.add_argument(
         '--disturbance', nargs='+', choices=tuple(DISTURBED), default=tuple(DISTURBED)
     )
-    command.add_argument('--json', action='store_true', help='print one JSON object')
+    printed = command.add_mutually_exclusive_group()
+    printed.add_argument('--json', action='store_true', help='print one JSON object')
+    printed.add_argument('--markdown', action='store_true', help='print the table of the docs')
     command.add_argument('--films', type=Path, help='folder for pictures of what was seen')
     asked = command.parse_args(words)
     if asked.films is not None:
@@ -139,6 +167,8 @@ def main(words: Sequence[str] | None = None) -> int:
     rows |= {kind: score.numbers() for kind, score in by_kind.items()}
     if asked.json:
         print(json.dumps(plain(rows)))
+    elif asked.markdown:
+        print(markdown(rows))
     else:
         show(rows)
     return int(any(missed(row) for row in rows.values()))

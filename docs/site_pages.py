@@ -18,6 +18,7 @@ from types import ModuleType
 from typing import Any
 
 import pneunet_ros
+from pneunet_ros.cli.effects import PLACES
 from pneunet_ros.cli.main import parser, VERBS
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
@@ -60,12 +61,6 @@ FILES: dict[str, tuple[str, str, dict[str, type]]] = {
     'Parameters of the estimator': ('For `--params-file`.', 'config/estimator.yaml', {}),
     'Parameters of the tracker': ('For `--params-file`.', 'config/tracker.yaml', {}),
     'Parameters of the virtual arm': ('For `--params-file`.', 'config/virtual_arm.yaml', {}),
-}
-PLACES = {
-    'sensing': 'what a reading means',
-    'actuation': 'pressure history to chamber pressure and intrinsic curvature',
-    'material': 'moment against curvature',
-    'mechanics': 'stretch, clamp, weight, end load',
 }
 
 

@@ -1,4 +1,4 @@
-"""White areas: where they are to a hundredth of a pixel, and what is no area at all."""
+"""Areas that stand out: where they are to a hundredth of a pixel, and what is no area at all."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pneunet_ros.vision.blobs import (
     nearest_blobs,
 )
 from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, FixedBand
-from pneunet_ros.vision.centroid import axes_of, BLUR, outlines, STD
+from pneunet_ros.vision.centroid import axes_of, BLUR, MAJOR, MINOR, outlines, SMEAR, STD
 import pytest
 from support.center_bound import center_bound, draw_dot
 
@@ -319,7 +319,9 @@ def test_a_target_cut_off_by_the_end_of_the_arm_is_where_its_center_would_be(bey
     for seed in range(20):
         center = 20.0 + np.random.default_rng(seed).uniform(-0.5, 0.5, 2)
         image = image_of(cut_dot(center, 5.0, 0.7, beyond, seed=seed))
-        tied = outlines(center[None] + 0.3, axes_of(whole), whole[:, BLUR], [0.0015], [0.1])
+        stds = (np.array([0.0015]), 0.1, np.array([0.15]))
+        still = np.zeros((1, 2))
+        tied = outlines(center[None] + 0.3, axes_of(whole), whole[:, BLUR], still, stds)
         (row,) = blobs_at(image, tied, Appearance(band=BAND, limits=LIMITS))
         errors.append(row[:2] - center)
         claims.append(row[STD])
@@ -360,3 +362,51 @@ def test_a_blurred_frame_gives_dim_dots_or_none():
         shifted = draw_dot((70, 70), (u, 34.6), 5.0, blur=4.0)
         assert measured(shifted, [(35, 35)]).u[0] == pytest.approx(u, abs=0.06)
     assert len(found_in(image_of(0.1 * picture))) == 0
+
+
+@pytest.mark.parametrize('way', [(3.0, 0.0), (0.0, -8.0), (9.0, 7.0)])
+def test_a_target_that_moves_is_where_it_is_in_the_middle_of_the_exposure(way):
+    """Its size stays that of the target, and its way is measured, forward or backward."""
+    times = (np.arange(60) + 0.5) / 60 - 0.5
+    errors, claims = [], []
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        center = 30.0 + random.uniform(-0.5, 0.5, 2)
+        moments = [
+            draw_dot((61, 61), center + time * np.array(way), 5.0, blur=0.7) for time in times
+        ]
+        image = image_of(np.mean(moments, axis=0) + 2.0 * random.standard_normal((61, 61)))
+        stds = (np.array([0.3]), 0.3, np.array([3.0]))
+        guess = outlines(
+            center[None] + 0.5,
+            np.array([[5.5, 0.0, 5.5]]),
+            np.array([0.9]),
+            0.7 * np.array([way]),
+            stds,
+        )
+        (row,) = blobs_at(image, guess, Appearance(band=BAND, limits=LIMITS))
+        errors.append(row[:2] - center)
+        claims.append(row[STD])
+        assert row[SMEAR] == pytest.approx(way, abs=0.5)
+        assert row[[MAJOR, MINOR]] == pytest.approx([10.0, 10.0], abs=1.0)
+    rms = np.sqrt(np.mean(np.square(errors)))
+    assert rms < 0.06
+    assert rms < 1.3 * np.sqrt(np.mean(np.square(claims)))
+
+
+def test_a_fit_does_not_depend_on_what_is_fitted_beside_it():
+    random = np.random.default_rng(1)
+    places = 20.0 + 40.0 * np.array([[column, row] for column in range(30) for row in range(20)])
+    picture = np.tile(draw_dot((40, 40), (20.0, 20.0), 5.0, blur=0.7), (20, 30))
+    image = image_of(picture + 3.0 * random.standard_normal(picture.shape))
+    one = np.ones(len(places))
+    smear = np.where(np.arange(len(places))[:, None] % 3 == 0, [2.0, 1.0], [0.0, 0.0])
+    starts = outlines(
+        places + 0.4, np.tile([5.2, 0.0, 5.2], (len(places), 1)), one, smear, (0.3 * one, 0.3, one)
+    )
+    appearance = Appearance(band=BAND, limits=LIMITS)
+    together = blobs_at(image, starts, appearance)
+    assert np.isfinite(together).all()
+    for which in (0, 1, 299, 598, 599):
+        alone = blobs_at(image, starts[[which]], appearance)
+        assert alone[0] == pytest.approx(together[which], abs=1e-9, rel=1e-9)

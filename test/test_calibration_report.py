@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import re
 
 import numpy as np
 from pneunet_ros.calibration.tip_force import EndForces
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.core.unit_system import dimensionless
 from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.calibration import report as calibration_report
 from pneunet_ros.reports.calibration.figures import calibration_figures
@@ -171,3 +173,22 @@ def test_intervals_that_miss_the_force_are_counted():
     assert 'found in 3 of 4 frames' in first
     assert '67 % and 100 %' in first
     assert 'no force was found in any of 4 frames' in second
+
+
+def test_tables_have_captions_and_heads_and_long_ones_are_folded(report):
+    text = report[1]
+    long = re.findall(r'<table>.*?</table>', text, re.DOTALL)
+    assert len(long) >= 3
+    assert all('<caption>' in table and '<thead>' in table for table in long)
+    assert '<summary>kappa_p0 over pressure and arclength' in text
+    assert text.count('<main>') == 1
+    assert 'class="skip" href="#answer"' in text
+    assert 'id="answer"' in text
+
+
+def test_dimensionless_axes_are_said(tmp_path):
+    scaled = dimensionless(0.112, 0.17)
+    pictures = {'paper': (), 'residuals': ()}
+    page = calibration_report.report_page(calibration(), pictures, {}, scaled)
+    assert 'lengths by l = 112 mm, forces by mg = 0.17 N' in page
+    assert 'lengths by l' not in calibration_report.report_page(calibration(), pictures, {})

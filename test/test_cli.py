@@ -125,7 +125,13 @@ def test_help_of_every_verb_explains_every_option(run, verb):
 
 def test_help_of_predict_has_units_and_defaults(run):
     out = ' '.join(run('predict', '--help')[1].split())
-    for words in ('pressure, Pa', ', N (default: 0 0)', 'N m (default: 0)', 'free end, m', '57)'):
+    for words in (
+        'pressure, Pa',
+        ', N (default: 0 0)',
+        'N m (default: 0)',
+        'of the tip, m',
+        '57)',
+    ):
         assert words in out
 
 
@@ -557,8 +563,10 @@ def test_track_reads_a_recording_that_is_cut_off_as_far_as_it_goes(run_json, tmp
         (['folder', '--camera', 'absent.yaml'], 'absent.yaml'),
         (['folder', '--camera', 'wrong.yaml'], 'unknown key gates'),
         (['folder', '--camera', 'pose.yaml', '--camera-info', 'none'], 'focal length'),
-        (['folder', '--preview', 'p.gif'], 'must end in .png or .mp4'),
+        (['folder', '--preview', 'p.gif'], 'must end in .png, .mp4 or .html'),
         (['folder', '--with-images'], '--with-images needs --output'),
+        (['folder', '--estimates', 'e.mcap'], '--preview FILE.html'),
+        (['folder', '--estimates', 'e.mcap', '--preview', 'p.png'], '--preview FILE.html'),
         (['folder', '--table', 'p.png', '--preview', 'p.png'], 'must be different files'),
         (['folder', '--camera-info', 'none', '--output', 'folder/out.mcap'], 'lie inside it'),
         (['folder', '--camera-info', 'none', '--rate', '0'], 'rate of 0.0 Hz'),

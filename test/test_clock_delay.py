@@ -152,6 +152,11 @@ def test_too_little_is_refused():
     assert math.isnan(few.delay)
     none = estimate_delay(frames, np.full_like(motion, np.nan), table, pressure)
     assert none.trouble.startswith('0 frames show the targets')
+    short = estimate_delay(frames, motion, table[:120], pressure[:120])
+    assert short.trouble == 'the table lasts 1.19 s, and 1.6 s are needed'
+    motion[::2] = np.nan
+    hidden = estimate_delay(frames, motion, table[:180], pressure[:180])
+    assert hidden.trouble == 'too few frames that show the targets lie in the table'
     flat = estimate_delay(frames, motion, table, np.full_like(pressure, 2e4))
     assert flat.trouble == 'neither pressure nor load changes in the table'
 

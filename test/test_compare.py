@@ -89,6 +89,24 @@ def test_targets_that_were_not_seen_do_not_count():
     assert len(found.shape.stamp_ns) == FRAMES - 1
 
 
+def test_a_side_that_never_knows_where_the_arm_is_matches_nothing():
+    points = arcs(S)
+    points[:, 1] = np.nan
+    line = replace(series().centerlines, points=points)
+    assert compare_shapes(series(tips=False, centerlines=line), series()).shape is None
+
+
+def test_a_side_without_a_frame_is_said():
+    tips = series().tips
+    empty = replace(
+        tips, stamp_ns=tips.stamp_ns[:0], place=tips.place[:0], heading=tips.heading[:0]
+    )
+    nothing = series(name='nothing', centerlines=None, tips=True)
+    nothing = replace(nothing, tips=empty)
+    (said,) = comparison_content(compare_shapes(nothing, series(), LENGTH))['sentences']
+    assert 'nothing has no frame that can be compared' in said
+
+
 def test_statistics_are_those_of_the_definition():
     found = error_statistics(np.array([0.0, 3.0, np.nan, 4.0]))
     assert (found.count, found.median, found.max) == (3, 3.0, 4.0)
@@ -211,6 +229,18 @@ def test_targets_against_a_truth(tmp_path, stamps, truth, run_json):
     assert plot.read_bytes().startswith(b'\x89PNG')
 
 
+def test_the_plot_can_have_the_scales_of_the_arm(tmp_path, stamps, truth, run):
+    file = write_targets(tmp_path / 'a.mcap', arcs(TARGETS_AT, shift=(0.0, 2e-4)), stamps)
+    drawn = []
+    for name, options in (('si.svg', ()), ('scaled.svg', ('--dimensionless',))):
+        plot = tmp_path / name
+        assert run('compare', file, truth, '--plot', plot, *options)[0] == 0
+        drawn.append(plot.read_text())
+    assert drawn[0] != drawn[1]
+    assert '<!-- x (mm) -->' in drawn[0]
+    assert '<!-- x (l) -->' in drawn[1]
+
+
 def test_both_against_a_truth_and_one_another(tmp_path, stamps, truth, run_json, run):
     a = write_targets(tmp_path / 'a.mcap', arcs(TARGETS_AT, shift=(0.0, 2e-4)), stamps)
     b = write_targets(tmp_path / 'b.mcap', arcs(TARGETS_AT, shift=(0.0, -1e-4)), stamps)
@@ -221,6 +251,7 @@ def test_both_against_a_truth_and_one_another(tmp_path, stamps, truth, run_json,
     assert code == 0
     assert f'{FRAMES} frames matched' in out
     assert '/pneunet/targets against truth' in out
+    assert 'where paper-arm has them; --model says otherwise' in out
 
 
 def test_a_measured_pose_of_the_tip_against_a_truth(tmp_path, stamps, truth, run_json):
@@ -256,6 +287,9 @@ def test_recordings_without_a_common_stamp_are_a_negative_answer(tmp_path, stamp
         (['a.mcap', 'x.truth.npz', '--topic', 'c.targets=/t'], 'a.targets'),
         (['a.mcap', 'x.truth.npz', '--topic', 'targets=/t'], 'has no topic /t'),
         (['a.mcap', 'absent.npz'], 'absent.npz is no truth'),
+        (['a.mcap', 'empty.npz'], 'empty.npz is no truth'),
+        (['a.mcap', 'back.npz'], 'arclength that increases'),
+        (['five.mcap', 'x.truth.npz'], 'the arm has 23 targets'),
         (['wrench.mcap', 'x.truth.npz'], 'holds no shape'),
     ],
 )
@@ -264,6 +298,10 @@ def test_what_cannot_be_compared_is_said(
 ):
     monkeypatch.chdir(tmp_path)
     write_targets(Path('a.mcap'), arcs(TARGETS_AT), stamps)
+    write_targets(Path('five.mcap'), arcs(TARGETS_AT[:5]), stamps)
+    flat = np.zeros((1, 3))
+    np.savez('empty.npz', stamp_ns=[], arclength=[0, 1], **dict.fromkeys('xy', flat), theta=flat)
+    np.savez('back.npz', stamp_ns=[1], arclength=[0, 2, 1], x=flat, y=flat, theta=flat)
     with write_recording(Path('wrench.mcap')) as writer:
         topic = writer.add('/other', PATH_TYPE)
         heading = header(SECOND, BASE_FRAME, ROSBAGS_TYPES)

@@ -119,10 +119,13 @@ def test_what_hangs_on_one_recording_is_said():
 
 
 def test_an_arm_that_may_bend_unevenly():
-    needed, needless = record('creep', uneven=950.0), record('creep', uneven=102.0)
-    base = replace(BASE, uneven=100.0)
-    assert confirmer(needed, base=base).objections(needed) == ()
-    assert 'bends unevenly' in confirmer(needless, base=base).objections(needless)[0]
+    needed, needless = record('creep', nonuniform=950.0), record('creep', nonuniform=102.0)
+    base = replace(BASE, nonuniform=100.0)
+    assert confirmer(needed, base=base).confirm(needed).objections == ()
+    judge = confirmer(needless, base=base)
+    assert 'bends unevenly' in judge.confirm(needless).objections[0]
+    # What something else explains as well may still be what it is.
+    assert judge.refutations(needless) == ()
 
 
 @pytest.mark.parametrize(('factor', 'count'), [(1.0, 0), (1.9, 0), (2.4, 1)])

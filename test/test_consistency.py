@@ -13,6 +13,7 @@ from pneunet_ros.core.readings import (
     unseen_targets,
     WrenchReading,
 )
+from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.camera_rotation import CameraRotation
 from pneunet_ros.effects.camera_scale import CameraScale
 from pneunet_ros.effects.load_offset import LoadOffset
@@ -283,6 +284,22 @@ def test_a_frame_belongs_to_a_reading_within_half_a_period():
         2,
         {'no_estimate': 1},
     )
+
+
+def test_a_late_frame_belongs_to_the_reading_of_what_it_shows():
+    run = seen_of(KNOWN)
+    late = [
+        replace(event, stamp_ns=event.stamp_ns + 2 * PERIOD)
+        if isinstance(event, TargetSightings)
+        else event
+        for event in events(run)
+    ]
+    delayed = replace(KNOWN, effects=(CameraDelay(delay=2e-9 * PERIOD),))
+    aware, unaware = Monitored(delayed).tell(*late), Monitored().tell(*late)
+    in_time = Monitored().tell(*events(run))
+    last = in_time.said[-1]
+    assert replace(aware.said[-1], stamp_ns=last.stamp_ns) == last
+    assert (unaware.said[-1].beyond, last.beyond) == (True, False)
 
 
 def test_a_frame_waits_for_its_reading():

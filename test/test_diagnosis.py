@@ -66,6 +66,19 @@ def test_few_recordings_are_enough_to_say_that_nothing_is_missing():
     assert set(answer.detectable) == set(EFFECTS)
 
 
+def test_a_picture_that_is_a_little_tilted_is_no_finding():
+    def askew(run):
+        scale = 1.0 + 0.008 * (run.x / frame().length - 0.5)
+        return replace(run, x=run.x * scale, y=run.y * scale)
+
+    ramp, _, strings, _, mix = (askew(run) for run in recorded())
+    answer = diagnose(frame(), [strings, ramp], [mix], seed=3)
+    assert answer.answer == 'none'
+    parallel = replace(DEFAULTS, linearization=replace(DEFAULTS.linearization, tilt=1e-9))
+    other = diagnose(frame(), [strings, ramp], [mix], seed=3, settings=parallel)
+    assert other.adequacy_before.p_value < 1e-3 * answer.adequacy_before.p_value
+
+
 @pytest.mark.slow
 def test_where_nothing_is_missing_nothing_is_named():
     answer = clean()
@@ -296,3 +309,15 @@ def test_a_base_that_does_not_settle_is_said_and_has_no_numbers(monkeypatch):
     assert answer.answer == 'unknown'
     assert 'did not settle' in answer.sentence
     assert not any(letter.isdigit() for letter in answer.sentence)
+
+
+def test_a_pose_of_the_tip_that_was_measured_is_said_to_be_unused(monkeypatch):
+    monkeypatch.setattr('pneunet_ros.diagnosis.diagnosis.is_settled', lambda *_: False)
+    ramp, _, strings, *_ = recorded()
+    runs = [ramp.thin(24), strings.thin(24)]
+    posed = replace(runs[1], tip_pose=np.zeros((len(runs[1].stamp_ns), 3)))
+    without, answer = (
+        diagnose(frame(), training, [], seed=3) for training in (runs, [runs[0], posed])
+    )
+    assert answer.notes[:-1] == without.notes
+    assert 'tip_pose' in answer.notes[-1]

@@ -120,6 +120,11 @@ def test_what_does_not_go_together_is_said(track, more, said):
     assert not output.exists()
 
 
+def test_a_film_is_no_table(folder, tmp_path, capsys):
+    assert main(['import', str(folder / 'film.avi'), '--output', str(tmp_path / 'r.mcap')]) == 2
+    assert 'holds images: `pneunet track FILM --readings' in capsys.readouterr().err
+
+
 def test_options_of_a_table_need_one(folder, capsys):
     assert main(['track', str(folder / 'film.avi'), '--camera-info', 'none', '--delay', '1']) == 2
     assert '--delay says something of --readings' in capsys.readouterr().err

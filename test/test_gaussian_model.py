@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.measurement.gauss_newton import Bounds
 import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
@@ -58,17 +59,17 @@ def test_the_step_leads_to_the_most_probable_unknowns(seed):
 @seeds
 def test_a_step_lowers_the_cost_by_what_it_says(seed):
     linear, _, _ = problem(seed)
-    step, gain = linear.step_without([])
-    assert gain == pytest.approx(cost(linear, np.zeros(SIZE)) - cost(linear, step))
-    assert np.array_equal(step, linear.step)
+    expected = cost(linear, np.zeros(SIZE)) - cost(linear, linear.step)
+    assert linear.gain == pytest.approx(expected)
 
 
 @seeds
 def test_a_step_with_some_unknowns_kept(seed):
     linear, _, _ = problem(seed)
     kept, free = [1, 4], [0, 2, 3, 5]
-    step, gain = linear.step_without(kept)
-    assert not step[kept].any()
+    held = Bounds(rows=np.eye(SIZE)[kept], low=np.zeros(2), high=np.zeros(2))
+    step, gain = held.hold(linear.step, linear.gain, linear.solved)
+    assert step[kept] == pytest.approx(0.0, abs=1e-12)
     assert gain == pytest.approx(cost(linear, np.zeros(SIZE)) - cost(linear, step))
 
     def of_free(part: Array) -> float:
@@ -77,7 +78,36 @@ def test_a_step_with_some_unknowns_kept(seed):
         return cost(linear, whole)
 
     assert step[free] == pytest.approx(minimize(of_free, np.zeros(4), tol=1e-12).x, abs=1e-5)
-    assert gain < linear.step_without([])[1]
+    assert gain < linear.gain
+
+
+@seeds
+def test_a_step_stays_within_bounds_of_sums_of_unknowns(seed):
+    linear, _, _ = problem(seed)
+    rows = np.random.default_rng([seed, 2]).standard_normal((3, SIZE))
+    moved = rows @ linear.step
+    # The first may not go half of its way, the second as far as it likes, the third no way back.
+    limits = Bounds(
+        rows=rows,
+        low=np.minimum(np.array([0.5 * moved[0], -np.inf, 0.0]), 0.0),
+        high=np.maximum(np.array([0.5 * moved[0], np.inf, np.inf]), 0.0),
+    )
+    step, gain = limits.hold(linear.step, linear.gain, linear.solved)
+    assert np.all(rows @ step >= limits.low - 1e-9)
+    assert np.all(rows @ step <= limits.high + 1e-9)
+    assert rows[0] @ step == pytest.approx(0.5 * moved[0])
+    assert gain == pytest.approx(cost(linear, np.zeros(SIZE)) - cost(linear, step))
+    best = minimize(
+        lambda whole: cost(linear, whole),
+        np.zeros(SIZE),
+        method='SLSQP',
+        constraints=[
+            {'type': 'ineq', 'fun': lambda whole: rows[0] @ whole - limits.low[0]},
+            {'type': 'ineq', 'fun': lambda whole: limits.high[0] - rows[0] @ whole},
+            {'type': 'ineq', 'fun': lambda whole: rows[2] @ whole - limits.low[2]},
+        ],
+    )
+    assert cost(linear, step) == pytest.approx(best.fun, rel=1e-3)
 
 
 @seeds

@@ -159,7 +159,7 @@ def test_a_node_answers_by_plain_python_and_changes_over(tmp_path):
     script = UNKEPT + ('from pneunet_ros.nodes.estimator.__main__ import main\nsys.exit(main())\n')
     kept = tmp_path / 'kept'
     process = subprocess.Popen(
-        [sys.executable, '-c', script, str(kept), '--ros-args', '-p', 'input_timeout:=600.0'],
+        [sys.executable, '-c', script, str(kept), '--ros-args', '-r', '__ns:=/pneunet'],
         cwd=ROOT,
         stderr=subprocess.PIPE,
         text=True,

@@ -146,6 +146,12 @@ def test_effects_can_come_and_go_while_it_lives():
     other.shape(later)
 
 
+def test_frames_are_stamped_late_by_the_delay_of_the_camera():
+    delayed = scenario(effects={'camera_delay': {'delay': 0.05, 'richness': 1.0}})
+    assert LiveLab(scenario=delayed).frame_delay == pytest.approx(0.05, rel=1e-12)
+    assert LiveLab(scenario=scenario()).frame_delay == 0.0
+
+
 def test_noise_is_of_its_size_and_of_nothing_where_nothing_hangs():
     noisy = LiveLab(scenario=recorded('unloaded_ramp').scenario)
     state, shape = noisy.shape(noisy.step(noisy.begin(), 1.0, 2e4))

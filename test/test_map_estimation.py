@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.calibration.map_estimation import fit, Posterior
-from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
+from pneunet_ros.calibration.moment_law_parameters import ALPHAS, MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.settings import MapEstimationSettings
 import pytest
@@ -67,6 +67,20 @@ def test_the_truth_of_exact_runs_is_found():
     assert law.split[:-1] == pytest.approx(true.split[:-1], abs=1e-3)
     assert np.all(np.abs(off) < 4.0 * np.sqrt(np.diag(found.covariance)))
     assert max(np.abs(run.residual).max() for run in found.runs) < 2e-6
+
+
+def test_a_split_that_must_not_be_as_small_as_it_is_stands_at_its_bound():
+    _, arm = representable()
+    least = float(arm.moment_law.split.max()) + 0.02
+    some = parameters()
+    law = replace(some.law, settings=replace(some.law.settings, split_least=least))
+    some = replace(some, law=law)
+    runs = [run for group in experiments(arm, frames=16) for run in group]
+    found = fit(some, runs, HARDLY_ANY, arm.target_arclength)
+    assert found.status == 'converged'
+    splits = found.values[some.cells + ALPHAS :]
+    assert splits.min() == pytest.approx(least)
+    assert np.isclose(splits, least).sum() > 5
 
 
 def posterior():

@@ -77,7 +77,7 @@ def test_it_is_the_covariance_that_calibration_finds_from_the_tip_alone():
 
 def test_the_tip_is_as_sure_as_it_was_measured():
     std = np.sqrt(np.diag(predicted(KNOWN).estimate.tip_covariance))
-    assert std[:2] == pytest.approx([STD, STD], rel=0.02)
+    assert std[:2] == pytest.approx([STD, STD], rel=1e-6)
 
 
 def test_a_tip_measured_exactly_leaves_pressure_and_model():

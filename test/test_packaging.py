@@ -211,6 +211,19 @@ def test_all_but_the_nodes_imports_without(missing):
     subprocess.run([sys.executable, '-c', script], check=True, cwd=CHECKOUT)
 
 
+@pytest.mark.parametrize('module', ['estimator.__main__', 'tracker.__main__', 'stack'])
+def test_a_node_without_ros_says_so_in_one_sentence(module):
+    script = (
+        "import sys; sys.modules['rclpy'] = None; "
+        f'from pneunet_ros.nodes.{module} import main; sys.exit(main())'
+    )
+    command = [sys.executable, '-c', script]
+    done = subprocess.run(command, cwd=CHECKOUT, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr.count('\n') == 1
+    assert "pip install 'pneunet_ros[ros]'" in done.stderr
+
+
 def installed_command(python, *arguments, environment, cwd):
     """Run an installed thing from a folder that is no checkout; what it says on stdout."""
     done = subprocess.run(
@@ -231,6 +244,9 @@ def test_pip_install_gives_commands_and_files(tmp_path, foreign_environment):
     (site,) = place.glob('lib/python3*/site-packages')
     libraries = Path(importlib.import_module('numpy').__file__).parent.parent
     (site / 'borrowed.pth').write_text(f'{libraries}\n')
+    # That of a new environment is too old to make a wheel by itself (before 70.1): borrow ours.
+    for old in site.glob('setuptools*'):
+        shutil.rmtree(old)
     run = {'environment': foreign_environment, 'cwd': tmp_path}
     pip = ['-m', 'pip', 'install', '--quiet', '--no-deps', '--no-build-isolation']
     installed_command(python, *pip, source, **run)

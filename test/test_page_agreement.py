@@ -52,6 +52,13 @@ $ echo two \\
 two four
 ```
 
+1. in a list:
+
+   ```sh
+   echo \\
+     in
+   ```
+
 <!-- not run: no robot -->
 ```sh
 ros2 topic list
@@ -68,15 +75,17 @@ def page(tmp_path, monkeypatch):
 
 
 def test_blocks_have_their_remarks_and_commands(page):
-    slow, console, robot = blocks_of(page)
+    slow, console, inside, robot = blocks_of(page)
     assert (slow.remark, slow.commands, slow.line) == ('slow', ['echo one'], 3)
     assert [' '.join(command.split()) for command in console.commands] == ['echo two three']
+    assert inside.content == 'echo \\\n  in\n'
     assert robot.reason_not_run == 'no robot'
-    assert [block.is_run for block in (slow, console, robot)] == [True, True, False]
+    blocks = (slow, console, inside, robot)
+    assert [block.is_run for block in blocks] == [True, True, True, False]
 
 
 def test_what_was_printed_is_put_into_the_page(page, tmp_path):
-    _, console, _ = blocks_of(page)
+    _, console, *_ = blocks_of(page)
     ((before, shown, printed),) = run_block(console, tmp_path)
     assert (shown, printed) == ('two four\n', 'two three\n')
     rewrite(page, before, shown, printed)

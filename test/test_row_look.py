@@ -6,6 +6,7 @@ import numpy as np
 from pneunet_ros.vision.centroid import (
     ANGLE,
     AREA,
+    BEYOND,
     BLUR,
     COLUMNS,
     CONTRAST,
@@ -15,13 +16,26 @@ from pneunet_ros.vision.centroid import (
     MAJOR,
     MINOR,
     SEEN,
+    SMEAR,
+    STD,
     U,
     V,
 )
-from pneunet_ros.vision.ellipse_fit import AXIS_XX, AXIS_XY, AXIS_YY, BEHIND, PLATEAU, SHAPE_STD
+from pneunet_ros.vision.ellipse_fit import (
+    AXIS_XX,
+    AXIS_XY,
+    AXIS_YY,
+    BEHIND,
+    PLATEAU,
+    SHAPE_STD,
+    SMEAR_STD,
+    SMEAR_U,
+    SMEAR_V,
+)
 from pneunet_ros.vision.row_look import (
     believable_parts,
     looks_of_neighbors,
+    part_stds,
     ROW_LOOK,
     share_of_area,
 )
@@ -54,7 +68,7 @@ def test_neighbors_tell_a_size_that_changes_along_the_arm(target):
     assert expected[AXIS_XY] == pytest.approx((long - short) * cosine * sine)
     assert expected[AXIS_YY] == pytest.approx(long * sine**2 + short * cosine**2)
     assert expected[SHAPE_STD] == ROW_LOOK.least_std
-    assert (expected[PLATEAU], expected[BEHIND]) == (220.0, 50.0)
+    assert expected[[PLATEAU, BEHIND]] == pytest.approx([220.0, 50.0])
     share = share_of_area(table, looks_of_neighbors(table, table[:, :2]))
     assert share[target] == pytest.approx(0.9)
     assert np.delete(share, target) == pytest.approx(1.0)
@@ -85,6 +99,7 @@ def test_too_few_whole_neighbors_tell_nothing():
         (LEVEL, 150.0, 0.92, False),
         (LEVEL, 195.0, np.nan, True),
         (U, np.nan, 1.0, True),
+        (BEYOND, 0.2, 0.92, False),
     ],
 )
 def test_a_part_must_look_as_its_neighbors_do(column, value, share, believed):
@@ -94,3 +109,19 @@ def test_a_part_must_look_as_its_neighbors_do(column, value, share, believed):
     found[4, column], shares[4] = value, share
     assert believable_parts(found, expected, shares)[4] == believed
     assert not believable_parts(np.full_like(found, np.nan), expected, shares).any()
+
+
+def test_a_part_that_moves_along_what_covers_it_is_less_sure():
+    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
+    table[:, STD] = 0.02
+    assert part_stds(table) == pytest.approx(np.full(COUNT, 0.02))
+    table[:, SMEAR] = [3.0, 4.0]
+    assert part_stds(table) == pytest.approx(np.hypot(0.02, ROW_LOOK.part_error * 5.0))
+
+
+def test_neighbors_tell_how_far_a_target_moves_while_the_shutter_is_open():
+    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
+    table[:, SMEAR] = np.column_stack([0.2 * np.arange(COUNT), -0.1 * np.arange(COUNT)])
+    last = looks_of_neighbors(table, table[:, :2])[-1]
+    assert last[[SMEAR_U, SMEAR_V]] == pytest.approx(table[-1, SMEAR])
+    assert last[SMEAR_STD] == ROW_LOOK.smear_std

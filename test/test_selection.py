@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -178,6 +179,10 @@ def test_adequate_and_plausible_sets_come_first_and_small_ones_of_like_evidence(
     assert choose_best(base, [wild, left, good]) is good
     assert choose_best(base, [wild, left]) is wild
     assert choose_best(base, [left]) is left
+    # What explains less than half of it is not preferred because little was there to be left.
+    half = replace(good, record=replace(good.record, evidence=100.0, gain=0.4 * left.record.gain))
+    assert choose_best(base, [half]) is half
+    assert choose_best(base, [left, half]) is left
     assert choose_best(base, [trial('creep', 2.0, 300.0)]) is None
     small = trial('load_offset', 395.0)
     large = trial('softening', 400.0, dof=2)

@@ -18,7 +18,7 @@ from pneunet_ros.tables.length_unit import length_unit
 from pneunet_ros.vision.tracker import Tracker
 import pytest
 from support.films import ARM, FRAMES, PERIOD_NS, place_of, stamp_of, tracked_steps
-from support.html_pages import browser, opened, Page
+from support.html_pages import browser, opened, Page, widest
 
 TRACKER = Tracker(ARM, load_camera(share_path('config/camera.yaml')))
 METERS = length_unit('m', ARM.length)
@@ -127,3 +127,5 @@ def test_the_page_works_in_a_browser(steps, tmp_path):
     with write_page(file, collected(steps, truth()), METERS):
         pass
     assert opened(file, tmp_path) == ([], [])
+    for width in (390, 1280):
+        assert widest(file, tmp_path, width) == (width, [])

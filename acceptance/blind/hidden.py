@@ -68,12 +68,14 @@ HIDEABLE = {
     'load_offset': Hideable(parameter='offset', weakest=2e-4, strongest=0.008),
     'camera_scale': Hideable(parameter='factor', weakest=0.001, strongest=0.03, neutral=1.0),
     'camera_rotation': Hideable(parameter='angle', weakest=0.0015, strongest=0.04),
+    'camera_delay': Hideable(parameter='delay', weakest=0.004, strongest=0.2),
 }
 CONFUSABLE = (
     ('camera_rotation', 'force_misalignment'),
     ('force_misalignment', 'load_offset'),
     ('hysteresis', 'pressure_lag'),
     ('hysteresis', 'creep'),
+    ('camera_delay', 'pressure_lag'),
 )
 NEED_LOADS = 'extensibility', 'stiffening', 'softening', 'load_offset', 'force_misalignment'
 

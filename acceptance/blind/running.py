@@ -54,6 +54,7 @@ def answered(trial: Trial, diagnose: Diagnose) -> tuple[Row, Diagnosis | None]:
         'seconds': time.perf_counter() - started,
         'answer': found.answer,
         'sentence': found.sentence,
+        'notes': list(found.notes),
         'effects': [
             {
                 'name': effect.name,

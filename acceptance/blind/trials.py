@@ -122,8 +122,9 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
     rated = asked != block
     design = 'free' if block == 'unobservable' else 'full'
     if rated:
-        # Coprime to the number of effects, so that every effect meets every design.
-        design = list(RATED)[place % len(RATED)]
+        # One further with every round of the effects, so that every effect meets every design.
+        rounds, step = divmod(place, len(names))
+        design = list(RATED)[(rounds + step) % len(RATED)]
     if rated and block == 'single':
         name = names[place % len(names)]
         effects[name] = hidden_effect(name, int(random.integers(3, 6)), random)

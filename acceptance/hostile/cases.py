@@ -132,6 +132,8 @@ def model(place: Place) -> Case:
     if place.dice.random() < 0.2:
         recording = place.take('rec.mcap')
         return place.case('check', recording, '--model', path)
+    if place.dice.random() < 0.1:
+        return place.case('urdf', '--model', path, '--output', place.output('arm.urdf'))
     tip = ('--tip', '0.08', '0.05') if place.dice.random() < 0.2 else ('--force', '0.1', '0.02')
     return place.case('predict', '--model', path, '--pressure', '20000', *tip)
 
@@ -158,9 +160,12 @@ def scenario(place: Place) -> Case:
 
 def read_recording(place: Place, path: Path, read_back: Path | None = None) -> Case:
     """Run one of the verbs that read a recording of readings."""
-    verb = place.dice.choice(('check', 'export', 'export', 'replay'))
+    verb = place.dice.choice(('check', 'export', 'export', 'replay', 'compare'))
     words: tuple[object, ...] = ()
-    if verb == 'export':
+    if verb == 'compare':
+        words = (place.take('replayed.mcap'),)
+        read_back = None  # it says less of a recording than its numbers
+    elif verb == 'export':
         words = ('--output', place.output(place.dice.choice(('out.csv', 'out.npz'))))
     elif verb == 'replay' and place.dice.random() < 0.5:
         words = ('--output', place.output('out.mcap'))
@@ -192,6 +197,25 @@ def metadata(place: Place) -> Case:
 def table(place: Place) -> Case:
     path = place.mutate(place.take('table.csv'), damage_text, damage_text, damage_bytes)
     return place.case('import', path, '--output', place.output('out.mcap'))
+
+
+def compared(place: Place) -> Case:
+    path = place.mutate(place.take('rec.truth.npz'), flip_bit, damage_bytes)
+    recording = place.take('replayed.mcap')
+    if place.dice.random() < 0.5:
+        return place.case('compare', recording, path)
+    return place.case('compare', recording, recording, '--truth', path)
+
+
+def film_and_table(place: Place) -> Case:
+    film, readings = place.take('film.mp4'), place.take('table.csv')
+    if place.dice.random() < 0.7:
+        place.mutate(readings, damage_text, damage_text, damage_bytes)
+    else:
+        place.mutate(film, flip_bit, damage_bytes)
+    delay = place.dice.choice(('auto', '0.1', '-1e9', '1e300'))
+    words = ('--camera-info', 'none', '--readings', readings, '--delay', delay)
+    return place.case('track', film, *words, '--output', place.output('out.mcap'))
 
 
 def truth(place: Place) -> Case:
@@ -428,6 +452,8 @@ CASES = {
     'knowledge': _made(knowledge, 2),
     'images': _made(images, 3),
     'film': _made(film, 2),
+    'film_and_table': _made(film_and_table, 3),
+    'compared': _made(compared, 2),
     'image_recording': _made(image_recording, 2),
     'no_file': _made(no_file, 4),
     'bomb': _made(bomb, 2),

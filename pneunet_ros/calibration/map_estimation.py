@@ -20,7 +20,7 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import Disturbances
 from pneunet_ros.measurement.forward_model import ForwardModel
-from pneunet_ros.measurement.gauss_newton import End, gauss_newton
+from pneunet_ros.measurement.gauss_newton import Bounds, End, gauss_newton
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.measurement.linearization import linearize, RunLinearization
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -61,7 +61,7 @@ class ScaledPrior:
 class LinearizedPosterior:
     """The posterior around scaled unknowns (n,): cost, normal matrix (n, n) and gradient (n,).
 
-    Both of the data alone; the prior adds the unit matrix and -scaled.
+    Both of the data alone; the prior adds the unit matrix and -scaled. bounds: of a step.
     """
 
     scaled: Array
@@ -69,13 +69,17 @@ class LinearizedPosterior:
     runs: tuple[RunLinearization, ...]
     normal: Array
     gradient: Array
+    bounds: Bounds
 
     def newton_step(self) -> tuple[Array, float]:
         """Return the full step, and Newton's decrement: its size in standard deviations."""
         factor = cho_factor(self.normal + np.eye(self.scaled.size))
         downhill = self.gradient - self.scaled
         step = cho_solve(factor, downhill)
-        return step, float(np.sqrt(step @ downhill))
+        step, gain = self.bounds.hold(
+            step, 0.5 * float(step @ downhill), lambda right: np.asarray(cho_solve(factor, right))
+        )
+        return step, float(np.sqrt(2.0 * max(gain, 0.0)))
 
 
 class Posterior:
@@ -135,6 +139,7 @@ class Posterior:
             runs=tuple(runs),
             normal=prior.scale.T @ normal @ prior.scale,
             gradient=prior.scale.T @ gradient,
+            bounds=Bounds.of(prior.scale[:size], values, self.parameters.limits),
         )
 
 

@@ -51,6 +51,11 @@ class MomentLawParameters(abc.ABC):
         """
         return slopes_at(self, pressure.tobytes())
 
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Lowest and highest values of the parameters, (n,) each."""
+        return np.full(self.mean.size, -np.inf), np.full(self.mean.size, np.inf)
+
     @abc.abstractmethod
     def quantities(self) -> tuple[tuple[str, ...], Array]:
         """Return the numbers of the model file that move, and their change per parameter."""
@@ -97,6 +102,13 @@ class PiecewiseParameters(MomentLawParameters):
         """How much each parameter of a section counts in the rows, (rows, 3)."""
         up = (self.rows - self.low) / (self.high - self.low)
         return np.column_stack([1.0 - up, up, 4.0 * up * (1.0 - up)])
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """The split has bounds."""
+        low, high = np.full(self.mean.size, -np.inf), np.full(self.mean.size, np.inf)
+        low[ALPHAS:], high[ALPHAS:] = self.settings.split_least, self.settings.split_most
+        return low, high
 
     def law(self, values: Array) -> PiecewiseLinearLaw:
         """Eq 10 with these constants."""

@@ -67,6 +67,14 @@ def estimate_noise(
     }
     white = white_of_targets(runs, settings)
     found['target_std'] = white, 'second differences of target positions in time'
+    least = settings.least_target * float(arclength[-1]) if arclength.size else 0.0
+    if white is not None and white < least:
+        white = least
+        found['target_std'] = (
+            white,
+            f'{settings.least_target:g} of the length: target positions in time differ by less, '
+            'as in a lossy film, which repeats what rests',
+        )
     white = white if white is not None else assumed.target_std
     found['placement_std'] = (
         placement(runs, arclength, white, settings),

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.polynomial import legendre
 from pneunet_ros.calibration.low_rank import shape_jacobian
 from pneunet_ros.calibration.parameters import correlation, Parameters
 from pneunet_ros.calibration.posterior import all_information
@@ -26,6 +27,8 @@ from pneunet_ros.calibration.settings import (
 )
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.units import millimeters
+
+STATIONS, MODES = 41, 4  # along the arm, for the part of a smooth departure that is linear
 
 
 def consider_nonuniformity(fit: Fit, settings: CalibrationSettings = CALIBRATION) -> Fit:
@@ -78,3 +81,11 @@ def departure_prior(parameters: Parameters, values: Array, settings: ResolutionS
     rest = settings.nonuniform_rest / parameters.frame.length
     over = settings.nonuniform**2 * np.outer(mean, mean) + rest**2
     return np.asarray(np.kron(over, correlation(parameters.arclength, settings.nonuniform_scale)))
+
+
+def linear_departure(settings: ResolutionSettings) -> float:
+    """Return one sigma of the linear part of a departure, at the tip, per mean curvature."""
+    arclength = np.linspace(0.0, 1.0, STATIONS)
+    linear = np.linalg.pinv(legendre.legvander(2.0 * arclength - 1.0, MODES - 1))[1]
+    variance = linear @ correlation(arclength, settings.nonuniform_scale) @ linear
+    return settings.nonuniform * float(np.sqrt(variance))

@@ -105,6 +105,14 @@ class Parameters:
         """How many parameters are cells of the curvature's table."""
         return self.pressure.size * self.arclength.size
 
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Lowest and highest values of the parameters, (n,) each."""
+        low, high = np.full(self.cells, -np.inf), np.full(self.cells, np.inf)
+        if self.law is None:
+            return low, high
+        return np.append(low, self.law.limits[0]), np.append(high, self.law.limits[1])
+
     def arm(self, values: Array) -> Arm:
         """Return the arm with these values; ModelError where there is none."""
         table = values[: self.cells].reshape(self.pressure.size, self.arclength.size)

@@ -49,6 +49,12 @@ class NoiseEstimateSettings:
     fewest: int = tuning(20, 'values for an estimate, and frames of a run to take them from')
     restless: float = tuning(1.5, 'readings of a run that moves', unit='of the quietest run')
     even: float = tuning(1.5, 'mean over targets, of an even motion', unit='sigma')
+    least_target: float = tuning(
+        1e-4,
+        'of targets, at least: a lossy film repeats what rests, and differences show no noise',
+        unit='length',
+        source='measured: 5e-6 where a film has 4e-5; rounded up',
+    )
     at_clamp: float = tuning(0.01, 'so near a target does not move with the arm', unit='length')
     blocks: int = tuning(8, 'of a run, whose means show the drift of the camera')
     smooth_degree: int = tuning(6, 'of the polynomial that a straight arm follows')

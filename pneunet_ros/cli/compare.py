@@ -7,7 +7,9 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pneunet_ros.cli.verb import (
+    add_dimensionless,
     add_json,
     add_model,
     add_overwrite,
@@ -17,10 +19,13 @@ from pneunet_ros.cli.verb import (
     output_console,
     print_json,
     topics_of,
+    units_of,
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import millimeters
+from pneunet_ros.estimation.shape_error import Comparison
 from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.compare import compare_files, CompareRequest, comparison_content
 from pneunet_ros.recordings.recorded_shapes import SHAPE_TOPICS
 from rich.table import Table
@@ -63,6 +68,7 @@ def options(parser: ArgumentParser) -> None:
         'what was measured in a recording that also holds estimates; may be repeated; NAME is '
         f'{", ".join(SHAPE_TOPICS[:-1])} or {SHAPE_TOPICS[-1]}',
     )
+    add_dimensionless(parser, 'draw the plot')
     add_overwrite(parser)
     add_json(parser)
 
@@ -91,8 +97,12 @@ def run(arguments: Namespace) -> int:
 
         inputs = [path for path in (arguments.a, arguments.b, arguments.truth) if path]
         with atomic_output(plot, overwrite=arguments.overwrite, inputs=inputs) as temporary:
-            draw_comparisons(found, temporary, plot.suffix.lower().lstrip('.'))
+            form = plot.suffix.lower().lstrip('.')
+            draw_comparisons(found, temporary, form, units_of(arguments, arm))
     contents = [comparison_content(item) for item in comparisons]
+    if arguments.model is None:
+        for item, content in zip(comparisons, contents, strict=True):
+            content['sentences'] += places_assumed(item, arm)
     if arguments.json:
         print_json({'comparisons': contents, 'plot': plot})
     else:
@@ -100,6 +110,15 @@ def run(arguments: Namespace) -> int:
         if plot is not None:
             output_console().print(f'wrote {plot}')
     return DONE if len(found) == len(comparisons) else NEGATIVE
+
+
+def places_assumed(comparison: Comparison, arm: Arm) -> list[str]:
+    """Say that targets were taken to be where the shipped model has them, if any were compared."""
+    lines = [side.centerlines for side in (comparison.of, comparison.to)]
+    places = arm.target_arclength
+    if any(line is not None and np.array_equal(line.arclength, places) for line in lines):
+        return [f'targets are taken to be where {arm.name} has them; --model says otherwise']
+    return []
 
 
 def side_topics(pairs: list[str]) -> tuple[dict[str, str], dict[str, str]]:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-import os
 import time
 
 from pneunet_ros.cli.verb import add_json, DONE, output_console, print_json, progress_bar
 from pneunet_ros.core.kernel_cache import alone, cache_folder, kernels_kept, note_kept
-
-NICENESS = 10  # others first: what waits for kernels has answers meanwhile
 
 
 def options(parser: ArgumentParser) -> None:
@@ -23,7 +20,6 @@ def options(parser: ArgumentParser) -> None:
 def run(arguments: Namespace) -> int:
     """Compile what is not on the disk."""
     begun = time.process_time()
-    os.nice(NICENESS)
     with alone(), progress_bar(shown=not arguments.json) as bar:
         there = kernels_kept() and not arguments.again
         if not there:

@@ -17,9 +17,9 @@ WIDTH = 80  # columns
 INDENT = 22  # of what stands beside a name
 PLACES: dict[Place, str] = {
     'sensing': 'what a reading means',
-    'actuation': 'from pressure and its history to chamber and curvature',
-    'material': 'the moment-curvature law',
-    'mechanics': 'rest strain, compliance and loads of the rod',
+    'actuation': 'pressure history to chamber pressure and intrinsic curvature',
+    'material': 'moment against curvature',
+    'mechanics': 'stretch, clamp, weight, end load',
 }
 
 

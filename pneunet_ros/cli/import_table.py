@@ -7,9 +7,11 @@ from pathlib import Path
 
 from pneunet_ros.cli.table_options import add_table_options, table_request
 from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.messages.readings import TARGETS
 from pneunet_ros.offline.table_conversion import record_table
+from pneunet_ros.recordings.file_kinds import recording_from, VIDEOS
 from pneunet_ros.recordings.recording_writer import write_recording
 from pneunet_ros.tables.columns import known_names
 from pneunet_ros.tables.table_reader import read_table
@@ -37,6 +39,8 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Import and summarize."""
+    if arguments.table.suffix.lower() in VIDEOS:
+        raise RequestError(f'{arguments.table} {recording_from(arguments.table)}')
     request = table_request(arguments, rate=arguments.rate)
     table, sentences = read_table(arguments.table, request)
     with write_recording(

@@ -79,7 +79,7 @@ VERBS = (
     ),
     Verb(
         'compare',
-        'how far two recordings, or an estimate and a truth, are apart: tip and shape',
+        'measure the distance of two recordings, or of an estimate and a truth',
         'pneunet_ros.cli.compare',
     ),
     Verb(
@@ -94,12 +94,12 @@ VERBS = (
     ),
     Verb(
         'import',
-        'make a recording of a CSV table whose columns are named with their units',
+        'convert a CSV table, whose columns name their units, to a recording',
         'pneunet_ros.cli.import_table',
     ),
     Verb(
         'new-arm',
-        'size and targets of an arm -> arm.yaml to start from, and a sheet of dots to print',
+        'write arm.yaml for an arm of your own, and a printable sheet of its dots',
         'pneunet_ros.cli.new_arm',
     ),
     Verb(
@@ -115,12 +115,12 @@ VERBS = (
     ),
     Verb(
         'urdf',
-        'the arm as a chain of links, for robot_state_publisher and displays',
+        'write a URDF of the arm as a chain of links, for robot_state_publisher',
         'pneunet_ros.cli.urdf',
     ),
     Verb(
         'compile',
-        'compile all kernels ahead, once; they are kept on the disk',
+        'compile all kernels ahead and keep them on the disk',
         'pneunet_ros.cli.compile',
     ),
 )

@@ -204,7 +204,7 @@ def output_writer(arguments: Namespace) -> AbstractContextManager[RecordingWrite
 def check_request(arguments: Namespace, settings: CameraSettings) -> None:
     """Refuse, before any work is done, what cannot go together."""
     if arguments.preview is not None and arguments.preview.suffix.lower() not in PREVIEWS:
-        raise RequestError(f'--preview {arguments.preview} must end in {" or ".join(PREVIEWS)}')
+        raise RequestError(f'--preview {arguments.preview} must end in .png, .mp4 or .html')
     page = arguments.preview is not None and arguments.preview.suffix.lower() == '.html'
     if arguments.estimates is not None and not page:
         raise RequestError('--estimates are drawn into a page: give --preview FILE.html')

@@ -51,17 +51,23 @@ class Confirmer:
     def confirm(self, record: Record, alternatives: Collection[str] = ()) -> Confirmation:
         """Hold a set of effects against the requirements; alternatives: names it may be, too."""
         return Confirmation(
-            objections=(*self.objections(record), *self.other_names(record, alternatives)),
+            objections=(
+                *self.refutations(record),
+                *self.nonuniform_arm(record),
+                *self.other_names(record, alternatives),
+            ),
             untested=(*self.held_out_untested(record), *self.stability_untested(record)),
         )
 
-    def objections(self, record: Record) -> tuple[str, ...]:
-        """Return what speaks against a set of effects by itself."""
+    def refutations(self, record: Record) -> tuple[str, ...]:
+        """Return what speaks against a set of effects by itself.
+
+        A set that something else explains as well is not refuted: it remains an alternative.
+        """
         return (
             *self.what_is_left(record),
             *self.held_out_objections(record),
             *record.outside_prior,
-            *self.uneven_arm(record),
         )
 
     def chi_squared(self, record: Record, *, held_out: bool = False) -> float:
@@ -119,11 +125,11 @@ class Confirmer:
             return ('the held-out recordings hardly show it: nothing new tests it',)
         return ()
 
-    def uneven_arm(self, record: Record) -> tuple[str, ...]:
+    def nonuniform_arm(self, record: Record) -> tuple[str, ...]:
         """Object where an arm that bends unevenly, which no target shows, needs no effect."""
-        if record.uneven is None or self.base.uneven is None:
+        if record.nonuniform is None or self.base.nonuniform is None:
             return ()
-        if record.uneven - self.base.uneven >= self.settings.selection.least_evidence:
+        if record.nonuniform - self.base.nonuniform >= self.settings.selection.least_evidence:
             return ()
         share = self.settings.calibration.resolution.nonuniform
         return (

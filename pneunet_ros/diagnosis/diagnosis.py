@@ -84,7 +84,8 @@ def diagnose(
     Args:
         model: the arm, with the effects that are known already.
         training: recordings of pressure (Pa), end load (N, N m) and targets (m, base frame), at
-            least one of them without a load. A measured pose of the tip is not used.
+            least one of them without a load. A measured pose of the tip is not used, which a note
+            says.
         held_out: others, in the same range of pressure and force; may be empty.
         seed: of the simulated clean data behind the thresholds.
         executor: where they are simulated; here if None.
@@ -101,6 +102,7 @@ def diagnose(
         ModelError: the model has no shape in most of the recordings.
 
     """
+    notes = notes_on_tip_pose((*training, *held_out))
     training, held_out = (
         [run.without_tip_pose() for run in runs] for runs in (training, held_out)
     )
@@ -118,14 +120,15 @@ def diagnose(
     )
     first = selection.fit_base()
     if not is_settled(first.refit, settings):
-        return unsettled(seed, settings)
+        return unsettled(seed, notes, settings)
     best = selection.select_forward(first)
     selection.fit_rivals(first, best)
     candidates = selection.score_candidates(first)
     detectable = detection_limits(asked, candidates, settings.score_test)
     verdict = decide(selection, first, best, detectable)
     on_progress('evaluation before and after', 0, 0)
-    return conclude(selection, first, best, verdict, detectable, recordings)
+    notes = (*verdict.notes, *notes_on_time(selection, recordings[0]), *notes)
+    return conclude(selection, first, best, replace(verdict, notes=notes), detectable, recordings)
 
 
 def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
@@ -138,7 +141,7 @@ def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
     return fit.gain < max(nearly, settings.base_fit.unsettled * fit.cost)
 
 
-def unsettled(seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:
+def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> UnsettledDiagnosis:
     """Return that the base model could not be fitted."""
     return UnsettledDiagnosis(
         sentence=(
@@ -149,6 +152,7 @@ def unsettled(seed: int, settings: DiagnosisSettings) -> UnsettledDiagnosis:
             'check length, targets, units and the moment law of the model, and the recordings by '
             '`pneunet check`; a calibration from the unloaded recordings alone shows which '
             'recording does not fit',
+            *notes,
         ),
         seed=seed,
         settings=settings,
@@ -238,7 +242,7 @@ def conclude(
         evidence=collect_evidence(selection, candidates, cosines),
         cosines=cosines,
         proposal=propose_experiment(first.refit, wanted, rivals, settings),
-        notes=(*verdict.notes, *notes_on_time(selection, recordings[0])),
+        notes=verdict.notes,
         seed=selection.seed,
         settings=settings,
     )
@@ -249,7 +253,8 @@ def decide(
 ) -> Verdict:
     """Decide on the answer by the base model, the best set of effects, and all that was tried."""
     if not best.record.adequate:
-        return Verdict(answer='unknown', trial=first, notes=closest_notes(best.record))
+        closest = max(selection.tried.values(), key=lambda item: item.evidence)
+        return Verdict(answer='unknown', trial=first, notes=closest_notes(closest))
     if not best.names:
         observable = any(item.observable for item in detectable.values())
         return Verdict(answer='none' if observable else 'unobservable', trial=first)
@@ -260,7 +265,7 @@ def decide(
         if item.adequate
         and item.plausible
         and item is not best.record
-        and not confirmer.objections(item)
+        and not confirmer.refutations(item)
     ]
     settings = selection.settings
     others = {
@@ -425,6 +430,13 @@ def notes_on_time(selection: Selection, training: Sequence[RecordingData]) -> tu
     if all(run.static for run in training):
         why = 'frames are static, their stamps mean nothing'
     return (f'{why}: effects with a time in them were not considered ({", ".join(names)})',)
+
+
+def notes_on_tip_pose(runs: Sequence[RecordingData]) -> tuple[str, ...]:
+    """Say that a measured pose of the tip was not used."""
+    if all(run.tip_pose is None for run in runs):
+        return ()
+    return ('the measured pose of the tip (tip_pose) was not used: a diagnosis looks at targets',)
 
 
 def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) -> str:

@@ -57,16 +57,10 @@ class GaussianModel:
         inverse: Array = cho_solve(self.factor, np.eye(self.position.size))
         return inverse
 
-    def step_without(self, fixed: Sequence[int]) -> tuple[Array, float]:
-        """Return the best step with some unknowns kept, and by how much it lowers the cost."""
-        information_vector = sum(self.information_vectors, -self.position)
-        if not fixed:
-            return self.step, 0.5 * float(information_vector @ self.step)
-        free = np.setdiff1d(np.arange(information_vector.size), fixed)
-        precision = sum(self.grams, np.eye(information_vector.size))[np.ix_(free, free)]
-        step = np.zeros(information_vector.size)
-        step[free] = np.linalg.solve(precision, information_vector[free])
-        return step, 0.5 * float(information_vector @ step)
+    @property
+    def gain(self) -> float:
+        """By how much the best step lowers the cost."""
+        return 0.5 * float(sum(self.information_vectors, -self.position) @ self.step)
 
     def solved(self, right: Array) -> Array:
         """Return the covariance of the unknowns times something (n, k)."""

@@ -2,7 +2,8 @@
 
 The camera's path and the errors of readings are integrated out run by run. What is left unknown,
 each scaled so that its prior is normal with unit variance: the base model, the placement of the
-targets, and a field of harmless departures that no model is free of.
+targets, a field of harmless departures that no model is free of, and the tilt of a camera that
+nobody sets up exactly parallel to the plane of the arm.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.gauss_newton import Bounds
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.measurement.linearization import FittedRun, linearize
 from pneunet_ros.measurement.pressure_filter import filter_pressure
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
-from pneunet_ros.solver.columns import THETA
+from pneunet_ros.solver.columns import THETA, X, Y
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -145,9 +147,15 @@ class Linearization:
             for which, inputs in enumerate(all_inputs)
         ]
         self.tolerance = self.tolerances()
+        tilt = settings.tilt * self.length
         self.fixed = [
             np.concatenate(
-                [block.base, block.white(block.fields.generic * self.tolerance)], axis=1
+                [
+                    block.base,
+                    block.white(block.fields.generic * self.tolerance),
+                    block.white(block.fields.tilt * tilt),
+                ],
+                axis=1,
             )
             for block in self.blocks
         ]
@@ -197,7 +205,13 @@ class Linearization:
             path_filter=path_filter,
             base=path_filter(base),
             path=path,
-            fields=fields_of(regressors, which, knots, linear.fitted.fields[:, THETA]),
+            fields=fields_of(
+                regressors,
+                which,
+                knots,
+                linear.fitted.fields[:, THETA],
+                linear.fitted.fields[:, [X, Y]] / arm.length,
+            ),
         )
 
     def tolerances(self) -> Array:
@@ -211,6 +225,14 @@ class Linearization:
         rms = np.sqrt(np.asarray(squares) / rows)
         tolerance = self.settings.tolerance * self.length / np.sqrt(rms.size)
         return np.where(rms > 0.0, tolerance / np.maximum(rms, 1e-300), 0.0)
+
+    def bounds(self, base: Array, unknowns: int) -> Bounds:
+        """Return the bounds of a step of so many unknowns, the first of them scaled ones here."""
+        size = self.size
+        rows = np.zeros((size, unknowns))
+        rows[:, :size] = self.scale[:size, :size]
+        values = self.mean[:size] + rows[:, :size] @ base[:size]
+        return Bounds.of(rows, values, self.point.parameters.limits)
 
     def residual(
         self, values: Array, effects: Sequence[Effect], which: range

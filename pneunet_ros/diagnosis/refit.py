@@ -16,7 +16,7 @@ from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.settings import DEFAULTS, RefitSettings
 from pneunet_ros.effects.effect import Effect
-from pneunet_ros.measurement.gauss_newton import gauss_newton
+from pneunet_ros.measurement.gauss_newton import Bounds, gauss_newton
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,7 +40,9 @@ class Refit:
     @property
     def gain(self) -> float:
         """By how much a step more would lower the cost, in its own linearization."""
-        return self.gaussian.step_without(())[1]
+        gaussian = self.gaussian
+        bounds = self.linearization.bounds(self.base, gaussian.position.size)
+        return bounds.hold(gaussian.step, gaussian.gain, gaussian.solved)[1]
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -213,7 +215,15 @@ class JointFit:
     def newton_step(self, last: tuple[Iterate, GaussianModel]) -> tuple[Array, float]:
         """Return the full step within the bounds, and by how much it lowers the cost."""
         at, gaussian = last
-        return gaussian.step_without(self.active_bounds(at.numbers, gaussian.step))
+        bounds = self.linearization.bounds(at.base, gaussian.position.size)
+        active = self.active_bounds(at.numbers, gaussian.step)
+        nothing = np.zeros(len(active))
+        bounds = Bounds(
+            rows=np.concatenate([bounds.rows, np.eye(gaussian.position.size)[active]]),
+            low=np.concatenate([bounds.low, nothing]),
+            high=np.concatenate([bounds.high, nothing]),
+        )
+        return bounds.hold(gaussian.step, gaussian.gain, gaussian.solved)
 
     def lower(self, last: tuple[Iterate, GaussianModel], step: Array) -> Iterate | None:
         """Return where a step leads; None where that costs no less, or has no shapes."""

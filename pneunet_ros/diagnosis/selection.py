@@ -13,10 +13,13 @@ from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.lack_of_fit import lack_of_fit_tests, LackOfFit, MapFunction
 from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.nonuniform_arm import (
+    log_probability_nonuniform,
+    nonuniform_columns,
+)
 from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
-from pneunet_ros.diagnosis.unevenness import log_probability_uneven, uneven_columns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,7 +31,7 @@ class Record:
     parameters beyond theirs. run_chi_squared: of the whitened residuals of each run, held-out ones
     too, and coordinates: their number. log_probability: of the training runs, without: of all but
     each in turn, both linearized at the fit to all; predicted: of the held-out runs given the
-    training ones; uneven: of the training runs where the arm may bend unevenly along it, None
+    training ones; nonuniform: of the training runs where the arm may bend unevenly along it, None
     where its curvature is free there. held_out (rows,): whitened residuals of held-out runs.
     """
 
@@ -45,7 +48,7 @@ class Record:
     log_probability: float = 0.0
     without: tuple[float, ...] = ()
     predicted: float = 0.0
-    uneven: float | None = None
+    nonuniform: float | None = None
     held_out: tuple[Array, ...] = ()
 
     @property
@@ -98,7 +101,7 @@ class Selection:
             raise ModelError(
                 'a held-out recording has no shape with the model of the training ones'
             )
-        uneven = uneven_columns(trial.linearization, self.settings.calibration.resolution)
+        nonuniform = nonuniform_columns(trial.linearization, self.settings.calibration.resolution)
         lack_of_fit, gaussian = self.settings.lack_of_fit, at_fit[1]
         tests = lack_of_fit_tests(all_runs, gaussian, self.seed, self.map_function, lack_of_fit)
         allowed = 0.0 if base is None else lack_of_fit.law_error * base.record.excess
@@ -119,7 +122,9 @@ class Selection:
                 trial.gaussian.log_probability(which) for which in range(all_runs.training)
             ),
             predicted=predicted_probability(gaussian, all_runs.training),
-            uneven=log_probability_uneven(trial.gaussian, uneven) if uneven else None,
+            nonuniform=(
+                log_probability_nonuniform(trial.gaussian, nonuniform) if nonuniform else None
+            ),
             held_out=gaussian.residuals[all_runs.training :],
         )
         self.tried[frozenset(record.names)] = record
@@ -260,7 +265,8 @@ def choose_best(
 ) -> Trial | None:
     """Return the most probable of the sets that are better than the one they extend.
 
-    Adequate and plausible ones come first; of those with like evidence, the fewest numbers.
+    Adequate and plausible ones come first, unless a more probable one explains far more: an effect
+    more may be all that it lacks. Of those with like evidence, the fewest numbers.
     """
     better = [
         item
@@ -268,6 +274,10 @@ def choose_best(
         if item.record.evidence > trial.record.evidence + settings.least_evidence
         and item.record.gain > trial.record.gain + settings.least_gain
     ]
+    plausible = [item for item in better if item.record.plausible]
+    if plausible:
+        top = max(plausible, key=lambda item: item.record.evidence).record
+        better = [item for item in better if item.record.gain >= settings.partial * top.gain]
     plausible = [item for item in better if item.record.plausible]
     adequate = [item for item in better if item.record.adequate]
     both = [item for item in plausible if item.record.adequate]

@@ -28,6 +28,12 @@ class LinearizationSettings:
     """Recordings around a fit, and the generic fields that stand for departures of any kind."""
 
     tolerance: float = tuning(0.001, 'rms of departures that are harmless', unit='length')
+    tilt: float = tuning(
+        0.005,
+        'change of scale over the length, by a tilted picture, that is harmless',
+        unit='-',
+        source='invented: 2.5 degrees, seen from nine lengths away',
+    )
     most_lost: float = tuning(0.02, 'share of frames that may have no equilibrium')
     curvature_modes: int = tuning(4, 'Legendre polynomials of curvature along the arm')
     stretch_modes: int = tuning(3, 'Legendre polynomials of stretch along the arm')
@@ -120,6 +126,9 @@ class SelectionSettings:
     finalist_gain: float = tuning(0.25, 'cost that a finalist gains at least', unit='least_gain')
     least_evidence: float = tuning(3.0, 'evidence that counts', unit='log probability')
     law_evidence: float = tuning(0.02, 'share of evidence that does not tell two laws apart')
+    partial: float = tuning(
+        0.5, 'gain that is too little beside a more probable set', unit='of it'
+    )
     next_gain: float = tuning(0.02, 'gain of an effect more', unit='of what is explained')
     most_left: float = tuning(0.5, 'excess that an effect more may leave', unit='of that before')
     hopeless: float = tuning(0.2, 'excess with two effects; above no third', unit='of the base')

@@ -17,6 +17,8 @@ class ClampCompliance(Effect):
     name: ClassVar[str] = 'clamp_compliance'
     place: ClassVar[Place] = 'mechanics'
     meaning: ClassVar[str] = 'the clamp turns by compliance x M(0)'
+    # A clamp that gives is the stiffer the more it has turned. Invented, of that size.
+    law_error: ClassVar[float] = 0.1
     compliance: float = quantity(
         0.0,
         unit='rad/(N m)',

@@ -40,7 +40,7 @@ class ClockDelaySettings:
     coarse_frames: int = tuning(400, 'used to look through all delays', unit='frame')
     coarse_steps: int = tuning(4000, 'at most, of all delays', unit='number')
     candidates: int = tuning(6, 'delays that are looked at closely', unit='number')
-    largest_grid: int = tuning(200_000, 'instants of the table', unit='number')
+    largest_grid: int = tuning(100_000, 'instants of the table', unit='number')
     cells: float = tuning(4.0, 'instants of the table in a frame', unit='number')
     powers: int = tuning(6, 'of the pressure', unit='number')
     plays: tuple[Plays, ...] = tuning(
@@ -129,14 +129,17 @@ def estimate_delay(
     unknown = ClockDelay(
         delay=math.nan, std=math.inf, explained=0.0, frames=kept.size, frame_period=period
     )
-    trouble = _too_little(scores, reading_time, drive, settings)
+    trouble = _too_little(scores, period, reading_time, drive, settings)
     if trouble:
         return replace(unknown, trouble=trouble)
     without, *fits = (
         DelayFit(frame_time[kept], scores, reading_time, drive, period, plays, settings)
         for plays in (NO_PLAYS, *settings.plays)
     )
-    best, *rivals = fits[0].candidates()
+    candidates = fits[0].candidates()
+    if not candidates:
+        return replace(unknown, trouble='too few frames that show the targets lie in the table')
+    best, *rivals = candidates
     reach = settings.apart * period
     delays = [best, *(fit.refine(best, reach) for fit in fits[1:])]
     changed = float(np.mean(delays)) - without.refine(best, max(reach, settings.law_reach))
@@ -164,7 +167,7 @@ def estimate_delay(
 
 
 def _too_little(
-    scores: Array, reading_time: Array, drive: Array, settings: ClockDelaySettings
+    scores: Array, period: float, reading_time: Array, drive: Array, settings: ClockDelaySettings
 ) -> str:
     """Say why there is nothing to find a delay in; empty where there is."""
     frames, fewest = len(scores), settings.fewest_frames
@@ -172,6 +175,9 @@ def _too_little(
         return f'{frames} frames show the targets, and {fewest} are needed'
     if len(reading_time) < 3 or not np.any(np.ptp(drive, axis=0) > 0.0):
         return 'neither pressure nor load changes in the table'
+    span = float(reading_time[-1] - reading_time[0])
+    if span < fewest * period:
+        return f'the table lasts {span:.3g} s, and {fewest * period:.3g} s are needed'
     noise = np.median(np.abs(np.diff(scores[:, 0], 2))) / (0.6745 * math.sqrt(6.0))
     if not np.std(scores[:, 0]) > settings.motion * noise:
         return 'the arm does not move in the film'

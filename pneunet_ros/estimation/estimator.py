@@ -10,7 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 import math
 
-from pneunet_ros.core.arrays import Array
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.core.units import kilopascals, seconds_between
@@ -21,8 +22,7 @@ from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, w
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit, EstimatorState
 from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
-from pneunet_ros.measurement.noise_jacobian import noise_jacobian
-from pneunet_ros.measurement.propagated_errors import propagate_errors
+from pneunet_ros.measurement.noise_jacobian import noise_jacobian, propagate_covariance
 from pneunet_ros.measurement.second_order import second_order
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
@@ -130,28 +130,33 @@ class Estimator:
         sensitivity = linearize_shape(shape.solution, rods, changes)
         known = noise_jacobian(self.table, sensed, self.reading_std(reading))
         noise = with_extrapolation_error(known, position)
-        uncertainty = propagate_errors(sensitivity, noise, self.arclength)
-        if uncertainty is None:
+        covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
+        stations = sensitivity.stations(self.arclength)
+        curved = second_order(sensitivity, noise)
+        if curved is None or not propagate_covariance(
+            noise, sensitivity.tip, stations, covariance, std
+        ):
             sentence = (
                 'the shape answers to its loads without bound (limit point), '
                 'or readings and model are too uncertain for any covariance'
             )
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
             return state.with_reading(reading.stamp_ns, history), refusal
-        curved = uncertainty.second_order
-        assert curved is not None  # nothing was seen
         if curved.step < 1.0:
             notes.append('an error of one sigma leads to no equilibrium, or to another one')
-        std_x, std_y, std_curvature = uncertainty.std
+        further = curved.stations(self.arclength)
+        covariance += np.outer(further[:, -1], further[:, -1])
+        std[:2] = np.hypot(std[:2], further[:2])
+        freeze(std)
         estimate = ShapeEstimate(
             stamp_ns=reading.stamp_ns,
             shape=replace(shape, extrapolated=position.extrapolated),
             chamber_pressure=chamber,
             jacobian=jacobian_of(self.arm, sensitivity, history),
-            tip_covariance=uncertainty.tip_covariance,
-            std_x=std_x,
-            std_y=std_y,
-            std_curvature=std_curvature,
+            tip_covariance=freeze(covariance),
+            std_x=std[0],
+            std_y=std[1],
+            std_curvature=std[2],
             wrench_age=age,
             warnings=tuple(notes),
             position=position,

@@ -2,7 +2,8 @@
 
 The force is the one that brings the model's tip to the measured place. What is wrong in tip,
 pressure and model is wrong in the force by d F = (d tip / d F)^-1 (d tip_measured - d tip_model),
-and the shape moves by both together: near the tip hardly, as that was measured.
+and the shape moves by both together: near the tip hardly, as that was measured. All of it to first
+order: the tip does not move along itself here, which is what the second order is for.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
+from pneunet_ros.measurement.noise_jacobian import propagate_covariance
 from pneunet_ros.measurement.noise_model import target_std
-from pneunet_ros.measurement.propagated_errors import propagate_errors
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import FORCE_Y, LOADS
 
@@ -55,19 +56,20 @@ def with_measured_tip(
     ).T
     noise = np.vstack([causes, np.zeros((2, causes.shape[1]))])
     noise[:, forces] += force_errors
-    errors = propagate_errors(sensitivity, noise, estimator.arclength)
-    if errors is None:
+    covariance, std = np.empty((3, 3)), np.empty((3, estimator.arclength.size))
+    stations = sensitivity.stations(estimator.arclength)
+    if not propagate_covariance(noise, sensitivity.tip, stations, covariance, std):
         return None
-    std_x, std_y, std_curvature = errors.std
+    std_x, std_y, std_curvature = freeze(std)
     return MeasuredTip(
         estimate=replace(
             estimate,
-            tip_covariance=errors.tip_covariance,
+            tip_covariance=freeze(covariance),
             std_x=std_x,
             std_y=std_y,
             std_curvature=std_curvature,
             noise=noise,
-            second_order=errors.second_order,
+            second_order=None,
         ),
         force_covariance=freeze(force_errors.T @ force_errors),
     )

@@ -17,7 +17,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import match_stamps, Stamps
 
 END = 1e-6  # m; as far beyond its last station a curve is still known: rounding of float32
-LARGEST_95 = 5.991464547107979  # chi squared of two coordinates, 95 %
+LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,6 +35,11 @@ class Centerlines:
     def __post_init__(self) -> None:
         """Check that the arrays fit together."""
         frames, places = len(self.stamp_ns), len(self.arclength)
+        if frames < 1 or places < 2 or not np.all(np.diff(self.arclength) > 0.0):
+            raise RecordingError(
+                f'{self.topic} is no centerline over time: it needs a frame, two points and an '
+                'arclength that increases along them'
+            )
         object.__setattr__(self, 'points', frozen_array(self.points, (frames, 2, places)))
 
     def at(self, frames: Stamps, arclength: Array) -> Array:
@@ -259,7 +264,7 @@ def compare_centerlines(of: Centerlines, to: Centerlines) -> CenterlineErrors | 
         return None
     arclength = coarse.arclength
     points = of.at(mine, arclength)[:, :, common], to.at(other, arclength)[:, :, common]
-    kept = np.isfinite(points[0] - points[1]).any(axis=(1, 2))
+    kept = np.any(np.all(np.isfinite(points[0] - points[1]), axis=1), axis=1)
     if not kept.any():
         return None
     return CenterlineErrors(

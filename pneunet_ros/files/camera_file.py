@@ -96,7 +96,7 @@ def band_from_mapping(content: Any) -> GreyBand:
 
 
 def area_from_mapping(content: Any) -> AreaLimits:
-    """Build the limits of white areas."""
+    """Build the limits of areas."""
     return AreaLimits(**CAMERA_FILE.numbers_of(AreaLimits, content, 'area'))
 
 

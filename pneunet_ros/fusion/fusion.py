@@ -45,12 +45,12 @@ from pneunet_ros.fusion.belief import (
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.frame_fit import bend_arm, BentArm, FrameInputs, FrameProblem
 from pneunet_ros.fusion.frame_update import FrameUpdate, take_frame
+from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, PressureInstant, RunningNis
 from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.noise_model import target_std
-from pneunet_ros.measurement.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity, station_arclength

@@ -1,4 +1,8 @@
-"""The damped Gauss-Newton search: full steps, halved until they lower the cost."""
+"""The damped Gauss-Newton search: full steps, halved until they lower the cost.
+
+Where unknowns have bounds, the full step is the best one that stays within them: a step that a
+law cuts off afterwards is none that lowers the cost, and the search would be stuck there.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,10 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
+import numpy as np
 from pneunet_ros.core.arrays import Array
+
+NO_STEP = 1e-12  # beyond a bound, that rounding makes
 
 Linear = TypeVar('Linear')
 Trial = TypeVar('Trial')
@@ -29,6 +36,45 @@ class Search(Generic[Linear]):
     steps: int
     gain: float
     end: End
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bounds:
+    """Linear functions of a step (m, n) @ (n,) and how far they may go, low and high (m,)."""
+
+    rows: Array
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, rows: Array, values: Array, limits: tuple[Array, Array]) -> Bounds:
+        """Take the functions that have a bound: their values (m,) now, and limits (m,) of them."""
+        low, high = limits
+        bounded = np.isfinite(low) | np.isfinite(high)
+        return cls(rows=rows[bounded], low=(low - values)[bounded], high=(high - values)[bounded])
+
+    def hold(
+        self, step: Array, gain: float, solved: Callable[[Array], Array]
+    ) -> tuple[Array, float]:
+        """Return the best step (n,) within the bounds, and by how much it lowers the cost.
+
+        step and gain: without bounds; solved: returns the inverse of the Hessian times (n, k).
+        What the step would carry beyond a bound is held at it, and the rest follows.
+        """
+        best, best_gain = step, gain
+        held = np.zeros(len(self.rows), dtype=bool)
+        while True:
+            moved = self.rows @ best
+            beyond = ~held & ((moved < self.low - NO_STEP) | (moved > self.high + NO_STEP))
+            if not beyond.any():
+                return best, best_gain
+            held |= beyond
+            rows = self.rows[held]
+            wanted = rows @ step
+            excess = wanted - np.clip(wanted, self.low[held], self.high[held])
+            along = solved(rows.T)
+            forces = np.linalg.lstsq(rows @ along, excess)[0]
+            best, best_gain = step - along @ forces, gain - 0.5 * float(forces @ excess)
 
 
 def gauss_newton(

@@ -40,7 +40,7 @@ ONE_PRESSURE = 100.0  # Pa, either side of the row of a table that has but one: 
 class Arm:
     """A pneu-net arm as a rod: the whole content of a model file.
 
-    `target_arclength` (targets,) m is the place of every white target; `effects` are in the order
+    `target_arclength` (targets,) m is the place of every target; `effects` are in the order
     of the table of effects; `sources` says where each number comes from. `domain` is what the
     calibration spanned, `load_hull` its loads as a body in space, None where that is not known.
     `table_range` (Pa) is where both intrinsic curvature and moment law have rows, `pressure_range`

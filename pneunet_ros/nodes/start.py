@@ -7,11 +7,14 @@ process as it does later.
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 import sys
 
 from pneunet_ros.core.kernel_cache import answer_first, compile_meanwhile
 from pneunet_ros.nodes.signals import end_at_signal, refuse_signals
 
+WITHOUT_ROS = "no ROS 2 here: source it, or install its wheels by pip install 'pneunet_ros[ros]'"
+WRONG = 2  # exit code
 NODES = {
     'virtual_arm': 'VirtualArmNode',
     'estimator': 'EstimatorNode',
@@ -29,6 +32,9 @@ def start(*names: str, usage: str = '', arguments: list[str] | None = None) -> i
     """
     arguments = sys.argv if arguments is None else arguments
     end_at_signal()
+    if find_spec('rclpy') is None:
+        print(f'{names[0]}: {WITHOUT_ROS}', file=sys.stderr)
+        return WRONG
     try:
         if 'virtual_arm' in names:
             import_module('pneunet_ros.lab.live')

@@ -16,6 +16,7 @@ from pneunet_ros.estimation.shape_error import (
     CenterlineErrors,
     compare_shapes,
     Comparison,
+    contents,
     error_statistics,
     ShapeSeries,
     TipErrors,
@@ -75,14 +76,7 @@ def read_side(path: Path, topics: Mapping[str, str], target_arclength: Array) ->
 
 def refuse_itself(a: ShapeSeries, b: ShapeSeries) -> None:
     """Refuse to compare something with itself, which always agrees."""
-    sides = [
-        (
-            Path(side.name).resolve(),
-            *(item and item.topic for item in (side.tips, side.centerlines)),
-        )
-        for side in (a, b)
-    ]
-    if sides[0] == sides[1]:
+    if Path(a.name).resolve() == Path(b.name).resolve() and contents(a) == contents(b):
         raise RequestError(
             f'A and B are the same topics of {a.name}: choose what of B to compare with, as in '
             '--topic b.targets=/pneunet/targets'
@@ -169,7 +163,10 @@ def spans(comparison: Comparison) -> str:
     """Say over which times the two sides reach."""
     texts = []
     for side in (comparison.of, comparison.to):
-        items = [item.stamp_ns for item in (side.tips, side.centerlines) if item is not None]
+        stamps = [item.stamp_ns for item in (side.tips, side.centerlines) if item is not None]
+        items = [item for item in stamps if item.size]
+        if not items:
+            return f'{side.name} has no frame that can be compared'
         start, end = min(item[0] for item in items), max(item[-1] for item in items)
         texts.append(
             f'{seconds_between(0, int(start)):.3f} to {seconds_between(0, int(end)):.3f} s'

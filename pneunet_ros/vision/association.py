@@ -16,11 +16,10 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.vision.beam_search import (
     BEAM_SEARCH,
-    beam_search_numbers,
     BeamSearchSettings,
     BlobColumns,
     continues_beyond,
-    grow_row,
+    grow_rows,
     grow_seeded_rows,
     HEADING,
     Indices,
@@ -73,17 +72,15 @@ def row_from_clamp(
 
     areas (blobs,) px^2; arclength (targets,) m. A row that goes on beyond the last target is none.
     """
-    x, y, sizes = _columns(points, areas)
-    numbers = beam_search_numbers(search)
-    start = np.zeros(LAST + 1)
-    start[HEADING], start[SCALE], start[SIZE], start[LAST] = clamp_angle, 1.0, math.nan, NOTHING
-    chosen = np.full(arclength.size, NOTHING)
-    blobs = BlobColumns(x, y, sizes)
-    cost = grow_row(blobs, arclength, start, search.longest_gap, math.inf, chosen, numbers)
-    truncate_row(x, y, arclength, clamp_angle, chosen, numbers)
-    if chosen[-1] >= 0 and continues_beyond(x, y, sizes, arclength, chosen, numbers):
+    blobs = _columns(points, areas)
+    starts = np.zeros((1, LAST + 1))
+    starts[0, [HEADING, SCALE, SIZE, LAST]] = clamp_angle, 1.0, math.nan, NOTHING
+    nothing = np.full((1, arclength.size), NOTHING)
+    (chosen,), (cost,) = grow_rows(blobs, arclength, starts, nothing, False, search)
+    truncate_row(blobs.x, blobs.y, arclength, clamp_angle, chosen, search)
+    if chosen[-1] >= 0 and continues_beyond(blobs, arclength, chosen, search):
         chosen[:] = NOTHING  # the camera has moved, or these are other dots
-    return TargetRow(chosen, cost)
+    return TargetRow(chosen, float(cost))
 
 
 def rows_anywhere(
@@ -99,11 +96,9 @@ def rows_anywhere(
     with more blobs alike is none. The best reading of each row comes first; the same blobs may be
     read from either end.
     """
-    x, y, sizes = _columns(points, areas)
-    targets = arclength.size
-    if x.size < targets:
+    if len(points) < arclength.size:
         return []
-    chosen, costs = grow_seeded_rows(x, y, sizes, arclength, beam_search_numbers(search))
+    chosen, costs = grow_seeded_rows(_columns(points, areas), arclength, search)
     order = np.argsort(costs, kind='stable')
     rows: list[TargetRow] = []
     for place in order[np.isfinite(costs[order])].tolist():
@@ -138,7 +133,7 @@ def _direction(row: TargetRow, size: int) -> Array:
     return ranks
 
 
-def _columns(points: Array, areas: Array) -> tuple[Array, Array, Array]:
-    """Return x, y and logarithmic size of blobs, contiguous."""
+def _columns(points: Array, areas: Array) -> BlobColumns:
+    """Return x, y and logarithmic size of blobs."""
     x, y = np.ascontiguousarray(points.T)
-    return x, y, np.log(areas)
+    return BlobColumns(x, y, np.log(areas))

@@ -1,25 +1,25 @@
-"""Grow rows among blobs target by target: the compiled part of `association`.
+"""Grow rows among blobs target by target: the arithmetic of `association`.
 
 The next target is expected where an arc through the last ones leads, at the known spacing. The few
-best rows so far are kept at each step.
+best rows so far are kept at each step. All rows grow side by side, as columns of numbers.
 """
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-import functools
+from dataclasses import dataclass
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel
-from pneunet_ros.core.settings import numbers_type, tuning
+from pneunet_ros.core.settings import tuning
 
 Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 NOTHING = -1
+TOGETHER = 512  # starts whose rows grow side by side
 
 # What is known of a row while it grows.
 COST, X, Y, HEADING, BENDING, SCALE, SIZE, LAST = range(8)
@@ -50,81 +50,7 @@ class BeamSearchSettings:
     seen: float = tuning(0.8, 'share of the targets seen in a row found anywhere, at least')
 
 
-BeamSearchNumbers = numbers_type(BeamSearchSettings, 'BeamSearchNumbers')
 BEAM_SEARCH = BeamSearchSettings()
-
-
-@functools.lru_cache
-def beam_search_numbers(settings: BeamSearchSettings) -> Any:
-    """Return settings as kernels take them."""
-    return BeamSearchNumbers(*astuple(settings))
-
-
-@inlined
-def _expected(row: Array, ahead: float) -> tuple[float, float, float, float]:
-    """Return where an arc leads (x, y), and the cosine and sine of its chord; ahead: m."""
-    middle = row[HEADING] + 0.5 * row[BENDING] * ahead
-    cosine, sine = math.cos(middle), math.sin(middle)
-    length = row[SCALE] * ahead
-    return row[X] + length * cosine, row[Y] + length * sine, cosine, sine
-
-
-@inlined
-def _misfit(
-    off_x: float,
-    off_y: float,
-    cosine: float,
-    sine: float,
-    bend: float,
-    larger: float,
-    search: BeamSearchSettings,
-) -> float:
-    """Cost of a blob that is off by so much (spacings) and larger in logarithm; inf if too far.
-
-    bend: how much further across the gap it may be.
-    """
-    along = abs(off_x * cosine + off_y * sine)
-    across = abs(off_y * cosine - off_x * sine)
-    if (
-        along > search.along + search.gap_along * bend
-        or across > search.across + bend
-        or abs(larger) > search.larger
-    ):
-        return math.inf
-    return (
-        (along / search.along_std) ** 2
-        + (across / (search.across_std + bend)) ** 2
-        + (larger / search.size_std) ** 2
-    )
-
-
-@inlined
-def _lengthen(
-    row: Array,
-    x: float,
-    y: float,
-    size: float,
-    ahead: float,
-    first: float,
-    search: BeamSearchSettings,
-) -> None:
-    """Put a target at the end of a row; first: the scale the row began with."""
-    step_x, step_y = x - row[X], y - row[Y]
-    chord = math.hypot(step_x, step_y)
-    if ahead > 0.0 and chord > 0.0:
-        # Heading of an arc: that of the chord in its middle; half of a new bend is believed.
-        turn = _wrap_angle(math.atan2(step_y, step_x) - row[HEADING])
-        bending = 2.0 * turn / ahead
-        row[BENDING] = 0.5 * (row[BENDING] + bending)
-        row[HEADING] += turn + 0.5 * row[BENDING] * ahead
-        scale = search.memory * row[SCALE] + (1.0 - search.memory) * chord / ahead
-        row[SCALE] = min(
-            max(scale, first * (1.0 - search.stretch)), first * (1.0 + search.stretch)
-        )
-    row[X], row[Y] = x, y
-    row[SIZE] = (
-        size if math.isnan(row[SIZE]) else search.memory * row[SIZE] + (1.0 - search.memory) * size
-    )
 
 
 class BlobColumns(NamedTuple):
@@ -135,78 +61,211 @@ class BlobColumns(NamedTuple):
     sizes: Array
 
 
-@kernel
-def grow_row(
+class Rows(NamedTuple):
+    """Rows as they grow, those of a start together, the best first.
+
+    known (rows, LAST + 1): what is known of each, as named above; chosen (rows, targets): its
+    blobs; start (rows,): from which start it grows.
+    """
+
+    known: Array
+    chosen: Indices
+    start: Indices
+
+
+class Candidates(NamedTuple):
+    """Ways in which rows may go on: which row, with which blob (NOTHING: none), at which cost."""
+
+    row: Indices
+    blob: Indices
+    cost: Array
+
+    def only(self, which: Indices) -> Candidates:
+        """Return some of them."""
+        return Candidates(self.row[which], self.blob[which], self.cost[which])
+
+
+def grow_rows(
     blobs: BlobColumns,
     arclength: Array,
-    start: Array,
-    longest_gap: int,
-    dearest: float,
+    starts: Array,
     chosen: Indices,
+    whole: bool,
     search: BeamSearchSettings,
-) -> float:
-    """Grow a row from its start, which `chosen` (targets,) holds so far; return its cost.
+) -> tuple[Indices, Array]:
+    """Grow a row from each start, whose targets so far `chosen` (starts, targets) holds.
 
-    start: what is known of the row, as named above. `chosen` becomes the best row; the cost is
-    infinite where it would be above `dearest`.
+    starts (starts, LAST + 1): what is known of the rows, all up to the same target; whole: the
+    first three targets and the last must be seen, and as many of all as of a row found anywhere.
+    Returns the best row of each start, and the costs (starts,), infinite where there is none.
     """
-    x, y, sizes = blobs
     targets = arclength.size
-    rows = np.zeros((search.kept, LAST + 1))
-    paths = np.full((search.kept, targets), NOTHING)
-    next_rows = np.zeros((search.kept + 1, LAST + 1))
-    next_paths = np.full((search.kept + 1, targets), NOTHING)
-    rows[0], paths[0] = start, chosen
-    kept = 1
-    for target in range(int(start[LAST]) + 1, targets):
-        found = 0
-        for place in range(kept):
-            row = rows[place]
-            last = int(row[LAST])
-            gap = target - last
-            ahead = arclength[target] - (arclength[last] if last >= 0 else 0.0)
-            unit = row[SCALE] * (arclength[max(target, 1)] - arclength[max(target, 1) - 1])
-            bend = search.bend * (gap * gap - 1)
-            at_x, at_y, cosine, sine = _expected(row, ahead)
-            reach = unit * (search.along + search.across + bend)
-            for blob in range(-1, x.size if gap <= longest_gap else 0):
-                cost = search.missing
-                if blob >= 0:
-                    off_x, off_y = x[blob] - at_x, y[blob] - at_y
-                    if abs(off_x) > reach or abs(off_y) > reach:
-                        continue
-                    larger = 0.0 if math.isnan(row[SIZE]) else sizes[blob] - row[SIZE]
-                    cost = _misfit(off_x / unit, off_y / unit, cosine, sine, bend, larger, search)
-                cost += row[COST]
-                if found == search.kept and cost >= next_rows[search.kept - 1, COST]:
-                    continue
-                if not cost < math.inf:
-                    continue
-                # Into the place by its cost, after equals.
-                slot = found
-                while slot > 0 and next_rows[slot - 1, COST] > cost:
-                    next_rows[slot] = next_rows[slot - 1]
-                    next_paths[slot] = next_paths[slot - 1]
-                    slot -= 1
-                next_rows[slot], next_paths[slot] = row, paths[place]
-                next_rows[slot, COST] = cost
-                if blob >= 0:
-                    _lengthen(
-                        next_rows[slot], x[blob], y[blob], sizes[blob], ahead, start[SCALE], search
-                    )
-                    next_rows[slot, LAST] = target
-                    next_paths[slot, target] = blob
-                found = min(found + 1, search.kept)
-        if next_rows[0, COST] > dearest:
-            return math.inf
-        kept = found
-        rows[:kept] = next_rows[:kept]
-        paths[:kept] = next_paths[:kept]
-    chosen[:] = paths[0]
-    return float(rows[0, COST])
+    dearest = targets * (search.dearest * search.missing + 1.0) if whole else math.inf
+    best, costs = chosen.copy(), np.full(len(starts), math.inf)
+    rows = Rows(starts, chosen, np.arange(len(starts)))
+    for target in range(int(starts[0, LAST]) + 1, arclength.size):
+        ways = _ways_on(blobs, arclength, rows, target, whole, search)
+        ways = _best_of_each(ways, rows.start, dearest, search)
+        rows = _taken(blobs, arclength, rows, ways, target, starts[:, SCALE], search)
+    first = np.flatnonzero(np.diff(rows.start, prepend=-1))
+    best[rows.start[first]], costs[rows.start[first]] = rows.chosen[first], rows.known[first, COST]
+    return best, costs
 
 
-@kernel
+def _ways_on(
+    blobs: BlobColumns,
+    arclength: Array,
+    rows: Rows,
+    target: int,
+    whole: bool,
+    search: BeamSearchSettings,
+) -> Candidates:
+    """Return how rows may go on to a target: with every blob near its place, and without it."""
+    longest_gap = search.first_gap if whole else search.longest_gap
+    known = rows.known
+    last = known[:, LAST].astype(np.int64)
+    gap = target - last
+    ahead = arclength[target] - np.where(last >= 0, arclength[last], 0.0)
+    unit = known[:, SCALE] * _spacing_at(arclength, target)
+    bend = np.asarray(search.bend * (gap * gap - 1), np.float64)
+    at_x, at_y, cosine, sine = _expected(known.T, ahead)
+    reach = unit * (search.along + search.across + bend)
+    row, blob = _near(blobs, at_x, at_y, np.where(gap <= longest_gap, reach, -1.0))
+    size = known[row, SIZE]
+    larger = np.where(np.isnan(size), 0.0, blobs.sizes[blob] - size)
+    cost = _misfit(
+        (blobs.x[blob] - at_x[row]) / unit[row],
+        (blobs.y[blob] - at_y[row]) / unit[row],
+        cosine[row],
+        sine[row],
+        bend[row],
+        larger,
+        search,
+    )
+    fits = np.flatnonzero(cost < math.inf)
+    row, blob, cost = row[fits], blob[fits], cost[fits]
+    without = np.arange(len(known))
+    if whole:
+        lost = np.count_nonzero(rows.chosen[:, :target] == NOTHING, axis=1)
+        most = math.floor((1.0 - search.seen) * arclength.size + 1e-9)
+        inner = 2 < target < arclength.size - 1
+        without = np.flatnonzero(inner & (gap < longest_gap) & (lost < most))
+    return Candidates(
+        row=np.concatenate([without, row]),
+        blob=np.concatenate([np.full(len(without), NOTHING), blob]),
+        cost=np.concatenate([known[without, COST] + search.missing, known[row, COST] + cost]),
+    )
+
+
+def _spacing_at(arclength: Array, target: int) -> float:
+    """Return the distance along the arm from the neighbor before, m."""
+    return float(arclength[max(target, 1)] - arclength[max(target, 1) - 1])
+
+
+def _near(blobs: BlobColumns, at_x: Array, at_y: Array, reach: Array) -> tuple[Indices, Indices]:
+    """Return pairs of a place (places,) and a blob that is no further off in x and in y."""
+    x, y = blobs.x, blobs.y
+    if x.size and np.ptp(y) > np.ptp(x):  # sorted along the side on which they are further apart
+        x, y, at_x, at_y = y, x, at_y, at_x
+    order = np.argsort(x, kind='stable')
+    first = np.searchsorted(x[order], at_x - reach)
+    count = np.maximum(np.searchsorted(x[order], at_x + reach, side='right') - first, 0)
+    place = np.repeat(np.arange(len(at_x)), count)
+    blob = order[np.arange(len(place)) + np.repeat(first - np.cumsum(count) + count, count)]
+    near = np.abs(y[blob] - at_y[place]) <= reach[place]
+    return place[near], blob[near]
+
+
+def _best_of_each(
+    ways: Candidates, start: Indices, dearest: float, search: BeamSearchSettings
+) -> Candidates:
+    """Return the few best ways of each start, in order; none of one whose best is too dear."""
+    whose = start[ways.row]
+    order = np.lexsort((ways.blob, ways.row, ways.cost, whose))
+    first = np.flatnonzero(np.diff(whose[order], prepend=-1))
+    count = np.diff(first, append=len(order))
+    rank = np.arange(len(order)) - np.repeat(first, count)
+    cheap = np.repeat(ways.cost[order[first]] <= dearest, count)
+    kept = order[(rank < search.kept) & cheap]
+    return ways.only(kept)
+
+
+def _taken(
+    blobs: BlobColumns,
+    arclength: Array,
+    rows: Rows,
+    ways: Candidates,
+    target: int,
+    first_scale: Array,
+    search: BeamSearchSettings,
+) -> Rows:
+    """Return the rows that went on in these ways; first_scale (starts,): what they began with."""
+    known, chosen, start = rows.known[ways.row], rows.chosen[ways.row], rows.start[ways.row]
+    known[:, COST], chosen[:, target] = ways.cost, ways.blob
+    seen = np.flatnonzero(ways.blob >= 0)
+    blob, row = ways.blob[seen], known[seen].T
+    last = row[LAST].astype(np.int64)
+    ahead = arclength[target] - np.where(last >= 0, arclength[last], 0.0)
+    x, y, size = blobs.x[blob], blobs.y[blob], blobs.sizes[blob]
+    step_x, step_y = x - row[X], y - row[Y]
+    chord = np.hypot(step_x, step_y)
+    goes = (ahead > 0.0) & (chord > 0.0)
+    over = np.where(goes, ahead, 1.0)
+    # Heading of an arc: that of the chord in its middle; half of a new bend is believed.
+    turn = _wrap_angle(np.arctan2(step_y, step_x) - row[HEADING])
+    bending = 0.5 * (row[BENDING] + 2.0 * turn / over)
+    scale = search.memory * row[SCALE] + (1.0 - search.memory) * chord / over
+    began = first_scale[start[seen]]
+    scale = np.clip(scale, began * (1.0 - search.stretch), began * (1.0 + search.stretch))
+    row[HEADING] += np.where(goes, turn + 0.5 * bending * ahead, 0.0)
+    row[BENDING] = np.where(goes, bending, row[BENDING])
+    row[SCALE] = np.where(goes, scale, row[SCALE])
+    sized = search.memory * row[SIZE] + (1.0 - search.memory) * size
+    row[X], row[Y], row[LAST] = x, y, target
+    row[SIZE] = np.where(np.isnan(row[SIZE]), size, sized)
+    known[seen] = row.T
+    return Rows(known, chosen, start)
+
+
+def _expected(row: Array, ahead: Array) -> tuple[Array, Array, Array, Array]:
+    """Return where an arc leads (x, y), and the cosine and sine of its chord.
+
+    row (LAST + 1, rows); ahead (rows,) m.
+    """
+    middle = row[HEADING] + 0.5 * row[BENDING] * ahead
+    cosine, sine = np.cos(middle), np.sin(middle)
+    length = row[SCALE] * ahead
+    return row[X] + length * cosine, row[Y] + length * sine, cosine, sine
+
+
+def _misfit(
+    off_x: Array,
+    off_y: Array,
+    cosine: Array,
+    sine: Array,
+    bend: Array,
+    larger: Array,
+    search: BeamSearchSettings,
+) -> Array:
+    """Cost of blobs that are off by so much (spacings) and larger in logarithm; inf if too far.
+
+    bend: how much further across the gap they may be.
+    """
+    along = np.abs(off_x * cosine + off_y * sine)
+    across = np.abs(off_y * cosine - off_x * sine)
+    far = (
+        (along > search.along + search.gap_along * bend)
+        | (across > search.across + bend)
+        | (np.abs(larger) > search.larger)
+    )
+    cost = (
+        (along / search.along_std) ** 2
+        + (across / (search.across_std + bend)) ** 2
+        + (larger / search.size_std) ** 2
+    )
+    return np.where(far, math.inf, cost)
+
+
 def truncate_row(
     x: Array,
     y: Array,
@@ -224,15 +283,13 @@ def truncate_row(
     if seen.size < 3:
         return
     steps = np.hypot(np.diff(x[chosen[seen]]), np.diff(y[chosen[seen]]))
-    scale = np.median(steps / np.diff(arclength[seen]))
-    for place in range(seen.size):
+    scale = float(np.median(steps / np.diff(arclength[seen])))
+    for place in np.flatnonzero(np.diff(seen, prepend=-1) > 1).tolist():
         target = seen[place]
-        before = seen[place - 1] if place > 0 else -1
-        if target - before <= 1:
-            continue
         from_x = from_y = passed = 0.0
         heading = clamp_angle
         if place > 0:
+            before = seen[place - 1]
             from_x, from_y = x[chosen[before]], y[chosen[before]]
             passed = arclength[before]
             if place > 1:
@@ -242,102 +299,86 @@ def truncate_row(
             onward = _end_heading(x, y, arclength, chosen, seen[place:][:3])
         chord_x, chord_y = x[chosen[target]] - from_x, y[chosen[target]] - from_y
         chord = math.atan2(chord_y, chord_x)
-        a, b = _wrap_angle(heading - chord), _wrap_angle(onward - chord)
+        a, b = _wrap_angle(np.array([heading - chord, onward - chord])).tolist()
         longer = 1.0 + (2.0 * a * a + 2.0 * b * b - a * b) / 30.0
         length = longer * math.hypot(chord_x, chord_y)
-        spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
-        if abs(length / scale - (arclength[target] - passed)) > search.gap_misfit * spacing:
+        allowed = search.gap_misfit * _spacing_at(arclength, target)
+        if abs(length / scale - (arclength[target] - passed)) > allowed:
             chosen[target:] = NOTHING
             return
 
 
-@inlined
 def _end_heading(x: Array, y: Array, arclength: Array, chosen: Indices, places: Indices) -> float:
     """Heading at the first of two or three targets, towards the next, on an arc through them."""
-    first, second = places[0], places[1]
-    a, b = chosen[first], chosen[second]
-    heading = math.atan2(y[b] - y[a], x[b] - x[a])
+    at = chosen[places]
+    headings = np.arctan2(np.diff(y[at]), np.diff(x[at]))
     if places.size < 3:
-        return heading
-    third = places[2]
-    c = chosen[third]
-    turn = _wrap_angle(math.atan2(y[c] - y[b], x[c] - x[b]) - heading)
-    share = abs(arclength[second] - arclength[first]) / abs(arclength[third] - arclength[first])
-    at_end: float = heading - turn * share
-    return at_end
+        return float(headings[0])
+    steps = np.abs(np.diff(arclength[places]))
+    turn = _wrap_angle(headings[1:] - headings[0])[0]
+    return float(headings[0] - turn * steps[0] / steps.sum())
 
 
-@inlined
-def _wrap_angle(angle: float) -> float:
-    """Bring an angle into (-pi, pi]."""
-    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+def _wrap_angle(angle: Array) -> Array:
+    """Bring angles into (-pi, pi]."""
+    return np.asarray(angle - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5))
 
 
-@kernel
 def continues_beyond(
-    x: Array, y: Array, sizes: Array, arclength: Array, chosen: Indices, search: BeamSearchSettings
+    blobs: BlobColumns, arclength: Array, chosen: Indices, search: BeamSearchSettings
 ) -> bool:
     """Whether another blob alike stands a spacing beyond the last target of a row."""
-    last = arclength.size - 1
-    row = np.zeros(LAST + 1)
-    before = last - 1
-    while before >= 0 and chosen[before] < 0:
-        before -= 1
-    if before < 0:
+    x, y, sizes = blobs
+    seen = np.flatnonzero(chosen >= 0)
+    if seen.size < 2:
         return False
-    ahead = arclength[last] - arclength[before]
-    a, b = chosen[before], chosen[last]
-    row[X], row[Y] = x[b], y[b]
-    row[HEADING] = math.atan2(y[b] - y[a], x[b] - x[a])
-    row[SCALE] = math.hypot(x[b] - x[a], y[b] - y[a]) / ahead
-    spacing = arclength[last] - arclength[last - 1]
-    at_x, at_y, cosine, sine = _expected(row, spacing)
-    unit = row[SCALE] * spacing
-    for blob in range(x.size):
-        off_x, off_y = (x[blob] - at_x) / unit, (y[blob] - at_y) / unit
-        larger = sizes[blob] - sizes[b]
-        if blob != b and _misfit(off_x, off_y, cosine, sine, 0.0, larger, search) < search.alike:
-            return True
-    return False
+    a, b = chosen[seen[-2:]]
+    step_x, step_y = x[b] - x[a], y[b] - y[a]
+    row = np.zeros((LAST + 1, 1))
+    row[X], row[Y], row[HEADING] = x[b], y[b], math.atan2(step_y, step_x)
+    row[SCALE] = math.hypot(step_x, step_y) / (arclength[-1] - arclength[seen[-2]])
+    spacing = _spacing_at(arclength, arclength.size - 1)
+    at_x, at_y, cosine, sine = _expected(row, np.array([spacing]))
+    unit = float(row[SCALE, 0]) * spacing
+    off_x, off_y = (x - at_x) / unit, (y - at_y) / unit
+    cost = _misfit(off_x, off_y, cosine, sine, np.zeros(1), sizes - sizes[b], search)
+    cost[b] = math.inf
+    return bool((cost < search.alike).any())
 
 
-@kernel
 def grow_seeded_rows(
-    x: Array, y: Array, sizes: Array, arclength: Array, search: BeamSearchSettings
-) -> tuple[npt.NDArray[np.int64], Array]:
+    blobs: BlobColumns, arclength: Array, search: BeamSearchSettings
+) -> tuple[Indices, Array]:
     """Grow a row from every blob and each of its neighbors; rows (seeds, targets) and costs."""
-    targets, blobs = arclength.size, BlobColumns(x, y, sizes)
-    seeds = x.size * search.neighbors
-    rows = np.full((seeds, targets), NOTHING)
-    costs = np.full(seeds, math.inf)
+    x, y, sizes = blobs
+    targets = arclength.size
+    apart = np.hypot(x[:, None] - x, y[:, None] - y)
+    np.fill_diagonal(apart, math.inf)
+    neighbors = np.argsort(apart, axis=1, kind='stable')[:, : min(search.neighbors, x.size - 1)]
+    first, second = np.repeat(np.arange(x.size), neighbors.shape[1]), neighbors.ravel()
+    distinct = apart[first, second] > 0.0
+    first, second = first[distinct], second[distinct]
+    starts = np.zeros((len(first), LAST + 1))
+    starts[:, LAST], starts[:, X], starts[:, Y] = 1.0, x[second], y[second]
+    starts[:, HEADING] = np.arctan2(y[second] - y[first], x[second] - x[first])
+    starts[:, SCALE] = apart[first, second] / (arclength[1] - arclength[0])
+    starts[:, SIZE] = 0.5 * (sizes[first] + sizes[second])
+    rows = np.full((len(first), targets), NOTHING)
+    rows[:, 0], rows[:, 1] = first, second
+    costs = np.full(len(first), math.inf)
+    for begin in range(0, len(first), TOGETHER):
+        some = slice(begin, begin + TOGETHER)
+        rows[some], costs[some] = grow_rows(
+            blobs, arclength, starts[some], rows[some], True, search
+        )
+    seen = np.count_nonzero(rows >= 0, axis=1)
     reverse = arclength[-1] - arclength[::-1]
-    start = np.zeros(LAST + 1)
-    dearest = targets * (search.dearest * search.missing + 1.0)
-    for blob in range(x.size):
-        distances = np.hypot(x - x[blob], y - y[blob])
-        distances[blob] = math.inf
-        for place in range(min(search.neighbors, x.size - 1)):
-            neighbor = int(np.argmin(distances))
-            chord = distances[neighbor]
-            distances[neighbor] = math.inf
-            if not chord > 0.0:
-                continue
-            seed = blob * search.neighbors + place
-            rows[seed, 0], rows[seed, 1] = blob, neighbor
-            start[COST], start[BENDING], start[LAST] = 0.0, 0.0, 1.0
-            start[X], start[Y] = x[neighbor], y[neighbor]
-            start[HEADING] = math.atan2(y[neighbor] - y[blob], x[neighbor] - x[blob])
-            start[SCALE] = chord / (arclength[1] - arclength[0])
-            start[SIZE] = 0.5 * (sizes[blob] + sizes[neighbor])
-            cost = grow_row(blobs, arclength, start, search.first_gap, dearest, rows[seed], search)
-            seen = np.sum(rows[seed] >= 0)
-            if rows[seed, -1] < 0 or rows[seed, 2] < 0 or seen < search.seen * targets:
-                continue
-            if np.unique(rows[seed][rows[seed] >= 0]).size < seen:
-                continue  # a row that bites its tail
-            if continues_beyond(x, y, sizes, arclength, rows[seed], search):
-                continue
-            if continues_beyond(x, y, sizes, reverse, rows[seed][::-1].copy(), search):
-                continue
-            costs[seed] = cost
+    for seed in np.flatnonzero(costs < math.inf).tolist():
+        row = rows[seed]
+        if (
+            np.unique(row[row >= 0]).size < seen[seed]  # a row that bites its tail
+            or continues_beyond(blobs, arclength, row, search)
+            or continues_beyond(blobs, reverse, row[::-1], search)
+        ):
+            costs[seed] = math.inf
     return rows, costs

@@ -1,8 +1,9 @@
-"""Blobs: bright areas of a camera image that can be targets, before they have an identity.
+"""Blobs: areas of a camera image that can be targets, before they have an identity.
 
-Whatever the light, a target is brighter than what is just around it. So the image is cut at many
-grey levels; what is as round as an ellipse at some of them, and large enough, may be a blob. There
-`centroid` fits an ellipse to the edge, from which all numbers come.
+Whatever the light, a target is brighter than what is just around it; dark targets are bright ones
+of the inverted image. So the image is cut at many grey levels; what is as round as an ellipse at
+some of them, and large enough, may be a blob. There `centroid` fits an ellipse to the edge, from
+which all numbers come.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from scipy.spatial import cKDTree
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlobSettings:
-    """How bright areas are told from what is behind them."""
+    """How areas are told from what is behind them."""
 
     most: int = tuning(500, 'areas of an image that are measured, those that stand out most')
     least_contrast: float = tuning(
@@ -55,6 +56,7 @@ class BlobSettings:
     growth: float = tuning(2.0, 'area of a blob from one level to the next, at most')
     blur: float = tuning(0.9, 'of an edge, expected', unit='px')
     blur_std: float = tuning(0.3, 'one sigma of that', unit='px')
+    smear_std: float = tuning(1.0, 'of the way during an exposure, one sigma', unit='px')
     shape_std: float = tuning(0.3, 'one sigma of size and shape before a fit', unit='radius')
     seen: float = tuning(0.5, 'share of the edge that an ellipse must explain', source='measured')
     twice: float = tuning(0.8, 'between blobs that are one', unit='radius of the larger')
@@ -71,7 +73,7 @@ def _row(column: int, meaning: str) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blobs:
-    """Bright areas of an image that can be targets; NaN in all quantities where there is none.
+    """Areas of an image that can be targets; NaN in all quantities where there is none.
 
     `table` (COLUMNS, n) has the quantities below as rows, and those that only `centroid` names.
     """
@@ -211,9 +213,8 @@ class RoundAreas(NamedTuple):
         scale = 2.0 / np.sqrt(uu + vv + 2.0 * root)
         axes = np.column_stack([uu + root, uv, vv + root]) * scale[:, None]
         blobs, one = appearance.blobs, np.ones(len(uu))
-        return outlines(
-            self.centers, axes, blobs.blur * one, blobs.shape_std * one, blobs.blur_std * one
-        )
+        stds = (blobs.shape_std * one, blobs.blur_std, blobs.smear_std * one)
+        return outlines(self.centers, axes, blobs.blur * one, np.zeros((len(uu), 2)), stds)
 
 
 def round_areas(grey: Bytes, appearance: Appearance) -> RoundAreas:

@@ -26,15 +26,19 @@ from pneunet_ros.vision.ellipse_fit import (
     CENTER_U,
     CENTER_V,
     ELLIPSE,
-    ellipse_numbers,
     EllipseSettings,
     ERROR,
     fit_ellipses,
     FITTED,
     NEAR_EDGE,
     ON_EDGE,
+    OUTSIDE,
     PLATEAU,
+    PLATEAU_STD,
     SHAPE_STD,
+    SMEAR_STD,
+    SMEAR_U,
+    SMEAR_V,
     WIDTH,
     WIDTH_STD,
     WITHIN,
@@ -45,7 +49,9 @@ Mask = npt.NDArray[np.bool_]
 
 # Columns of a measured blob.
 U, V, AREA, MAJOR, MINOR, ANGLE, STD, CONTRAST, BLUR, SEEN, EXACT, LEVEL, FILLED = range(13)
-COLUMNS = 13
+BEYOND = 13
+SMEAR = slice(14, 16)  # way of the blob while the shutter is open, px
+COLUMNS = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,17 +63,22 @@ class Look:
     contrast: float
 
 
-def outlines(places: Array, axes: Array, blur: Array, shape_std: Array, blur_std: Array) -> Array:
-    """Return where fits begin (n, FITTED).
+def outlines(
+    places: Array, axes: Array, blur: Array, smear: Array, stds: tuple[Array, float, Array]
+) -> Array:
+    """Return where fits begin (n, FITTED), of blobs as bright as they may be.
 
     places (n, 2) px; axes (n, 3) px: xx, xy, yy of the symmetric matrix that maps the unit circle
-    to the ellipse; blur (n,) px; shape_std (n,) of the radius, blur_std (n,) px: how well they are
-    known.
+    to the ellipse; blur (n,) px; smear (n, 2) px: way while the shutter is open; stds: how well
+    these are known: axes (n,) of the radius, blur px, smear (n,) px.
     """
     starts = np.full((len(places), FITTED), np.nan)
     starts[:, [CENTER_U, CENTER_V]] = places
     starts[:, [AXIS_XX, AXIS_XY, AXIS_YY]] = axes
-    starts[:, WIDTH], starts[:, SHAPE_STD], starts[:, WIDTH_STD] = blur, shape_std, blur_std
+    starts[:, WIDTH], starts[:, [SMEAR_U, SMEAR_V]] = blur, smear
+    starts[:, [PLATEAU, BEHIND]] = 0.0
+    starts[:, SHAPE_STD], starts[:, WIDTH_STD], starts[:, SMEAR_STD] = stds
+    starts[:, PLATEAU_STD] = math.inf
     return starts
 
 
@@ -90,11 +101,11 @@ def measure_outlines(
 ) -> Array:
     """Return rows (n, COLUMNS) of the blobs at these outlines; NaN where none can be a target."""
     rows = np.full((len(starts), COLUMNS), np.nan)
-    known = np.isfinite(starts[:, : WIDTH_STD + 1]).all(axis=1)
+    known = ~np.isnan(starts[:, : PLATEAU_STD + 1]).any(axis=1)
     # One kind of array, for which the kernel is compiled once.
     pixels = np.ascontiguousarray(grey).view()
     pixels.flags.writeable = False
-    fitted = fit_ellipses(pixels, starts[known], ellipse_numbers(settings))
+    fitted = fit_ellipses(pixels, starts[known], settings)
     rows[known] = _rows(fitted)
     rows[~_possible(rows, look, grey.shape)] = np.nan
     rows[np.flatnonzero(known)[fitted[:, PLATEAU] > look.brightest]] = np.nan
@@ -113,6 +124,8 @@ def _rows(fitted: Array) -> Array:
     rows[:, ANGLE] = 0.5 * np.arctan2(aslant, half_difference)
     rows[:, STD], rows[:, BLUR] = fitted[:, ERROR], fitted[:, WIDTH]
     rows[:, CONTRAST] = fitted[:, PLATEAU] - fitted[:, BEHIND]
+    rows[:, BEYOND] = fitted[:, OUTSIDE]
+    rows[:, SMEAR] = fitted[:, [SMEAR_U, SMEAR_V]]
     rows[:, LEVEL], rows[:, FILLED] = fitted[:, PLATEAU], fitted[:, WITHIN]
     rows[:, SEEN], rows[:, EXACT] = fitted[:, NEAR_EDGE], fitted[:, ON_EDGE]
     return rows

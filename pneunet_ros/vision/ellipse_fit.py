@@ -1,36 +1,48 @@
-"""Fit an ellipse to the edge of a blob, pixel by pixel: the compiled part of `centroid`."""
+"""Fit ellipses to the edges of blobs, pixel by pixel: the arithmetic of `centroid`.
+
+All blobs of an image are fitted side by side, as columns of numbers over their pixels.
+"""
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.image import Bytes
-from pneunet_ros.core.jit import inlined, kernel
-from pneunet_ros.core.settings import numbers_type, tuning
+from pneunet_ros.core.settings import tuning
+from scipy.special import erfc
 
 Integers = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 # An ellipse, before and after the fit: center u, v px; symmetric axes (xx, xy, yy) px, which map
-# the unit circle to it; blur px.
-CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH = range(6)
-# Only before: how well its size and shape (of its radius) and its blur (px) are known, one sigma.
-SHAPE_STD, WIDTH_STD = 6, 7
-# Only after: std of the center px, grey levels of plateau and background; share near the ellipse
-# of the edge that can be seen, and share exactly on it of all the edge; share of what is within
-# that is as bright as the plateau.
-ERROR, PLATEAU, BEHIND, NEAR_EDGE, ON_EDGE, WITHIN = range(6, 12)
-FITTED = 12
+# the unit circle to it; blur px of its edge where it does not move; its way while the shutter is
+# open, px (forward or backward: a picture does not tell); grey levels of plateau and background.
+CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH, SMEAR_U, SMEAR_V = range(8)
+PLATEAU, BEHIND = 8, 9
+# Only before: how well its size and shape (of its radius), blur and way (px) and plateau are
+# known, one sigma; infinite of a plateau that is not known.
+SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD = range(10, 14)
+# Only after: std of the center px; share near the ellipse of the edge that can be seen, and share
+# exactly on it of all the edge; share of what is within that is as bright as it is drawn; share of
+# all the edge that is clearly outside of the ellipse.
+ERROR, NEAR_EDGE, ON_EDGE, WITHIN, OUTSIDE = range(10, 15)
+FITTED = 15
 
-# What is searched: way of the center; size, two changes of shape; blur; plateau and its slopes.
-UNKNOWNS = 9
+# What is searched: way of the center; size, two changes of shape; blur; way of motion; plateau and
+# its slopes.
+UNKNOWNS = 11
+# Moments of an exposure that are averaged, and the longest way (px) for which they are enough:
+# dots next to each other are less than two blurs apart.
+MOMENTS = ((1, 0.5), (5, 6.5), (13, math.inf))
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
 PEAK = 1.0 / math.sqrt(2.0 * math.pi)  # of the normal density
+TOGETHER = 1 << 15  # pixels of ellipses that are fitted side by side: what a cache holds
 SIGMA = 1.4826  # standard deviation over the median of what is off, of Gaussian noise
 
 
@@ -51,323 +63,536 @@ class EllipseSettings:
     largest_step: float = tuning(1.5, 'of the center in a pass', unit='px')
     largest_change: float = tuning(0.25, 'of size and shape in a pass', unit='radius')
     widest_step: float = tuning(0.3, 'of the blur in a pass', unit='px')
+    smear_step: float = tuning(1.5, 'of the way of motion in a pass', unit='px')
+    most_smear: float = tuning(20.0, 'way of motion during an exposure', unit='px')
     least_axis: float = tuning(0.5, 'half the smallest axis, at least', unit='px')
     plateau_share: float = tuning(0.3, 'of the pixels within, brighter than the first plateau')
     cut: float = tuning(2.5, 'an edge off the outline takes no part', unit='usual distance')
     least_off: float = tuning(0.02, 'usual distance of edges from the outline', unit='px')
     knows: float = tuning(0.3, 'error of the place of an edge that tells anything', unit='px')
     told: float = tuning(0.5, 'share of the sectors in which an edge can be seen, at least')
-    within: float = tuning(0.9, 'share of a pixel that a blob covers where it is its inside')
-    plain: float = tuning(0.3, 'inside of a blob, darker than the plateau at most', unit='height')
+    within: float = tuning(
+        0.9, 'of the most that a blob covers of a pixel, where it is its inside'
+    )
+    plain: float = tuning(0.3, 'inside of a blob, darker than it is drawn at most', unit='height')
     on_edge: float = tuning(0.03, 'distance of an edge that is on the outline', unit='px')
     near_edge: float = tuning(0.12, 'distance of an edge that is near the outline', unit='px')
     near_edge_share: float = tuning(0.02, 'the same, added', unit='radius')
-    model_error: float = tuning(
-        0.004, 'of the center, for what no blob exactly is', unit='px', source='measured'
+    uneven: float = tuning(
+        0.7,
+        'of what is on either side of an edge, not explained',
+        unit='grey level',
+        source='measured',
+    )
+    smear_error: float = tuning(
+        0.0022,
+        'of the center, for backgrounds that move along',
+        unit='way^2 / radius',
+        source='measured',
     )
 
 
-EllipseNumbers = numbers_type(EllipseSettings, 'EllipseNumbers')
 ELLIPSE = EllipseSettings()
 
 
-@functools.lru_cache
-def ellipse_numbers(settings: EllipseSettings) -> Any:
-    """Return settings as kernels take them."""
-    return EllipseNumbers(*astuple(settings))
+class Seen(NamedTuple):
+    """Pixels as their ellipses see them, (pixels,) each.
 
-
-@inlined
-def _inverse(xx: float, xy: float, yy: float) -> tuple[float, float, float]:
-    """Return the inverse of a symmetric matrix."""
-    determinant = xx * yy - xy * xy
-    return yy / determinant, -xy / determinant, xx / determinant
-
-
-@inlined
-def _seen_from(
-    xx: float, xy: float, yy: float, x: float, y: float
-) -> tuple[float, float, float, float, float, float, float]:
-    """See a place (px from the center) from an ellipse, given by its inverse axes.
-
-    Return the place on the unit circle that it belongs to, how many times further out it is, the
-    outline's normal there, px of the outline per unit, and px outside of it.
+    across, down: the place on the unit circle that a pixel belongs to; ratio: how many times
+    further out it is; out_x, out_y: the outline's normal there; stretch: px of the outline per
+    unit; outside: px outside of it.
     """
-    across, down = xx * x + xy * y, xy * x + yy * y
-    ratio = max(math.sqrt(across * across + down * down), 1e-6)
-    across, down = across / ratio, down / ratio
-    normal_x, normal_y = xx * across + xy * down, xy * across + yy * down
-    # At the very center there is no normal; it is far inside then.
-    stretch = 1.0 / max(math.sqrt(normal_x * normal_x + normal_y * normal_y), 1e-12)
-    return (
-        across, down, ratio, normal_x * stretch, normal_y * stretch, stretch,
-        (ratio - 1.0) * stretch,
-    )  # fmt: skip
+
+    across: Array
+    down: Array
+    ratio: Array
+    out_x: Array
+    out_y: Array
+    stretch: Array
+    outside: Array
 
 
-@kernel
-def fit_ellipses(grey: Bytes, starts: Array, numbers: EllipseSettings) -> Array:
-    """Fit ellipses from where they are thought to be, (n, FITTED); NaN where there is none."""
+class Rims(NamedTuple):
+    """Pixels that can be near the edges of ellipses, one ellipse after the other, (pixels,) each.
+
+    owner: whose they are; x, y: px from where its fit begins; levels: how bright; before, after:
+    the sectors that a pixel is between, counted over all ellipses; share: how far it is on its way
+    from one to the other.
+    """
+
+    owner: Integers
+    x: Array
+    y: Array
+    levels: Array
+    before: Integers
+    after: Integers
+    share: Array
+
+    def only(self, which: Mask) -> Rims:
+        """Return some of the pixels."""
+        return Rims(
+            owner=self.owner[which],
+            x=self.x[which],
+            y=self.y[which],
+            levels=self.levels[which],
+            before=self.before[which],
+            after=self.after[which],
+            share=self.share[which],
+        )
+
+    def of(self, which: Integers, count: int) -> Rims:
+        """Return the pixels of some of so many ellipses."""
+        theirs = np.zeros(count, np.bool_)
+        theirs[which] = True
+        return self if theirs.all() else self.only(theirs[self.owner])
+
+    def by_sector(self, values: Array, shape: tuple[int, int]) -> Array:
+        """Return the sums of values (pixels,) over sectors, of this shape (ellipses, sectors)."""
+        size, part = shape[0] * shape[1], self.share * values
+        sums = np.bincount(self.before, values - part, size)
+        return np.asarray((sums + np.bincount(self.after, part, size)).reshape(shape))
+
+    def between(self, table: Array) -> Array:
+        """Return the values of a table (ellipses, sectors) at the pixels."""
+        flat = table.ravel()
+        before = flat[self.before]
+        return np.asarray(before + self.share * (flat[self.after] - before))
+
+    def pieces(self, which: Integers) -> Iterator[slice]:
+        """Return which pixels belong to each of these ellipses."""
+        last = np.cumsum(np.bincount(self.owner, minlength=which[-1] + 1))
+        return map(slice, (last[which - 1] * (which > 0)).tolist(), last[which].tolist())
+
+
+@dataclass(slots=True, eq=False)
+class Fit:
+    """Ellipses as far as they are fitted, a line each.
+
+    now (n, FITTED); off (n, 2) px: way of the center so far; shape (n, 3): changes of size and
+    shape so far; slopes (n, 2) of the light, grey levels per px; believed (n, sectors): weights.
+    """
+
+    now: Array
+    off: Array
+    shape: Array
+    slopes: Array
+    believed: Array
+
+
+class Solution(NamedTuple):
+    """What a pass over some ellipses tells.
+
+    step (n, UNKNOWNS); error (n,) px: of the center; behind (n, sectors): grey levels of the
+    background; edges, stds (n, sectors): how far an edge is outside of the outline, px, and how
+    well that is known; inside: the pixels that ellipses cover most; covered (pixels,): how much.
+    """
+
+    step: Array
+    error: Array
+    behind: Array
+    edges: Array
+    stds: Array
+    inside: Rims
+    covered: Array
+
+
+def fit_ellipses(grey: Bytes, starts: Array, settings: EllipseSettings = ELLIPSE) -> Array:
+    """Fit ellipses from where they are thought to be, (n, FITTED); NaN where there is none.
+
+    starts (n, FITTED): centers, axes, blur, and how well these are known.
+    """
     fitted = np.full_like(starts, np.nan)
-    for number in range(len(starts)):
-        _fit_ellipse(grey, starts[number], numbers, fitted[number])
+    if not len(starts):
+        return fitted
+    boxes, smear, least = _boxes(grey, starts, settings), _smear(starts), 0.0
+    for moments, most in MOMENTS:
+        alike = np.flatnonzero((smear >= least) & (smear < most))
+        pixels = np.cumsum(boxes[alike, 2] * boxes[alike, 3]) * moments
+        for some in np.split(alike, np.flatnonzero(np.diff(pixels // TOGETHER)) + 1):
+            fitted[some] = _fit_together(grey, starts[some], boxes[some], moments, settings)
+        least = most
     return fitted
 
 
-@kernel
-def _fit_ellipse(grey: Bytes, start: Array, numbers: EllipseSettings, fitted: Array) -> None:
-    """Fit one; `fitted` (FITTED,) stays as it is where there is none."""
-    sectors = numbers.sectors
-    places, levels = _cut_rim(grey, start, numbers)
-    if len(levels) < 2 * UNKNOWNS:
-        return
-    now = start.copy()
-    now[WIDTH] = min(max(start[WIDTH], numbers.least_blur), numbers.most_blur)
-    off = np.zeros(2)
-    shape, slopes = np.zeros(3), np.zeros(2)
-    now[PLATEAU] = _first_plateau(places, levels, start, numbers)
-    believed = np.ones(sectors)
-    pixels = np.zeros((len(levels), 3))  # covered, left after the blob, weight
-    behind, edges = np.zeros(sectors), np.zeros((sectors, 2))
-    by_unknowns = np.zeros(UNKNOWNS)
-    for turn in range(numbers.passes):
-        xx, xy, yy = _inverse(now[AXIS_XX], now[AXIS_XY], now[AXIS_YY])
-        blur, plateau = now[WIDTH], now[PLATEAU]
-        nearest = -numbers.inward * blur - numbers.margin
-        farthest = numbers.outward * blur + numbers.margin
-        # First what is covered, and the background of each sector.
-        sums = np.zeros((sectors, 2))
-        for pixel in range(len(levels)):
-            x, y = places[pixel, 0] - off[0], places[pixel, 1] - off[1]
-            _, _, ratio, _, _, _, outside = _seen_from(xx, xy, yy, x, y)
-            if outside <= nearest or outside >= farthest:
-                pixels[pixel, 2] = 0.0
-                continue
-            covered = 0.5 * math.erfc(outside / (math.sqrt(2.0) * blur))
-            bare = 1.0 - covered
-            # Uneven light tells on the blob from its center on, behind it from the edge on.
-            lever = covered + bare * (1.0 - 1.0 / ratio)
-            left = levels[pixel] - plateau * covered
-            left -= lever * (slopes[0] * x + slopes[1] * y)
-            pixels[pixel] = covered, left, 1.0
-            first, share = int(places[pixel, 2]), places[pixel, 2] % 1.0
-            second = (first + 1) % sectors
-            sums[first, 0] += (1.0 - share) * bare * left
-            sums[first, 1] += (1.0 - share) * bare * bare
-            sums[second, 0] += share * bare * left
-            sums[second, 1] += share * bare * bare
-        for sector in range(sectors):
-            before, after = sums[sector - 1], sums[(sector + 1) % sectors]
-            most = sums[sector, 1] + 0.5 * (before[1] + after[1])
-            behind[sector] = sums[sector, 0] + 0.5 * (before[0] + after[0])
-            behind[sector] /= max(most, 1e-6)
-        # Then the normal equations, and the same by sector.
-        normal, gradient = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
-        moves = np.zeros((sectors, UNKNOWNS + 2))
-        squares = weights = 0.0
-        for pixel in range(len(levels)):
-            if pixels[pixel, 2] == 0.0:
-                continue
-            x, y = places[pixel, 0] - off[0], places[pixel, 1] - off[1]
-            across, down, ratio, out_x, out_y, stretch, outside = _seen_from(xx, xy, yy, x, y)
-            covered = pixels[pixel, 0]
-            bare = 1.0 - covered
-            first, share = int(places[pixel, 2]), places[pixel, 2] % 1.0
-            second = (first + 1) % sectors
-            background = (1.0 - share) * behind[first] + share * behind[second]
-            left = pixels[pixel, 1] - bare * background
-            height = plateau - background + (slopes[0] * x + slopes[1] * y) / ratio
-            by_edge = height * PEAK / blur * math.exp(-0.5 * (outside / blur) ** 2)
-            stretched = by_edge * stretch
-            lever = covered + bare * (1.0 - 1.0 / ratio)
-            by_unknowns[0], by_unknowns[1] = by_edge * out_x, by_edge * out_y
-            by_unknowns[2] = stretched
-            by_unknowns[3] = stretched * (across * across - down * down)
-            by_unknowns[4] = 2.0 * stretched * across * down
-            by_unknowns[5] = by_edge * outside / blur
-            by_unknowns[6], by_unknowns[7], by_unknowns[8] = covered, lever * x, lever * y
-            weight = (1.0 - share) * believed[first] + share * believed[second]
-            squares += weight * left * left
-            weights += weight
-            for row in range(UNKNOWNS):
-                weighted = weight * by_unknowns[row]
-                gradient[row] += weighted * left
-                for column in range(row + 1):
-                    normal[row, column] += weighted * by_unknowns[column]
-            for sector, part in ((first, 1.0 - share), (second, share)):
-                moved = part * by_edge
-                for row in range(UNKNOWNS):
-                    moves[sector, row] += moved * by_unknowns[row]
-                moves[sector, UNKNOWNS] += moved * left
-                moves[sector, UNKNOWNS + 1] += moved * by_edge
-        variance = max(squares / max(weights - UNKNOWNS, 4.0), QUANTIZATION)
-        height = plateau - np.median(behind)
-        covariance = _with_expectations(
-            normal, gradient, variance, height, now, start, shape, slopes, numbers
-        )
-        step = covariance @ gradient
-        for sector in range(sectors):
-            tells = max(moves[sector, UNKNOWNS + 1], 1e-9)
-            there = moves[sector, UNKNOWNS] - np.dot(moves[sector, :UNKNOWNS], step)
-            edges[sector, 0], edges[sector, 1] = there / tells, math.sqrt(variance / tells)
-        way = max(abs(step[0]), abs(step[1]))
-        if not _move(now, off, shape, slopes, step, numbers):
-            return
-        if turn > 1 and way < numbers.done:
-            break
-        _believe(edges, turn == 0, numbers, believed)
-    fitted[:] = now
-    fitted[CENTER_U], fitted[CENTER_V] = start[CENTER_U] + off[0], start[CENTER_V] + off[1]
-    larger = variance * max(covariance[0, 0], covariance[1, 1])
-    fitted[ERROR] = math.sqrt(larger + numbers.model_error**2)
-    fitted[BEHIND] = np.median(behind)
-    inside = (pixels[:, 2] > 0.0) & (pixels[:, 0] > numbers.within)
-    plain = levels >= now[PLATEAU] - numbers.plain * (now[PLATEAU] - fitted[BEHIND])
-    fitted[WITHIN] = np.sum(inside & plain) / max(np.sum(inside), 1)
-    radius = math.sqrt(now[AXIS_XX] * now[AXIS_YY] - now[AXIS_XY] ** 2)
-    near = numbers.near_edge + numbers.near_edge_share * radius
-    told, seen = _seen_on_edge(edges, near, numbers)
-    fitted[NEAR_EDGE] = seen / told if told >= numbers.told * sectors else 0.0
-    fitted[ON_EDGE] = _seen_on_edge(edges, numbers.on_edge, numbers)[1] / sectors
-
-
-@kernel
-def _cut_rim(grey: Bytes, start: Array, numbers: EllipseSettings) -> tuple[Array, Array]:
-    """Collect the pixels that can be near the edge of an ellipse.
-
-    Return where they are (n, 3), px from its center and by sectors around it, and how bright (n,).
-    """
-    xx, xy, yy = start[AXIS_XX], start[AXIS_XY], start[AXIS_YY]
-    more = numbers.shift + numbers.margin
-    outward, inward = numbers.outward * start[WIDTH] + more, numbers.inward * start[WIDTH] + more
-    u, v = start[CENTER_U], start[CENTER_V]
-    reach_u, reach_v = (
-        math.sqrt(xx * xx + xy * xy) + outward,
-        math.sqrt(xy * xy + yy * yy) + outward,
-    )
-    left, right = max(math.floor(u - reach_u), 0), min(math.ceil(u + reach_u), grey.shape[1] - 1)
-    top, bottom = max(math.floor(v - reach_v), 0), min(math.ceil(v + reach_v), grey.shape[0] - 1)
-    room = max(right - left + 1, 0) * max(bottom - top + 1, 0)
-    places, levels = np.empty((room, 3)), np.empty(room)
-    xx, xy, yy = _inverse(xx, xy, yy)
-    count = 0
-    for row in range(top, bottom + 1):
-        for column in range(left, right + 1):
-            x, y = column - u, row - v
-            across, down, _, _, _, _, outside = _seen_from(xx, xy, yy, x, y)
-            if -inward < outside < outward:
-                around = math.atan2(down, across) * numbers.sectors / (2.0 * math.pi)
-                places[count, 0], places[count, 1] = x, y
-                places[count, 2] = (around + numbers.sectors) % numbers.sectors
-                levels[count] = grey[row, column]
-                count += 1
-    return places[:count], levels[:count]
-
-
-@kernel
-def _first_plateau(places: Array, levels: Array, start: Array, numbers: EllipseSettings) -> float:
-    """Return a grey level that only some of the pixels within an ellipse are above."""
-    xx, xy, yy = _inverse(start[AXIS_XX], start[AXIS_XY], start[AXIS_YY])
-    within = np.empty(len(levels))
-    count = 0
-    for pixel in range(len(levels)):
-        outside = _seen_from(xx, xy, yy, places[pixel, 0], places[pixel, 1])[6]
-        if outside < -0.5:
-            within[count] = levels[pixel]
-            count += 1
-    if count == 0:
-        return float(levels.max())
-    order = np.sort(within[:count])
-    return float(order[count - 1 - int(numbers.plateau_share * count)])
-
-
-@kernel
-def _with_expectations(
-    normal: Array,
-    gradient: Array,
-    variance: float,
-    height: float,
-    now: Array,
-    start: Array,
-    shape: Array,
-    slopes: Array,
-    numbers: EllipseSettings,
+def _fit_together(
+    grey: Bytes, starts: Array, boxes: Integers, moments: int, settings: EllipseSettings
 ) -> Array:
-    """Add what is known before the fit to the normal equations; return the inverse of these."""
-    radius = math.sqrt(now[AXIS_XX] * now[AXIS_YY] - now[AXIS_XY] ** 2)
-    tilt_std = numbers.tilt_std * max(abs(height), 1.0) / radius
-    for row in range(UNKNOWNS):
-        std, off = math.inf, 0.0
-        if 2 <= row <= 4:
-            std, off = start[SHAPE_STD], shape[row - 2]
-        elif row == 5:
-            std, off = start[WIDTH_STD], now[WIDTH] - start[WIDTH]
-        elif row >= 7:
-            std, off = tilt_std, slopes[row - 7]
-        known = variance / (std * std)
-        normal[row, row] += known + 1e-9
-        gradient[row] -= known * off
-        for column in range(row):
-            normal[column, row] = normal[row, column]
-    return np.asarray(np.linalg.inv(normal))
+    """Fit ellipses whose pixels lie within boxes (n, 4), seen at so many moments."""
+    count, sectors = len(starts), settings.sectors
+    rims = _cut_rims(grey, starts, boxes, settings)
+    fit = Fit(
+        now=starts.copy(),
+        off=np.zeros((count, 2)),
+        shape=np.zeros((count, 3)),
+        slopes=np.zeros((count, 2)),
+        believed=np.ones((count, sectors)),
+    )
+    fit.now[:, WIDTH] = np.clip(starts[:, WIDTH], settings.least_blur, settings.most_blur)
+    if moments == 1:
+        fit.now[:, [SMEAR_U, SMEAR_V]] = 0.0
+    unknown = np.isinf(starts[:, PLATEAU_STD])
+    fit.now[unknown, PLATEAU] = _first_plateaus(rims, starts, settings)[unknown]
+    fitted = np.full_like(starts, np.nan)
+    going = np.flatnonzero(np.bincount(rims.owner, minlength=count) >= 2 * UNKNOWNS)
+    rims = rims.of(going, count)
+    for turn in range(settings.passes):
+        if not len(going):
+            break
+        found = _solve(rims, starts, fit, going, moments, settings)
+        whole = _move(fit, found.step, going, moments, settings)
+        way = np.abs(found.step[:, :2]).max(axis=1)
+        done = (turn > 1) & (way < settings.done) | (turn == settings.passes - 1)
+        ended = np.flatnonzero(done & whole)
+        if len(ended):
+            fitted[going[ended]] = _results(starts, fit, going, found, ended, settings)
+        on = np.flatnonzero(~done & whole)
+        fit.believed[going[on]] = _believed(found.edges[on], found.stds[on], turn == 0, settings)
+        if len(on) < len(going):
+            going = going[on]
+            rims = rims.of(going, count)
+    return fitted
 
 
-@kernel
-def _move(
-    now: Array, off: Array, shape: Array, slopes: Array, step: Array, numbers: EllipseSettings
-) -> bool:
-    """Change an ellipse by a step; its axes stay symmetric. Return whether it still is one."""
-    for axis in range(2):
-        off[axis] += min(max(step[axis], -numbers.largest_step), numbers.largest_step)
-    for row in range(3):
-        most = numbers.largest_change
-        step[2 + row] = min(max(step[2 + row], -most), most)
-        shape[row] += step[2 + row]
-    size, along, aslant = step[2], step[3], step[4]
-    xx, xy, yy = now[AXIS_XX], now[AXIS_XY], now[AXIS_YY]
+def _boxes(grey: Bytes, starts: Array, settings: EllipseSettings) -> Integers:
+    """Return the parts of an image in which ellipses can be: left, top, width, height, (n, 4)."""
+    center, axes = starts[:, [CENTER_U, CENTER_V]], starts[:, [AXIS_XX, AXIS_XY, AXIS_YY]]
+    outward = settings.outward * starts[:, WIDTH] + settings.shift + settings.margin
+    outward += 0.5 * _smear(starts)
+    reach = np.hypot(axes[:, [0, 1]], axes[:, [1, 2]]) + outward[:, None]
+    first = np.maximum(np.floor(center - reach), 0.0)
+    last = np.minimum(np.ceil(center + reach), np.array([grey.shape[1], grey.shape[0]]) - 1.0)
+    size = last - first + 1.0
+    size[(size < 1.0).any(axis=1)] = 0.0
+    return np.column_stack([first, size]).astype(np.int64)
+
+
+def _cut_rims(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSettings) -> Rims:
+    """Collect the pixels that can be near the edges of ellipses."""
+    left, top, width, height = boxes.T
+    room = width * height
+    owner = np.repeat(np.arange(len(starts)), room)
+    down, across = np.divmod(
+        np.arange(len(owner)) - np.repeat(np.cumsum(room) - room, room), width[owner]
+    )
+    row, column = down + top[owner], across + left[owner]
+    x, y = column - starts[owner, CENTER_U], row - starts[owner, CENTER_V]
+    seen = _see(starts, owner, x, y)
+    more = settings.shift + settings.margin + 0.5 * _smear(starts)[owner]
+    blur = starts[owner, WIDTH]
+    rim = (seen.outside > -settings.inward * blur - more) & (
+        seen.outside < settings.outward * blur + more
+    )
+    around = np.arctan2(seen.down[rim], seen.across[rim]) * settings.sectors / (2.0 * math.pi)
+    around %= settings.sectors
+    before = np.minimum(around.astype(np.int64), settings.sectors - 1)
+    owner = owner[rim]
+    return Rims(
+        owner=owner,
+        x=x[rim],
+        y=y[rim],
+        levels=grey[row[rim], column[rim]].astype(np.float64),
+        before=owner * settings.sectors + before,
+        after=owner * settings.sectors + (before + 1) % settings.sectors,
+        share=around - before,
+    )
+
+
+def _smear(ellipses: Array) -> Array:
+    """Return how far ellipses (n, FITTED) move while the shutter is open, px (n,)."""
+    return np.asarray(np.hypot(ellipses[:, SMEAR_U], ellipses[:, SMEAR_V]))
+
+
+def _see(ellipses: Array, owner: Integers, x: Array, y: Array) -> Seen:
+    """See places (px from the center) from their ellipses (n, FITTED)."""
+    xx, xy, yy = ellipses[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
+    determinant = xx * yy - xy * xy
+    xx, xy, yy = ((it / determinant)[owner] for it in (yy, -xy, xx))  # the inverse
+    across, down = xx * x + xy * y, xy * x + yy * y
+    ratio = np.maximum(np.sqrt(across * across + down * down), 1e-6)
+    across /= ratio
+    down /= ratio
+    out_x, out_y = xx * across + xy * down, xy * across + yy * down
+    # At the very center there is no normal; it is far inside then.
+    stretch = 1.0 / np.maximum(np.sqrt(out_x * out_x + out_y * out_y), 1e-12)
+    return Seen(
+        across, down, ratio, out_x * stretch, out_y * stretch, stretch, (ratio - 1.0) * stretch
+    )
+
+
+def _first_plateaus(rims: Rims, starts: Array, settings: EllipseSettings) -> Array:
+    """Return grey levels that only some of the pixels within ellipses are above, (n,)."""
+    count = len(starts)
+    plateaus = np.zeros(count)
+    np.maximum.at(plateaus, rims.owner, rims.levels)
+    within = _see(starts, rims.owner, rims.x, rims.y).outside < -0.5
+    owner, levels = rims.owner[within], rims.levels[within]
+    order = np.lexsort((levels, owner))
+    sizes = np.bincount(owner, minlength=count)
+    some = sizes > 0
+    above = (settings.plateau_share * sizes).astype(np.int64)
+    plateaus[some] = levels[order[(np.cumsum(sizes) - 1 - above)[some]]]
+    return plateaus
+
+
+class Drawn(NamedTuple):
+    """Ellipses as a picture shows them, (pixels,) each.
+
+    covered: which share of the exposure they cover a pixel; further: how many times further out it
+    is than their edge in the middle of the exposure; edge: how much more is covered for each px by
+    which the edge is further out; moved (UNKNOWNS - 3, pixels): the same for each px, or radius,
+    of what is searched but plateau and slopes.
+    """
+
+    covered: Array
+    further: Array
+    edge: Array
+    moved: Array
+
+
+def _draw(
+    rims: Rims, fit: Fit, moments: int, settings: EllipseSettings
+) -> tuple[Rims, Array, Array, Drawn]:
+    """Draw ellipses over the pixels near their edges, as the average over an exposure.
+
+    Returns these pixels, where they are (x, y px from the centers), and what is drawn.
+    """
+    now, owner = fit.now, rims.owner
+    x, y = rims.x - fit.off[owner, 0], rims.y - fit.off[owner, 1]
+    times = ((np.arange(moments) + 0.5) / moments - 0.5).tolist()
+    smear_u, smear_v, blur = now[owner, SMEAR_U], now[owner, SMEAR_V], now[owner, WIDTH]
+    views = [
+        _see(now, owner, x - time * smear_u, y - time * smear_v)
+        if time
+        else _see(now, owner, x, y)
+        for time in times
+    ]
+    outside = np.array([seen.outside for seen in views])
+    near = (outside.max(axis=0) > -settings.inward * blur - settings.margin) & (
+        outside.min(axis=0) < settings.outward * blur + settings.margin
+    )
+    blur, outside = blur[near], outside[:, near]
+    distance = outside / blur
+    edge = PEAK / moments / blur * np.exp(-0.5 * distance * distance)
+    moved = np.zeros((UNKNOWNS - 3, len(blur)))
+    for time, seen, there, by_edge in zip(times, views, distance, edge, strict=True):
+        across, down, _, out_x, out_y, stretch, _ = (column[near] for column in seen)
+        by_u, by_v, stretched = by_edge * out_x, by_edge * out_y, by_edge * stretch
+        moved[0] += by_u
+        moved[1] += by_v
+        moved[2] += stretched
+        moved[3] += stretched * (across * across - down * down)
+        moved[4] += 2.0 * stretched * across * down
+        moved[5] += by_edge * there
+        moved[6] += time * by_u
+        moved[7] += time * by_v
+    covered = erfc(distance / math.sqrt(2.0)).sum(axis=0) * (0.5 / moments)
+    drawn = Drawn(covered, views[moments // 2].ratio[near], edge.sum(axis=0), moved)
+    return rims.only(near), x[near], y[near], drawn
+
+
+def _solve(
+    rims: Rims,
+    starts: Array,
+    fit: Fit,
+    going: Integers,
+    moments: int,
+    settings: EllipseSettings,
+) -> Solution:
+    """Linearize around the ellipses that go on, and solve for the step to the best ones."""
+    now, size = fit.now, fit.believed.shape
+    rims, x, y, drawn = _draw(rims, fit, moments, settings)
+    # First the background of each sector. Uneven light tells on the blob from its center on,
+    # behind it from the edge on.
+    covered, bare = drawn.covered, 1.0 - drawn.covered
+    lever = covered + bare * (1.0 - 1.0 / drawn.further)
+    plateau = now[rims.owner, PLATEAU]
+    tilt = fit.slopes[rims.owner, 0] * x + fit.slopes[rims.owner, 1] * y
+    left = rims.levels - plateau * covered - lever * tilt
+    behind = _smoothed(rims.by_sector(bare * left, size)) / np.maximum(
+        _smoothed(rims.by_sector(bare * bare, size)), 1e-6
+    )
+    background = rims.between(behind)
+    # Then the normal equations.
+    height = plateau - background + tilt / drawn.further
+    by_edge = height * drawn.edge
+    columns = np.empty((UNKNOWNS + 1, len(x)))
+    columns[: UNKNOWNS - 3] = height * drawn.moved
+    columns[8], columns[9], columns[10] = covered, lever * x, lever * y
+    columns[UNKNOWNS] = left - bare * background
+    weight = rims.between(fit.believed)
+    weighted = columns * weight
+    pieces = list(rims.pieces(going))
+    products = np.array([columns[:, piece] @ weighted[:, piece].T for piece in pieces])
+    searched = UNKNOWNS if moments > 1 else UNKNOWNS - 2  # not where nothing moves
+    free = np.bincount(rims.owner, weight, len(now))[going] - searched
+    variance = np.maximum(products[:, -1, -1] / np.maximum(free, 4.0), QUANTIZATION)
+    typical = now[going, PLATEAU] - _middle(behind[going])
+    normal, gradient = _with_expectations(
+        products, variance, typical, starts, fit, going, settings
+    )
+    covariance = np.linalg.inv(normal)
+    step = (covariance @ gradient[:, :, None])[:, :, 0]
+    off_edge = columns[UNKNOWNS]
+    for piece, one in zip(pieces, step, strict=True):
+        off_edge[piece] -= one @ columns[:UNKNOWNS, piece]
+    tells = np.maximum(rims.by_sector(by_edge * by_edge, size)[going], 1e-9)
+    most = np.zeros(len(now))
+    np.maximum.at(most, rims.owner, covered)
+    inside = covered > settings.within * most[rims.owner]
+    larger = variance * np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])
+    return Solution(
+        step=step,
+        error=np.sqrt(larger + _model_error(now[going], typical, settings) ** 2),
+        behind=behind[going],
+        edges=rims.by_sector(by_edge * off_edge, size)[going] / tells,
+        stds=np.sqrt(variance[:, None] / tells),
+        inside=rims.only(inside),
+        covered=covered[inside],
+    )
+
+
+def _model_error(ellipses: Array, height: Array, settings: EllipseSettings) -> Array:
+    """Return how far centers are off (n,), px, as no blob is exactly what is drawn.
+
+    A surface that is uneven moves an edge by its grey levels over the height (n,) of the edge.
+    """
+    uneven = settings.uneven / np.maximum(np.abs(height), 1.0)
+    smeared = settings.smear_error * _smear(ellipses) ** 2 / _radius(ellipses)
+    return np.asarray(np.hypot(uneven, smeared))
+
+
+def _smoothed(sums: Array) -> Array:
+    """Return sums over sectors (n, sectors) with half of those next to them."""
+    around = np.concatenate([sums[:, -1:], sums, sums[:, :1]], axis=1)
+    return np.asarray(sums + 0.5 * (around[:, :-2] + around[:, 2:]))
+
+
+def _middle(values: Array) -> Array:
+    """Return the median of each line."""
+    return _median_of(values, np.ones(values.shape, np.bool_))
+
+
+def _with_expectations(
+    products: Array,
+    variance: Array,
+    height: Array,
+    starts: Array,
+    fit: Fit,
+    going: Integers,
+    settings: EllipseSettings,
+) -> tuple[Array, Array]:
+    """Add what is known before the fit to the normal equations.
+
+    products (n, UNKNOWNS + 1, UNKNOWNS + 1): of the derivatives and the residual; variance of a
+    pixel and height (n,). Returns matrices (n, UNKNOWNS, UNKNOWNS) and right sides (n, UNKNOWNS).
+    """
+    now, start = fit.now[going], starts[going]
+    std, off = np.full((len(going), UNKNOWNS), math.inf), np.zeros((len(going), UNKNOWNS))
+    std[:, 2:5], off[:, 2:5] = start[:, [SHAPE_STD]], fit.shape[going]
+    std[:, 5], off[:, 5] = start[:, WIDTH_STD], now[:, WIDTH] - start[:, WIDTH]
+    std[:, 6:8] = start[:, [SMEAR_STD]]
+    off[:, 6:8] = now[:, [SMEAR_U, SMEAR_V]] - start[:, [SMEAR_U, SMEAR_V]]
+    std[:, 8] = start[:, PLATEAU_STD]
+    off[:, 8] = np.where(np.isinf(std[:, 8]), 0.0, now[:, PLATEAU] - start[:, PLATEAU])
+    tilt_std = settings.tilt_std * np.maximum(np.abs(height), 1.0) / _radius(now)
+    std[:, 9:], off[:, 9:] = tilt_std[:, None], fit.slopes[going]
+    known = variance[:, None] / (std * std)
+    normal = products[:, :UNKNOWNS, :UNKNOWNS] + (known + 1e-9)[:, :, None] * np.eye(UNKNOWNS)
+    return normal, products[:, :UNKNOWNS, UNKNOWNS] - known * off
+
+
+def _radius(ellipses: Array) -> Array:
+    """Return the radius of circles as large as ellipses (n, FITTED)."""
+    xx, xy, yy = ellipses[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
+    return np.asarray(np.sqrt(xx * yy - xy * xy))
+
+
+def _move(fit: Fit, step: Array, going: Integers, moments: int, settings: EllipseSettings) -> Mask:
+    """Change ellipses by steps (n, UNKNOWNS); their axes stay symmetric. Return which still are.
+
+    Nothing else of a fit is changed.
+    """
+    now = fit.now[going]
+    fit.off[going] += np.clip(step[:, :2], -settings.largest_step, settings.largest_step)
+    change = np.clip(step[:, 2:5], -settings.largest_change, settings.largest_change)
+    fit.shape[going] += change
+    size, along, aslant = change.T
+    xx, xy, yy = now[:, [AXIS_XX, AXIS_XY, AXIS_YY]].T
     a, b = xx * (1.0 + size + along) + xy * aslant, xx * aslant + xy * (1.0 + size - along)
     c, d = xy * (1.0 + size + along) + yy * aslant, xy * aslant + yy * (1.0 + size - along)
     # The symmetric root of the matrix times its transpose.
     square_xx, square_xy, square_yy = a * a + b * b, a * c + b * d, c * c + d * d
-    root = abs(a * d - b * c)
-    scale = math.sqrt(square_xx + square_yy + 2.0 * root)
-    now[AXIS_XX], now[AXIS_XY] = (square_xx + root) / scale, square_xy / scale
-    now[AXIS_YY] = (square_yy + root) / scale
-    now[WIDTH] += min(max(step[5], -numbers.widest_step), numbers.widest_step)
-    now[WIDTH] = min(max(now[WIDTH], numbers.least_blur), numbers.most_blur)
-    now[PLATEAU] += step[6]
-    slopes += step[7:]
-    middle = 0.5 * (now[AXIS_XX] + now[AXIS_YY])
-    smallest = middle - math.hypot(0.5 * (now[AXIS_XX] - now[AXIS_YY]), now[AXIS_XY])
-    return bool(smallest >= numbers.least_axis)
+    root = np.abs(a * d - b * c)
+    scale = np.sqrt(square_xx + square_yy + 2.0 * root)
+    xx, xy, yy = (square_xx + root) / scale, square_xy / scale, (square_yy + root) / scale
+    now[:, AXIS_XX], now[:, AXIS_XY], now[:, AXIS_YY] = xx, xy, yy
+    now[:, WIDTH] += np.clip(step[:, 5], -settings.widest_step, settings.widest_step)
+    now[:, WIDTH] = np.clip(now[:, WIDTH], settings.least_blur, settings.most_blur)
+    if moments > 1:
+        now[:, [SMEAR_U, SMEAR_V]] += np.clip(
+            step[:, 6:8], -settings.smear_step, settings.smear_step
+        )
+    now[:, PLATEAU] += step[:, 8]
+    fit.slopes[going] += step[:, 9:]
+    fit.now[going] = now
+    smallest = 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
+    return np.asarray((smallest >= settings.least_axis) & (_smear(now) <= settings.most_smear))
 
 
-@kernel
-def _believe(edges: Array, gently: bool, numbers: EllipseSettings, believed: Array) -> None:
-    """Set the weight of sectors: those whose edge is off the outline take no part.
+def _believed(edges: Array, stds: Array, gently: bool, settings: EllipseSettings) -> Array:
+    """Return the weights of sectors (n, sectors): whose edge is off the outline takes no part.
 
     gently: at first the outline is not yet where it belongs.
     """
-    known = np.abs(edges[edges[:, 1] < numbers.knows, 0])
-    usual = 1.0
-    if len(known) > 0:
-        usual = max(SIGMA * np.median(known), numbers.least_off)
-    for sector in range(len(believed)):
-        ratio = abs(edges[sector, 0]) / (numbers.cut * usual)
-        if gently:
-            believed[sector] = 1.0 / (1.0 + 4.0 * ratio * ratio)
-        else:
-            believed[sector] = (1.0 - min(ratio, 1.0) ** 2) ** 2
+    usual = SIGMA * _median_of(np.abs(edges), stds < settings.knows)
+    usual = np.where(np.isnan(usual), 1.0, np.maximum(usual, settings.least_off))
+    ratio = np.abs(edges) / (settings.cut * usual[:, None])
+    if gently:
+        return np.asarray(1.0 / (1.0 + 4.0 * ratio * ratio))
+    return np.asarray((1.0 - np.minimum(ratio, 1.0) ** 2) ** 2)
 
 
-@kernel
-def _seen_on_edge(edges: Array, most: float, numbers: EllipseSettings) -> tuple[int, int]:
-    """Return in how many sectors an edge can be seen, and is `most` px off the ellipse or less."""
-    told = seen = 0
-    for sector in range(len(edges)):
-        off, std = edges[sector]
-        if std < numbers.knows:
-            told += 1
-            if abs(off) < most + 2.0 * std:
-                seen += 1
-    return told, seen
+def _median_of(values: Array, which: Mask) -> Array:
+    """Return the median of some values in each line, NaN of none."""
+    order = np.sort(np.where(which, values, np.inf), axis=1)
+    count, line = np.count_nonzero(which, axis=1), np.arange(len(values))
+    median = 0.5 * (order[line, np.maximum(count - 1, 0) // 2] + order[line, count // 2])
+    return np.where(count > 0, median, math.nan)
+
+
+def _results(
+    starts: Array,
+    fit: Fit,
+    going: Integers,
+    found: Solution,
+    ended: Integers,
+    settings: EllipseSettings,
+) -> Array:
+    """Return the lines (ended, FITTED) of those ellipses that are fitted now.
+
+    ended: their places among those that went on.
+    """
+    which = going[ended]
+    fitted = fit.now[which]
+    fitted[:, [CENTER_U, CENTER_V]] = starts[which][:, [CENTER_U, CENTER_V]] + fit.off[which]
+    fitted[:, ERROR] = found.error[ended]
+    fitted[:, BEHIND] = _middle(found.behind[ended])
+    levels = np.full((len(fit.now), 2), math.nan)
+    levels[which] = fitted[:, [PLATEAU, BEHIND]]
+    owner, count = found.inside.owner, len(levels)
+    plateau, behind = levels[owner].T
+    least = behind + (found.covered - settings.plain) * (plateau - behind)
+    plain = np.bincount(owner[found.inside.levels >= least], minlength=count)
+    fitted[:, WITHIN] = (plain / np.maximum(np.bincount(owner, minlength=count), 1))[which]
+    edges, stds = found.edges[ended], found.stds[ended]
+    clear = stds < settings.knows
+    near = settings.near_edge + settings.near_edge_share * _radius(fitted)[:, None]
+    told = np.count_nonzero(clear, axis=1)
+    seen = np.count_nonzero(clear & (np.abs(edges) < near + 2.0 * stds), axis=1)
+    enough = told >= settings.told * settings.sectors
+    fitted[:, NEAR_EDGE] = np.where(enough, seen / np.maximum(told, 1), 0.0)
+    on_edge = clear & (np.abs(edges) < settings.on_edge + 2.0 * stds)
+    fitted[:, ON_EDGE] = np.count_nonzero(on_edge, axis=1) / settings.sectors
+    outside = clear & (edges > near + 2.0 * stds)
+    fitted[:, OUTSIDE] = np.count_nonzero(outside, axis=1) / settings.sectors
+    return fitted

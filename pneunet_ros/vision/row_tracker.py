@@ -27,6 +27,7 @@ from pneunet_ros.vision.centroid import (
     MAJOR,
     MINOR,
     outlines,
+    SMEAR,
     STD,
     U,
     V,
@@ -47,7 +48,12 @@ from pneunet_ros.vision.rest_plane import (
     row_at_rest,
     row_points,
 )
-from pneunet_ros.vision.row_look import believable_parts, looks_of_neighbors, share_of_area
+from pneunet_ros.vision.row_look import (
+    believable_parts,
+    looks_of_neighbors,
+    part_stds,
+    share_of_area,
+)
 from pneunet_ros.vision.settings import VisionSettings
 from pneunet_ros.vision.working_plane import Plane
 
@@ -59,7 +65,8 @@ class TrackedRow:
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
     area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
     looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
-    spacing: distance of neighbors, px.
+    spacing: distance of neighbors, px; exposure: how long the shutter seems to be open, s,
+    0 where nothing is known of it.
     """
 
     stamp_ns: int
@@ -69,6 +76,7 @@ class TrackedRow:
     table: Array
     seen: Mask
     spacing: float
+    exposure: float
 
     def predict(self, stamp_ns: int, longest: float) -> Array:
         """Return where the targets are expected at a stamp, (targets, 2) px.
@@ -80,13 +88,14 @@ class TrackedRow:
 
     def outlines(self, places: Array, vision: VisionSettings) -> Array:
         """Return where edges are expected of targets that look as they did; places (n, 2) px."""
-        one, blobs = np.ones(len(places)), vision.blobs
+        blobs, smear = vision.blobs, self.exposure * self.velocity
+        stds = blobs.smear_std + vision.row_tracker.smear_std * np.hypot(*smear.T)
         return outlines(
             places,
             axes_of(self.table),
             self.table[:, BLUR],
-            blobs.shape_std * one,
-            blobs.blur_std * one,
+            smear,
+            (np.full(len(places), blobs.shape_std), blobs.blur_std, stds),
         )
 
 
@@ -178,14 +187,36 @@ def with_partial(
     asked = np.flatnonzero(partial)
     found = np.full_like(row.table, np.nan)
     found[asked] = blobs_at(view.image, expected[asked], view.appearance)
-    reach = settings.moved * np.sqrt(usual / math.pi)
-    believed = np.hypot(*(found[:, :2] - places).T) <= reach
+    found[:, STD] = part_stds(found, settings)
+    radius = np.sqrt(usual / math.pi)
+    believed = np.hypot(*(found[:, :2] - places).T) <= settings.moved * radius
     believed &= believable_parts(found, expected, share, settings)
+    if last is not None:
+        # What was not seen before must be on the row: a finger nail is as bright and as large.
+        worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
+        believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
     if not believed.any():
         return row
     table = np.where(believed[:, None], found, row.table)
-    more = gate_row(view, table, usual, last)
+    more = gate_row(view, table, usual, last, believed)
     return more if more.seen >= row.seen else row
+
+
+def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> Mask:
+    """Whether doubtful targets are where those on either side of them say (targets,).
+
+    found (targets, columns): where each is; doubtful (targets,): which appear by a part, or fit
+    badly. True of all others, and of those at an end of what is seen.
+    """
+    others = np.where(doubtful[:, None], np.nan, row.points)
+    seen = np.flatnonzero(np.isfinite(others[:, 0]))
+    if seen.size < 2:
+        return ~doubtful
+    between = np.zeros_like(doubtful)
+    between[seen[0] : seen[-1]] = True
+    off = np.hypot(*(found[:, :2] - expected_pixels(view, others)).T)
+    reach = view.vision.row_look.appeared * np.sqrt(found[:, AREA] / math.pi)
+    return np.asarray(~(doubtful & between) | (off <= reach))
 
 
 def search_row(view: View) -> ObservedRow | Failure:
@@ -315,6 +346,7 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
         table=row.table,
         seen=np.zeros(len(row.table), np.bool_),
         spacing=math.nan,
+        exposure=0.0,
     )
     return next_row(view, row, nowhere)
 
@@ -329,13 +361,14 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     area[seen] += view.vision.row_tracker.area_gain * (row.table[seen, AREA] - area[seen])
     if not seen.all():
         pixels[~seen] = expected_pixels(view, row.points)[~seen]
-    velocity = np.zeros_like(pixels)
+    velocity, exposure = np.zeros_like(pixels), last.exposure
     both = seen & last.seen
     if both.any():
         seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
         moved = (pixels[both] - last.pixels[both]) / seconds
         for axis in range(2):
             velocity[:, axis] = np.interp(arclength, arclength[both], moved[:, axis])
+        exposure = exposure_of(row.table[both], moved, seconds, last.exposure, view.vision)
     steps = np.hypot(*np.diff(pixels, axis=0).T)
     known = steps[np.isfinite(steps)]
     looked = np.where(seen[:, None], row.table, last.table)
@@ -347,7 +380,28 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         table=looked,
         seen=seen,
         spacing=float(np.median(known)) if known.size else math.nan,
+        exposure=exposure,
     )
+
+
+def exposure_of(
+    table: Array, velocity: Array, seconds: float, before: float, vision: VisionSettings
+) -> float:
+    """Return how long (s) the shutter seems to be open, by how far targets are smeared.
+
+    velocity (n, 2) px/s; seconds: between frames; before: what it seemed to be in the last frame,
+    0 where nothing is known. Where hardly anything moves a frame tells nothing of it.
+    """
+    settings = vision.row_tracker
+    least, most = settings.least_exposure * seconds, settings.most_exposure * seconds
+    if before == 0.0:
+        before = settings.first_exposure * seconds
+    smeared = (table[:, SMEAR] != 0.0).any(axis=1)
+    square = np.sum(velocity[smeared] ** 2)
+    if square * seconds**2 < settings.least_way**2:
+        return before
+    along = np.sum(np.abs(np.sum(velocity[smeared] * table[smeared, SMEAR], axis=1)))
+    return float(np.clip(along / square, least, most))
 
 
 def gate_row(
@@ -355,10 +409,12 @@ def gate_row(
     table: Array,
     usual: Array,
     last: TrackedRow | None = None,
+    parts: Mask | None = None,
 ) -> ObservedRow:
     """Return the blobs of a table that are believed to be targets.
 
-    usual (targets,) px^2: how large they are compared with each other. Those that were seen in the
+    usual (targets,) px^2: how large they are compared with each other; parts (targets,): which of
+    them were measured by a part, with the size of their neighbors. Those that were seen in the
     last row must have moved as their neighbors; without one the ends of the row must be near the
     other targets.
     """
@@ -373,9 +429,10 @@ def gate_row(
         farthest = math.inf
     normalized = view.lens.undistort(table[:, :2])
     points = view.plane.points(normalized)
-    points[~consistent_size(table[:, AREA], usual, table[:, MAJOR] / table[:, MINOR], gating)] = (
-        np.nan
-    )
+    sized = consistent_size(table[:, AREA], usual, table[:, MAJOR] / table[:, MINOR], gating)
+    if parts is not None:
+        sized |= parts
+    points[~sized] = np.nan
     x, y = np.ascontiguousarray(points.T)
     seen = consistent_spacing(x, y, view.arclength, farthest, gating_numbers(gating))
     std = table[:, STD] * view.lens.scale(normalized) * view.plane.scale(normalized)

@@ -124,7 +124,7 @@ class Tracker:
     arm: its `target_arclength` (targets,) m says how many targets there are and how they are
     spaced; settings: the content of camera.yaml; vision: the
     numbers by which each step decides. Results are in `pneunet_base`: origin at the
-    clamp, x along the straight arm, y in the bending plane; m, rad. Where each white dot is in
+    clamp, x along the straight arm, y in the bending plane; m, rad. Where each target is in
     the image is measured by `centroid`, who is who by `association`, the curve (Eq 1) by
     `smoother`.
 

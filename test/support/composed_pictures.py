@@ -30,10 +30,11 @@ FRAME_NS = 33_333_333
 FINE = 16  # parts of a pixel, per axis, of which a dot covers whole ones
 COARSE = 4  # the same, of the outlines of body and hand
 STATIONS = 1601  # of the curve from the clamp to the end of the body
-EXPOSURES = 5  # moments that are averaged where the picture is blurred by motion
+GHOSTS = 1.5  # px, that the arm moves at most between moments of an exposure
 
 FLICKER = 0.15
 JPEG_QUALITY = 70
+EDGES = np.array([-0.5, 0.5])  # of an exposure, in it
 EXPOSURE = 0.5  # of a frame, for which the shutter is open where motion blurs
 ROOM_AROUND = 44  # px around the body, into which its shadow falls
 OPTICS = 0.7  # px, one sigma of the blur of the lens
@@ -181,7 +182,9 @@ class Composer:
         it = self.composition
         moments = np.array([float(it.begin + number)])
         if 'blur' in it.disturbances:
-            moments = moments + EXPOSURE * ((np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5)
+            way = np.ptp([self._tip(moment) for moment in moments + EXPOSURE * EDGES], axis=0)
+            count = 1 + math.ceil(math.hypot(*way) / GHOSTS)
+            moments = moments + EXPOSURE * ((np.arange(count) + 0.5) / count - 0.5)
         window = self._window(moments)
         drawn = [self._draw(moment, window) for moment in moments.tolist()]
         picture = self.far.copy()
@@ -233,6 +236,11 @@ class Composer:
         return Curve(
             s=s, u=u - at_base[0] + self.base[0], v=v - at_base[1] + self.base[1], heading=heading
         )
+
+    def _tip(self, moment: float) -> Array:
+        """Return where the end of the body is at a moment."""
+        curve = self.curve(moment)
+        return np.array([curve.u[-1], curve.v[-1]])
 
     def _draw(self, moment: float, window: Window) -> tuple[Floats, Array, Array]:
         """Draw what the lens sees at a moment; centers (2, targets) and visible shares."""

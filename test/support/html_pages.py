@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from html.parser import HTMLParser
 import json
 from pathlib import Path
@@ -18,6 +19,24 @@ QUIET = (
     '--host-resolver-rules=MAP * ~NOTFOUND', '--enable-logging=stderr',
     '--virtual-time-budget=2000',
 )  # fmt: skip
+
+MEASURE = """
+addEventListener('load', () => {
+  const most = document.documentElement.clientWidth, beyond = [];
+  for (const item of document.querySelectorAll('body *')) {
+    let around = item.parentElement;
+    while (around && getComputedStyle(around).overflowX === 'visible')
+      around = around.parentElement;
+    if (!around && item.getBoundingClientRect().right > most + 1)
+      beyond.push(`${item.tagName} ${item.className} ${item.textContent.slice(0, 40)}`);
+  }
+  const width = document.documentElement.scrollWidth;
+  parent.postMessage(JSON.stringify({ width, beyond }), '*');
+});
+"""
+FRAME = """<!DOCTYPE html><meta name="color-scheme" content="light dark"><pre id="said"></pre>
+<script>onmessage = (event) => {{ document.getElementById('said').textContent = event.data; }}
+</script><iframe src="{page}" style="width: {width}px; height: 800px; border: 0"></iframe>"""
 
 
 class Page(HTMLParser):
@@ -53,6 +72,30 @@ def check_closed(text: str) -> None:
 def browser() -> str | None:
     """Return the command of a Chromium; None where there is none."""
     return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+
+
+def widest(page: Path, folder: Path, width: int, *, dark: bool = False) -> tuple[int, list[str]]:
+    """Show a page in a frame of this width (px); return how wide it gets, and what sticks out.
+
+    What stands in an element that scrolls or hides by itself does not stick out.
+    """
+    command = browser()
+    assert command is not None
+    text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', '', page.read_text('utf-8'))
+    copy, frame = folder / 'copy.html', folder / 'frame.html'
+    copy.write_text(text.replace('</head>', f'<script>{MEASURE}</script></head>'), 'utf-8')
+    frame.write_text(FRAME.format(page=copy.as_uri(), width=width), 'utf-8')
+    colors = ['--blink-settings=preferredColorScheme=0'] if dark else []
+    done = subprocess.run(
+        [
+            command, *QUIET, '--hide-scrollbars', *colors, f'--user-data-dir={folder / "profile"}',
+            f'--window-size={max(width, 600)},900', '--dump-dom', frame.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=600, check=True,
+    )  # fmt: skip
+    (said,) = re.findall(r'<pre id="said">(.*?)</pre>', done.stdout, re.DOTALL)
+    measured = json.loads(html.unescape(said))
+    return measured['width'], measured['beyond']
 
 
 def opened(page: Path, folder: Path) -> tuple[list[str], list[str]]:

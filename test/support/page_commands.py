@@ -32,7 +32,8 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = [page for page in (ROOT / 'docs').glob('*.md') if page.name != 'index.md']  # it is made
 PAGES = sorted([*ROOT.glob('*.md'), *DOCS, *(ROOT / 'bags').glob('*/README.md')])
 BLOCK = re.compile(
-    r'(?:^<!-- (?P<remark>[^\n]*) -->\n)?^```(?P<kind>\w*)\n(?P<content>.*?)^```$',
+    r'(?:^ *<!-- (?P<remark>[^\n]*) -->\n)?'
+    r'^(?P<indent> *)```(?P<kind>\w*)\n(?P<content>.*?)^(?P=indent)```$',
     re.MULTILINE | re.DOTALL,
 )
 COMMAND = re.compile(r'^\$ ((?:.*\\\n)*.*)\n', re.MULTILINE)
@@ -99,7 +100,7 @@ def blocks_of(page: Path) -> list[Block]:
                 page=name,
                 line=text[: match.start()].count('\n') + 1,
                 kind=match['kind'],
-                content=match['content'],
+                content=re.sub(rf'^{match["indent"]}', '', match['content'], flags=re.MULTILINE),
                 remark=match['remark'] or '',
                 expected=expected,
             )

@@ -68,7 +68,14 @@ def report_page(
 
 def unsettled_page(diagnosis: UnsettledDiagnosis, name: str, provenance: Mapping[str, Any]) -> str:
     """Return the page of a diagnosis that has no number; name: of the model."""
-    return render_page(UNSETTLED, diagnosis=diagnosis, name=name, provenance=flat(provenance))
+    recordings = ' '.join(str(item['file']) for item in provenance.get('inputs', ()))
+    return render_page(
+        UNSETTLED,
+        diagnosis=diagnosis,
+        name=name,
+        recordings=recordings or 'REC...',
+        provenance=flat(provenance),
+    )
 
 
 def stiffness_change(diagnosis: Diagnosis) -> str:

@@ -60,4 +60,6 @@ function show(index) {
 }
 
 slider.addEventListener('input', () => show(Number(slider.value)));
+const asked = location.hash.slice(1);  // page.html#13 opens at that frame
+if (/^[0-9]+$/.test(asked)) slider.value = asked;
 show(Number(slider.value));

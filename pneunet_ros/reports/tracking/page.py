@@ -123,22 +123,17 @@ class TrackingPage:
             frame['measured'] = pixels(
                 curve_in_image(tracking.curve, state.plane, state.lens), scale
             )
-            frame['from_measured'] = self._distances(
-                tracking, *line_of(tracking.curve), self.target_arclength
-            )
+            frame['from_measured'] = self._distances(tracking, *line_of(tracking.curve))
         points = self._estimate_at(sightings.stamp_ns)
         if points is not None and self.estimated is not None:
             in_image = state.lens.distort(state.plane.normalized(points.T))
             frame['predicted'] = pixels(in_image, scale)
-            frame['from_predicted'] = self._distances(
-                tracking, self.estimated.arclength, points, self.target_arclength
-            )
+            frame['from_predicted'] = self._distances(tracking, self.estimated.arclength, points)
         return frame
 
-    def _distances(
-        self, tracking: Tracking, arclength: Array, points: Array, at: Array
-    ) -> list[int | None]:
+    def _distances(self, tracking: Tracking, arclength: Array, points: Array) -> list[int | None]:
         """Return how far (um) each target is from a curve, to its left; None where not known."""
+        at = self.target_arclength
         inside = (at >= arclength[0] - 1e-9) & (at <= arclength[-1] + 1e-9)
         spline = CubicSpline(arclength, points, axis=1)
         x, y = spline(at)
