@@ -104,6 +104,7 @@ def test_the_walk_rises_at_once_and_falls_slowly():
     jumped = replace(after, mean=start.mean + np.eye(start.mean.size)[0] * 0.02)
     assert walk_after(FUSION, start, jumped) == pytest.approx(0.02 / np.sqrt(0.1), rel=0.01)
     moving = replace(start, walk=0.05)
-    assert walk_after(FUSION, moving, after) == pytest.approx(0.05, rel=0.01)
+    share = np.exp(-0.1 / FUSION.walk_time)
+    assert walk_after(FUSION, moving, after) == pytest.approx(0.05 * np.sqrt(share), rel=0.01)
     noisy = replace(start, root=1e2 * believed().root, walk=0.05)
     assert walk_after(FUSION, noisy, replace(noisy, stamp_ns=after.stamp_ns)) < 0.05

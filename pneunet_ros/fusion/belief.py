@@ -185,10 +185,11 @@ def walk_after(settings: FusionSettings, before: Belief, after: Belief) -> float
         return before.walk
     change = np.square(after.mean[FORCE] - before.mean[FORCE])
     explained = np.diagonal(before.force_covariance + after.force_covariance)
-    more = float(np.max(change - explained)) / seconds
-    share = 1.0 if more > 0.0 else min(1.0, seconds / settings.walk_time)
     least, most = settings.least_walk**2, settings.largest_walk**2
-    return math.sqrt(min(max(before.walk**2 + share * more, least), most))
+    found = min(max(float(np.max(change - explained)) / seconds, least), most)
+    rises = found > before.walk**2
+    share = 1.0 if rises else 1.0 - math.exp(-seconds / settings.walk_time)
+    return math.sqrt(before.walk**2 + share * (found - before.walk**2))
 
 
 def take_measurement(belief: Belief, response: Array, value: Array, std: Array) -> Belief:
