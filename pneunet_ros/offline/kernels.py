@@ -1,9 +1,13 @@
-"""Every kernel called once, on recordings that are shipped: so all are compiled before work."""
+"""Every kernel called once, on a recording and images of the virtual lab.
+
+Those are made here, as an installation need not have any recordings.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate
@@ -13,42 +17,56 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import load_model
-from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.files.scenario_file import load_lab, load_scenario
+from pneunet_ros.lab.live import Film, LiveLab, SCENE
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.messages.builders import image
+from pneunet_ros.messages.tracker import camera_info_message, decode_camera_info, decode_image
 from pneunet_ros.model.batch import solve_many
 from pneunet_ros.model.equilibrium import solve
 from pneunet_ros.model.inverse import solve_tip
 from pneunet_ros.offline.replay import input_topics, steps, targets_topic
-from pneunet_ros.offline.track import track_steps
 from pneunet_ros.recordings.dataset_reader import read_run
-from pneunet_ros.recordings.image_sources import open_images, SourceRequest
+from pneunet_ros.recordings.lab_files import write_lab
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
-from pneunet_ros.vision.tracker import Tracker
+from pneunet_ros.vision.tracker import Tracker, TrackerState
 
+RECORDINGS = ('unloaded_staircase', 'strings')  # scenarios: one without a load, one with
 FRAMES = 12  # of a recording, for a calibration that nobody reads
-IMAGES = 30
+IMAGES = 20
+PRESSURE = 2000.0  # Pa, by which the arm is inflated from image to image once it has rested
+PERIOD_NS = 100_000_000  # from image to image
 
 
 def call_kernels(on_progress: OnProgress = say_nothing) -> None:
     """Call every kernel, each with what it is called with at work; nothing comes of it."""
-    tasks: tuple[tuple[str, Callable[[], None]], ...] = (
+    tasks: tuple[tuple[str, Callable[[Path], None]], ...] = (
+        ('virtual lab', play),
         ('estimator', estimate),
         ('tracker', track),
         ('calibration', calibrate_roughly),
-        ('virtual lab', play),
     )
-    for place, (name, task) in enumerate(tasks):
-        on_progress(name, place, len(tasks))
-        task()
+    with TemporaryDirectory() as folder:
+        for place, (name, task) in enumerate(tasks):
+            on_progress(name, place, len(tasks))
+            task(Path(folder))
     on_progress('', len(tasks), len(tasks))
 
 
-def estimate() -> None:
+def play(folder: Path) -> None:
+    """Record in the virtual lab."""
+    for name in RECORDINGS:
+        recording = simulate(load_scenario(share_path(f'scenarios/{name}.yaml')))
+        write_lab(recording, folder / f'{name}.mcap', overwrite=False, on_progress=lambda: None)
+
+
+def estimate(folder: Path) -> None:
     """Replay a recording with targets; solve for a tip, and many at once."""
     arm = load_model(share_path('config/paper_arm.yaml'))
     estimator = Estimator(arm=arm)
-    recording = open_recording(share_path('bags/lab_day/heldout.mcap'))
+    recording = open_recording(folder / f'{RECORDINGS[1]}.mcap')
     topics = input_topics(recording, estimator, {})
     for _ in steps(recording, estimator, topics, targets_topic(recording, estimator, {})):
         pass
@@ -59,29 +77,30 @@ def estimate() -> None:
     solve_many(arm, pressures, np.full((8, 2), 0.05), start=shape)
 
 
-def track() -> None:
-    """Track the beginning of a recording of images."""
-    arm = load_model(share_path('config/paper_arm.yaml'))
-    tracker = Tracker(arm=arm, settings=load_camera(share_path('config/camera.yaml')))
-    stream = open_images(share_path('bags/camera_demo'), SourceRequest())
-    for _ in islice(track_steps(stream, tracker), IMAGES):
-        pass
+def track(folder: Path) -> None:
+    """Track an arm that rests, and then is inflated."""
+    lab = LiveLab(scenario=load_lab(share_path('scenarios/lab_arm.yaml')))
+    film, random, now = Film(lab), np.random.default_rng(0), lab.begin()
+    tracker = Tracker(
+        arm=load_model(share_path('config/lab_arm.yaml')),
+        settings=load_camera(share_path('config/lab_camera.yaml')),
+    )
+    info = camera_info_message(SCENE.camera, 1, 'camera', ROSBAGS_TYPES)
+    state, _ = tracker.step(TrackerState(), decode_camera_info(info))
+    for number in range(1, IMAGES + 1):
+        inflated = PRESSURE * max(0, number - tracker.settings.rest_frames)
+        now, shape = lab.shape(lab.step(now, 1e-9 * number * PERIOD_NS, inflated))
+        info = camera_info_message(SCENE.camera, number * PERIOD_NS, 'camera', ROSBAGS_TYPES)
+        picture = image(film.image(shape, random), info.header, ROSBAGS_TYPES)
+        state, _ = tracker.step(state, decode_image(picture))
 
 
-def calibrate_roughly() -> None:
+def calibrate_roughly(folder: Path) -> None:
     """Calibrate an arm by a few frames, and fit the force at its tip."""
-    arm = load_model(share_path('config/paper_arm.yaml'))
+    arm = load_model(share_path('config/lab_arm.yaml'))
     unloaded, loaded = (
-        read_run(share_path(f'bags/lab_day/{name}.mcap'), arm.target_arclength.size)[0].thin(
-            FRAMES
-        )
-        for name in ('unloaded', 'loaded')
+        read_run(folder / f'{name}.mcap', arm.target_arclength.size)[0].thin(FRAMES)
+        for name in RECORDINGS
     )
     found = calibrate([unloaded], [loaded], arm, compare=False)
     end_forces(found.arm, loaded)
-
-
-def play() -> None:
-    """Simulate a second of the virtual lab."""
-    scenario = load_scenario(share_path('scenarios/strings.yaml'))
-    simulate(scenario)

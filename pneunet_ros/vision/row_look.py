@@ -54,13 +54,15 @@ class RowLookSettings:
     appeared: float = tuning(
         0.25, 'the same, off where the row is, of a doubtful one', unit='radius'
     )
+    size: float = tuning(0.8, 'area of an outline fitted to a part, over that by its neighbors')
     worse: float = tuning(5.0, 'error of a doubtful part, over that of the others')
     beyond: float = tuning(0.15, 'share of the edge that lies outside of the outline, at most')
     part_error: float = tuning(
         0.05, 'of a part that moves along what covers it', unit='radius', source='measured'
     )
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
-    level: float = tuning(0.25, 'a target brighter or darker than neighbors', unit='contrast')
+    level: float = tuning(0.15, 'a target brighter or darker than neighbors', unit='contrast')
+    level_moved: float = tuning(0.1, 'the same, added where it moves by a radius', unit='contrast')
     moved: float = tuning(0.5, 'a target by a part of it, off where it was seen', unit='radius')
 
 
@@ -133,10 +135,13 @@ def believable_parts(
     another grey, and has an edge of its own; it takes from the target, and never adds to it.
     """
     off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
-    alike = off <= settings.level * (expected[:, PLATEAU] - expected[:, BEHIND])
+    allowed = settings.level + settings.level_moved * _moved(found)
+    alike = off <= allowed * (expected[:, PLATEAU] - expected[:, BEHIND])
     edge = (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
     within = found[:, BEYOND] <= settings.beyond
-    return np.asarray(alike & edge & within & (found[:, FILLED] >= settings.filled))
+    size = share_of_area(found, expected)
+    sized = (size >= settings.size) & (size <= 1.0 / settings.size)
+    return np.asarray(alike & edge & within & sized & (found[:, FILLED] >= settings.filled))
 
 
 def part_stds(found: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
@@ -146,5 +151,10 @@ def part_stds(found: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
     is open, its own edge and that one look alike, and the outline fits between them.
     """
     radius = np.sqrt(found[:, AREA] / math.pi)
-    moved = np.minimum(np.hypot(*found[:, SMEAR].T) / radius, 1.0)
-    return np.asarray(np.hypot(found[:, STD], settings.part_error * radius * moved**2))
+    return np.asarray(np.hypot(found[:, STD], settings.part_error * radius * _moved(found)))
+
+
+def _moved(table: Array) -> Array:
+    """Return the square of the way of targets over their radius, one at most (targets,)."""
+    square = np.sum(table[:, SMEAR] ** 2, axis=1)
+    return np.asarray(np.minimum(square / (table[:, AREA] / math.pi), 1.0))
