@@ -106,6 +106,14 @@ def test_one_process_compiles_for_all(unkept, monkeypatch):
     assert not kernel_cache.being_compiled()
 
 
+def test_the_folder_of_the_first_kernels_is_made(monkeypatch, tmp_path):
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'a' / 'b'))
+    assert not kernel_cache.being_compiled()
+    with kernel_cache.alone():
+        kernel_cache.note_kept()
+    assert kernel_cache.kept_file().exists()
+
+
 def test_a_compiler_that_fails_is_not_waited_for(unkept, monkeypatch):
     used = []
     monkeypatch.setattr(jit.WAITING, 'expected', True)

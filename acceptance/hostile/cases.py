@@ -208,7 +208,7 @@ def compared(place: Place) -> Case:
 
 
 def film_and_table(place: Place) -> Case:
-    film, readings = place.take('film.mp4'), place.take('table.csv')
+    film, readings = place.take('film.mp4'), place.take('readings.csv')
     if place.dice.random() < 0.7:
         place.mutate(readings, damage_text, damage_text, damage_bytes)
     else:

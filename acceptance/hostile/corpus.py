@@ -150,5 +150,7 @@ def _images(whole: Path) -> None:
         cv2.imwrite(str(whole / 'images' / f'{index}.{suffix}'), grey)
         film.write(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))
     film.release()
+    rows = [f'{0.05 * row:.2f};{10.0 * (row % 3)};{0.01 * row:.2f}' for row in range(-20, 60)]
+    (whole / 'readings.csv').write_text('\n'.join(['Time [s];Pressure (kPa);Force X [N]', *rows]))
     (whole / 'camera_info.yaml').write_text(CAMERA_INFO.format(width=width, height=height))
     _rewrite(CAMERA_DEMO, whole / 'camera.mcap', seconds=0.7)

@@ -18,6 +18,7 @@ from pneunet_ros.tables.table_reader import read_table
 from pneunet_ros.vision.tracker import Tracking
 
 AUTO = 'auto'
+LARGEST_DELAY = 1e8  # s, three years: stamps have 64 bits
 
 
 def add_film_options(parser: ArgumentParser) -> None:
@@ -92,6 +93,8 @@ def joined(
     """
     found: ClockDelay | None = None
     delay = readings.delay
+    if delay is not None and abs(delay) > LARGEST_DELAY:
+        raise RequestError(f'--delay {delay:g} must lie between -{LARGEST_DELAY:g} and that, in s')
     if not trackings:
         return None, summary_of(readings, None, None, 'no frame was looked at')
     if delay is None:

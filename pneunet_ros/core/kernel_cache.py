@@ -104,8 +104,10 @@ def being_compiled() -> bool:
 
 
 def lock_file() -> Path:
-    """Return the file that a process locks while it compiles these kernels."""
-    return kept_file().with_suffix('.lock')
+    """Return the file that a process locks while it compiles these kernels; its folder is there."""
+    file = kept_file().with_suffix('.lock')
+    file.parent.mkdir(parents=True, exist_ok=True)
+    return file
 
 
 def answer_first() -> None:
