@@ -267,7 +267,7 @@ def test_probabilities_are_those_of_what_evidence_tells_apart():
 
 def test_static_frames_and_too_few_of_them_show_no_effect_with_a_time_in_it():
     ramp = recorded()[0]
-    memory = {'pressure_lag', 'hysteresis', 'creep', 'softening'}
+    memory = {'pressure_lag', 'hysteresis', 'creep', 'softening', 'camera_delay'}
     swallowed = {'pressure_gain', 'pressure_offset'}
     few, static = ramp.thin(19), replace(ramp, static=True)
     for runs, without in (

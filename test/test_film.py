@@ -108,6 +108,7 @@ def test_the_table_of_targets_has_the_stamps_of_the_recording(track, tmp_path):
     ('more', 'said'),
     [
         (('--delay', '100'), 'no frame of the film lies within the table'),
+        (('--delay', '1e300'), '--delay 1e.300 must lie between'),
         (('--delay', 'soon'), "--delay: 'soon' is no number"),
         (('--end-load', 'x', '0'), "--end-load: 'x' is no number"),
         (('--ignore', 'Pressure [kPa]'), 'no reading|has no pressure'),

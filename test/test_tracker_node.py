@@ -385,6 +385,8 @@ def test_what_nobody_wants_is_not_drawn(subscribers):
         health=SimpleNamespace(
             published=lambda latency: None, took_image=lambda outcome, now: None
         ),
+        inputs=(None, SimpleNamespace(topic='/image_raw')),
+        note_message=lambda topic, info: None,
     )
     for name in ('publish', 'annotate'):
         setattr(node, name, getattr(TrackerNode, name).__get__(node))

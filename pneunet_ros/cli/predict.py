@@ -28,10 +28,11 @@ from pneunet_ros.core.units import PASCALS_PER_KILOPASCAL
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.estimation.measured_tip import measured_tip_std, with_measured_tip
+from pneunet_ros.estimation.measured_tip import with_measured_tip
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.noise_jacobian import true_load
+from pneunet_ros.measurement.noise_model import measured_tip_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load
 from pneunet_ros.model.equilibrium import (

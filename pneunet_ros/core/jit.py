@@ -97,15 +97,6 @@ def kernel(function: Function) -> Function:
     return compiled_or_plain(function, CACHED)
 
 
-def part(function: Function) -> Function:
-    """Compile what only kernels call: it is kept on disk within them, not on its own.
-
-    Numba optimizes across calls only where it compiles both sides; what it finds on disk is called
-    as it is. Kernels that share such a part are as fast whichever of them was compiled first.
-    """
-    return compiled_or_plain(function, WITHIN)
-
-
 def inlined(function: Function) -> Function:
     """Compile an equation that is copied into its callers, so that loops vectorize."""
     return compiled_or_plain(function, INLINED)

@@ -104,7 +104,7 @@ def being_compiled() -> bool:
 
 
 def lock_file() -> Path:
-    """Return the file that a process locks while it compiles these kernels; its folder is there."""
+    """Return the file that a process locks while it compiles; its folder is made."""
     file = kept_file().with_suffix('.lock')
     file.parent.mkdir(parents=True, exist_ok=True)
     return file

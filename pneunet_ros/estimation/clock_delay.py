@@ -126,27 +126,29 @@ def estimate_delay(
     """
     period = float(np.median(np.diff(frame_time))) if len(frame_time) > 1 else math.inf
     scores, kept = motion_components(motion, settings)
-    unknown = ClockDelay(
+    undetermined = ClockDelay(
         delay=math.nan, std=math.inf, explained=0.0, frames=kept.size, frame_period=period
     )
     trouble = _too_little(scores, period, reading_time, drive, settings)
     if trouble:
-        return replace(unknown, trouble=trouble)
+        return replace(undetermined, trouble=trouble)
     without, *fits = (
         DelayFit(frame_time[kept], scores, reading_time, drive, period, plays, settings)
         for plays in (NO_PLAYS, *settings.plays)
     )
     candidates = fits[0].candidates()
     if not candidates:
-        return replace(unknown, trouble='too few frames that show the targets lie in the table')
+        return replace(
+            undetermined, trouble='too few frames that show the targets lie in the table'
+        )
     best, *rivals = candidates
     reach = settings.apart * period
     delays = [best, *(fit.refine(best, reach) for fit in fits[1:])]
     changed = float(np.mean(delays)) - without.refine(best, max(reach, settings.law_reach))
     details = [fit.details(delay) for fit, delay in zip(fits, delays, strict=True)]
     reading_period = float(np.median(np.diff(reading_time)))
-    found = replace(
-        unknown,
+    clock = replace(
+        undetermined,
         delay=float(np.mean(delays)),
         std=math.hypot(
             max(detail.std for detail in details),
@@ -157,13 +159,13 @@ def estimate_delay(
         explained=details[0].explained,
         frames=details[0].frames,
     )
-    trouble = _cannot_tell(found, fits[0], rivals, details[0].rate, settings)
+    trouble = _cannot_tell(clock, fits[0], rivals, details[0].rate, settings)
     if not trouble and np.mean([detail.told for detail in details]) < settings.told:
         trouble = (
             'the pressure goes the same way again and again, where hysteresis looks like a delay: '
             'a quick step or two would tell'
         )
-    return replace(found, trouble=trouble)
+    return replace(clock, trouble=trouble)
 
 
 def _too_little(
@@ -185,29 +187,29 @@ def _too_little(
 
 
 def _cannot_tell(
-    found: ClockDelay,
+    clock: ClockDelay,
     fit: DelayFit,
     rivals: Sequence[float],
     rate: float,
     settings: ClockDelaySettings,
 ) -> str:
     """Say why a delay that was found is none; empty where it is one."""
-    if found.explained < settings.explained:
+    if clock.explained < settings.explained:
         return (
-            f'at no delay do pressure and load explain more than {100.0 * found.explained:.3g} % '
+            f'at no delay do pressure and load explain more than {100.0 * clock.explained:.3g} % '
             'of the motion: are film and table of the same run?'
         )
-    best = fit.unexplained(found.delay)
+    best = fit.unexplained(clock.delay)
     for rival in rivals:
         ratio = float(np.mean(fit.unexplained(rival) / best))
-        if abs(rival - found.delay) > settings.apart * fit.period and ratio < settings.rival:
+        if abs(rival - clock.delay) > settings.apart * fit.period and ratio < settings.rival:
             return (
-                f'delays of {found.delay:.2f} s and {rival:.2f} s fit alike: the pressure repeats '
+                f'delays of {clock.delay:.2f} s and {rival:.2f} s fit alike: the pressure repeats '
                 'itself, or changes too evenly'
             )
-    if not found.std * rate < settings.blur:
+    if not clock.std * rate < settings.blur:
         return (
-            f'the delay is {found.delay:.2f} s with a standard error of {found.std:.2g} s, which '
+            f'the delay is {clock.delay:.2f} s with a standard error of {clock.std:.2g} s, which '
             f'moves a frame by more than {100.0 * settings.blur:g} % of the motion: the pressure '
             'changes too evenly; a quick step or two would tell'
         )
@@ -326,11 +328,11 @@ class DelayFit:
         padded = np.concatenate([[math.inf], costs, [math.inf]])
         lowest = np.isfinite(costs) & (costs <= padded[:-2]) & (costs <= padded[2:])
         ranked = sorted(np.flatnonzero(lowest).tolist(), key=lambda place: float(costs[place]))
-        found = [
+        minima = [
             self.minimum(float(delays[place]), 1.5 * step)
             for place in ranked[: self.settings.candidates]
         ]
-        return sorted(found, key=self.cost)
+        return sorted(minima, key=self.cost)
 
     def refine(self, delay: float, reach: float) -> float:
         """Return the minimum within reach (s) of a delay that another set of plays has found."""

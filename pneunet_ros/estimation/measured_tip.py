@@ -9,7 +9,6 @@ order: the tip does not move along itself here, which is what the second order i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
@@ -17,8 +16,6 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.noise_jacobian import propagate_covariance
-from pneunet_ros.measurement.noise_model import target_std
-from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import FORCE_Y, LOADS
 
 
@@ -28,11 +25,6 @@ class MeasuredTip:
 
     estimate: ShapeEstimate
     force_covariance: Array
-
-
-def measured_tip_std(noise: SensorNoise) -> float:
-    """Return one sigma (m) of x, and of y, of a tip that the camera measured as a target."""
-    return math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
 
 
 def with_measured_tip(

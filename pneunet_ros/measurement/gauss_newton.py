@@ -70,8 +70,8 @@ class Bounds:
                 return best, best_gain
             held |= beyond
             rows = self.rows[held]
-            wanted = rows @ step
-            excess = wanted - np.clip(wanted, self.low[held], self.high[held])
+            free = rows @ step
+            excess = free - np.clip(free, self.low[held], self.high[held])
             along = solved(rows.T)
             forces = np.linalg.lstsq(rows @ along, excess)[0]
             best, best_gain = step - along @ forces, gain - 0.5 * float(forces @ excess)

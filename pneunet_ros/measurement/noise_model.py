@@ -8,6 +8,7 @@ that recording. `attached_std` holds this rule for all.
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -39,6 +40,11 @@ def target_std(noise: SensorNoise) -> float:
 def target_stds(noise: SensorNoise, white: Array) -> Array:
     """Return one sigma (m) of targets of this white noise each, with their painted places."""
     return np.maximum(np.hypot(white, noise.placement_std), SMALLEST_STD)
+
+
+def measured_tip_std(noise: SensorNoise) -> float:
+    """Return one sigma (m) of x, and of y, of a tip that the camera measured as a target."""
+    return math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
 
 
 def camera_errors(std: float, targets: int) -> Array:

@@ -61,7 +61,7 @@ class RowLookSettings:
         0.05, 'of a part that moves along what covers it', unit='radius', source='measured'
     )
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
-    level: float = tuning(0.17, 'a target brighter or darker than neighbors', unit='contrast')
+    level: float = tuning(0.15, 'a target brighter or darker than neighbors', unit='contrast')
     level_moved: float = tuning(0.1, 'the same, added where it moves by a radius', unit='contrast')
     moved: float = tuning(0.5, 'a target by a part of it, off where it was seen', unit='radius')
 

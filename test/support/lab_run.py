@@ -34,6 +34,10 @@ def run_of(recording: LabRecording) -> RecordingData:
         moment=recording.moment[kept],
         x=recording.x[kept],
         y=recording.y[kept],
+        wrench_stamp_ns=recording.wrench_stamp_ns if recording.loaded else None,
+        wrench=np.column_stack([recording.wrench_force, recording.wrench_moment])
+        if recording.loaded
+        else None,
     )
 
 
