@@ -74,8 +74,9 @@ class PerturbationTable:
     alike; what they add by pressure or history is added at each call.
 
     further: columns after those of the covariance, which no calibration knows: by how much each
-    quantity moves in one unit; neighbors: the arm before each column, then the arm after each; distance (1 + columns,): how
-    far the sides are apart, of the pressure in Pa, then of the columns in sigma.
+    quantity moves in one unit; neighbors: the arm before each column, then the arm after each;
+    distance (1 + columns,): how far the sides are apart, of the pressure in Pa, then of the
+    columns in sigma.
     """
 
     arm: Arm
