@@ -242,7 +242,7 @@ class FrameProblem:
         unknowns, bent = self.unknowns, trial.bent
         by_cause = target_jacobian(self.table, bent.linearize())
         targets = unknowns.targets
-        response = np.tensordot(by_cause, self.causes, axes=(0, 0))  # (2, targets, unknowns)
+        response = (by_cause.reshape(len(by_cause), -1).T @ self.causes).reshape(2, targets, -1)
         for axis in range(2):
             response[axis, :, DRIFT.start + axis] = 1.0
             response[axis, :, CAMERA.start + axis] = 1.0
