@@ -174,7 +174,7 @@ def is_lost(way: Way, when: Intervals, time: float) -> bool:
 def right_modes(way: Way, time: float, fusion: Fusion) -> set[Mode]:
     """Return the modes that are right at a time (s): within a period of a change, both."""
     found = set()
-    for instant in (time, time - PERIOD):
+    for instant in (time - PERIOD, time, time + PERIOD):
         targets, pressure = (
             max([instant - begin for begin, end in LOST[name] if begin <= instant < end] or [0.0])
             for name in ('targets', 'pressure')
