@@ -2,6 +2,7 @@
 from pneunet_ros.calibration.calibration import calibrate as calibrate
 from pneunet_ros.calibration.calibration import Calibration as Calibration
 from pneunet_ros.core.readings import PressureReading as PressureReading
+from pneunet_ros.core.readings import TargetSightings as TargetSightings
 from pneunet_ros.core.readings import WrenchReading as WrenchReading
 from pneunet_ros.diagnosis.diagnosis import diagnose as diagnose
 from pneunet_ros.diagnosis.result import Diagnosis as Diagnosis
@@ -11,6 +12,10 @@ from pneunet_ros.estimation.settings import EstimatorSettings as EstimatorSettin
 from pneunet_ros.estimation.state import EstimatorState as EstimatorState
 from pneunet_ros.files.model_file import load_model as load_model
 from pneunet_ros.files.model_file import save_model as save_model
+from pneunet_ros.fusion.estimate import FusedEstimate as FusedEstimate
+from pneunet_ros.fusion.fusion import Fusion as Fusion
+from pneunet_ros.fusion.settings import FusionSettings as FusionSettings
+from pneunet_ros.fusion.state import FusionState as FusionState
 from pneunet_ros.measurement.dataset import RecordingData as RecordingData
 from pneunet_ros.model.arm import Arm as Arm
 from pneunet_ros.model.batch import solve_many as solve_many

@@ -93,3 +93,20 @@ def test_what_effects_add_at_every_pressure_alike_stands_in_the_table():
     names = [table.arm.effects[place].name for place in table.changing]
     assert names == ['pressure_elongation']
     assert PerturbationTable(arm=unsure(MODEL, (EFFECTS['stiffening'](),))).alike == ()
+
+
+def test_a_record_moved_along_columns_is_that_of_the_moved_arm():
+    arm = unsure(MODEL, SOME)
+    table = PerturbationTable(arm=arm)
+    rods, changes = table.at(31e3)
+    amounts = 1e-3 * np.random.default_rng(3).standard_normal(table.distance.size)
+    amounts[0] = 0.0
+    moved = changes.moved(rods, amounts)
+    step = np.asarray(arm.covariance.factor) @ amounts[1:]
+    expected = arm.with_changes(dict(zip(arm.covariance.quantities, step.tolist(), strict=True)))
+    record = expected.rods(np.array([31e3]))
+    for name in ('length', 'sections', 'clamp', 'knots', 'rotation'):
+        found, right, before = (getattr(item, name) for item in (moved, record, rods))
+        size = np.abs(np.asarray(right) - before).max()
+        assert np.abs(np.asarray(found) - right).max() <= 1e-4 * size + 1e-12, name
+    assert changes.moved(rods, np.zeros(table.distance.size)) is rods

@@ -26,7 +26,7 @@ def test_what_is_listed_is_there_and_says_what_it_is(name):
 def test_the_api_has_the_names_of_the_contract():
     assert {
         *('load_model', 'save_model', 'solve', 'solve_tip', 'solve_many'),
-        *('Estimator', 'Tracker', 'calibrate', 'diagnose'),
+        *('Estimator', 'Tracker', 'Fusion', 'calibrate', 'diagnose'),
     } <= set(pneunet_ros.__all__)
 
 

@@ -12,6 +12,7 @@ from pneunet_ros.core.readings import PressureReading, WrenchReading
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.measurement.predicted_targets import predict_targets
 from pneunet_ros.measurement.second_order import leading_error
 from pneunet_ros.model.arm import Arm
@@ -122,3 +123,20 @@ def test_errors_without_any_equilibrium_are_refused():
     arm = replace(arm, sensors=replace(arm.sensors, force_std=10.0))
     refusal = estimate_at(arm, 5e3, (0.25, 0.0))
     assert (refusal.reason, refusal.error) == ('no_uncertainty', True)
+
+
+def test_where_the_shape_was_seen_the_second_order_is_bounded_by_that():
+    arm = paper_arm()
+    estimate = estimate_at(arm, 0.0, (0.25, 0.0))
+    places = np.linspace(0.01, arm.length, 12)
+    sensitivity = estimate.second_order.sensitivity
+
+    def added(std):
+        seen = None if std is None else SeenShape(arclength=places, std=np.full(12, std))
+        errors = propagate_errors(sensitivity, estimate.noise, estimate.shape.arclength, seen)
+        return errors.tip_covariance - first_order(estimate)
+
+    assert added(1.0) == pytest.approx(added(None))  # seen so badly that it tells nothing
+    free, bounded = (np.sqrt(np.diagonal(added(std))[:2]).max() for std in (None, 1e-8))
+    assert free > 1e-6
+    assert 0.0 < bounded < 1e-8

@@ -8,6 +8,7 @@ import dataclasses
 from pathlib import Path
 import time
 
+from pneunet_ros.cli.replay_fuse import run_fusion
 from pneunet_ros.cli.verb import (
     add_json,
     add_model,
@@ -23,6 +24,7 @@ from pneunet_ros.cli.verb import (
     settings_of,
     topics_of,
 )
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.model_file import model_hash
@@ -60,6 +62,16 @@ def options(parser: ArgumentParser) -> None:
         action='store_true',
         help='write markers, the transform to the tip (/tf) and joint_states as well',
     )
+    parser.add_argument(
+        '--fuse',
+        action='store_true',
+        help='fuse pressure, targets and end wrench into fused/shape, fused/end_wrench, ...',
+    )
+    parser.add_argument(
+        '--no-wrench',
+        action='store_true',
+        help='with --fuse: as if there were no force sensor; the force is estimated',
+    )
     add_overwrite(parser)
     add_topics(parser)
     add_settings(parser)
@@ -68,6 +80,10 @@ def options(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> int:
     """Replay and summarize."""
+    if arguments.fuse:
+        return run_fusion(arguments)
+    if arguments.no_wrench:
+        raise RequestError('--no-wrench belongs to --fuse; without it, use --no-wrench-required')
     arm = model_of(arguments)
     estimator = Estimator(arm=arm, settings=settings_of(arguments))
     overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])

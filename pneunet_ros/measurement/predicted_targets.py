@@ -16,6 +16,7 @@ from pneunet_ros.measurement.covariance import chi_squared
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.noise_model import camera_errors, target_stds
 from pneunet_ros.measurement.second_order import SecondOrder
+from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -57,18 +58,30 @@ def predict_targets(
     """
     arm, sensitivity = table.arm, curved.sensitivity
     true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
-    linear = np.tensordot(noise, sensitivity.stations(arm.target_arclength)[:, :2], axes=1)
-    errors = np.concatenate([linear, curved.stations(arm.target_arclength)[None, :2]])
+    linear = np.tensordot(noise, target_jacobian(table, sensitivity), axes=1)
+    further = np.stack(arm.see(*curved.stations(arm.target_arclength)[:2]))
+    errors = np.concatenate([linear, further[None]])
     x, y = arm.see(true_x, true_y)
-    if arm.seeing:  # a camera that distorts distorts errors as well, and may be in error itself
-        moved = arm.see(true_x + errors[:, 0], true_y + errors[:, 1])
-        errors = np.stack([moved[0] - x, moved[1] - y], axis=1)
-        seen = [np.stack(side.see(true_x, true_y)) for side in table.neighbors]
-        columns = len(seen) // 2
-        for column, distance in enumerate(table.distance[1:]):
-            change = (seen[columns + column] - seen[column]) / distance
-            errors[PRESSURE + 1 + column] += change
     return PredictedTargets(x=x, y=y, errors=errors)
+
+
+def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array:
+    """Return how the targets of a solved rod are measured to move, (causes, 2, targets).
+
+    causes: F1, F2, M, pressure in the chamber, columns of the model's covariance. A camera that
+    distorts, which is linear, distorts errors as well, and a column may be of the camera itself.
+    """
+    arm = table.arm
+    moved = sensitivity.stations(arm.target_arclength)[:, :2]
+    if not arm.seeing:
+        return moved
+    true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
+    jacobian = np.stack(arm.see(moved[:, 0], moved[:, 1]), axis=1)
+    seen = [np.stack(side.see(true_x, true_y)) for side in table.neighbors]
+    columns = len(seen) // 2
+    for column, distance in enumerate(table.distance[1:]):
+        jacobian[PRESSURE + 1 + column] += (seen[columns + column] - seen[column]) / distance
+    return jacobian
 
 
 def innovation(

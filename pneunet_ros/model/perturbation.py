@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import reduce
 from itertools import groupby
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.effects.effect import History, Terms
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
@@ -45,6 +46,27 @@ class Perturbation:
             distance=np.array([distance]),
         )
 
+    def moved(self, rods: Rods, amounts: Array) -> Rods:
+        """Return a record (the first of `rods`) moved by so much of each cause, (causes,)."""
+        if not amounts.any():
+            return rods
+        shares = amounts / self.distance
+
+        def change(sides: Array) -> Array:
+            between = sides[1] - sides[0]
+            return np.asarray(
+                (shares @ between.reshape(shares.size, -1)).reshape(between.shape[1:])
+            )
+
+        return Rods(
+            length=rods.length + float(change(self.length)),
+            pressure=rods.pressure,
+            sections=rods.sections + change(self.sections),
+            clamp=rods.clamp + change(self.clamp),
+            knots=freeze(rods.knots + change(self.knots)),
+            rotation=rods.rotation + change(self.rotation),
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PerturbationTable:
@@ -54,12 +76,15 @@ class PerturbationTable:
     are one linear table on the rows of them all. It holds what effects add at every pressure
     alike; what they add by pressure or history is added at each call.
 
-    neighbors: the arm before each column, then the arm after each; distance (1 + columns,): how
-    far the sides are apart, of the pressure in Pa, then of the columns in sigma.
+    further: columns after those of the covariance, which no calibration knows: by how much each
+    quantity moves in one unit; neighbors: the arm before each column, then the arm after each;
+    distance (1 + columns,): how far the sides are apart, of the pressure in Pa, then of the
+    columns in sigma.
     """
 
     arm: Arm
     settings: DifferenceSettings = DEFAULTS
+    further: tuple[Mapping[str, float], ...] = ()
     neighbors: tuple[Arm, ...] = field(init=False, repr=False)
     distance: Array = field(init=False, repr=False)
     length: Array = field(init=False, repr=False)
@@ -73,7 +98,8 @@ class PerturbationTable:
     def __post_init__(self) -> None:
         """Stack the neighbors."""
         arm = self.arm
-        columns = () if arm.covariance is None else arm.covariance.columns()
+        known = () if arm.covariance is None else arm.covariance.columns()
+        columns = (*known, *self.further)
         pairs = [neighbors(arm, column, self.settings) for column in columns]
         befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         sides = tuple(befores + afters)

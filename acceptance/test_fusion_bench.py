@@ -1,0 +1,59 @@
+"""The bench of the fusion: reaches its goals with right sigmas, and can say no."""
+
+from __future__ import annotations
+
+import fusion as bench
+import numpy as np
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.fusion.fusion import Fusion
+from support.lab_run import true_model
+
+RECORDINGS, INSTANTS = 6, 400
+
+
+def rows(tip=5e-5, share=0.01, sure=1.0, seed=3):
+    """Return what a rig gave per way: errors of these sizes, sigmas `sure` times too small."""
+    random = np.random.default_rng(seed)
+
+    def drawn(way):
+        found = np.zeros((RECORDINGS, INSTANTS, len(bench.COLUMNS)))
+        error = random.standard_normal((RECORDINGS, INSTANTS, 2, 2))
+        nees = sure**2 * np.sum(error**2, axis=-1)
+        values = {
+            'tip': tip * np.hypot(*error[:, :, 0].T).T,
+            'tip_nees': nees[..., 0],
+            'share': share * np.abs(error[:, :, 1, 0]),
+            'sigma': share / sure,
+            'force_nees': nees[..., 1],
+            'pressed': 1.0,
+            'mode': 1.0,
+        }
+        for name, value in values.items():
+            found[..., bench.COLUMNS.index(name)] = value
+        return found
+
+    return {way: drawn(way) for way in bench.WAYS}
+
+
+def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
+    assert bench.summary_of([rows()])['missed'] == []
+    sure = bench.summary_of([rows(sure=1.5)])['missed']
+    assert any('tip_covered' in sentence for sentence in sure)
+    assert any('force_nees' in sentence for sentence in sure)
+    coarse = bench.summary_of([rows(tip=3e-4, share=0.045)])['missed']
+    assert any('no wrench: tip_rms' in sentence for sentence in coarse)
+    assert any('no wrench: sure_rms' in sentence for sentence in coarse)
+
+
+def test_a_recording_gives_an_estimate_at_nearly_every_frame():
+    recording = bench.recording_of(77, 0)
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    assert recording.scenario.arm.length == scenario.arm.length
+    fused = bench.fuse(
+        Fusion(arm=true_model(recording.scenario)), recording, bench.WAYS['no wrench'], 77
+    )
+    numbers = bench.numbers_of(fused[None])
+    assert numbers['frames'] > 0.98 * len(fused) / 2
+    assert numbers['sure_rms'] < 0.05
+    assert numbers['tip_rms'] < 2e-4

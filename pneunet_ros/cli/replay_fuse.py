@@ -1,0 +1,131 @@
+"""`pneunet replay --fuse`: the fusion on a recording, without a ROS graph."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from contextlib import ExitStack
+import time
+
+from pneunet_ros.cli.verb import (
+    DONE,
+    model_of,
+    NEGATIVE,
+    output_console,
+    print_json,
+    progress_bar,
+    settings_of,
+    topics_of,
+)
+from pneunet_ros.core.settings import settings_used
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.files.model_file import model_hash
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.offline.fuse import (
+    fusion_steps,
+    fusion_topics,
+    FusionStep,
+    FusionTally,
+    record_fusion,
+)
+from pneunet_ros.recordings.recording import open_recording
+from pneunet_ros.recordings.recording_writer import write_recording
+from rich.table import Table
+
+
+def run_fusion(arguments: Namespace) -> int:
+    """Fuse and summarize."""
+    arm = model_of(arguments)
+    fusion = Fusion(arm=arm, sensors=settings_of(arguments))
+    overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
+    recording = open_recording(arguments.recording)
+    topics = fusion_topics(recording, overrides, wrench=not arguments.no_wrench)
+    tally = FusionTally()
+    begun = time.perf_counter()
+    with ExitStack() as stack:
+        bar = stack.enter_context(progress_bar(shown=not arguments.json))
+        task = bar.add_task('fusing', total=recording.count(list(topics)))
+
+        def on_progress(step: FusionStep) -> None:
+            tally.count(step)
+            if tally.messages % 200 == 0:
+                bar.update(task, completed=tally.messages)
+
+        if arguments.output is None:
+            for step in fusion_steps(recording, fusion, topics):
+                on_progress(step)
+        else:
+            writer = stack.enter_context(
+                write_recording(
+                    arguments.output, overwrite=arguments.overwrite, inputs=[arguments.recording]
+                )
+            )
+            record_fusion(writer, recording, fusion, topics, on_progress)
+    state, last = tally.state, tally.last
+    summary = {
+        'recording': arguments.recording,
+        'output': arguments.output,
+        'model': arm.name,
+        'model_hash': model_hash(arm),
+        'topics': {sensor.name: name for name, sensor in topics.items()},
+        'estimates': state.estimates,
+        'modes': tally.modes,
+        'frames_used': state.frames,
+        'frames_unused': dict(state.unused),
+        'rejected': dict(state.readings.rejected),
+        'force_determined': tally.determined,
+        'ambiguous': tally.ambiguous,
+        'nis': None if last is None else last.nis,
+        'nis_limit': None if last is None else last.nis_limit,
+        'beyond_noise': tally.beyond,
+        'settings': settings_used(fusion.settings),
+        'seconds': time.perf_counter() - begun,
+        'sentences': list(recording.sentences),
+        'last_refusal': tally.refusal.sentence if tally.refusal else None,
+    }
+    if arguments.json:
+        print_json(summary)
+    else:
+        show(summary, tally)
+    return DONE if state.estimates else NEGATIVE
+
+
+def show(summary: dict[str, object], tally: FusionTally) -> None:
+    """Print the summary for people."""
+    console = output_console()
+    table = Table(title=f'{summary["recording"]} through {summary["model"]}', show_header=False)
+    table.add_column()
+    table.add_column()
+    modes = ', '.join(f'{count} {mode}' for mode, count in tally.modes.items() if count)
+    table.add_row('estimates', modes or 'none')
+    table.add_row('frames used', str(tally.state.frames))
+    for what, counts in (
+        ('frames not used', tally.state.unused),
+        ('rejected readings', tally.state.readings.rejected),
+    ):
+        words = ', '.join(f'{count} {reason}' for reason, count in counts.items())
+        table.add_row(what, words or 'none')
+    first, second = tally.determined
+    table.add_row('force determined', f'F1 in {first}, F2 in {second} estimates')
+    if tally.ambiguous:
+        table.add_row('ambiguous', f'{tally.ambiguous} estimates: two forces explain the targets')
+    last = tally.last
+    if last is not None:
+        x, y, _ = last.estimate.shape.tip
+        force = ', '.join(f'{value:.4f}' for value in last.force.tolist())
+        table.add_row(
+            'last estimate',
+            f'tip at ({millimeters(x):.2f}, {millimeters(y):.2f}) mm, force ({force}) N',
+        )
+    console.print(table)
+    if tally.beyond:
+        console.print(
+            f'note: in {tally.beyond} estimates targets were further from the fused shape than '
+            'noise explains: run pneunet diagnose'
+        )
+    if summary['last_refusal']:
+        console.print(f'note: last rejected reading: {summary["last_refusal"]}')
+    if summary['output'] is None:
+        console.print('Nothing written; --output OUT.mcap writes inputs and all fused topics.')
+    else:
+        console.print(f'wrote {summary["output"]}')

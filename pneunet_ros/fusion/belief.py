@@ -1,0 +1,270 @@
+"""What is believed of all unknowns at the stamp of a frame: a mean, and a root of the covariance.
+
+The unknowns: the tip force, the pressure bias (what creep, hysteresis and a drifting sensor look
+like), the camera's drift and place, the columns of the model's covariance in sigma, the painted
+places of the targets along and across the arm, and the noise of the readings at this stamp. In
+time the first ones move, each with a largest std of its own; model, camera and dots stay; noise is
+new in every reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.fusion.lack import first_weights, lack_columns, scale_of, span_of
+from pneunet_ros.fusion.settings import FusionSettings
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.solver.solution import SolverNodes
+
+FORCE = slice(0, 2)
+BIAS = 2
+OF_BIAS = slice(2, 3)
+DRIFT = slice(3, 5)
+CAMERA = slice(5, 7)
+MOMENT_NOISE, PRESSURE_NOISE = -2, -1
+COLUMNS = 7  # where the columns of the model's covariance begin
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Unknowns:
+    """The unknowns of an arm: how many, how uncertain without any frame, and how they move.
+
+    std (n,): before any frame and reading, N, Pa, m, sigma, m; times (k,): correlation times (s)
+    of bias, drift, camera and columns, which follow the force. force_scale: the largest force (N)
+    that is likely. lacking: where the unknowns are that stand for what the model lacks, whose std
+    is that of a lack of all of the range; range (Pa): of the pressure.
+    """
+
+    columns: int
+    memory: int
+    lacking: npt.NDArray[np.intp]
+    range: float
+    targets: int
+    std: Array
+    times: Array
+    force_scale: float
+
+    @property
+    def of_columns(self) -> slice:
+        """Where the columns of the model's covariance are."""
+        return slice(COLUMNS, COLUMNS + self.columns)
+
+    @property
+    def of_memory(self) -> slice:
+        """Where the parts of the curvature that come late are, and that of a play."""
+        start = COLUMNS + self.columns
+        return slice(start, start + self.memory)
+
+    @property
+    def along(self) -> slice:
+        """Where the painted places along the arm are; those across it follow."""
+        start = COLUMNS + self.columns + self.memory
+        return slice(start, start + self.targets)
+
+    @property
+    def across(self) -> slice:
+        """Where the painted places across the arm are."""
+        start = COLUMNS + self.columns + self.memory + self.targets
+        return slice(start, start + self.targets)
+
+
+def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
+    """Return the unknowns of an arm; the force scale is the largest force of its calibration."""
+    noise, targets = arm.sensors, arm.target_arclength.size
+    known = 0 if arm.covariance is None else len(arm.covariance.columns())
+    further = len(lack_columns(arm))
+    columns = known + further
+    largest = 0.0 if arm.domain is None else arm.domain.largest_force
+    scale = largest if largest > 0.0 else arm.weight
+    low, high = span_of(arm)
+    std = np.concatenate(
+        [
+            [scale, scale, high - low],
+            np.repeat([noise.drift_std, noise.registration_std], 2),
+            np.ones(columns),
+            np.full(len(settings.lag_times), settings.late_share),
+            [settings.play_share],
+            np.full(2 * targets, noise.placement_std),
+            np.zeros(2),
+        ]
+    )
+    times = np.concatenate(
+        [
+            [settings.bias_time, settings.drift_time, settings.drift_time, np.inf, np.inf],
+            np.full(known, settings.model_time),
+            np.full(further, settings.bias_time),
+        ]
+    )
+    return Unknowns(
+        columns=columns,
+        memory=len(settings.lag_times) + 1,
+        lacking=np.array([BIAS, *range(COLUMNS + known, COLUMNS + columns)]),
+        range=high - low,
+        targets=targets,
+        std=freeze(std),
+        times=freeze(times),
+        force_scale=scale,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Belief:
+    """What is believed at a stamp: mean (n,), root (n, m) with root root^T the covariance.
+
+    walk (N/sqrt(s)): of the force, as it moved lately; lack_weights (scales,): of the sizes of
+    what the model lacks, log; chamber: the pressure (Pa) as read, NaN where it was not; solution:
+    the rod there, None before the first; frames: how many have been used.
+    """
+
+    stamp_ns: int
+    mean: Array
+    root: Array
+    walk: float
+    lack_weights: Array
+    chamber: float = math.nan
+    solution: SolverNodes | None = None
+    frames: int = 0
+
+    @property
+    def force_covariance(self) -> Array:
+        """Covariance (2, 2) N^2 of the force."""
+        root = self.root[FORCE]
+        return np.asarray(root @ root.T)
+
+    def std(self, which: int) -> float:
+        """Return one sigma of an unknown."""
+        return math.sqrt(float(self.root[which] @ self.root[which]))
+
+
+def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) -> Belief:
+    """Return what is believed before any frame."""
+    mean, weights = freeze(np.zeros(unknowns.std.size)), first_weights(settings)
+    std = scaled_std(unknowns, scale_of(settings, weights))
+    return Belief(
+        stamp_ns=stamp_ns,
+        mean=mean,
+        root=freeze(np.diag(std)),
+        walk=settings.force_walk,
+        lack_weights=weights,
+    )
+
+
+def scaled_std(unknowns: Unknowns, scale: float) -> Array:
+    """Return one sigma (n,) before any frame, of a model that lacks so much, of the range."""
+    std = unknowns.std.copy()
+    std[unknowns.lacking] *= scale
+    return freeze(std)
+
+
+def lack_grown(unknowns: Unknowns, seconds: float, pressed: float) -> Array:
+    """Return one sigma (errors,) of the moves of what a model lacks, for a scale of 1.
+
+    It moves with time, and with the pressure, which has moved by `pressed` (Pa).
+    """
+    times = unknowns.times[unknowns.lacking - BIAS]
+    return np.hypot(np.sqrt(-np.expm1(-2.0 * seconds / times)), pressed / unknowns.range)
+
+
+def move_belief(
+    unknowns: Unknowns, belief: Belief, stamp_ns: int, scale: float, pressed: float = 0.0
+) -> Belief:
+    """Return the belief at a later stamp.
+
+    scale: of what the model lacks; pressed (Pa): by how much the pressure has moved since. What
+    moves is an Ornstein-Uhlenbeck process of the std before any frame, and what the model lacks
+    moves with the pressure as well; the force keeps its mean, and only grows less certain, at
+    first by its walk.
+    """
+    seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
+    if seconds == 0.0 and pressed == 0.0:
+        return replace(belief, stamp_ns=stamp_ns)
+    force_time = 2.0 * (unknowns.force_scale / belief.walk) ** 2
+    decay = np.exp(-seconds / np.array([force_time, force_time, *unknowns.times]))
+    moving = decay.size
+    mean, root = belief.mean.copy(), belief.root.copy()
+    mean[BIAS:moving] *= decay[BIAS:]
+    root[:moving] *= decay[:, None]
+    new = np.zeros((mean.size, moving))
+    grown = np.sqrt(1.0 - decay**2)
+    grown[unknowns.lacking] = lack_grown(unknowns, seconds, pressed)
+    new[:moving] = np.diag(scaled_std(unknowns, scale)[:moving] * grown)
+    return replace(
+        belief, stamp_ns=stamp_ns, mean=freeze(mean), root=freeze(np.hstack([root, new]))
+    )
+
+
+def forget(belief: Belief, where: slice, std: Array) -> Belief:
+    """Return the belief of somebody who knows of some unknowns nothing but one sigma std (k,)."""
+    mean, root = belief.mean.copy(), belief.root.copy()
+    mean[where], root[where] = 0.0, 0.0
+    return widen(replace(belief, mean=freeze(mean), root=root), where, std)
+
+
+def widen(belief: Belief, where: slice, std: Array) -> Belief:
+    """Return the belief where some unknowns may have moved by any amount of one sigma std (k,)."""
+    new = np.zeros((belief.mean.size, std.size))
+    new[where] = np.diag(std)
+    return replace(belief, root=freeze(np.hstack([belief.root, new])))
+
+
+def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief:
+    """Return the belief with the noise of other readings: of the moment (N m), of the pressure."""
+    mean, root = belief.mean.copy(), belief.root.copy()
+    mean[MOMENT_NOISE:], root[MOMENT_NOISE:] = 0.0, 0.0
+    known = replace(belief, mean=freeze(mean), root=root)
+    return widen(known, slice(-2, None), np.array([moment_std, pressure_std]))
+
+
+def walk_after(settings: FusionSettings, before: Belief, after: Belief) -> float:
+    """Return the random walk of the force (N/sqrt(s)) after a frame.
+
+    before, after: the beliefs at the last frame and at this one, which are all but independent in
+    the force. What their two variances leave of its change is walk. It rises at once and falls
+    in `walk_time`.
+    """
+    seconds = seconds_between(before.stamp_ns, after.stamp_ns)
+    if not before.frames or seconds <= 0.0:
+        return before.walk
+    change = np.square(after.mean[FORCE] - before.mean[FORCE])
+    explained = np.diagonal(before.force_covariance + after.force_covariance)
+    least, most = settings.least_walk**2, settings.largest_walk**2
+    found = min(max(float(np.max(change - explained)) / seconds, least), most)
+    rises = found > before.walk**2
+    share = 1.0 if rises else 1.0 - math.exp(-seconds / settings.walk_time)
+    return math.sqrt(before.walk**2 + share * (found - before.walk**2))
+
+
+def take_measurement(belief: Belief, response: Array, value: Array, std: Array) -> Belief:
+    """Return the belief after a linear measurement: value (k,) = response (k, n) x + noise.
+
+    std (k,) of the noise, independent. The square-root form of the Kalman update.
+    """
+    seen = response @ belief.root / std[:, None]
+    root = root_after(belief.root, seen)
+    step = root @ (root.T @ (response.T @ ((value - response @ belief.mean) / std**2)))
+    return replace(belief, mean=freeze(belief.mean + step), root=freeze(root))
+
+
+def root_after(root: Array, seen: Array) -> Array:
+    """Return the root of the covariance after a measurement of white noise 1.
+
+    seen (k, m): what it sees of each column of the root (n, m).
+
+    Source: Andrews, AIAA Journal 6 (1968).
+    """
+    white = np.eye(len(seen))
+    factor = compress(np.hstack([seen, white]))
+    factor = factor * np.sign(np.diagonal(factor))
+    gain = np.linalg.solve(factor.T, np.linalg.solve(factor + white, seen))
+    return np.asarray(root - (root @ seen.T) @ gain)
+
+
+def compress(root: Array) -> Array:
+    """Return a square root (n, n) of the covariance of a root (n, m), m >= n."""
+    triangle: Array = np.linalg.qr(root.T, mode='r')  # type: ignore[assignment]
+    return freeze(np.ascontiguousarray(triangle.T))

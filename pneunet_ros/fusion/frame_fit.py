@@ -1,0 +1,343 @@
+"""The most likely unknowns behind one frame of targets: y = h(x) + e, with a prior on all of x.
+
+With the prior's mean m and root S the unknowns are x = m + S xi, and what is minimized is |xi|^2 +
+|e|^2 of the whitened residual e: its least value is the NIS of the frame. In xi nothing is
+singular, whatever is known exactly. The search is the damped Gauss-Newton of `measurement`, among
+stable shapes alone; of a linear h it is one Kalman update in square-root form.
+
+Source: iterated extended Kalman filter as Gauss-Newton: Bell & Cathey, IEEE Trans. Automatic
+Control 38 (1993).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.effects.effect import History, Load
+from pneunet_ros.fusion.belief import (
+    Belief,
+    BIAS,
+    CAMERA,
+    compress,
+    DRIFT,
+    FORCE,
+    MOMENT_NOISE,
+    PRESSURE_NOISE,
+    root_after,
+    Unknowns,
+)
+from pneunet_ros.fusion.lack import LackGrowth, weights_after
+from pneunet_ros.fusion.settings import FusionSettings
+from pneunet_ros.measurement.gauss_newton import gauss_newton
+from pneunet_ros.measurement.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.predicted_targets import target_jacobian
+from pneunet_ros.model.equilibrium import linearize_shape, Sensitivity, solve_rod
+from pneunet_ros.model.perturbation import Perturbation, PerturbationTable
+from pneunet_ros.model.shape import Shape
+from pneunet_ros.solver.columns import END_LOAD_MOMENT
+from pneunet_ros.solver.rod import Rods
+from pneunet_ros.solver.solution import SolverNodes
+
+LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameInputs:
+    """What acted on the arm at a frame, as read.
+
+    chamber, chamber_std: pressure in it, and of its white noise (Pa); history: of the effects;
+    moment, moment_std (N m): at the tip; by_column (columns,): what one sigma of each column of
+    the model's covariance changes of the pressure, by effects of sensing; late (memory,) Pa: how
+    far the pressures that lag, and the one behind a play, are from the chamber.
+    """
+
+    chamber: float
+    chamber_std: float
+    history: tuple[History, ...] | None
+    moment: float
+    moment_std: float
+    by_column: Array
+    late: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BentArm:
+    """The rod at some values of the unknowns, at places along it."""
+
+    rods: Rods
+    changes: Perturbation
+    shape: Shape
+
+    @property
+    def solution(self) -> SolverNodes:
+        """The solved rod."""
+        assert self.shape.solution is not None
+        return self.shape.solution
+
+    def linearize(self) -> Sensitivity:
+        """Return how it answers to loads, pressure and columns of the covariance."""
+        return linearize_shape(self.solution, self.rods, self.changes)
+
+
+def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
+    """Return what one of each unknown changes of every cause: (causes, unknowns).
+
+    The causes are those of `target_jacobian`: F1, F2, M, pressure, columns, of which the last is
+    the curvature that the model lacks.
+    """
+    causes = np.zeros((PRESSURE + 1 + unknowns.columns, unknowns.std.size))
+    causes[FORCE, FORCE] = np.eye(2)
+    causes[END_LOAD_MOMENT, MOMENT_NOISE] = 1.0
+    causes[PRESSURE, [BIAS, PRESSURE_NOISE]] = 1.0
+    causes[PRESSURE, unknowns.of_columns] = inputs.by_column
+    causes[PRESSURE + 1 :, unknowns.of_columns] = np.eye(unknowns.columns)
+    *lagging, played = range(unknowns.of_memory.start, unknowns.of_memory.stop)
+    causes[-1, lagging] = inputs.late[:-1] / unknowns.range
+    causes[PRESSURE, played] = inputs.late[-1]
+    return causes
+
+
+def pressure_like(unknowns: Unknowns, inputs: FrameInputs) -> Array:
+    """Return what one of each unknown is as an error of the pressure, (unknowns,) Pa.
+
+    Of all that the model lacks; a curvature counts as the pressure that would make it.
+    """
+    row = np.zeros(unknowns.std.size)
+    row[unknowns.lacking] = 1.0, unknowns.range
+    row[unknowns.of_memory] = inputs.late
+    return row
+
+
+def bend_arm(
+    table: PerturbationTable,
+    inputs: FrameInputs,
+    changes: Array,
+    start: SolverNodes | None,
+    arclength: Array,
+    *,
+    quick: bool,
+) -> BentArm:
+    """Solve the rod under what was read, and changes (causes,) of it: `causes_of` the unknowns.
+
+    quick: give up soon where no solution is near.
+    """
+    force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
+    pressure = inputs.chamber + error
+    rods, beside = table.at(pressure, inputs.history)
+    rods = beside.moved(rods, np.concatenate([[0.0], changes[PRESSURE + 1 :]]))
+    load = Load(pressure=pressure, force_x=force_x, force_y=force_y, moment=inputs.moment + moment)
+    shape = solve_rod(table.arm, rods, load, start, arclength, quick=quick)
+    return BentArm(rods=rods, changes=beside, shape=shape)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trial:
+    """Unknowns that were tried: xi, the arm there, the whitened residual, and what it costs."""
+
+    xi: Array
+    bent: BentArm
+    residual: Array
+    cost: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameLinearization:
+    """A trial with its Jacobian by xi, and what follows: the innovation and its covariance.
+
+    jacobian (coordinates, unknowns): of what is predicted, whitened; lacking (coordinates,
+    errors): of what the model lacks, for a lack of all of the range; innovation (coordinates,):
+    what would be left with the prior's mean, to first order; covariance: of it.
+    """
+
+    trial: Trial
+    jacobian: Array
+    lacking: Array
+    innovation: Array
+    covariance: Array
+
+    @property
+    def cost(self) -> float:
+        """The squared whitened residual, of the prior too."""
+        return self.trial.cost
+
+    def lack_told(self, growth: LackGrowth) -> tuple[Array, Array]:
+        """Return H^T S^-1 v (errors,) and H^T S^-1 H of what the model may lack, as it moved."""
+        moved = self.lacking * growth.grown
+        weighed = np.linalg.solve(self.covariance, moved)
+        return weighed.T @ self.innovation, moved.T @ weighed
+
+    def newton_step(self) -> tuple[Array, float]:
+        """Return the step (unknowns,) in xi to where the cost is least, and its gain."""
+        xi, jacobian = self.trial.xi, self.jacobian
+        step = np.linalg.solve(self.covariance, self.innovation) @ jacobian - xi
+        return step, float(step @ (self.trial.residual @ jacobian - xi))
+
+    @property
+    def log_evidence_cost(self) -> float:
+        """Minus twice the log of the evidence of this solution, by Laplace, but for a constant.
+
+        A solution that must be met to a hair, as near buckling, is less likely than its cost.
+        """
+        return self.cost + float(np.linalg.slogdet(self.covariance)[1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameProblem:
+    """One frame beside a prior: what is minimized over the unknowns.
+
+    prior: moved to the stamp of the frame, with the noise of its readings; growth: how what the
+    model lacks moved since the last one, None where no pressure was read; used (targets,): which
+    targets count.
+    """
+
+    table: PerturbationTable
+    unknowns: Unknowns
+    settings: FusionSettings
+    prior: Belief
+    growth: LackGrowth | None
+    inputs: FrameInputs
+    sightings: TargetSightings
+    used: Mask
+    std: Array = field(init=False)
+    causes: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Take the white noise of the targets that count, and what the unknowns change."""
+        object.__setattr__(self, 'causes', causes_of(self.unknowns, self.inputs))
+        white = np.fmax(self.sightings.std[self.used], self.table.arm.sensors.target_std)
+        object.__setattr__(self, 'std', np.tile(white, 2))
+
+    @property
+    def mean(self) -> Array:
+        """Mean of the prior."""
+        return self.prior.mean
+
+    @property
+    def root(self) -> Array:
+        """Root of the covariance of the prior."""
+        return self.prior.root
+
+    def start_at(self, force: Array) -> Array:
+        """Return the likeliest xi with a force (2,) N."""
+        root = self.root[FORCE]
+        gain = np.linalg.lstsq(root @ root.T, force - self.mean[FORCE], rcond=None)[0]
+        return np.asarray(root.T @ gain)
+
+    def try_at(self, xi: Array, start: SolverNodes | None) -> Trial | None:
+        """Predict the targets; None where there is no stable shape."""
+        unknowns, targets = self.unknowns, self.table.arm.target_arclength
+        x = self.mean + self.root @ xi
+        bent = bend_arm(
+            self.table,
+            self.inputs,
+            self.causes @ x,
+            start,
+            targets,
+            quick=True,
+        )
+        shape = bent.shape
+        if not shape.converged or shape.stable is False:
+            return None
+        places = np.stack(self.table.arm.see(shape.x, shape.y))
+        cosine, sine = np.cos(shape.theta), np.sin(shape.theta)
+        along, across = x[unknowns.along], x[unknowns.across]
+        places += np.stack([cosine * along - sine * across, sine * along + cosine * across])
+        places += (x[CAMERA] + x[DRIFT])[:, None]
+        measured = np.stack([self.sightings.x, self.sightings.y])
+        residual = (measured - places)[:, self.used].ravel() / self.std
+        cost = float(xi @ xi + residual @ residual)
+        if not math.isfinite(cost):
+            return None
+        return Trial(xi=xi, bent=bent, residual=residual, cost=cost)
+
+    def linearize(self, trial: Trial) -> FrameLinearization | None:
+        """Linearize what is predicted around a trial; None at a limit point of the arm."""
+        unknowns, bent = self.unknowns, trial.bent
+        by_cause = target_jacobian(self.table, bent.linearize())
+        targets = unknowns.targets
+        response = (by_cause.reshape(len(by_cause), -1).T @ self.causes).reshape(2, targets, -1)
+        for axis in range(2):
+            response[axis, :, DRIFT.start + axis] = 1.0
+            response[axis, :, CAMERA.start + axis] = 1.0
+        cosine, sine = np.cos(bent.shape.theta), np.sin(bent.shape.theta)
+        which = np.arange(targets)
+        along, across = unknowns.along.start + which, unknowns.across.start + which
+        response[0, which, along], response[1, which, along] = cosine, sine
+        response[0, which, across], response[1, which, across] = -sine, cosine
+        seen = response[:, self.used].reshape(-1, self.mean.size)
+        jacobian = seen @ self.root / self.std[:, None]
+        if not np.abs(jacobian).max() < LIMIT_POINT:
+            return None
+        lacking = unknowns.lacking
+        return FrameLinearization(
+            trial=trial,
+            jacobian=jacobian,
+            lacking=seen[:, lacking] * unknowns.std[lacking] / self.std[:, None],
+            innovation=trial.residual + jacobian @ trial.xi,
+            covariance=np.eye(len(jacobian)) + jacobian @ jacobian.T,
+        )
+
+    def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
+        """Search from xi for the lowest cost; None where there is no shape to start from."""
+        trial = self.try_at(xi, start)
+        first = None if trial is None else self.linearize(trial)
+        if first is None:
+            return None
+
+        def lower(at: FrameLinearization, step: Array) -> Trial | None:
+            trial = self.try_at(at.trial.xi + step, at.trial.bent.solution)
+            return trial if trial is not None and trial.cost < at.cost else None
+
+        return gauss_newton(
+            first,
+            FrameLinearization.newton_step,
+            lower,
+            self.linearize,
+            small=self.settings.small_gain,
+            most_steps=self.settings.most_steps,
+            most_halvings=self.settings.most_halvings,
+        ).last
+
+    def at_targets(self, fit: FrameLinearization) -> Array:
+        """Return the chi squared (targets,) of each target against all others; NaN: not used.
+
+        Of the residual that is left, with the covariance that it has after the fit.
+        """
+        count = self.std.size // 2
+        precision = np.linalg.inv(fit.covariance).reshape(2, count, 2, count)
+        left = np.einsum('itjt->tij', precision)  # (targets, 2, 2)
+        residual = fit.trial.residual.reshape(2, count).T[:, :, None]
+        solved = np.linalg.solve(left, residual)
+        found = np.full(self.used.size, np.nan)
+        found[self.used] = np.sum(residual * solved, axis=(1, 2))
+        return found
+
+    def posterior(self, fit: FrameLinearization) -> Belief:
+        """Return what is believed after the frame.
+
+        Where the search was stopped, as by a stability that ends, the step that it could not take
+        is one more error.
+        """
+        root = root_after(self.root, fit.jacobian)
+        step, gain = fit.newton_step()
+        if gain > self.settings.small_gain:
+            root = compress(np.column_stack([root, self.root @ step]))
+        weights, growth = self.prior.lack_weights, self.growth
+        if growth is not None:
+            weights = weights_after(self.settings, weights, growth, fit.lack_told(growth))
+        return Belief(
+            stamp_ns=self.prior.stamp_ns,
+            mean=freeze(self.mean + self.root @ fit.trial.xi),
+            root=freeze(np.ascontiguousarray(root)),
+            walk=self.prior.walk,
+            lack_weights=weights,
+            chamber=math.nan if growth is None else self.inputs.chamber,
+            solution=fit.trial.bent.solution,
+            frames=self.prior.frames + 1,
+        )

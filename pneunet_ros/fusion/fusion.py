@@ -1,0 +1,589 @@
+"""From readings and targets to one estimate of shape and tip force: one pure step.
+
+`Fusion.step(state, event) -> state, outcome` knows no clock, no topic and no file, as
+`Estimator.step`. The belief lives at the stamps of frames, which come late; every pressure reading
+gives a `FusedEstimate`, which is the belief moved to its stamp with the pressure read since.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import PressureReading, Reading, TargetSightings, WrenchReading
+from pneunet_ros.core.stamps import stamp_fault, STARTS_ANEW
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.estimation.consistency import chi_square_limit
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import refuse
+from pneunet_ros.estimation.out_of_plane import out_of_plane
+from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.estimation.state import admit
+from pneunet_ros.fusion.belief import (
+    Belief,
+    compress,
+    first_belief,
+    FORCE,
+    forget,
+    lack_grown,
+    move_belief,
+    OF_BIAS,
+    scaled_std,
+    take_measurement,
+    Unknowns,
+    unknowns_of,
+    walk_after,
+    widen,
+    with_noise,
+)
+from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
+from pneunet_ros.fusion.frame_fit import (
+    bend_arm,
+    BentArm,
+    causes_of,
+    FrameInputs,
+    FrameProblem,
+    pressure_like,
+)
+from pneunet_ros.fusion.frame_update import FrameUpdate, take_frame
+from pneunet_ros.fusion.lack import lack_columns, LackGrowth, remember, scale_of
+from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
+from pneunet_ros.fusion.settings import FUSION, FusionSettings
+from pneunet_ros.fusion.state import FusionState, PressureInstant, RunningNis
+from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
+from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
+from pneunet_ros.measurement.noise_model import target_std
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.domain_position import DomainPosition, locate_load
+from pneunet_ros.model.equilibrium import jacobian_of, station_arclength
+from pneunet_ros.model.perturbation import PerturbationTable
+from pneunet_ros.solver.columns import LOADS
+
+Event = Reading | TargetSightings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fusion:
+    """A calibrated arm with its sensors and painted targets: one estimate from what is there.
+
+    arm: with the noise of its sensors and the covariance of its model; sensors: what they report
+    and when a reading is too old (a wrench is used while it is fresh, whatever `wrench_required`);
+    settings: the numbers by which readings and targets are fused. Raises ModelError where the arm
+    has no targets.
+    """
+
+    arm: Arm
+    sensors: EstimatorSettings = field(default_factory=EstimatorSettings)
+    settings: FusionSettings = FUSION
+    arclength: Array = field(init=False, repr=False)
+    table: PerturbationTable = field(init=False, repr=False)
+    unknowns: Unknowns = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Prepare stations, the table of the model's neighbors, and the unknowns."""
+        if not self.arm.target_arclength.size:
+            raise ModelError('arm.target_arclength is empty: without targets nothing can be fused')
+        stations = station_arclength(self.arm.reach, self.sensors.stations)
+        object.__setattr__(self, 'arclength', stations)
+        object.__setattr__(
+            self, 'table', PerturbationTable(arm=self.arm, further=lack_columns(self.arm))
+        )
+        object.__setattr__(self, 'unknowns', unknowns_of(self.arm, self.settings))
+
+    def step(self, state: FusionState, event: Event) -> tuple[FusionState, FusionOutcome]:
+        """Take one reading or one frame of targets.
+
+        Args:
+            state: what is remembered of earlier ones; it is not changed.
+            event: a pressure (Pa), an end wrench (N, N m) or the targets seen in a frame (m, base
+                frame), stamped by its message's header.
+
+        Returns:
+            The state for the next one, and what came of this one: of a pressure a FusedEstimate or
+            a Refusal; of a frame nothing or a Refusal, or a FusedEstimate where the pressure is
+            too old and the camera is alone; of a wrench nothing or a Refusal. Nothing is raised
+            for what a reading holds.
+
+        """
+        if isinstance(event, TargetSightings):
+            return self.take_targets(state, event)
+        resets = state.readings.resets
+        readings, refusal, note = admit(state.readings, event)
+        state = replace(state, readings=readings)
+        if refusal is not None:
+            return state.count_rejected(refusal.reason), refusal
+        if readings.resets > resets:
+            state = state.fresh()
+        if isinstance(event, WrenchReading):
+            return self.take_wrench(state, event)
+        return self.take_pressure(state, event, [note] if note else [])
+
+    def take_wrench(
+        self, state: FusionState, reading: WrenchReading
+    ) -> tuple[FusionState, Refusal | None]:
+        """Remember an end wrench in the base frame."""
+        sentence = wrong_frame(self.sensors, reading)
+        if sentence:
+            refusal = Refusal(
+                stamp_ns=reading.stamp_ns, reason='wrong_frame', sentence=sentence, error=False
+            )
+            return state.count_rejected(refusal.reason), refusal
+        wrench = base_wrench(self.sensors, reading)
+        earlier = [one for one in state.wrenches if one.stamp_ns < wrench.stamp_ns]
+        kept = (*earlier[1 - self.settings.wrenches_kept :], wrench)
+        return replace(state, readings=state.readings.with_wrench(wrench), wrenches=kept), None
+
+    def take_pressure(
+        self, state: FusionState, reading: PressureReading, notes: list[str]
+    ) -> tuple[FusionState, FusedEstimate | Refusal]:
+        """Take the frames that have waited for a pressure reading, and estimate at its stamp."""
+        instant = self.instant_at(state, reading)
+        earlier = [one for one in state.pressures if one.stamp_ns < instant.stamp_ns]
+        state = replace(
+            state,
+            readings=state.readings.with_reading(reading.stamp_ns, instant.history),
+            pressures=(*earlier[1 - self.settings.pressure_kept :], instant),
+        )
+        waiting, state = state.waiting, replace(state, waiting=())
+        for sightings in waiting:
+            if self.shown_ns(sightings) <= instant.stamp_ns:
+                state = self.use_frame(state, sightings)
+            else:
+                state = replace(state, waiting=(*state.waiting, sightings))
+        state = self.with_pressure(state)
+        age = self.target_age(state, instant.stamp_ns)
+        late = age is None or age > self.settings.target_timeout
+        mode = Mode.PREDICTION if late else Mode.FUSED
+        state, outcome = self.publish(state, instant, mode, notes)
+        if isinstance(outcome, Refusal):
+            state = state.count_rejected(outcome.reason)
+        return state, outcome
+
+    def instant_at(self, state: FusionState, reading: PressureReading) -> PressureInstant:
+        """Return what a pressure reading says of the chamber."""
+        before = state.readings
+        elapsed = 0.0
+        if before.pressure_stamp_ns is not None:
+            elapsed = seconds_between(before.pressure_stamp_ns, reading.stamp_ns)
+        gauge = gauge_pressure(self.sensors, reading.pressure)
+        sensed = self.arm.sense(Load(pressure=gauge)).pressure
+        history = before.history
+        if history is None:
+            history = self.arm.initial_history(sensed)
+        history, chamber = self.arm.actuate(history, elapsed, sensed)
+        known = reading.variance > 0.0
+        std = math.sqrt(reading.variance) if known else self.arm.sensors.pressure_std
+        memory = state.pressures[-1].memory if state.pressures else ()
+        play = self.settings.play * self.unknowns.range
+        return PressureInstant(
+            stamp_ns=reading.stamp_ns,
+            gauge=gauge,
+            chamber=chamber,
+            std=std,
+            history=history,
+            memory=remember(self.settings, memory, chamber, elapsed, play),
+        )
+
+    def take_targets(
+        self, state: FusionState, sightings: TargetSightings
+    ) -> tuple[FusionState, FusionOutcome]:
+        """Take a frame, or let it wait for its pressure; alone it gives an estimate itself."""
+        stamp_ns = sightings.stamp_ns
+        reason, sentence = stamp_fault('frame of targets', state.frame_stamp_ns, stamp_ns)
+        if len(sightings.x) != self.unknowns.targets:
+            reason = 'wrong_targets'
+            sentence = (
+                f'a frame of {len(sightings.x)} targets: the model has {self.unknowns.targets}'
+            )
+        if reason == STARTS_ANEW:
+            state = state.without_frames()
+        elif reason:
+            refusal = Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)
+            return state.count_unused(reason), refusal
+        state = replace(state, frame_stamp_ns=stamp_ns)
+        shown_ns = self.shown_ns(sightings)
+        if state.pressures and shown_ns <= state.pressures[-1].stamp_ns:
+            return self.use_frame(state, sightings), None
+        if state.pressures:
+            since_ns = state.pressures[-1].stamp_ns
+        else:
+            since_ns = self.shown_ns(state.waiting[0] if state.waiting else sightings)
+        if not self.is_stale(since_ns, shown_ns):
+            if len(state.waiting) == self.settings.most_waiting:
+                state = replace(state, waiting=state.waiting[1:]).count_unused('no_pressure')
+            return replace(state, waiting=(*state.waiting, sightings)), None
+        return self.see_alone(state, sightings)
+
+    def see_alone(
+        self, state: FusionState, sightings: TargetSightings
+    ) -> tuple[FusionState, FusionOutcome]:
+        """Take a frame whose pressure nobody has read, and estimate at its stamp."""
+        waiting, state = state.waiting, replace(state, waiting=())
+        for earlier in (*waiting, sightings):
+            state = self.use_frame(state, earlier)
+        belief, shown_ns = state.belief, self.shown_ns(sightings)
+        if belief is None or belief.stamp_ns != shown_ns:
+            return state, None
+        instant = replace(self.pressure_at(state, shown_ns), std=0.0)
+        state, outcome = self.publish(state, instant, Mode.CAMERA_ONLY, [])
+        return state, outcome
+
+    def shown_ns(self, sightings: TargetSightings) -> int:
+        """Return the stamp of what a frame shows."""
+        return sightings.stamp_ns - round(self.arm.frame_delay * NANOSECONDS_PER_SECOND)
+
+    def is_stale(self, last_ns: int, stamp_ns: int) -> bool:
+        """Whether a pressure reading is too old at a stamp."""
+        return abs(seconds_between(last_ns, stamp_ns)) > self.sensors.input_timeout
+
+    def target_age(self, state: FusionState, stamp_ns: int) -> float | None:
+        """Return the age (s) of the last frame that was used; None before the first."""
+        if state.belief is None or not state.belief.frames:
+            return None
+        return seconds_between(state.belief.stamp_ns, stamp_ns)
+
+    def pressure_at(self, state: FusionState, stamp_ns: int) -> PressureInstant:
+        """Return the pressure at a stamp: on the line between readings, else the nearest one.
+
+        Before any reading it is in the middle of the range.
+        """
+        known = state.pressures
+        if not known:
+            middle = 0.5 * sum(self.arm.pressure_range)
+            return PressureInstant(
+                stamp_ns=stamp_ns,
+                gauge=middle,
+                chamber=middle,
+                std=0.0,
+                history=self.arm.initial_history(middle),
+                memory=remember(self.settings, (), middle, 0.0, 0.0),
+            )
+        after = next((i for i, one in enumerate(known) if one.stamp_ns >= stamp_ns), len(known))
+        if after in (0, len(known)):
+            return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)
+        first, second = known[after - 1], known[after]
+        share = (stamp_ns - first.stamp_ns) / (second.stamp_ns - first.stamp_ns)
+        nearest = first if share < 0.5 else second
+        return replace(
+            nearest,
+            stamp_ns=stamp_ns,
+            gauge=first.gauge + share * (second.gauge - first.gauge),
+            chamber=first.chamber + share * (second.chamber - first.chamber),
+        )
+
+    def wrench_at(self, state: FusionState, stamp_ns: int) -> tuple[WrenchReading | None, float]:
+        """Return the wrench nearest to a stamp and its age (s); None where none is near."""
+        if not state.wrenches:
+            return None, math.nan
+        wrench = min(state.wrenches, key=lambda one: abs(one.stamp_ns - stamp_ns))
+        age = seconds_between(wrench.stamp_ns, stamp_ns)
+        return (wrench, age) if abs(age) <= self.sensors.wrench_timeout else (None, math.nan)
+
+    def with_pressure(self, state: FusionState) -> FusionState:
+        """Return the state where the pressure is read again."""
+        if not state.pressure_lost or state.belief is None:
+            return state
+        belief = self.without(state.belief, OF_BIAS)
+        return replace(state, belief=belief, pressure_lost=False)
+
+    def without(self, belief: Belief, where: slice) -> Belief:
+        """Return a belief that knows of some unknowns what was known before any frame."""
+        scale = scale_of(self.settings, belief.lack_weights)
+        return forget(belief, where, scaled_std(self.unknowns, scale)[where])
+
+    def inputs_at(self, instant: PressureInstant, wrench: WrenchReading | None) -> FrameInputs:
+        """Return what acted on the arm, and what columns of the covariance change of it."""
+        std = 0.0 if wrench is None else self.arm.sensors.moment_std
+        columns = self.unknowns.columns
+        by_column = np.zeros(columns)
+        if self.arm.sensing:
+            by_column = self.by_columns(Load(pressure=instant.gauge))[:, PRESSURE]
+        return FrameInputs(
+            chamber=instant.chamber,
+            chamber_std=instant.std,
+            history=instant.history,
+            moment=0.0 if wrench is None else wrench.moment,
+            moment_std=std,
+            by_column=by_column,
+            late=np.array(instant.memory) - instant.chamber,
+        )
+
+    def by_columns(self, reading: Load) -> Array:
+        """Return what one sigma of each column changes of F1, F2, M, pressure: (columns, 4)."""
+        return noise_jacobian(self.table, reading, (0.0,) * 4)[LOADS + 1 :, : PRESSURE + 1]
+
+    def with_wrench(
+        self, belief: Belief, wrench: WrenchReading, age: float, gauge: float
+    ) -> Belief:
+        """Return the belief after an end wrench (base frame), a linear measurement of the force.
+
+        By its age (s) the force may have walked. One that is not where it was believed makes its
+        past forgotten.
+        """
+        reading = Load(
+            pressure=gauge,
+            force_x=wrench.force_x,
+            force_y=wrench.force_y,
+            moment=wrench.moment,
+        )
+        true = self.arm.sense(reading)
+        response = np.zeros((2, belief.mean.size))
+        response[:, FORCE] = np.eye(2)
+        if self.arm.sensing:
+            response[:, self.unknowns.of_columns] = -self.by_columns(reading)[:, FORCE].T
+        std = math.hypot(self.arm.sensors.force_std, belief.walk * math.sqrt(abs(age)))
+        value = np.array([true.force_x, true.force_y])
+        innovation = value - response @ belief.mean
+        spread = response @ belief.root
+        covariance = spread @ spread.T + std**2 * np.eye(2)
+        if innovation @ np.linalg.solve(covariance, innovation) > self.settings.force_gate:
+            belief = self.without(belief, FORCE)
+        return take_measurement(belief, response, value, np.full(2, std))
+
+    def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
+        """Take a frame into the belief."""
+        if not sightings.seen:
+            return state.count_unused('not_seen')
+        shown_ns = self.shown_ns(sightings)
+        before = prior = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
+        if prior.frames and shown_ns < prior.stamp_ns:
+            return state.count_unused('older')
+        # From frame to frame the force is free: a frame must not inherit what the last one erred.
+        # But it is not drawn to zero either, frame after frame, which the unknowns that stay would
+        # take for evidence.
+        free = replace(prior, walk=self.settings.largest_walk)
+        instant = self.pressure_at(state, shown_ns)
+        alone = not state.pressures or self.is_stale(
+            min((one.stamp_ns for one in state.pressures), key=lambda ns: abs(ns - shown_ns)),
+            shown_ns,
+        )
+        pressed = abs(instant.chamber - before.chamber)
+        pressed = 0.0 if alone or not math.isfinite(pressed) else pressed
+        scale = scale_of(self.settings, before.lack_weights)
+        prior = move_belief(self.unknowns, free, shown_ns, scale, pressed)
+        prior = replace(prior, root=compress(prior.root))
+        seconds = seconds_between(free.stamp_ns, shown_ns) if free.frames else math.inf
+        growth: LackGrowth | None = LackGrowth(
+            scale=scale, grown=lack_grown(self.unknowns, seconds, pressed), seconds=seconds
+        )
+        if alone:
+            std = self.settings.unknown_pressure * self.unknowns.range
+            prior, instant = widen(prior, OF_BIAS, np.array([std])), replace(instant, std=0.0)
+            growth = None
+        elif state.pressure_lost:
+            prior = self.without(prior, OF_BIAS)
+        state = replace(state, pressure_lost=alone)
+        wrench, age = self.wrench_at(state, shown_ns)
+        lost = state.lost >= self.settings.frames_lost
+        if lost:
+            prior = self.without(prior, FORCE)
+        if wrench is not None:
+            prior = self.with_wrench(prior, wrench, age, instant.gauge)
+        inputs = self.inputs_at(instant, wrench)
+        prior = with_noise(prior, inputs.moment_std, inputs.chamber_std)
+        problem = FrameProblem(
+            table=self.table,
+            unknowns=self.unknowns,
+            settings=self.settings,
+            prior=prior,
+            growth=growth,
+            inputs=inputs,
+            sightings=sightings,
+            used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
+        )
+        update = take_frame(
+            problem,
+            cold=lost or not prior.frames,
+            round_=state.cold_round,
+            force_read=wrench is not None,
+        )
+        if update.belief is not None:
+            walk = walk_after(self.settings, before, update.belief)
+            update = replace(update, belief=replace(update.belief, walk=walk))
+        return self.after_frame(state, shown_ns, update, wrench)
+
+    def after_frame(
+        self, state: FusionState, shown_ns: int, update: FrameUpdate, wrench: WrenchReading | None
+    ) -> FusionState:
+        """Remember what became of a frame."""
+        nis = state.nis
+        if update.coordinates:
+            limit = chi_square_limit(update.coordinates, self.settings.quantile)
+            value = update.nis / update.coordinates
+            first = RunningNis(stamp_ns=shown_ns, weight=1.0, mean=value, limit=limit)
+            nis = (
+                first
+                if nis is None
+                else nis.followed_by(shown_ns, value, limit, self.settings.nis_time)
+            )
+        if update.belief is None:
+            return replace(state, nis=nis, lost=state.lost + 1).count_unused(update.reason)
+        clear = 0 if update.ambiguous else state.since_restart + 1
+        whole = self.settings.restart_frames + self.settings.starts_followed
+        settled = update.everywhere or clear >= whole
+        ambiguous = update.ambiguous or (state.ambiguous and not settled)
+        return replace(
+            state,
+            belief=update.belief,
+            wrench_used_ns=None if wrench is None else wrench.stamp_ns,
+            nis=nis,
+            ambiguous=ambiguous and wrench is None,
+            since_restart=clear,
+            cold_round=update.round_,
+            lost=0,
+            frames=state.frames + 1,
+        )
+
+    def publish(
+        self, state: FusionState, instant: PressureInstant, mode: Mode, notes: list[str]
+    ) -> tuple[FusionState, FusedEstimate | Refusal]:
+        """Estimate shape and force at a pressure: the belief moved to its stamp."""
+        stamp_ns = instant.stamp_ns
+        belief = state.belief or first_belief(self.unknowns, self.settings, stamp_ns)
+        wrench, age = self.wrench_at(state, stamp_ns)
+        inputs = self.inputs_at(instant, wrench)
+        if belief.stamp_ns != stamp_ns or not belief.frames:
+            pressed = abs(instant.chamber - belief.chamber)
+            pressed = pressed if math.isfinite(pressed) else 0.0
+            scale = scale_of(self.settings, belief.lack_weights)
+            belief = move_belief(self.unknowns, belief, stamp_ns, scale, pressed)
+            belief = with_noise(belief, inputs.moment_std, inputs.chamber_std)
+        if wrench is not None and wrench.stamp_ns != state.wrench_used_ns:
+            belief = self.with_wrench(belief, wrench, age, instant.gauge)
+        if wrench is not None:
+            beside = out_of_plane(self.arm, self.sensors, wrench)
+            if beside.stops:
+                return state, refuse(stamp_ns, 'out_of_plane', beside.sentence)
+            notes = [*notes, *([beside.note] if beside.warns else [])]
+        bent = bend_arm(
+            self.table,
+            inputs,
+            causes_of(self.unknowns, inputs) @ belief.mean,
+            belief.solution if mode is not Mode.PREDICTION else state.solution,
+            self.arclength,
+            quick=False,
+        )
+        if not bent.shape.converged:
+            state = replace(state, solution=None)
+            return state, refuse(stamp_ns, 'no_equilibrium', bent.shape.status)
+        position = self.position_of(belief, bent, inputs)
+        if position.reason:
+            return state, refuse(stamp_ns, position.reason, position.sentence)
+        estimate = self.shape_estimate(belief, bent, inputs, position, stamp_ns, mode)
+        if isinstance(estimate, Refusal):
+            return state, estimate
+        estimate = replace(
+            estimate,
+            wrench_age=None if wrench is None else age,
+            warnings=(*notes, *position.notes, *estimate.warnings),
+        )
+        state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
+        force, covariance = self.known_force(state, belief, position)
+        lacking = pressure_like(self.unknowns, inputs)
+        return state, FusedEstimate(
+            estimate=estimate,
+            mode=mode,
+            force=force,
+            force_covariance=covariance,
+            pressure_bias=float(lacking @ belief.mean),
+            pressure_bias_std=float(np.linalg.norm(lacking @ belief.root)),
+            ambiguous=state.ambiguous,
+            nis=math.nan if state.nis is None else state.nis.mean,
+            nis_limit=math.nan if state.nis is None else state.nis.limit,
+            target_age=self.target_age(state, stamp_ns),
+        )
+
+    def position_of(self, belief: Belief, bent: BentArm, inputs: FrameInputs) -> DomainPosition:
+        """Return where the load believed stands to the domain of the model."""
+        shape = bent.shape
+        load = Load(
+            pressure=shape.pressure,
+            force_x=shape.force[0],
+            force_y=shape.force[1],
+            moment=shape.end_moment,
+        )
+        force_x, force_y = np.sqrt(np.diagonal(belief.force_covariance)).tolist()
+        std = (force_x, force_y, inputs.moment_std, inputs.chamber_std)
+        return locate_load(self.arm, load, shape.pressure, std)
+
+    def shape_estimate(
+        self,
+        belief: Belief,
+        bent: BentArm,
+        inputs: FrameInputs,
+        position: DomainPosition,
+        stamp_ns: int,
+        mode: Mode,
+    ) -> ShapeEstimate | Refusal:
+        """Return the shape with the errors that the belief carries into it, to second order."""
+        sensitivity = bent.linearize()
+        noise = self.causes_root(belief, inputs)
+        seen: SeenShape | None = None
+        if mode is Mode.PREDICTION:
+            noise = with_extrapolation_error(noise, position)
+        else:
+            seen = self.seen_shape()
+        errors = propagate_errors(sensitivity, noise, self.arclength, seen)
+        largest = math.inf
+        if errors is not None:
+            largest = math.sqrt(np.linalg.eigvalsh(errors.tip_covariance[:2, :2])[-1])
+        held = mode is not Mode.PREDICTION or largest <= self.settings.largest_tip_std
+        if errors is None or not held:
+            return refuse(
+                stamp_ns,
+                'too_uncertain',
+                f'the tip is known to {1e3 * largest:.3g} mm only, more than largest_tip_std = '
+                f'{1e3 * self.settings.largest_tip_std:.3g} mm'
+                + (': no target was seen lately' if mode is Mode.PREDICTION else ''),
+            )
+        notes = []
+        if bent.shape.stable is False:
+            notes.append('the equilibrium is unstable under dead load')
+        if errors.second_order is None or errors.second_order.step < 1.0:
+            notes.append('an error of one sigma leads to no equilibrium, or to another one')
+        std_x, std_y, std_curvature = errors.std
+        return ShapeEstimate(
+            stamp_ns=stamp_ns,
+            shape=replace(bent.shape, extrapolated=position.extrapolated),
+            chamber_pressure=bent.shape.pressure,
+            jacobian=jacobian_of(self.arm, sensitivity, inputs.history or ()),
+            tip_covariance=errors.tip_covariance,
+            std_x=std_x,
+            std_y=std_y,
+            std_curvature=std_curvature,
+            wrench_age=None,
+            warnings=tuple(notes),
+            position=position,
+            noise=freeze(noise),
+            second_order=errors.second_order,
+        )
+
+    def seen_shape(self) -> SeenShape:
+        """Return where the camera sees the shape, and how well."""
+        noise, places = self.arm.sensors, self.arm.target_arclength
+        std = math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
+        return SeenShape(arclength=places, std=np.full(places.size, std))
+
+    def causes_root(self, belief: Belief, inputs: FrameInputs) -> Array:
+        """Return the noise input matrix (sources, causes) of a belief."""
+        causes = causes_of(self.unknowns, inputs) @ belief.root
+        return np.ascontiguousarray(np.linalg.qr(causes.T, mode='r'))
+
+    def known_force(
+        self, state: FusionState, belief: Belief, position: DomainPosition
+    ) -> tuple[Array, Array]:
+        """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined or ambiguous."""
+        covariance = belief.force_covariance + np.diag(np.square(position.error[:2]))
+        largest = self.settings.determined * self.unknowns.force_scale
+        determined = np.sqrt(np.diagonal(covariance)) <= largest
+        if state.ambiguous:
+            determined = np.zeros(2, dtype=bool)
+        force = np.where(determined, belief.mean[FORCE], np.nan)
+        both = determined[:, None] & determined[None, :]
+        return freeze(force), freeze(np.where(both, covariance, np.nan))

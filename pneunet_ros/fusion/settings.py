@@ -1,0 +1,94 @@
+"""The numbers by which readings and targets are fused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.settings import tuning
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FusionSettings:
+    """How what is unknown moves in time, which frames are believed, and what is published."""
+
+    force_walk: float = tuning(
+        0.05, 'random walk of the tip force before any frame tells', unit='N/sqrt(s)'
+    )
+    least_walk: float = tuning(5e-4, 'random walk of a force that rests', unit='N/sqrt(s)')
+    largest_walk: float = tuning(0.3, 'random walk of a force, at most', unit='N/sqrt(s)')
+    walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
+    force_gate: float = tuning(
+        6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
+    )
+    lack_scales: tuple[float, ...] = tuning(
+        (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12),
+        'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',
+        unit='of the range',
+    )
+    lack_time: float = tuning(
+        60.0, 'time in which frames told of its size count no more', unit='s'
+    )
+    lag_times: tuple[float, ...] = tuning(
+        (4.0, 40.0), 'in which a part of the curvature follows that the model lacks', unit='s'
+    )
+    play: float = tuning(0.06, 'width of a play that the model lacks', unit='of the range')
+    late_share: float = tuning(
+        0.1, 'std of the part of the curvature that comes late, with each time; invented'
+    )
+    play_share: float = tuning(0.5, 'std of the part of that play; invented')
+    bias_time: float = tuning(20.0, 'correlation time of what the model lacks', unit='s')
+    unknown_pressure: float = tuning(
+        0.5, 'std of a pressure that is not read any more', unit='of the range'
+    )
+    drift_time: float = tuning(40.0, 'correlation time of the drift of the camera', unit='s')
+    model_time: float = tuning(
+        10.0, "correlation time of the model's error along its columns", unit='s'
+    )
+    target_timeout: float = tuning(
+        0.5, 'age of the last frame from which on there is a prediction only', unit='s'
+    )
+    pressure_kept: int = tuning(256, 'pressure readings that wait for frames, which come later')
+    wrenches_kept: int = tuning(256, 'end wrenches that wait for frames')
+    most_waiting: int = tuning(32, 'frames that wait for their pressure reading')
+    fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
+    small_gain: float = tuning(1e-3, 'gain of a step that ends the search', unit='chi squared')
+    most_steps: int = tuning(12, 'steps of the search')
+    most_halvings: int = tuning(6, 'halvings of a step that does not lower the cost')
+    target_gate: float = tuning(
+        25.0, 'of a target against all others, beyond which it is left out', unit='chi squared'
+    )
+    most_left_out: float = tuning(0.3, 'of the targets seen that a gate may leave out')
+    frame_gate: float = tuning(
+        4.0, 'of a frame, beyond which it is not used', unit='limit of the NIS of noise'
+    )
+    quantile: float = tuning(
+        3.719,
+        'one-sided quantile of 1e-4: how rarely noise takes the NIS of a frame beyond its limit',
+        unit='sigma',
+    )
+    frames_lost: int = tuning(3, 'frames not used in a row, after which the force is forgotten')
+    restart_frames: int = tuning(6, 'frames over which the cold starts are tried, once a round')
+    start_forces: tuple[float, ...] = tuning(
+        (0.3, 0.9), 'cold starts in all directions, beside no force', unit='of the force scale'
+    )
+    start_directions: int = tuning(8, 'directions of the cold starts')
+    starts_followed: int = tuning(
+        3, 'cold starts, the best of a round, from which the search begins: one a frame'
+    )
+    rival: float = tuning(
+        9.0, 'cost above the best within which another solution counts', unit='chi squared'
+    )
+    apart: float = tuning(
+        16.0, 'distance of two forces that are two solutions', unit='chi squared'
+    )
+    determined: float = tuning(
+        0.06, 'largest std of a component of the force that is published', unit='of the scale'
+    )
+    flat: float = tuning(
+        4.0, 'cost by which a force that is not determined stays as it was', unit='chi squared'
+    )
+    largest_tip_std: float = tuning(3e-3, 'std of the tip at which nothing is published', unit='m')
+    nis_time: float = tuning(2.0, 'time over which the NIS is averaged', unit='s')
+
+
+FUSION = FusionSettings()

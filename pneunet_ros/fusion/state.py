@@ -1,0 +1,111 @@
+"""What a fusion remembers from one reading to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+import math
+from types import MappingProxyType
+
+from pneunet_ros.core.readings import TargetSightings, WrenchReading
+from pneunet_ros.core.stamps import count_reason
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.effects.effect import History
+from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.frame_update import ColdRound
+from pneunet_ros.solver.solution import SolverNodes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureInstant:
+    """The chamber (Pa, one sigma of its noise) and the effects' history at a pressure reading.
+
+    memory: the pressures (Pa) that lag behind the chamber, and that behind a play.
+    """
+
+    stamp_ns: int
+    gauge: float
+    chamber: float
+    std: float
+    history: tuple[History, ...]
+    memory: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunningNis:
+    """Mean NIS per coordinate of the frames of the last while, and what noise rarely exceeds."""
+
+    stamp_ns: int
+    weight: float
+    mean: float
+    limit: float
+
+    def followed_by(self, stamp_ns: int, nis: float, limit: float, time: float) -> RunningNis:
+        """Return the mean with one more frame; older ones count less and less."""
+        since = seconds_between(self.stamp_ns, stamp_ns)
+        weight = self.weight * math.exp(-since / time) + 1.0
+        return RunningNis(
+            stamp_ns=stamp_ns,
+            weight=weight,
+            mean=self.mean + (nis - self.mean) / weight,
+            limit=limit,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FusionState:
+    """All that a fusion remembers from one reading or frame to the next.
+
+    readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
+    last ones, for frames that come late; waiting: frames whose pressure has not come yet. belief:
+    at the last frame that was used. wrench_used_ns: of the wrench in it. solution: of the last
+    estimate. pressure_lost: the belief's bias stands for the whole pressure. since_restart: frames
+    in a row in which the search, begun at a part of the cold starts each, found no other force;
+    lost: frames in a row not used. frames: used so far; unused: others
+    by reason.
+    """
+
+    readings: EstimatorState = field(default_factory=EstimatorState)
+    pressures: tuple[PressureInstant, ...] = ()
+    wrenches: tuple[WrenchReading, ...] = ()
+    waiting: tuple[TargetSightings, ...] = ()
+    frame_stamp_ns: int | None = None
+    belief: Belief | None = None
+    wrench_used_ns: int | None = None
+    solution: SolverNodes | None = None
+    pressure_lost: bool = False
+    ambiguous: bool = False
+    since_restart: int = 0
+    cold_round: ColdRound = field(default_factory=ColdRound)
+    lost: int = 0
+    nis: RunningNis | None = None
+    estimates: int = 0
+    frames: int = 0
+    unused: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+    def fresh(self) -> FusionState:
+        """Forget all readings and frames; only the counts go on."""
+        return FusionState(
+            readings=self.readings,
+            estimates=self.estimates,
+            frames=self.frames,
+            unused=self.unused,
+        )
+
+    def without_frames(self) -> FusionState:
+        """Forget the frames; readings and counts go on."""
+        return replace(
+            self.fresh(),
+            pressures=self.pressures,
+            wrenches=self.wrenches,
+            solution=self.solution,
+        )
+
+    def count_unused(self, reason: str) -> FusionState:
+        """Count one more frame that was not used."""
+        return replace(self, unused=count_reason(self.unused, reason))
+
+    def count_rejected(self, reason: str) -> FusionState:
+        """Count one more rejected reading."""
+        return replace(self, readings=self.readings.count_rejected(reason))

@@ -1,0 +1,88 @@
+"""The outputs of the fusion: an entry for each topic, with the one layout of its messages.
+
+What is known of the shape has the layout of the estimator's topics, so that who reads these remaps
+one name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.messages.builders import MessageTypes, Output, point_cloud, POINTS_TYPE
+from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
+
+NAMESPACE = 'fused'
+
+# The point of `fused/end_force`: float32 coordinates, and the mode in the 4 bytes after them.
+FORCE_POINT = np.dtype(
+    {
+        'names': ['x', 'y', 'z', 'fx', 'fy', 'cov_xx', 'cov_xy', 'cov_yy', 'mode'],
+        'formats': ['<f4'] * 3 + ['<f8'] * 5 + ['<i4'],
+        'offsets': [0, 4, 8, *range(16, 56, 8), 12],
+        'itemsize': 56,
+    }
+)
+
+
+def force_point(fused: FusedEstimate) -> npt.NDArray[Any]:
+    """Return the one record of FORCE_POINT, at the tip; NaN in what is not determined."""
+    point = np.zeros(1, FORCE_POINT)
+    point['x'], point['y'], _ = fused.estimate.shape.tip
+    point['fx'], point['fy'] = fused.force
+    (point['cov_xx'], point['cov_xy']), (_, point['cov_yy']) = fused.force_covariance
+    point['mode'] = fused.mode
+    return point
+
+
+def force_cloud(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
+    """Build a PointCloud2 of one point."""
+    known = bool(np.isfinite(fused.force_covariance).all())
+    return point_cloud(force_point(fused), heading, types, is_dense=known)
+
+
+def end_wrench(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
+    """Build a WrenchStamped of the tip force; NaN in what is not determined."""
+    vector = types('geometry_msgs/msg/Vector3')
+    force_x, force_y = fused.force.tolist()
+    return types(WRENCH_TYPE)(
+        header=heading,
+        wrench=types('geometry_msgs/msg/Wrench')(
+            force=vector(x=force_x, y=force_y, z=0.0),
+            torque=vector(x=0.0, y=0.0, z=fused.estimate.shape.end_moment),
+        ),
+    )
+
+
+def pressure_bias(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
+    """Build a FluidPressure of the slow pressure-like error (Pa) and its variance (Pa^2)."""
+    return types(PRESSURE_TYPE)(
+        header=heading,
+        fluid_pressure=fused.pressure_bias,
+        variance=fused.pressure_bias_std**2,
+    )
+
+
+def of_estimate(output: Output[ShapeEstimate]) -> Output[FusedEstimate]:
+    """Return an output of the estimator for the shape in a fused estimate."""
+    numbers = cast(Callable[[ShapeEstimate], npt.NDArray[Any]], output.numbers)
+    fused = cast(Output[Any], output)
+    return replace(
+        fused,
+        name=f'{NAMESPACE}/{output.name}',
+        numbers=lambda result: numbers(result.estimate),
+    )
+
+
+FUSION_OUTPUTS: tuple[Output[FusedEstimate], ...] = (
+    *(of_estimate(output) for output in OUTPUTS),
+    Output(name=f'{NAMESPACE}/end_wrench', type=WRENCH_TYPE, build=end_wrench),
+    Output(name=f'{NAMESPACE}/end_force', type=POINTS_TYPE, build=force_cloud),
+    Output(name=f'{NAMESPACE}/pressure_bias', type=PRESSURE_TYPE, build=pressure_bias),
+)

@@ -1,0 +1,133 @@
+"""Replay of the fusion: recording -> `Fusion.step` -> recording, through the messages of live."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.messages.builders import UNREADABLE
+from pneunet_ros.messages.fusion import FUSION_OUTPUTS
+from pneunet_ros.messages.readings import decode_targets, END_WRENCH, PRESSURE, Sensor, TARGETS
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.offline.replay import estimate_topic
+from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
+from pneunet_ros.recordings.recorded_series import find_series
+from pneunet_ros.recordings.recording import RecordedMessage, Recording
+from pneunet_ros.recordings.recording_writer import RecordingWriter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FusionStep:
+    """One recorded message with what the fusion made of it and remembers afterwards."""
+
+    message: RecordedMessage
+    outcome: FusionOutcome
+    state: FusionState
+
+
+def fusion_topics(
+    recording: Recording, overrides: Mapping[str, str], *, wrench: bool
+) -> dict[str, Sensor[Any]]:
+    """Return the topics of a recording to fuse: pressure and targets, and a wrench if wanted.
+
+    overrides: full topic name by last name. Raises RecordingError where pressure or targets are
+    missing, or there are two candidates.
+    """
+    topics: dict[str, Sensor[Any]] = {}
+    if wrench:
+        name = find_series(recording, END_WRENCH, overrides, required=False)
+        topics |= {} if name is None else {name: END_WRENCH}
+    for sensor in (PRESSURE, TARGETS):
+        topics[recording.find(sensor.name, sensor.type, overrides.get(sensor.name))] = sensor
+    return topics
+
+
+def fusion_steps(
+    recording: Recording, fusion: Fusion, topics: Mapping[str, Sensor[Any]]
+) -> Iterator[FusionStep]:
+    """Feed the recorded readings and frames to the fusion in the order of their log time."""
+    state = FusionState()
+    outcome: FusionOutcome
+    targets, frame_id = fusion.unknowns.targets, fusion.sensors.frame_id
+    for message in recording.messages(list(topics)):
+        sensor = topics[message.topic]
+        try:
+            if sensor is TARGETS:
+                event = decode_targets(message.message, frame_id, targets)
+            else:
+                event = sensor.decode(message.message)
+        except MessageError as error:
+            outcome = Refusal(
+                stamp_ns=message.log_time_ns, reason=UNREADABLE, sentence=str(error), error=False
+            )
+            state = state.count_rejected(UNREADABLE)
+        else:
+            state, outcome = fusion.step(state, event)
+        yield FusionStep(message=message, outcome=outcome, state=state)
+
+
+def record_fusion(
+    writer: RecordingWriter,
+    recording: Recording,
+    fusion: Fusion,
+    topics: Mapping[str, Sensor[Any]],
+    on_progress: Callable[[FusionStep], None],
+) -> None:
+    """Write the inputs, unchanged, and all outputs of the fusion; `on_progress` sees each step."""
+    copies = {name: writer.add_copy(recording.topic(name)) for name in topics}
+    pressure = next(name for name, sensor in topics.items() if sensor is PRESSURE)
+    outputs = [
+        (output, writer.add(estimate_topic(pressure, output.name), output.type))
+        for output in FUSION_OUTPUTS
+    ]
+    serializer = MessageSerializer(
+        types=ROSBAGS_TYPES, serialize=serialize, frame_id=fusion.sensors.frame_id
+    )
+    for step in fusion_steps(recording, fusion, topics):
+        on_progress(step)
+        message = step.message
+        writer.write_raw(copies[message.topic], message.log_time_ns, message.raw)
+        if isinstance(step.outcome, FusedEstimate):
+            for output, connection in outputs:
+                raw = serializer.bytes_of(output, step.outcome)
+                writer.write_raw(connection, message.log_time_ns, raw)
+
+
+@dataclass(slots=True)
+class FusionTally:
+    """What a replay of the fusion came to, counted step by step.
+
+    modes: estimates by mode; determined: estimates with F1, and with F2; beyond: those made while
+    the running NIS was more than noise explains.
+    """
+
+    messages: int = 0
+    state: FusionState = field(default_factory=FusionState)
+    last: FusedEstimate | None = None
+    refusal: Refusal | None = None
+    modes: dict[str, int] = field(default_factory=lambda: {mode.name.lower(): 0 for mode in Mode})
+    determined: list[int] = field(default_factory=lambda: [0, 0])
+    ambiguous: int = 0
+    beyond: int = 0
+
+    def count(self, step: FusionStep) -> None:
+        """Take one step into account."""
+        self.messages += 1
+        self.state = step.state
+        outcome = step.outcome
+        if isinstance(outcome, Refusal):
+            self.refusal = outcome
+        elif outcome is not None:
+            self.last = outcome
+            self.modes[outcome.mode.name.lower()] += 1
+            self.ambiguous += outcome.ambiguous
+            self.beyond += outcome.nis > outcome.nis_limit
+            for which, value in enumerate(outcome.force.tolist()):
+                self.determined[which] += not math.isnan(value)

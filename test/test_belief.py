@@ -1,0 +1,123 @@
+"""What is believed of unknowns: how it moves, is forgotten, and takes a measurement."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.fusion.belief import (
+    BIAS,
+    CAMERA,
+    first_belief,
+    FORCE,
+    forget,
+    move_belief,
+    take_measurement,
+    unknowns_of,
+    walk_after,
+    widen,
+    with_noise,
+)
+from pneunet_ros.fusion.settings import FUSION
+import pytest
+
+ARM = load_model(share_path('config/paper_arm.yaml'))
+UNKNOWNS = unknowns_of(ARM, FUSION)
+SECOND = 10**9
+SCALE = 0.02  # of what the model lacks
+
+
+def believed(seed=3):
+    """Return a belief in which all unknowns are correlated."""
+    random = np.random.default_rng(seed)
+    belief = first_belief(UNKNOWNS, FUSION, SECOND)
+    size = belief.mean.size
+    mixed = belief.root @ (np.eye(size) + 0.1 * random.standard_normal((size, size)))
+    mean = UNKNOWNS.std * random.standard_normal(size)
+    return replace(belief, mean=mean, root=mixed, frames=1)
+
+
+def covariance(belief):
+    return belief.root @ belief.root.T
+
+
+def test_the_force_is_held_and_grows_uncertain_up_to_its_scale():
+    belief = believed()
+    before = replace(belief, root=1e-3 * belief.root)
+    soon = move_belief(UNKNOWNS, before, SECOND + SECOND // 10, SCALE)
+    assert np.array_equal(soon.mean[FORCE], before.mean[FORCE])
+    grown = covariance(soon)[FORCE, FORCE] - covariance(before)[FORCE, FORCE]
+    assert np.diagonal(grown) == pytest.approx(0.1 * before.walk**2, rel=0.01)
+    late = move_belief(UNKNOWNS, before, SECOND * 10**5, SCALE)
+    assert np.sqrt(np.diagonal(covariance(late))[FORCE]) == pytest.approx(UNKNOWNS.force_scale)
+    assert late.mean[BIAS] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_does_not_move_stays():
+    belief = believed()
+    late = move_belief(UNKNOWNS, belief, SECOND * 50, SCALE)
+    still = [*range(CAMERA.start, CAMERA.stop)]
+    still += range(UNKNOWNS.of_memory.start, belief.mean.size)
+    assert late.mean[still] == pytest.approx(belief.mean[still])
+    was, found = (covariance(item)[np.ix_(still, still)] for item in (belief, late))
+    assert found == pytest.approx(was, rel=1e-9, abs=1e-18)
+
+
+def test_a_linear_measurement_is_the_kalman_update():
+    belief = believed()
+    random = np.random.default_rng(5)
+    response = random.standard_normal((3, belief.mean.size)) / (UNKNOWNS.std + 1e-9)
+    value, std = random.standard_normal(3), np.array([0.3, 0.5, 2.0])
+    after = take_measurement(belief, response, value, std)
+    prior = covariance(belief)
+    gain = prior @ response.T @ np.linalg.inv(response @ prior @ response.T + np.diag(std**2))
+    mean = belief.mean + gain @ (value - response @ belief.mean)
+    expected = prior - gain @ response @ prior
+    scale = np.maximum(UNKNOWNS.std, 1e-12)
+    assert after.mean / scale == pytest.approx(mean / scale, abs=1e-8)
+    assert covariance(after) / np.outer(scale, scale) == pytest.approx(
+        expected / np.outer(scale, scale), abs=1e-8
+    )
+
+
+def test_what_the_model_lacks_moves_with_time_and_with_the_pressure():
+    known = replace(believed(), root=np.zeros((UNKNOWNS.std.size, 2)))
+    rested = move_belief(UNKNOWNS, known, SECOND, SCALE)
+    assert rested.std(BIAS) == 0.0
+    pushed = move_belief(UNKNOWNS, known, SECOND, SCALE, pressed=0.1 * UNKNOWNS.range)
+    assert pushed.std(BIAS) == pytest.approx(0.1 * SCALE * UNKNOWNS.range)
+    assert pushed.std(UNKNOWNS.lacking[1]) == pytest.approx(0.1 * SCALE)
+    late = move_belief(UNKNOWNS, known, 10**5 * SECOND, SCALE)
+    assert late.std(BIAS) == pytest.approx(SCALE * UNKNOWNS.range)
+
+
+def test_what_is_forgotten_is_as_before_any_frame_and_the_rest_stays():
+    belief = believed()
+    found = forget(belief, FORCE, UNKNOWNS.std[FORCE])
+    assert found.mean[FORCE] == pytest.approx([0.0, 0.0])
+    assert covariance(found)[FORCE, FORCE] == pytest.approx(UNKNOWNS.force_scale**2 * np.eye(2))
+    assert covariance(found)[FORCE, 2:] == pytest.approx(0.0, abs=1e-15)
+    kept = covariance(belief)[2:, 2:]
+    assert covariance(found)[2:, 2:] == pytest.approx(kept, rel=1e-9, abs=1e-15)
+
+
+def test_noise_is_new_in_every_reading():
+    belief = with_noise(with_noise(believed(), 1.0, 1.0), 2e-5, 60.0)
+    assert belief.mean[-2:] == pytest.approx([0.0, 0.0])
+    assert covariance(belief)[-2:] @ np.ones(belief.mean.size) == pytest.approx([4e-10, 3600.0])
+    more = widen(belief, slice(BIAS, BIAS + 1), np.array([1e4]))
+    assert more.std(BIAS) == pytest.approx(np.hypot(belief.std(BIAS), 1e4))
+
+
+def test_the_walk_rises_at_once_and_falls_slowly():
+    start = replace(believed(), root=1e-6 * believed().root, walk=1e-3)
+    after = replace(start, stamp_ns=start.stamp_ns + SECOND // 10)
+    jumped = replace(after, mean=start.mean + np.eye(start.mean.size)[0] * 0.02)
+    assert walk_after(FUSION, start, jumped) == pytest.approx(0.02 / np.sqrt(0.1), rel=0.01)
+    moving = replace(start, walk=0.05)
+    share = np.exp(-0.1 / FUSION.walk_time)
+    assert walk_after(FUSION, moving, after) == pytest.approx(0.05 * np.sqrt(share), rel=0.01)
+    noisy = replace(start, root=1e2 * believed().root, walk=0.05)
+    assert walk_after(FUSION, noisy, replace(noisy, stamp_ns=after.stamp_ns)) < 0.05

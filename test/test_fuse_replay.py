@@ -1,0 +1,88 @@
+"""`replay --fuse`: a recording of readings and targets becomes one with all fused topics."""
+
+from __future__ import annotations
+
+import json
+import math
+
+from pneunet_ros.cli.main import main
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.messages.fusion import FUSION_OUTPUTS
+from pneunet_ros.messages.point_cloud import cloud_points
+from pneunet_ros.offline.fuse import fusion_steps, fusion_topics
+from pneunet_ros.recordings.recording import open_recording
+import pytest
+
+RECORDING = share_path('bags/lab_day/heldout.mcap')
+FRAMES = 160
+
+
+@pytest.fixture(scope='module')
+def replayed(tmp_path_factory):
+    """Return the path of the fused recording and the summary."""
+    output = tmp_path_factory.mktemp('fused') / 'fused.mcap'
+    words = ['replay', str(RECORDING), '--fuse', '--no-wrench', '--output', str(output), '--json']
+    with pytest.MonkeyPatch.context() as patch:
+        said = []
+        patch.setattr('sys.stdout.write', said.append)
+        assert main(words) == 0
+    return output, json.loads(''.join(said))
+
+
+def test_all_fused_topics_are_written_beside_the_inputs(replayed):
+    output, summary = replayed
+    recording = open_recording(output)
+    names = {f'/pneunet/{item.name}' for item in FUSION_OUTPUTS}
+    assert names == {f'/pneunet/fused/{name}' for name in (
+        'shape', 'tip', 'tip_jacobian', 'curvature', 'centerline',
+        'end_wrench', 'end_force', 'pressure_bias',
+    )}  # fmt: skip
+    assert all(recording.count([name]) == summary['estimates'] > 0 for name in names)
+    assert summary['topics'].keys() == {'pressure', 'targets'}
+    assert recording.count(['/pneunet/targets']) == FRAMES
+
+
+def test_the_point_and_the_wrench_say_the_same(replayed):
+    output, _ = replayed
+    recording = open_recording(output)
+    wrenches, points = (
+        [item.message for item in recording.messages([f'/pneunet/fused/{name}'])]
+        for name in ('end_wrench', 'end_force')
+    )
+    assert len(wrenches) == len(points)
+    for wrench, cloud in zip(wrenches, points, strict=True):
+        (point,) = cloud_points(cloud)
+        force = wrench.wrench.force
+        assert (point['fx'], point['fy']) == pytest.approx((force.x, force.y), nan_ok=True)
+        known = not math.isnan(point['fx'])
+        assert known == (point['cov_xx'] > 0.0)
+        assert wrench.header.stamp == cloud.header.stamp
+        assert point['mode'] in (0, 1, 2)
+
+
+def test_what_is_written_is_what_the_step_gives(replayed):
+    output, _ = replayed
+    recording = open_recording(RECORDING)
+    fusion = Fusion(arm=load_model(share_path('config/paper_arm.yaml')))
+    topics = fusion_topics(recording, {}, wrench=False)
+    steps = [step.outcome for step in fusion_steps(recording, fusion, topics)]
+    estimates = [outcome for outcome in steps if isinstance(outcome, FusedEstimate)]
+    biases = open_recording(output).messages(['/pneunet/fused/pressure_bias'])
+    written = [(item.message.fluid_pressure, item.message.variance) for item in biases]
+    assert written == [(one.pressure_bias, one.pressure_bias_std**2) for one in estimates]
+
+
+def test_the_wrench_is_read_unless_it_is_not_wanted():
+    recording = open_recording(RECORDING)
+    with_wrench = fusion_topics(recording, {}, wrench=True)
+    assert {sensor.name for sensor in with_wrench.values()} == {
+        'pressure', 'targets', 'end_wrench',
+    }  # fmt: skip
+
+
+def test_no_wrench_without_fuse_is_refused(capsys):
+    assert main(['replay', str(RECORDING), '--no-wrench']) == 2
+    assert '--no-wrench belongs to --fuse' in capsys.readouterr().err

@@ -1,0 +1,370 @@
+"""The fusion on recordings of the virtual lab: force, tip, losses, and what it does not know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
+from pneunet_ros.core.share import share_path
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.fusion.estimate import FusedEstimate, Mode
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.lab.lab_arm import vary_arm
+from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabHysteresis
+from pneunet_ros.lab.lab_recording import LabRecording
+from pneunet_ros.lab.protocols import RandomMix
+from pneunet_ros.lab.sensors import Rates
+from pneunet_ros.lab.simulation import simulate
+import pytest
+from support.lab_run import true_model
+
+IN_95 = 5.991  # chi squared of two coordinates
+RATE = 10.0
+
+
+@cache
+def recorded(*effects: LabEffect, straight: bool = False) -> LabRecording:
+    """Return a recording in which every sensor reads at the same instants."""
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    protocol = RandomMix(duration=20.0, seed=5.0, lowest=12e3, top=60e3)
+    if straight:
+        protocol = replace(protocol, lowest=0.0, top=4e3, force_y=(0.0, 0.01))
+    changes = {
+        'name': 'fusion',
+        'seed': 11,
+        'arm': vary_arm(scenario.arm, 11),
+        'noise': replace(scenario.noise, jitter_std=0.0, occlusions=0.0),
+        'rates': Rates(pressure=RATE, wrench=RATE, frames=RATE),
+        'protocol': protocol,
+        'effects': effects,
+    }
+    return simulate(replace(scenario, **changes))
+
+
+@cache
+def fusion() -> Fusion:
+    return Fusion(arm=true_model(recorded().scenario))
+
+
+def sightings(
+    frame: int, hidden=(), stamp_ns: int | None = None, effects: tuple[LabEffect, ...] = ()
+) -> TargetSightings:
+    recording = recorded(*effects)
+    x, y = recording.x[frame].copy(), recording.y[frame].copy()
+    x[list(hidden)] = y[list(hidden)] = np.nan
+    return sightings_at(int(recording.stamp_ns[frame]) if stamp_ns is None else stamp_ns, x, y)
+
+
+def sightings_at(stamp_ns, x, y) -> TargetSightings:
+    nothing = np.full(len(x), np.nan)
+    names = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
+    return TargetSightings(stamp_ns=stamp_ns, x=x, y=y, **dict.fromkeys(names, nothing))
+
+
+@cache
+def readings() -> np.ndarray:
+    """Return F1, F2, M and pressure as read at the instants of the frames."""
+    truth, noise = recorded().truth, recorded().scenario.noise
+    true = np.column_stack([truth.force, truth.moment, truth.pressure])
+    size = [noise.force_std, noise.force_std, noise.moment_std, noise.pressure_std]
+    return true + size * np.random.default_rng(11).standard_normal(true.shape)
+
+
+def pressure(frame: int) -> PressureReading:
+    stamp_ns = int(recorded().stamp_ns[frame])
+    return PressureReading(stamp_ns=stamp_ns, pressure=float(readings()[frame, 3]))
+
+
+def wrench(frame: int) -> WrenchReading:
+    force_x, force_y, moment, _ = readings()[frame].tolist()
+    return WrenchReading(
+        stamp_ns=int(recorded().stamp_ns[frame]),
+        force_x=force_x,
+        force_y=force_y,
+        moment=moment,
+        frame_id='pneunet_base',
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """What came of a recording; arrays with a row per estimate."""
+
+    frame: np.ndarray
+    estimates: list[FusedEstimate]
+    state: FusionState
+    effects: tuple[LabEffect, ...]
+
+    @property
+    def tip_error(self) -> np.ndarray:
+        truth = recorded(*self.effects).truth
+        tips = np.array([one.estimate.shape.tip[:2] for one in self.estimates])
+        return np.stack([truth.x[self.frame, -1], truth.y[self.frame, -1]], axis=1) - tips
+
+    @property
+    def force_error(self) -> np.ndarray:
+        return np.array([one.force for one in self.estimates]) - recorded().truth.force[self.frame]
+
+    def tip_covered(self) -> float:
+        covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in self.estimates])
+        return covered(self.tip_error, covariance)
+
+    def tip_sigmas(self) -> float:
+        """Return by how many sigma the tip is off, at most."""
+        covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in self.estimates])
+        return float(np.sqrt(squares(self.tip_error, covariance).max()))
+
+    def force_covered(self) -> float:
+        known = np.isfinite(self.force_error).all(axis=1)
+        covariance = np.array([one.force_covariance for one in self.estimates])
+        return covered(self.force_error[known], covariance[known])
+
+
+def squares(error, covariance) -> np.ndarray:
+    solved = np.linalg.solve(covariance, error[:, :, None])[:, :, 0]
+    return np.asarray(np.sum(error * solved, axis=1))
+
+
+def covered(error, covariance) -> float:
+    return float(np.mean(squares(error, covariance) <= IN_95))
+
+
+def fuse(
+    filter_=None, *, with_wrench=False, hidden=lambda frame: (), change=lambda frame, seen: seen,
+    frames=range(200), pressures=lambda frame: True, targets=lambda frame: True, effects=(),
+) -> Result:  # fmt: skip
+    """Fuse the recording, frames before the pressure of their stamp, and keep the estimates."""
+    state, kept, estimates = FusionState(), [], []
+    filter_ = filter_ or fusion()
+    for frame in frames:
+        events = [wrench(frame)] if with_wrench else []
+        if targets(frame):
+            events.append(change(frame, sightings(frame, hidden(frame), effects=effects)))
+        events += [pressure(frame)] if pressures(frame) else []
+        for event in events:
+            state, outcome = filter_.step(state, event)
+            if isinstance(outcome, FusedEstimate):
+                kept.append(frame)
+                estimates.append(outcome)
+    return Result(frame=np.array(kept), estimates=estimates, state=state, effects=effects)
+
+
+def rms(error) -> float:
+    return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
+
+
+@cache
+def without_wrench() -> Result:
+    return fuse()
+
+
+def test_force_and_tip_without_a_force_sensor():
+    found = without_wrench()
+    assert len(found.estimates) == 200
+    assert all(one.mode is Mode.FUSED for one in found.estimates)
+    loaded = np.hypot(*recorded().truth.force.T) > 0.05
+    known = np.isfinite(found.force_error).all(axis=1)
+    assert known[loaded].mean() > 0.9
+    share = np.hypot(*found.force_error[loaded & known].T)
+    share = share / np.hypot(*recorded().truth.force[loaded & known].T)
+    assert np.median(share) < 0.04
+    assert rms(found.tip_error[loaded]) < 1.6e-4
+    assert found.force_covered() > 0.9
+    assert found.tip_covered() > 0.9
+
+
+def test_a_force_sensor_makes_it_better():
+    found, blind = fuse(with_wrench=True), without_wrench()
+    loaded = np.hypot(*recorded().truth.force.T) > 0.05
+    assert rms(found.force_error[loaded]) < 0.7 * rms(blind.force_error[loaded])
+    assert rms(found.tip_error[loaded]) < 1.1e-4
+    assert found.tip_covered() > 0.9
+    assert found.force_covered() > 0.9
+
+
+def test_noise_on_the_diagonal_alone_does_not_cover():
+    """White noise of the right size: the naive way."""
+    arm = fusion().arm
+    noise = arm.sensors
+    white = float(
+        np.hypot(np.hypot(noise.target_std, noise.placement_std), noise.registration_std)
+    )
+    naive = replace(
+        noise, target_std=white, placement_std=0.0, registration_std=0.0, drift_std=0.0
+    )
+    found = fuse(Fusion(arm=replace(arm, sensors=naive)))
+    assert found.force_covered() < without_wrench().force_covered() - 0.1
+
+
+CREEP = LabCreep(amplitude=0.15, time_constant=30.0)
+HYSTERESIS = LabHysteresis(width=4e3)
+
+
+@pytest.mark.parametrize('effect', [CREEP, HYSTERESIS])
+@pytest.mark.parametrize('with_wrench', [False, True])
+def test_what_the_model_lacks_is_covered(effect, with_wrench):
+    found = fuse(with_wrench=with_wrench, effects=(effect,))
+    assert found.force_covered() > 0.85
+    assert found.tip_covered() > 0.85
+    assert rms(found.tip_error) < 1.1e-4
+    assert np.isfinite(found.force_error).all(axis=1).mean() > 0.85
+
+
+def test_creep_outside_the_model_is_measured():
+    creeping, sound = fuse(with_wrench=True, effects=(CREEP,)), fuse(with_wrench=True)
+    memory = fusion().unknowns.of_memory
+    late = slice(memory.start, memory.stop - 1)
+    assert creeping.state.belief.mean[late].sum() == pytest.approx(CREEP.amplitude, abs=0.05)
+    assert sound.state.belief.mean[late].sum() == pytest.approx(0.0, abs=0.05)
+    pressures, relaxed, missing = recorded().truth.pressure, 0.0, []
+    for instant in pressures:
+        relaxed += (instant - relaxed) * (1.0 - np.exp(-1.0 / RATE / CREEP.time_constant))
+        missing.append(CREEP.amplitude * (relaxed - instant))
+    bias = [one.pressure_bias for one in creeping.estimates]
+    assert np.corrcoef(missing, bias)[0, 1] > 0.9
+    assert np.std(np.array(bias) - missing) < 0.4 * np.std(missing)
+
+
+def test_the_force_along_a_straight_arm_is_not_determined():
+    arm = fusion().arm
+    state = FusionState()
+    places = arm.target_arclength
+    for count in range(3):
+        stamp_ns = 10**9 + count * 10**8
+        state, _ = fusion().step(state, sightings_at(stamp_ns, places, np.zeros(places.size)))
+        state, found = fusion().step(state, PressureReading(stamp_ns=stamp_ns, pressure=0.0))
+    assert np.isnan(found.force[0])
+    assert np.isnan(found.force_covariance[0]).all()
+    assert abs(found.force[1]) < 5e-3
+
+
+def test_where_the_force_is_not_known_it_is_not_told():
+    """Along an arm that is hardly bent: F1 is NaN where its belief is off by more than half."""
+    recording = recorded(straight=True)
+    off, told, aside = [], [], []
+    state = FusionState()
+    for frame, true in enumerate(recording.truth.force[:, 0].tolist()):
+        x, y = recording.x[frame], recording.y[frame]
+        stamp_ns = int(recording.stamp_ns[frame])
+        state, _ = fusion().step(state, sightings_at(stamp_ns, x, y))
+        read = PressureReading(stamp_ns=stamp_ns, pressure=float(recording.truth.pressure[frame]))
+        state, found = fusion().step(state, read)
+        if abs(true) > 0.02:
+            off.append(abs(state.belief.mean[0] - true) > 0.5 * abs(true))
+            told.append(np.isfinite(found.force[0]))
+            aside.append(np.isfinite(found.force[1]))
+    assert sum(off) > 20
+    assert np.mean(aside) > 0.9
+    assert not np.any(np.array(off) & np.array(told))
+
+
+def swapped(frame, seen):
+    """Return a frame in which two dots have changed their names."""
+    x, y = seen.x.copy(), seen.y.copy()
+    x[[10, 11]], y[[10, 11]] = x[[11, 10]], y[[11, 10]]
+    return sightings_at(seen.stamp_ns, x, y) if frame % 5 == 0 else seen
+
+
+def test_swapped_dots_do_not_move_the_force():
+    found, right = fuse(change=swapped), without_wrench()
+    between = found.force_error - right.force_error
+    sigma = np.array([np.sqrt(np.diag(one.force_covariance)) for one in right.estimates])
+    assert np.nanmax(np.abs(between / sigma)) < 1.5
+    assert found.state.frames >= 195
+
+
+def test_a_frame_that_is_no_arm_is_not_used():
+    def elsewhere(frame, seen):
+        return sightings_at(seen.stamp_ns, seen.y, seen.x) if frame == 80 else seen
+
+    found = fuse(change=elsewhere, frames=range(60, 100))
+    assert found.state.frames == 39
+    assert sum(found.state.unused.values()) == 1
+    assert found.tip_covered() > 0.85
+
+
+@pytest.mark.parametrize('hidden', [range(11), range(0, 23, 2)])
+def test_half_of_the_targets_hidden(hidden):
+    found = fuse(hidden=lambda frame: hidden, frames=range(40, 160))
+    assert found.tip_covered() > 0.9
+    assert rms(found.tip_error) < 2.5e-4
+
+
+def test_the_camera_lost_and_back():
+    found = fuse(
+        with_wrench=True, targets=lambda frame: not 80 <= frame < 100, frames=range(60, 120)
+    )
+    modes = {frame: one.mode for frame, one in zip(found.frame, found.estimates, strict=True)}
+    assert modes[84] is Mode.FUSED  # the last frame is 0.5 s old
+    assert all(modes[frame] is Mode.PREDICTION for frame in range(86, 100))
+    assert modes[100] is Mode.FUSED
+    assert found.tip_covered() > 0.9
+    assert found.tip_sigmas() < 4.0
+
+
+def test_without_camera_and_wrench_it_stops():
+    found = fuse(targets=lambda frame: frame < 80, frames=range(60, 160))
+    last = recorded().stamp_ns[found.frame[-1]]
+    assert found.frame[-1] < 159
+    assert last > recorded().stamp_ns[80]
+    assert found.state.readings.rejected['too_uncertain'] > 0
+
+
+def test_the_pressure_lost_and_back():
+    found = fuse(pressures=lambda frame: not 80 <= frame < 110, frames=range(60, 140))
+    modes = {frame: one.mode for frame, one in zip(found.frame, found.estimates, strict=True)}
+    assert modes[100] is Mode.CAMERA_ONLY
+    assert modes[110] is Mode.FUSED
+    alone = np.array([modes[frame] is Mode.CAMERA_ONLY for frame in found.frame])
+    assert rms(found.tip_error[alone]) < 3e-4
+    assert found.tip_covered() > 0.85
+    assert found.tip_sigmas() < 4.0
+
+
+def test_what_comes_late_or_twice_changes_nothing():
+    recording, state, late = recorded(), FusionState(), []
+    expected = fuse(frames=range(60, 80))
+    for frame in range(60, 80):  # the frame comes after the pressure, and twice
+        state, _ = fusion().step(state, pressure(frame))
+        for _ in range(2):
+            state, outcome = fusion().step(state, sightings(frame))
+            if isinstance(outcome, Refusal):
+                late.append(outcome.reason)
+    assert late == ['duplicate'] * 20
+    assert state.belief.stamp_ns == recording.stamp_ns[79]
+    mean = expected.state.belief.mean[:3]
+    assert state.belief.mean[:3] == pytest.approx(mean, rel=1e-6, abs=1e-6)
+
+
+def test_steps_are_pure():
+    state = fuse(frames=range(60, 70)).state
+    first = fusion().step(state, sightings(70))
+    again = fusion().step(state, sightings(70))
+    one = fusion().step(first[0], pressure(70))[1]
+    two = fusion().step(again[0], pressure(70))[1]
+    assert one.estimate.shape.tip == two.estimate.shape.tip
+    assert np.array_equal(one.force, two.force)
+
+
+def test_an_arm_without_targets_is_refused():
+    with pytest.raises(ModelError, match='target_arclength is empty'):
+        Fusion(arm=replace(fusion().arm, target_arclength=np.zeros(0)))
+
+
+def test_another_number_of_targets_is_refused():
+    frame = sightings_at(10**9, np.zeros(4), np.zeros(4))
+    state, outcome = fusion().step(FusionState(), frame)
+    assert outcome.reason == 'wrong_targets'
+    assert state.unused == {'wrong_targets': 1}
+
+
+def test_time_that_jumps_back_starts_anew():
+    state = fuse(frames=range(60, 80)).state
+    state, _ = fusion().step(state, PressureReading(stamp_ns=10**9, pressure=30e3))
+    assert state.belief is None
+    assert state.frames == 20
