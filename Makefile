@@ -82,6 +82,7 @@ colcon: $(COLCON)/all ## build as on a robot, with colcon from PyPI: install/loc
 	bash -c 'source install/local_setup.bash && install/pneunet_ros/lib/pneunet_ros/pneunet --version'
 	test -x install/pneunet_ros/lib/pneunet_ros/estimator
 	test -x install/pneunet_ros/lib/pneunet_ros/tracker
+	test -x install/pneunet_ros/lib/pneunet_ros/fusion
 	test -x install/pneunet_ros/lib/pneunet_ros/virtual_arm
 	test -x install/pneunet_ros/lib/pneunet_ros/pneunet_stack
 

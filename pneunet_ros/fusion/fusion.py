@@ -383,7 +383,7 @@ class Fusion:
         if update.coordinates:
             limit = chi_square_limit(update.coordinates, self.settings.quantile)
             value = update.nis / update.coordinates
-            first = RunningNis(stamp_ns=shown_ns, weight=1.0, mean=value, limit=limit)
+            first = RunningNis(stamp_ns=shown_ns, weight=1.0, last=value, mean=value, limit=limit)
             nis = (
                 first
                 if nis is None

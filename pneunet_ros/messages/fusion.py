@@ -1,4 +1,4 @@
-"""The outputs of the fusion: an entry for each topic, with the one layout of its messages.
+"""The messages of the fusion: what is read, and an entry for each topic that is written.
 
 What is known of the shape has the layout of the estimator's topics, so that who reads these remaps
 one name.
@@ -12,11 +12,27 @@ from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.fusion.estimate import FusedEstimate
-from pneunet_ros.messages.builders import MessageTypes, Output, point_cloud, POINTS_TYPE
+from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome
+from pneunet_ros.fusion.fusion import Event, Fusion
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.messages.builders import (
+    MessageTypes,
+    Output,
+    point_cloud,
+    POINTS_TYPE,
+    UNREADABLE,
+)
 from pneunet_ros.messages.estimate import OUTPUTS
-from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
+from pneunet_ros.messages.readings import (
+    decode_targets,
+    PRESSURE_TYPE,
+    Sensor,
+    TARGETS,
+    WRENCH_TYPE,
+)
 
 NAMESPACE = 'fused'
 
@@ -86,3 +102,25 @@ FUSION_OUTPUTS: tuple[Output[FusedEstimate], ...] = (
     Output(name=f'{NAMESPACE}/end_force', type=POINTS_TYPE, build=force_cloud),
     Output(name=f'{NAMESPACE}/pressure_bias', type=PRESSURE_TYPE, build=pressure_bias),
 )
+
+
+def fuse_message(
+    fusion: Fusion, state: FusionState, sensor: Sensor[Any], message: Any
+) -> tuple[FusionState, FusionOutcome]:
+    """Take a message of pressure, end wrench or targets: the same lines live and in a replay.
+
+    What comes of it is as of `Fusion.step`; a message that is not what its topic promises is
+    counted and gives a Refusal.
+    """
+    event: Event
+    try:
+        if sensor is TARGETS:
+            event = decode_targets(message, fusion.sensors.frame_id, fusion.unknowns.targets)
+        else:
+            event = sensor.decode(message)
+    except MessageError as error:
+        refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
+        if sensor is TARGETS:
+            return state.count_unused(UNREADABLE), refusal
+        return state.count_rejected(UNREADABLE), refusal
+    return fusion.step(state, event)

@@ -19,6 +19,7 @@ NODES = {
     'virtual_arm': 'VirtualArmNode',
     'estimator': 'EstimatorNode',
     'tracker': 'TrackerNode',
+    'fusion': 'FusionNode',
 }
 
 
