@@ -44,6 +44,15 @@ EVERYTHING = (
 # What is left of the recording, by sensor: from when to when (s) it is silent.
 LOSSES = {'end_wrench': [(1.5, 5.5)], 'pressure': [(3.0, 4.5)], 'targets': [(6.0, 7.2)]}
 END = 8.5
+TIMEOUT = 0.5  # s, of pressure and of targets
+CHANGES = [
+    ('FUSED', 0.0),
+    ('CAMERA_ONLY', 3.0 + TIMEOUT),
+    ('FUSED', 4.5),
+    ('PREDICTION', 6.0 + TIMEOUT),
+    ('FUSED', 7.2),
+]
+PERIOD = 0.15  # s, of a frame and a pressure reading
 SECOND = 1_000_000_000
 
 
@@ -131,20 +140,24 @@ def test_live_equals_replay_bit_for_bit_while_sensors_are_lost_and_come_back(pee
     # may differ in the last digit.
     with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
         steps = pool.submit(replayed, lossy).result()
-    modes = []
+    made = []
     for name, raw, expected in steps:
         peer.sensors[name].publish(raw)
         if expected is None:
             peer.barrier()
         else:
             assert peer.spin_until(lambda: all(peer.outputs().values())), peer.outputs()
-            modes += peer.modes()
+            made += peer.modes()
         got = {topic: messages.pop() for topic, messages in peer.received.items() if messages}
         assert not any(peer.outputs().values())
         said = {topic: repr(plain(message)) for topic, message in got.items()}
         assert (said or None) == expected
-    seen = [Mode(mode).name for mode, _ in groupby(modes)]
-    assert seen == ['FUSED', 'CAMERA_ONLY', 'FUSED', 'PREDICTION', 'FUSED']
+    begin = made[0][1]
+    changes = [next(group) for _, group in groupby(made, key=lambda item: item[0])]
+    assert [Mode(mode).name for mode, _ in changes] == [mode for mode, _ in CHANGES]
+    assert [(stamp - begin) / SECOND for _, stamp in changes] == pytest.approx(
+        [since for _, since in CHANGES], abs=PERIOD
+    )
     values = peer.report()[2]
     assert int(values['rejected/duplicate']) > 0
     assert float(values['nis_mean']) < float(values['nis_limit'])
@@ -188,7 +201,7 @@ def test_nothing_is_published_without_targets_and_that_is_said(patient, tmp_path
     assert values['mode'] == 'none'
     in_turn(patient, part(RECORDING, 1.0, 1.6, tmp_path / 'pt.mcap'))
     patient.take_all()
-    assert set(patient.modes()) == {Mode.FUSED}
+    assert {mode for mode, _ in patient.modes()} == {Mode.FUSED}
 
 
 def test_without_a_wrench_it_says_that_force_is_not_judged(patient, tmp_path):
@@ -200,7 +213,7 @@ def test_without_a_wrench_it_says_that_force_is_not_judged(patient, tmp_path):
 
 
 def moved(path, into):
-    """Write a recording in which the camera sees the outer half of the arm 3 mm beside it."""
+    """Write a recording in which every other target is seen 0.4 mm to either side."""
     recording = open_recording(path)
     (name,) = (topic.name for topic in recording.topics if last(topic.name) == 'targets')
     with write_recording(into) as writer:

@@ -30,6 +30,7 @@ from pneunet_ros.nodes.configured_node import ConfiguredNode  # noqa: E402
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
 from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
 from pneunet_ros.nodes.estimator.warm_up import load_inside, warm_up  # noqa: E402
+from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.log import Log  # noqa: E402
 from pneunet_ros.nodes.publisher import EstimatePublisher, in_order  # noqa: E402
@@ -41,7 +42,12 @@ from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as VIRTUAL_AR
 # Parameters
 
 
-TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'virtual_arm': VIRTUAL_ARM}
+TABLES = {
+    'estimator': ESTIMATOR,
+    'tracker': TRACKER,
+    'fusion': FUSION,
+    'virtual_arm': VIRTUAL_ARM,
+}
 FIELDS = [(node, field) for node, table in TABLES.items() for field in table.fields]
 
 

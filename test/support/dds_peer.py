@@ -14,7 +14,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from pneunet_ros.messages.builders import IMAGE_TYPE, Output
+from pneunet_ros.messages.builders import IMAGE_TYPE, nanoseconds, Output
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.fusion import FUSION_OUTPUTS
 from pneunet_ros.messages.point_cloud import cloud_points
@@ -295,9 +295,12 @@ class FusionPeer(Peer):
                 self.barrier()
         self.start_anew()
 
-    def modes(self) -> list[int]:
-        """Return the mode of every fused estimate that was heard."""
-        return [int(cloud_points(cloud)['mode'][0]) for cloud in self.received[END_FORCE]]
+    def modes(self) -> list[tuple[int, int]]:
+        """Return mode and stamp (ns) of every fused estimate that was heard."""
+        return [
+            (int(cloud_points(cloud)['mode'][0]), nanoseconds(cloud.header.stamp))
+            for cloud in self.received[END_FORCE]
+        ]
 
 
 class CameraPeer(Peer):
