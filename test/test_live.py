@@ -20,7 +20,8 @@ from support.dds_peer import START_TIMEOUT  # noqa: E402
 ROOT = Path(__file__).resolve().parent.parent
 LIVE = [sys.executable, str(ROOT / 'examples' / 'live.py')]
 LINE = re.compile(
-    r' *([\d.]+) kPa +tip +(-?[\d.]+) +(-?[\d.]+) mm +from the true one +([\d.]+) mm +'
+    r' *([\d.]+) kPa +tip +(-?[\d.]+) +(-?[\d.]+) mm +from the true one +([\d.]+) mm, '
+    r'fused +([\d.]+) mm +pull +([\d.]+) mN, force off by +([\d.]+) mN +'
     r'(\d+)/23 targets, +([\d.]+) mm from the shape +([\d.]+) estimates/s +([\d.]+) frames/s'
 )
 
@@ -53,8 +54,10 @@ def test_estimate_camera_and_truth_agree(tmp_path):
     assert process.wait(3 * START_TIMEOUT) == 0, output.read_text()
     seen = numbers(output.read_text())
     assert len(seen) >= 4, output.read_text()
-    for _, _, _, miss, targets, beside, estimates, frames in seen:
+    for _, _, _, miss, fused, _, force, targets, beside, estimates, frames in seen:
         assert miss < 1.0
+        assert fused < 1.0
+        assert force < 5.0
         assert targets == 23
         # The arm moves between a frame and the estimate nearest to it.
         assert beside < 1.5
@@ -68,11 +71,11 @@ def test_a_signal_ends_all_of_it(tmp_path, number):
     output = tmp_path / 'output'
     process = started(output)
     end = time.monotonic() + START_TIMEOUT
-    while output.read_text().count('preparing') < 3:
+    while output.read_text().count('preparing') < 4:
         assert time.monotonic() < end, output.read_text()
         time.sleep(0.1)
     nodes = children(process)
-    assert len(nodes) == 3
+    assert len(nodes) == 4
     process.send_signal(number)
     assert process.wait(START_TIMEOUT) == 0, output.read_text()
     assert 'Traceback' not in output.read_text()
