@@ -9,12 +9,17 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState, RunningNis
-from pneunet_ros.nodes.health import age, count_texts, InputHealth, Level, Report, texts
+from pneunet_ros.nodes.health import (
+    age,
+    count_texts,
+    force_judged,
+    InputHealth,
+    Level,
+    Report,
+    texts,
+)
 
 AMBIGUOUS = 'two tip forces explain the targets: no force is published'
-FORCE_NOT_JUDGED = (
-    'no: without an end wrench what the model lacks looks like a force; diagnose before you trust'
-)
 
 
 class FusionHealth(InputHealth):
@@ -101,9 +106,7 @@ class FusionHealth(InputHealth):
             'wrench_age_s': age(self._at.get('end_wrench'), now),
             'target_lag_s': None if last is None else last.target_age,
             'wrench_lag_s': wrench_age,
-            'force_judged': None
-            if last is None
-            else (FORCE_NOT_JUDGED if wrench_age is None else 'yes'),
+            'force_judged': None if last is None else force_judged(wrench_age is not None),
             'ambiguous': None if last is None else last.ambiguous,
             'determined': None if last is None else determined_words(last),
             'pressure_bias_pa': None if last is None else last.pressure_bias,
