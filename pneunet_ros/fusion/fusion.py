@@ -392,7 +392,7 @@ class Fusion:
         update = take_frame(
             problem,
             cold=lost or not prior.frames,
-            look_around=state.since_restart + 1 >= self.settings.restart_frames,
+            round_=state.cold_round,
             force_read=wrench is not None,
         )
         if update.belief is not None:
@@ -416,14 +416,18 @@ class Fusion:
             )
         if update.belief is None:
             return replace(state, nis=nis, lost=state.lost + 1).count_unused(update.reason)
-        ambiguous = state.ambiguous if update.ambiguous is None else update.ambiguous
+        clear = 0 if update.ambiguous else state.since_restart + 1
+        whole = self.settings.restart_frames + self.settings.starts_followed
+        settled = update.everywhere or clear >= whole
+        ambiguous = update.ambiguous or (state.ambiguous and not settled)
         return replace(
             state,
             belief=update.belief,
             wrench_used_ns=None if wrench is None else wrench.stamp_ns,
             nis=nis,
             ambiguous=ambiguous and wrench is None,
-            since_restart=state.since_restart + 1 if update.ambiguous is None else 0,
+            since_restart=clear,
+            cold_round=update.round_,
             lost=0,
             frames=state.frames + 1,
         )

@@ -67,12 +67,14 @@ class FusionSettings:
         unit='sigma',
     )
     frames_lost: int = tuning(3, 'frames not used in a row, after which the force is forgotten')
-    restart_frames: int = tuning(5, 'frames from one search from cold starts to the next')
+    restart_frames: int = tuning(6, 'frames over which the cold starts are tried, once a round')
     start_forces: tuple[float, ...] = tuning(
         (0.3, 0.9), 'cold starts in all directions, beside no force', unit='of the force scale'
     )
     start_directions: int = tuning(8, 'directions of the cold starts')
-    starts_followed: int = tuning(3, 'cold starts, the best, from which the search begins')
+    starts_followed: int = tuning(
+        3, 'cold starts, the best of a round, from which the search begins: one a frame'
+    )
     rival: float = tuning(
         9.0, 'cost above the best within which another solution counts', unit='chi squared'
     )
@@ -81,6 +83,9 @@ class FusionSettings:
     )
     determined: float = tuning(
         0.06, 'largest std of a component of the force that is published', unit='of the scale'
+    )
+    flat: float = tuning(
+        4.0, 'cost by which a force that is not determined stays as it was', unit='chi squared'
     )
     largest_tip_std: float = tuning(3e-3, 'std of the tip at which nothing is published', unit='m')
     nis_time: float = tuning(2.0, 'time over which the NIS is averaged', unit='s')

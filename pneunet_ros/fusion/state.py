@@ -13,6 +13,7 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.frame_update import ColdRound
 from pneunet_ros.solver.solution import SolverNodes
 
 
@@ -77,8 +78,9 @@ class FusionState:
     readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
     last ones, for frames that come late; waiting: frames whose pressure has not come yet. belief:
     at the last frame that was used. wrench_used_ns: of the wrench in it. solution: of the last
-    estimate. pressure_lost: the belief's bias stands for the whole pressure. since_restart, lost:
-    frames since the last cold starts, and in a row not used. frames: used so far; unused: others
+    estimate. pressure_lost: the belief's bias stands for the whole pressure. since_restart: frames
+    in a row in which the search, begun at a part of the cold starts each, found no other force;
+    lost: frames in a row not used. frames: used so far; unused: others
     by reason.
     """
 
@@ -93,6 +95,7 @@ class FusionState:
     pressure_lost: bool = False
     ambiguous: bool = False
     since_restart: int = 0
+    cold_round: ColdRound = field(default_factory=ColdRound)
     lost: int = 0
     nis: RunningNis | None = None
     estimates: int = 0
