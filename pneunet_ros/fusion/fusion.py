@@ -28,6 +28,7 @@ from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
     Belief,
     BIAS,
+    compress,
     first_belief,
     FORCE,
     forget,
@@ -377,6 +378,7 @@ class Fusion:
         pressed = 0.0 if alone or not math.isfinite(pressed) else pressed
         scale = scale_of(self.settings, before.lack_weights)
         prior = move_belief(self.unknowns, free, shown_ns, scale, pressed)
+        prior = replace(prior, root=compress(prior.root))
         seconds = seconds_between(free.stamp_ns, shown_ns) if free.frames else math.inf
         growth: LackGrowth | None = LackGrowth(
             scale=scale, grown=lack_grown(self.unknowns, seconds, pressed), seconds=seconds
