@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from pneunet_ros.core import jit
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, unseen_targets, WrenchReading
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
@@ -21,8 +22,8 @@ FRAME_PERIOD_NS = NANOSECONDS_PER_SECOND // 10
 def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
     """Run every kernel and every encoder once; returns why there was no estimate, or ''.
 
-    The unloaded arm is shown with and without its wrench, for as many frames as lead to a search
-    from cold starts, which is the slowest thing there is.
+    The unloaded arm is shown without and with its wrench, for as many frames as lead to another
+    search from cold starts, which is the slowest thing there is. Plain Python has nothing to warm.
     """
     arm, sensors = fusion.arm, fusion.sensors
     pressure = 0.5 * sum(arm.pressure_range)
@@ -34,14 +35,15 @@ def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
     if sensors.pressure_reference == 'absolute':
         reading += sensors.ambient_pressure
     state, outcome = FusionState(), None
-    for index in range(fusion.settings.restart_frames + 2):
+    frames = fusion.settings.restart_frames + 2 if jit.is_compiled() else 2
+    for index in range(frames):
         stamp_ns = 1 + index * FRAME_PERIOD_NS
         events: list[Event] = [
             PressureReading(stamp_ns=stamp_ns, pressure=reading),
             replace(unseen_targets(stamp_ns, x.size), x=x, y=y),
             PressureReading(stamp_ns=stamp_ns + FRAME_PERIOD_NS // 2, pressure=reading),
         ]
-        if index > fusion.settings.restart_frames:
+        if index == frames - 1:
             events.insert(0, unloaded(stamp_ns, sensors.frame_id))
         for event in events:
             state, made = fusion.step(state, event)
