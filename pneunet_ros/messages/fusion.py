@@ -28,13 +28,12 @@ from pneunet_ros.messages.builders import (
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import (
     decode_targets,
+    FUSED,
     PRESSURE_TYPE,
     Sensor,
     TARGETS,
     WRENCH_TYPE,
 )
-
-NAMESPACE = 'fused'
 
 # The point of `fused/end_force`: float32 coordinates, and the mode in the 4 bytes after them.
 FORCE_POINT = np.dtype(
@@ -91,16 +90,16 @@ def of_estimate(output: Output[ShapeEstimate]) -> Output[FusedEstimate]:
     fused = cast(Output[Any], output)
     return replace(
         fused,
-        name=f'{NAMESPACE}/{output.name}',
+        name=f'{FUSED}/{output.name}',
         numbers=lambda result: numbers(result.estimate),
     )
 
 
 FUSION_OUTPUTS: tuple[Output[FusedEstimate], ...] = (
     *(of_estimate(output) for output in OUTPUTS),
-    Output(name=f'{NAMESPACE}/end_wrench', type=WRENCH_TYPE, build=end_wrench),
-    Output(name=f'{NAMESPACE}/end_force', type=POINTS_TYPE, build=force_cloud),
-    Output(name=f'{NAMESPACE}/pressure_bias', type=PRESSURE_TYPE, build=pressure_bias),
+    Output(name=f'{FUSED}/end_wrench', type=WRENCH_TYPE, build=end_wrench),
+    Output(name=f'{FUSED}/end_force', type=POINTS_TYPE, build=force_cloud),
+    Output(name=f'{FUSED}/pressure_bias', type=PRESSURE_TYPE, build=pressure_bias),
 )
 
 
