@@ -11,7 +11,7 @@ LIVE_SECONDS ?=
 
 # Two at a time on the common small machine; more than four only fight for the DDS.
 PYTEST_FLAGS := -n auto --maxprocesses 4 --dist worksteal
-BENCHES := $(wildcard $(addprefix bench/,solver.py replay.py latency.py tracker.py tracker_live.py centerline.py))
+BENCHES := $(wildcard $(addprefix bench/,solver.py replay.py latency.py fusion_latency.py tracker.py tracker_live.py centerline.py))
 
 # A sourced ROS, or the environment of another Python, must not leak into ours.
 ifneq ($(AMENT_PREFIX_PATH)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
@@ -82,6 +82,7 @@ colcon: $(COLCON)/all ## build as on a robot, with colcon from PyPI: install/loc
 	bash -c 'source install/local_setup.bash && install/pneunet_ros/lib/pneunet_ros/pneunet --version'
 	test -x install/pneunet_ros/lib/pneunet_ros/estimator
 	test -x install/pneunet_ros/lib/pneunet_ros/tracker
+	test -x install/pneunet_ros/lib/pneunet_ros/fusion
 	test -x install/pneunet_ros/lib/pneunet_ros/virtual_arm
 	test -x install/pneunet_ros/lib/pneunet_ros/pneunet_stack
 

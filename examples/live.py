@@ -1,13 +1,14 @@
-"""The whole stack without hardware: virtual arm, estimator and tracker, and what they say.
+"""The whole stack without hardware: virtual arm, estimator, tracker and fusion, and what they say.
 
     make live                     (Ctrl-C ends it)
     python examples/live.py --seconds 30 --effects "hysteresis.width=4000"
 
 Every node is a process of its own, started as a user would. This one commands a pressure that
-swells and falls, and prints once a second: the pressure; the tip as estimated; how far that is
-from the true one; the targets that the tracker sees in the images, and how far they are from the
-estimated shape (rms); how often estimates and targets come. A hidden effect is one that the
-model of the estimator does not know: the distances grow.
+swells and falls, pulls at the tip, and prints once a second: the pressure; the tip as estimated;
+how far that is from the true one, and how far the fused one is; the pull, and how far the force is
+from it that the fusion estimates without a force sensor; the targets that the tracker sees in the
+images, and how far they are from the estimated shape (rms); how often estimates and targets come.
+A hidden effect is one that the model does not know: the distances grow.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ import sys
 import time
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 import numpy as np
+from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.point_cloud import cloud_points
@@ -37,6 +39,7 @@ from sensor_msgs.msg import FluidPressure, PointCloud2
 MODEL, CAMERA = share_path('config/lab_arm.yaml'), share_path('config/lab_camera.yaml')
 NAMESPACE = '/pneunet'
 LOWEST, HIGHEST, PERIOD = 4e3, 46e3, 16.0  # Pa, Pa, s
+PULL, PULL_PERIOD = (0.03, 0.01), 11.0  # N, s
 START_TIMEOUT = 900.0  # s; the very first time kernels are compiled, by all nodes at once
 STILL_STARTING = 30.0  # s, after which this is said, and again
 
@@ -74,38 +77,62 @@ class Watcher(Node):
         self.true_tips: deque[Any] = deque(maxlen=50)
         self.shapes: deque[Any] = deque(maxlen=200)
         self.misses: list[float] = []  # mm
+        self.fused_misses: list[float] = []  # mm
+        self.pull = (0.0, 0.0)  # N
+        self.force_misses: list[float] = []  # mN
         self.seen, self.beside = 0, math.nan
         self.estimates = self.frames = 0
         self.commands = self.create_publisher(FluidPressure, 'pressure_command', 10)
+        self.loads = self.create_publisher(WrenchStamped, 'force_command', 10)
         self.create_timer(0.05, self.command)
         for kind, topic, take in (
             (FluidPressure, 'pressure', self.take_pressure),
             (PoseStamped, 'true_tip', lambda message: self.true_tips.append(message)),
             (PoseWithCovarianceStamped, 'tip', self.take_tip),
+            (PoseWithCovarianceStamped, 'fused/tip', self.take_fused_tip),
+            (WrenchStamped, 'fused/end_wrench', self.take_force),
             (PointCloud2, 'shape', lambda message: self.shapes.append(message)),
             (PointCloud2, 'targets', self.take_targets),
         ):
             self.create_subscription(kind, topic, take, 10)
 
     def command(self) -> None:
-        """Swell and fall, once there are estimates and targets."""
-        if self.begun is None and self.estimates and self.seen:
+        """Swell and fall, and pull, once there are estimates of both kinds and targets."""
+        if self.begun is None and self.estimates and self.fused_misses and self.seen:
             self.begun = time.monotonic()
-            self.estimates = self.frames = 0
-            self.misses.clear()
+            self.begin_line()
         since = 0.0 if self.begun is None else time.monotonic() - self.begun
-        swing = 0.5 * (1.0 - math.cos(2.0 * math.pi * since / PERIOD))
-        level = 0.0 if self.begun is None else LOWEST + (HIGHEST - LOWEST) * swing
+        level = 0.0 if self.begun is None else LOWEST + (HIGHEST - LOWEST) * swing(since, PERIOD)
         self.commands.publish(FluidPressure(fluid_pressure=level))
+        part = swing(since, PULL_PERIOD)
+        self.pull = PULL[0] * part, PULL[1] * part
+        load = WrenchStamped()
+        load.header.frame_id = BASE_FRAME
+        load.wrench.force.x, load.wrench.force.y = self.pull
+        self.loads.publish(load)
 
     def take_pressure(self, message: FluidPressure) -> None:
         self.pressure = message.fluid_pressure
 
     def take_tip(self, message: PoseWithCovarianceStamped) -> None:
         self.tip, self.estimates = message, self.estimates + 1
-        for true in self.true_tips:
-            if true.header.stamp == message.header.stamp:
-                self.misses.append(1000.0 * apart(message.pose.pose, true.pose))
+        self.misses += self.miss(message)
+
+    def take_fused_tip(self, message: PoseWithCovarianceStamped) -> None:
+        self.fused_misses += self.miss(message)
+
+    def miss(self, message: PoseWithCovarianceStamped) -> list[float]:
+        """How far a tip is from the true one of its stamp (mm), where that is known."""
+        return [
+            1000.0 * apart(message.pose.pose, true.pose)
+            for true in self.true_tips
+            if true.header.stamp == message.header.stamp
+        ]
+
+    def take_force(self, message: WrenchStamped) -> None:
+        force = message.wrench.force
+        if math.isfinite(force.x) and math.isfinite(force.y):
+            self.force_misses.append(1000.0 * math.dist((force.x, force.y), self.pull))
 
     def take_targets(self, message: PointCloud2) -> None:
         self.frames += 1
@@ -126,16 +153,33 @@ class Watcher(Node):
         if self.tip is None:
             return 'waiting for estimates'
         place = self.tip.pose.pose.position
-        miss = f'{np.mean(self.misses):5.2f}' if self.misses else '    -'
         text = (
             f'{self.pressure / 1000.0:6.1f} kPa   tip {1000.0 * place.x:6.1f} '
-            f'{1000.0 * place.y:6.1f} mm   from the true one {miss} mm   '
+            f'{1000.0 * place.y:6.1f} mm   from the true one {mean(self.misses)} mm, '
+            f'fused {mean(self.fused_misses)} mm   '
+            f'pull {1000.0 * math.hypot(*self.pull):4.1f} mN, '
+            f'force off by {mean(self.force_misses)} mN   '
             f'{self.seen:2d}/{self.arclength.size} targets, {self.beside:5.2f} mm from the shape'
             f'   {self.estimates / elapsed:5.1f} estimates/s {self.frames / elapsed:4.1f} frames/s'
         )
-        self.estimates = self.frames = 0
-        self.misses.clear()
+        self.begin_line()
         return text
+
+    def begin_line(self) -> None:
+        """Forget what the last line was of."""
+        self.estimates = self.frames = 0
+        for misses in (self.misses, self.fused_misses, self.force_misses):
+            misses.clear()
+
+
+def swing(since: float, period: float) -> float:
+    """Go from 0 to 1 and back in a period."""
+    return 0.5 * (1.0 - math.cos(2.0 * math.pi * since / period))
+
+
+def mean(misses: list[float]) -> str:
+    """Return the mean in words, a dash where there was nothing."""
+    return f'{np.mean(misses):5.2f}' if misses else '    -'
 
 
 def apart(one: Any, other: Any) -> float:
@@ -198,6 +242,9 @@ def main() -> int:
                 stack.enter_context(Process('estimator', f'model_file:={MODEL}')),
                 stack.enter_context(
                     Process('tracker', f'model_file:={MODEL}', f'camera_file:={CAMERA}')
+                ),
+                stack.enter_context(
+                    Process('fusion', f'model_file:={MODEL}', 'use_wrench:=false')
                 ),
             ]
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

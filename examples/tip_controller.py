@@ -1,11 +1,13 @@
-"""Drive the tip of an arm along a path by commanding its pressure: how to use the estimator.
+"""Drive the tip of an arm along a path and press no more than wanted: how to use the fusion.
 
-There is one actuator, so of every target the tip goes to the nearest point it can reach.
+There is one actuator, so of every target the tip goes to the nearest point it can reach. What is
+in the way is pressed with the wanted force, which is estimated: there is no force sensor.
 
     python examples/tip_controller.py --ros-args -p path:="[0.1038, 0.0363, 0.0896, 0.0572]"
+    python examples/tip_controller.py --ros-args -p press:=0.005
 
-The path holds x, y, x, y, ... in m in the base frame. Without estimates the command is held at
-first, and then the arm is vented.
+The path holds x, y, x, y, ... in m in the base frame; `press` is a force in N. Without estimates,
+or where the force is not known, the command is held at first, and then the arm is vented.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import math
 import signal
 import time
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -26,6 +28,9 @@ from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Float64MultiArray
 
 RATE = 50.0  # Hz, of commands
+SMALL_PART = (
+    0.3  # of a direction, up to which a component of the force that is unknown is left out
+)
 Point = tuple[float, float]
 
 
@@ -34,6 +39,7 @@ class TipController:
     """Follows the gradient of the distance to a target; all times are s of one steady clock."""
 
     path: list[Point]  # m in the base frame
+    press: float = 0.01  # N, force against what is in the way
     gain: float = 3.0  # 1/s, part of the way that is made good in a second
     tolerance: float = 0.0015  # m, along the way that the tip can go
     dwell: float = 0.7  # s within the tolerance, after which the next target is next
@@ -48,7 +54,10 @@ class TipController:
     reached: list[float] = field(default_factory=list)  # m, distance left at every target
     tip: Point = (math.nan, math.nan)
     slope: Point = (0.0, 0.0)  # m/Pa, of the tip with the pressure
+    compliance: tuple[Point, Point] = ((0.0, 0.0), (0.0, 0.0))  # m/N, of x and y with F1 and F2
+    force: Point = (math.nan, math.nan)  # N, on the tip
     seen: float = -math.inf
+    felt: float = -math.inf
     arrived: float | None = None
     last: float | None = None
 
@@ -57,33 +66,61 @@ class TipController:
         if math.isfinite(x) and math.isfinite(y):
             self.tip, self.seen = (x, y), now
 
-    def take_slope(self, dx: float, dy: float) -> None:
-        """Take the first column of the Jacobian; in a play gap it is zero: the last one holds."""
-        if 0.0 < math.hypot(dx, dy) < math.inf:
-            self.slope = dx, dy
+    def take_jacobian(self, slope: Point, compliance: tuple[Point, Point]) -> None:
+        """Take what pressure and force do to the tip; in a play gap the last slope holds."""
+        if all(map(math.isfinite, (*slope, *compliance[0], *compliance[1]))):
+            self.compliance = compliance
+            if slope != (0.0, 0.0):
+                self.slope = slope
+
+    def take_force(self, force_x: float, force_y: float, now: float) -> None:
+        """Take an estimate of the tip force; NaN in a component that is not known."""
+        self.force = force_x, force_y
+        if math.isfinite(self.resistance):
+            self.felt = now
+
+    @property
+    def way(self) -> Point:
+        """The direction in which the tip goes with the pressure."""
+        length = math.hypot(*self.slope)
+        return (self.slope[0] / length, self.slope[1] / length) if length else (0.0, 0.0)
+
+    @property
+    def resistance(self) -> float:
+        """The force against the way (N), NaN where it is not known."""
+        parts = zip(self.way, self.force, strict=True)
+        return -sum(
+            part * force for part, force in parts if math.isfinite(force) or abs(part) > SMALL_PART
+        )
 
     def step(self, now: float) -> float:
         """Return the pressure to command (Pa)."""
         elapsed = 0.0 if self.last is None else now - self.last
         self.last = now
-        silence = now - self.seen
+        silence = now - min(self.seen, self.felt)
         if silence > self.vent_after or self.slope == (0.0, 0.0):
             self.mode = 'waiting' if self.command == 0.0 else 'venting'
             self.command = max(self.command - self.max_rate * elapsed, 0.0)
         elif silence > self.hold_after:
             self.mode = 'holding'
         else:
-            self.mode = 'driving'
             self.drive(now, elapsed)
         return self.command
 
     def drive(self, now: float, elapsed: float) -> None:
-        """Go towards the target, and on to the next one when this one is reached."""
+        """Go towards the target, but press no more than wanted; then to the next target."""
         (x, y), (dx, dy), goal = self.tip, self.slope, self.path[self.target]
         # The pressure (Pa) that brings the tip nearest to its target, to first order.
         missing = (dx * (goal[0] - x) + dy * (goal[1] - y)) / (dx * dx + dy * dy)
+        # And the one that brings the force to what is wanted, where the tip is held.
+        onwards = math.copysign(1.0, missing)
+        (ux, uy), ((cxx, cxy), (cyx, cyy)) = self.way, self.compliance
+        give = ux * (cxx * ux + cxy * uy) + uy * (cyx * ux + cyy * uy)
+        spare = (self.press - onwards * self.resistance) * give / math.hypot(dx, dy)
+        self.mode = 'pressing' if 2.0 * onwards * self.resistance > self.press else 'driving'
         most = self.max_rate * elapsed
-        change = min(max(self.gain * missing * elapsed, -most), most)
+        wanted = onwards * min(abs(missing), spare)
+        change = min(max(self.gain * wanted * elapsed, -most), most)
         self.command = min(max(self.command + change, 0.0), self.max_pressure)
 
         if abs(missing) * math.hypot(dx, dy) > self.tolerance:
@@ -103,12 +140,17 @@ class TipControllerNode(Node):
         super().__init__('tip_controller', namespace='/pneunet')
         default = [0.1038, 0.0363, 0.0896, 0.0572, 0.0697, 0.0728, 0.0896, 0.0572]
         path = self.declare_parameter('path', default).value
+        press = self.declare_parameter('press', TipController.press).value
         points = list(zip(path[::2], path[1::2], strict=True))
-        self.controller = TipController(path=points)
+        self.controller = TipController(path=points, press=press)
         self.mode, self.told = '', 0
         self.commands = self.create_publisher(FluidPressure, 'pressure_command', 10)
-        self.create_subscription(PoseWithCovarianceStamped, 'tip', self.take_tip, 10)
-        self.create_subscription(Float64MultiArray, 'tip_jacobian', self.take_jacobian, 10)
+        for kind, topic, take in (
+            (PoseWithCovarianceStamped, 'fused/tip', self.take_tip),
+            (Float64MultiArray, 'fused/tip_jacobian', self.take_jacobian),
+            (WrenchStamped, 'fused/end_wrench', self.take_force),
+        ):
+            self.create_subscription(kind, topic, take, 10)
         # Silence is a matter of the steady clock: also where simulated time stands still.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / RATE, self.step, clock=clock)
@@ -119,7 +161,12 @@ class TipControllerNode(Node):
 
     def take_jacobian(self, message: Float64MultiArray) -> None:
         # 3 x 4, row by row: d(x, y, theta) / d(pressure, F1, F2, M).
-        self.controller.take_slope(message.data[0], message.data[4])
+        x, y = message.data[0:3], message.data[4:7]
+        self.controller.take_jacobian((x[0], y[0]), ((x[1], x[2]), (y[1], y[2])))
+
+    def take_force(self, message: WrenchStamped) -> None:
+        force = message.wrench.force
+        self.controller.take_force(force.x, force.y, time.monotonic())
 
     def step(self) -> None:
         self.send(self.controller.step(time.monotonic()))
@@ -137,7 +184,7 @@ class TipControllerNode(Node):
             self.mode = controller.mode
             sentence = f'{self.mode} at {controller.command / 1000.0:.1f} kPa'
             if self.mode in ('holding', 'venting'):
-                log.warning(f'{sentence}: no estimate of the tip comes')
+                log.warning(f'{sentence}: no estimate of the tip and of its force comes')
             else:
                 log.info(sentence)
         for left in controller.reached[self.told :]:

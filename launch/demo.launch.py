@@ -1,4 +1,4 @@
-"""Start the whole stack without hardware: virtual arm, estimator and tracker, RViz if asked."""
+"""Start the whole stack without hardware: virtual arm and all nodes, RViz if asked."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -14,11 +14,12 @@ def shipped(folder, name):
 
 ARGUMENTS = {
     'namespace': ('/pneunet', 'of the nodes and their topics'),
-    'params_file': ('', 'YAML file of parameters of all three nodes, by their names; empty: none'),
+    'params_file': ('', 'YAML file of parameters of all nodes, by their names; empty: none'),
     'model_file': (shipped('config', 'lab_arm.yaml'), 'model file of the arm'),
     'camera_file': (shipped('config', 'lab_camera.yaml'), 'camera file of the tracker'),
     'effects': ('', 'hidden effects of the virtual arm: NAME.PARAMETER=VALUE ...'),
     'swing_period': ('8.0', 's; the arm rests so long, then swells and falls; 0.0: it waits'),
+    'fusion': ('true', 'whether to start the node fusion'),
     'rviz': ('false', 'whether to start RViz'),
     'use_sim_time': ('false', 'whether time comes from /clock'),
     'log_level': ('info', 'debug, info, warn or error'),
@@ -61,6 +62,7 @@ def nodes(context):
         ),
         node('estimator', given, model_file=given['model_file']),
         node('tracker', given, model_file=given['model_file'], camera_file=given['camera_file']),
+        *([node('fusion', given, model_file=given['model_file'])] * (given['fusion'] == 'true')),
         *([rviz(context)] if given['rviz'] == 'true' else []),
     ]
 

@@ -160,6 +160,7 @@ def test_a_missing_effect_is_told_of(effect, force):
     assert worst.beyond
     assert worst.rms > 1.5 * worst.limit
     assert 'run pneunet diagnose' in worst.sentence
+    assert ('force is not judged' in worst.sentence) is not loaded
     assert f'{worst.rms:.3g} x' in worst.sentence
     known = Monitored(truth, wrench_required=loaded).tell(*events(run))
     assert not any(item.beyond for item in known.found)
@@ -414,6 +415,12 @@ def test_a_model_without_targets_has_nothing_to_compare():
     ],
 )
 def test_whether_a_model_holds_is_said_in_words(rms, holds, words):
-    agreement = agreement_of([FrameInnovation(stamp_ns=1, rms=value, limit=1.4) for value in rms])
-    assert agreement.holds is holds
-    assert words in agreement.sentence
+    for force_read in (True, False):
+        frames = [
+            FrameInnovation(stamp_ns=1, rms=value, limit=1.4, force_read=force_read)
+            for value in rms
+        ]
+        agreement = agreement_of(frames)
+        assert agreement.holds is holds
+        assert words in agreement.sentence
+        assert ('force is not judged' in agreement.sentence) is not force_read

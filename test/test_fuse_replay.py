@@ -10,8 +10,10 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.messages.builders import POSE_TYPE
 from pneunet_ros.messages.fusion import FUSION_OUTPUTS
 from pneunet_ros.messages.point_cloud import cloud_points
+from pneunet_ros.messages.readings import WRENCH_TYPE
 from pneunet_ros.offline.fuse import fusion_steps, fusion_topics
 from pneunet_ros.recordings.recording import open_recording
 import pytest
@@ -86,3 +88,14 @@ def test_the_wrench_is_read_unless_it_is_not_wanted():
 def test_no_wrench_without_fuse_is_refused(capsys):
     assert main(['replay', str(RECORDING), '--no-wrench']) == 2
     assert '--no-wrench belongs to --fuse' in capsys.readouterr().err
+
+
+def test_an_estimated_wrench_is_never_taken_for_one_that_was_read(replayed, capsys):
+    output, _ = replayed
+    recording = open_recording(output)
+    assert recording.candidates('end_wrench', WRENCH_TYPE) == ()
+    assert len(recording.candidates('tip', POSE_TYPE)) == 1
+    assert main(['replay', str(output)]) == 2
+    assert 'has no topic end_wrench' in capsys.readouterr().err
+    by_name = ['--topic', 'end_wrench=/pneunet/fused/end_wrench']
+    assert main(['replay', str(output), *by_name]) == 0

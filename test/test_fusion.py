@@ -368,3 +368,27 @@ def test_time_that_jumps_back_starts_anew():
     state, _ = fusion().step(state, PressureReading(stamp_ns=10**9, pressure=30e3))
     assert state.belief is None
     assert state.frames == 20
+
+
+def fused_with_clock(ahead_ns: int):
+    """Return what becomes of the last pressure where the camera's clock is so far ahead."""
+    state, outcome = FusionState(), None
+    for frame in range(8):
+        stamp_ns = int(recorded().stamp_ns[frame]) + ahead_ns
+        state, _ = fusion().step(state, sightings(frame, stamp_ns=stamp_ns))
+        state, outcome = fusion().step(state, pressure(frame))
+    return outcome
+
+
+def test_frames_that_are_stamped_ahead_are_told_of_and_not_taken_for_now():
+    near = fused_with_clock(0)
+    assert isinstance(near, FusedEstimate)
+    assert near.mode is Mode.FUSED
+    assert not any('clocks' in words for words in near.estimate.warnings)
+    ahead = fused_with_clock(300_000_000)
+    assert isinstance(ahead, FusedEstimate)
+    assert any('are the clocks of camera' in words for words in ahead.estimate.warnings)
+    far = fused_with_clock(10_000_000_000)
+    assert isinstance(far, Refusal)
+    assert far.reason == 'too_uncertain'
+    assert 'stamped 10 s later than the pressure: are the clocks of camera' in far.sentence

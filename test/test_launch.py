@@ -18,18 +18,19 @@ pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
+from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa: E402
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
 from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noqa: E402
 
-TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'virtual_arm': ARM}
+TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'fusion': FUSION, 'virtual_arm': ARM}
 OF_ROS = {'use_sim_time'}  # a parameter of every node
 EVERYWHERE = {'namespace', 'params_file', 'model_file', 'use_sim_time', 'log_level'}
 FILES = {
     'estimate': (EVERYWHERE, ['estimator']),
     'track': (EVERYWHERE | {'camera_file'}, ['tracker']),
     'demo': (
-        EVERYWHERE | {'camera_file', 'effects', 'rviz', 'swing_period'},
-        ['virtual_arm', 'estimator', 'tracker', 'rviz2'],
+        EVERYWHERE | {'camera_file', 'effects', 'fusion', 'rviz', 'swing_period'},
+        ['virtual_arm', 'estimator', 'tracker', 'fusion', 'rviz2'],
     ),
 }
 
@@ -120,7 +121,13 @@ def test_all_arguments_are_declared_with_a_meaning_and_used(described, name):
 
 @pytest.mark.parametrize('name', FILES)
 def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
-    said = {'rviz': 'true', 'use_sim_time': 'true', 'namespace': '/left', 'log_level': 'debug'}
+    said = {
+        'rviz': 'true',
+        'fusion': 'true',
+        'use_sim_time': 'true',
+        'namespace': '/left',
+        'log_level': 'debug',
+    }
     given = {argument: said.get(argument, '1.0') for argument in FILES[name][0]}
     nodes = list(found(described(name, **given), 'Node'))
     assert [node.named['executable'] for node in nodes] == FILES[name][1]
@@ -143,7 +150,7 @@ def test_every_node_exists_and_has_the_parameters_it_is_given(described, name):
             assert value.named == {'value_type': of_type}
         passed |= set(parameters)
         assert node.named['arguments'] == ['--ros-args', '--log-level', 'debug']
-    assert passed >= FILES[name][0] - {'namespace', 'params_file', 'log_level', 'rviz'}
+    assert passed >= FILES[name][0] - {'namespace', 'params_file', 'log_level', 'rviz', 'fusion'}
 
 
 @pytest.mark.parametrize('name', FILES)
@@ -169,7 +176,8 @@ def test_defaults_are_those_of_the_nodes_or_shipped_files(described, name):
         default = argument.named['default_value']
         if isinstance(default, str):
             expected = {'namespace': '/pneunet', 'log_level': 'info'}
-            expected |= dict.fromkeys(('use_sim_time', 'rviz'), 'false') | {'swing_period': '8.0'}
+            expected |= dict.fromkeys(('use_sim_time', 'rviz'), 'false')
+            expected |= {'swing_period': '8.0', 'fusion': 'true'}
             assert default == expected.get(argument.values[0], '')
         else:
             ((share, *path),) = default.values

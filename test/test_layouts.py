@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.messages.builders import IMAGE_TYPE
 from pneunet_ros.messages.estimate import OUTPUTS, SHAPE_POINT
+from pneunet_ros.messages.fusion import FUSION_OUTPUTS
 from pneunet_ros.messages.markers import markers_output, transform_output
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.messages.tracker import COMPRESSED_TYPE, TRACKER_INPUTS, TRACKER_OUTPUTS
@@ -25,6 +26,7 @@ TYPES = {
     for topic in (
         *SENSORS,
         *OUTPUTS,
+        *FUSION_OUTPUTS,
         *TRACKER_INPUTS,
         *TRACKER_OUTPUTS,
         markers_output(lambda: None),

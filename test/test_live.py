@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 import re
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -20,7 +22,8 @@ from support.dds_peer import START_TIMEOUT  # noqa: E402
 ROOT = Path(__file__).resolve().parent.parent
 LIVE = [sys.executable, str(ROOT / 'examples' / 'live.py')]
 LINE = re.compile(
-    r' *([\d.]+) kPa +tip +(-?[\d.]+) +(-?[\d.]+) mm +from the true one +([\d.]+) mm +'
+    r' *([\d.]+) kPa +tip +(-?[\d.]+) +(-?[\d.]+) mm +from the true one +([\d.]+) mm, '
+    r'fused +([\d.]+|-) mm +pull +([\d.]+) mN, force off by +([\d.]+|-) mN +'
     r'(\d+)/23 targets, +([\d.]+) mm from the shape +([\d.]+) estimates/s +([\d.]+) frames/s'
 )
 
@@ -28,7 +31,10 @@ LINE = re.compile(
 def numbers(text):
     """Return the numbers of every line printed, from the third on."""
     found = [match for line in text.splitlines() if (match := LINE.fullmatch(line))]
-    return [[float(number) for number in match.groups()] for match in found[2:]]
+    return [
+        [math.nan if number == '-' else float(number) for number in match.groups()]
+        for match in found[2:]
+    ]
 
 
 def started(output, **environment):
@@ -53,13 +59,17 @@ def test_estimate_camera_and_truth_agree(tmp_path):
     assert process.wait(3 * START_TIMEOUT) == 0, output.read_text()
     seen = numbers(output.read_text())
     assert len(seen) >= 4, output.read_text()
-    for _, _, _, miss, targets, beside, estimates, frames in seen:
-        assert miss < 1.0
+    for _, _, _, miss, _, _, _, targets, beside, estimates, frames in seen:
+        # A mN of noise of the force sensor moves the tip by up to 4 mm here.
+        assert miss < 8.0
         assert targets == 23
         # The arm moves between a frame and the estimate nearest to it.
         assert beside < 1.5
         assert estimates > 10
         assert frames > 1
+    # Where the machine is too busy for the tracker, frames are late and nothing is fused.
+    assert np.nanmin([fused for *_, fused, _, _, _, _, _, _ in seen]) < 0.5
+    assert np.nanmin([force for *_, force, _, _, _, _ in seen]) < 2.0
     assert 'Traceback' not in output.read_text()
 
 
@@ -68,11 +78,11 @@ def test_a_signal_ends_all_of_it(tmp_path, number):
     output = tmp_path / 'output'
     process = started(output)
     end = time.monotonic() + START_TIMEOUT
-    while output.read_text().count('preparing') < 3:
+    while output.read_text().count('preparing') < 4:
         assert time.monotonic() < end, output.read_text()
         time.sleep(0.1)
     nodes = children(process)
-    assert len(nodes) == 3
+    assert len(nodes) == 4
     process.send_signal(number)
     assert process.wait(START_TIMEOUT) == 0, output.read_text()
     assert 'Traceback' not in output.read_text()

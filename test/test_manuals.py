@@ -12,16 +12,20 @@ from pneunet_ros.core.stamps import STARTS_ANEW
 from pneunet_ros.estimation.consistency import ConsistencyState
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import AHEAD
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
 from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.fusion import FUSION_OUTPUTS
 from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import markers_output, transform_output
-from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS, TARGETS
 from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.model.domain_position import LOAD_OUT_OF_DOMAIN, OUT_OF_RANGE
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import TrackerState
 import pytest
+from support.example_arms import paper_arm
 from support.manuals import page, reasons_in, table, topics, values
 
 pytestmark = pytest.mark.ros
@@ -30,6 +34,8 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from pneunet_ros.estimation.state import EstimatorState  # noqa: E402
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
 from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
+from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa: E402
+from pneunet_ros.nodes.fusion.health import FusionHealth  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.topics import input_qos, latched_qos, output_qos  # noqa: E402
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
@@ -38,7 +44,7 @@ from pneunet_ros.nodes.tracker.node import WRONG_CAMERA_INFO  # noqa: E402
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy  # noqa: E402
 from support.random_estimates import random_estimate  # noqa: E402
 
-NODES = ('estimator', 'tracker')
+NODES = ('estimator', 'tracker', 'fusion')
 OF_EVERY_NODE = {
     'model_info': 'std_msgs/msg/String',
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
@@ -54,6 +60,9 @@ TYPES = {
     },
     'tracker': {topic.name: topic.type for topic in (*TRACKER_INPUTS, *TRACKER_OUTPUTS)}
     | {'image_annotated': IMAGE_TYPE},
+    'fusion': {
+        topic.name: topic.type for topic in (PRESSURE, TARGETS, END_WRENCH, *FUSION_OUTPUTS)
+    },
 }
 COUNTS = MappingProxyType({'<reason>': 1})
 
@@ -77,14 +86,14 @@ def test_quality_of_service_is_that_of_the_code(node):
     for name, (_, direction, quality) in topics(node).items():
         if direction.startswith('in'):
             # The tracker's depends on who publishes: test_following.
-            expected = in_words(input_qos()) if node == 'estimator' else 'as its publisher'
+            expected = in_words(input_qos()) if node != 'tracker' else 'as its publisher'
         else:
             expected = in_words(latched_qos() if 'latched' in direction else output_qos())
         assert quality.startswith(expected), name
 
 
 @pytest.mark.parametrize(
-    ('node', 'parameters'), [('estimator', ESTIMATOR), ('tracker', TRACKER)], ids=NODES
+    ('node', 'parameters'), list(zip(NODES, (ESTIMATOR, TRACKER, FUSION), strict=True)), ids=NODES
 )
 def test_parameters_are_those_of_the_code(node, parameters):
     written = [name for name, *_ in table(page(node), 'parameter')]
@@ -109,6 +118,13 @@ def test_diagnostics_of_the_tracker_are_those_of_the_code():
     assert sorted(values('tracker')) == sorted([*VALUES_OF_EVERY_NODE, *report.values])
 
 
+def test_diagnostics_of_the_fusion_are_those_of_the_code():
+    health, fusion = FusionHealth('/pressure', '/targets', 0.0), Fusion(arm=paper_arm())
+    state = FusionState(unused=COUNTS, readings=EstimatorState(rejected=COUNTS))
+    report = health.report(state, fusion, 0.1)
+    assert sorted(values('fusion')) == sorted([*VALUES_OF_EVERY_NODE, *report.values])
+
+
 REASONS = {
     'estimator': [
         UNREADABLE,
@@ -122,6 +138,16 @@ REASONS = {
         RESTING,
         WRONG_CAMERA_INFO,
         *(reasons_in(m) for m in ('vision/tracker', 'vision/rest_plane', 'vision/row_tracker')),
+    ],
+    'fusion': [
+        UNREADABLE,
+        AHEAD,
+        OUT_OF_RANGE,
+        LOAD_OUT_OF_DOMAIN,
+        *(
+            reasons_in(m)
+            for m in ('fusion/fusion', 'fusion/frame_update', 'fusion/state', 'estimation/state')
+        ),
     ],
 }
 

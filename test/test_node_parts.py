@@ -12,6 +12,7 @@ from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
+from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.domain_position import locate_load
@@ -28,10 +29,11 @@ pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 from pneunet_ros.nodes.configured_node import ConfiguredNode  # noqa: E402
 from pneunet_ros.nodes.estimator.configuration import PARAMETERS as ESTIMATOR  # noqa: E402
 from pneunet_ros.nodes.estimator.health import EstimatorHealth  # noqa: E402
-from pneunet_ros.nodes.estimator.publisher import EstimatePublisher, PUBLISHED  # noqa: E402
 from pneunet_ros.nodes.estimator.warm_up import load_inside, warm_up  # noqa: E402
+from pneunet_ros.nodes.fusion.configuration import PARAMETERS as FUSION  # noqa: E402
 from pneunet_ros.nodes.health import Level  # noqa: E402
 from pneunet_ros.nodes.log import Log  # noqa: E402
+from pneunet_ros.nodes.publisher import EstimatePublisher, in_order  # noqa: E402
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
 from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noqa: E402
 from pneunet_ros.nodes.tracker.health import TrackerHealth  # noqa: E402
@@ -40,7 +42,12 @@ from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as VIRTUAL_AR
 # Parameters
 
 
-TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'virtual_arm': VIRTUAL_ARM}
+TABLES = {
+    'estimator': ESTIMATOR,
+    'tracker': TRACKER,
+    'fusion': FUSION,
+    'virtual_arm': VIRTUAL_ARM,
+}
 FIELDS = [(node, field) for node, table in TABLES.items() for field in table.fields]
 
 
@@ -122,7 +129,7 @@ def published_in(seconds, rate, centerline_rate, subscribers=1):
     """How many messages of each topic estimates of a steady rate bring."""
     node = SilentNode()
     serializer = MessageSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
-    outputs = EstimatePublisher(node, serializer, centerline_rate)
+    outputs = EstimatePublisher(node, serializer, centerline_rate, OUTPUTS)
     for publisher in node.publishers.values():
         publisher.subscribers = subscribers
     estimate = random_estimate(3)
@@ -255,7 +262,7 @@ def test_the_log_repeats_itself_once_a_minute():
 
 
 def test_what_controllers_need_is_published_first():
-    names = [topic.name for topic in PUBLISHED]
+    names = [topic.name for topic in in_order(OUTPUTS)]
     assert names == ['shape', 'tip', 'tip_jacobian', 'curvature', 'centerline']
 
 

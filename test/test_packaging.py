@@ -105,14 +105,17 @@ def test_what_is_imported_is_declared(manifest, setup_arguments):
 
 
 def test_pip_puts_only_names_of_the_package_on_the_path(setup_arguments):
-    nodes = {'pneunet-estimator', 'pneunet-tracker', 'pneunet-virtual-arm', 'pneunet-stack'}
+    words = ('estimator', 'tracker', 'fusion', 'virtual-arm', 'stack')
+    nodes = {f'pneunet-{word}' for word in words}
     assert set(commands_of(setup_arguments)) == {'pneunet', *nodes}
 
 
 @pytest.mark.parametrize('word', ['install', 'develop'])
 def test_colcon_has_the_names_that_ros2_run_and_launch_files_use(word):
     names = set(commands_of(arguments_of_setup(word)))
-    assert names == {'pneunet', 'estimator', 'tracker', 'virtual_arm', 'pneunet_stack'}
+    assert names == {
+        'pneunet', 'estimator', 'tracker', 'fusion', 'virtual_arm', 'pneunet_stack',
+    }  # fmt: skip
 
 
 def test_the_long_description_leads_nowhere_that_it_does_not_know(setup_arguments):

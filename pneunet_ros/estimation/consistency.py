@@ -46,6 +46,7 @@ class ConsistencySettings:
 
 
 DEFAULTS = ConsistencySettings()
+FORCE_NOT_JUDGED = 'without an end wrench force is not judged: one on the arm looks the same'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +55,8 @@ class Disagreement:
 
     rms: of the whitened difference, 1 where it is all noise; limit: what noise does not exceed;
     target, arclength (m): where it is largest, against its own noise; beyond: rms is beyond the
-    limit, and not by a few frames. stamp_ns: of the last frame.
+    limit, and not by a few frames. force_read: whether the end load was measured. stamp_ns: of the
+    last frame.
     """
 
     stamp_ns: int
@@ -63,6 +65,7 @@ class Disagreement:
     target: int
     arclength: float
     beyond: bool
+    force_read: bool
 
     def exceeds(self, other: Disagreement) -> bool:
         """Whether it is worse than another: first whether it is beyond noise, then how much."""
@@ -74,7 +77,7 @@ class Disagreement:
         return (
             f'measured targets are {self.rms:.3g} x their noise from the estimate (noise alone: '
             f'less than {self.limit:.3g}), worst at {self.arclength:.4g} m, target {self.target}: '
-            'run pneunet diagnose'
+            'run pneunet diagnose' + ('' if self.force_read else f' ({FORCE_NOT_JUDGED})')
         )
 
 
@@ -82,12 +85,14 @@ class Disagreement:
 class FrameInnovation:
     """How far the targets of one frame were from their estimate.
 
-    rms: of the whitened difference, 1 where it is all noise; limit: what noise rarely exceeds.
+    rms: of the whitened difference, 1 where it is all noise; limit: what noise rarely exceeds;
+    force_read: whether the end load was measured.
     """
 
     stamp_ns: int
     rms: float
     limit: float
+    force_read: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +101,7 @@ class Agreement:
 
     median: of the whitened rms of a frame, 1 where it is all noise; limit: what noise rarely
     exceeds; beyond: share of frames beyond that, and most: the share up to which the model holds.
+    force_read: whether the end load was measured in all of them.
     """
 
     frames: int
@@ -103,6 +109,7 @@ class Agreement:
     limit: float
     beyond: float
     most: float
+    force_read: bool
 
     @property
     def holds(self) -> bool:
@@ -119,6 +126,7 @@ class Agreement:
             f'{verdict}: median {self.median:.2f} x the noise, more than noise explains in '
             f'{100.0 * self.beyond:.0f} % of {self.frames} frames (it holds up to '
             f'{100.0 * self.most:.0f} %){advice}'
+            + ('' if self.force_read else f'; {FORCE_NOT_JUDGED}')
         )
 
 
@@ -129,7 +137,7 @@ class RunningInnovation:
     weight: how many frames they are worth; frames: how many there were; chi_square: per
     coordinate; coordinates: in a frame; beyond: share of frames beyond the limit; at_targets
     (targets,): chi square of each target per coordinate, NaN where it was never seen; arclength
-    (targets,) m: of the targets.
+    (targets,) m: of the targets; force_read: whether the end load was measured in the last one.
     """
 
     stamp_ns: int
@@ -140,6 +148,7 @@ class RunningInnovation:
     beyond: float
     at_targets: Array
     arclength: Array
+    force_read: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -183,6 +192,7 @@ class ConsistencyState:
             target=target,
             arclength=float(running.arclength[target]),
             beyond=running.chi_square > most and running.beyond >= settings.share,
+            force_read=running.force_read,
         )
 
 
@@ -197,6 +207,7 @@ def agreement_of(
         limit=float(np.median(limit)),
         beyond=float(np.mean(rms > limit)),
         most=settings.most_beyond,
+        force_read=all(frame.force_read for frame in compared),
     )
 
 
@@ -283,8 +294,12 @@ def add_frame(
     stamp_ns, time = sightings.stamp_ns, estimator.settings.watch_time
     chi_square = frame.chi_square / frame.coordinates
     most = chi_square_limit(frame.coordinates, settings.quantile)
+    force_read = estimate.wrench_age is not None
     by_itself = FrameInnovation(
-        stamp_ns=stamp_ns, rms=math.sqrt(chi_square), limit=math.sqrt(most)
+        stamp_ns=stamp_ns,
+        rms=math.sqrt(chi_square),
+        limit=math.sqrt(most),
+        force_read=force_read,
     )
     beyond = float(chi_square > most)
     since = math.inf if before is None else seconds_between(before.stamp_ns, stamp_ns)
@@ -298,6 +313,7 @@ def add_frame(
             beyond=beyond,
             at_targets=freeze(frame.at_targets),
             arclength=estimator.arm.target_arclength,
+            force_read=force_read,
         )
         return running, by_itself
     weight = before.weight * math.exp(-since / time) + 1.0
@@ -313,6 +329,7 @@ def add_frame(
         beyond=before.beyond + share * (beyond - before.beyond),
         at_targets=freeze(known + share * (news - known)),
         arclength=before.arclength,
+        force_read=force_read,
     )
     return running, by_itself
 

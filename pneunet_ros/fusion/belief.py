@@ -173,14 +173,14 @@ def lack_grown(unknowns: Unknowns, seconds: float, pressed: float) -> Array:
 def move_belief(
     unknowns: Unknowns, belief: Belief, stamp_ns: int, scale: float, pressed: float = 0.0
 ) -> Belief:
-    """Return the belief at a later stamp.
+    """Return the belief at another stamp, before or after its own: it tells as little of both.
 
     scale: of what the model lacks; pressed (Pa): by how much the pressure has moved since. What
     moves is an Ornstein-Uhlenbeck process of the std before any frame, and what the model lacks
     moves with the pressure as well; the force keeps its mean, and only grows less certain, at
     first by its walk.
     """
-    seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
+    seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
     if seconds == 0.0 and pressed == 0.0:
         return replace(belief, stamp_ns=stamp_ns)
     force_time = 2.0 * (unknowns.force_scale / belief.walk) ** 2

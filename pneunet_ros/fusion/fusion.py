@@ -158,12 +158,29 @@ class Fusion:
                 state = replace(state, waiting=(*state.waiting, sightings))
         state = self.with_pressure(state)
         age = self.target_age(state, instant.stamp_ns)
-        late = age is None or age > self.settings.target_timeout
+        late = age is None or abs(age) > self.settings.target_timeout
+        ahead = self.ahead_notes(state)
         mode = Mode.PREDICTION if late else Mode.FUSED
-        state, outcome = self.publish(state, instant, mode, notes)
+        state, outcome = self.publish(state, instant, mode, [*notes, *ahead])
         if isinstance(outcome, Refusal):
             state = state.count_rejected(outcome.reason)
+            outcome = replace(outcome, sentence='; '.join([outcome.sentence, *ahead]))
         return state, outcome
+
+    def ahead_notes(self, state: FusionState) -> list[str]:
+        """Say that frames come long before the pressure that they were taken at, by the stamps."""
+        last_ns = state.pressures[-1].stamp_ns
+        before_ns = state.pressures[max(len(state.pressures) - 2, 0)].stamp_ns
+        shown = [self.shown_ns(sightings) for sightings in state.waiting]
+        if state.belief is not None and state.belief.frames:
+            shown.append(state.belief.stamp_ns)
+        ahead = max((seconds_between(last_ns, ns) for ns in shown), default=0.0)
+        if ahead <= self.settings.most_ahead + 1.5 * seconds_between(before_ns, last_ns):
+            return []
+        return [
+            f'the last frame of targets is stamped {ahead:.3g} s later than the pressure: are the '
+            'clocks of camera and pressure sensor apart?'
+        ]
 
     def instant_at(self, state: FusionState, reading: PressureReading) -> PressureInstant:
         """Return what a pressure reading says of the chamber."""
@@ -416,7 +433,7 @@ class Fusion:
         if update.coordinates:
             limit = chi_square_limit(update.coordinates, self.settings.quantile)
             value = update.nis / update.coordinates
-            first = RunningNis(stamp_ns=shown_ns, weight=1.0, mean=value, limit=limit)
+            first = RunningNis(stamp_ns=shown_ns, weight=1.0, last=value, mean=value, limit=limit)
             nis = (
                 first
                 if nis is None

@@ -49,6 +49,9 @@ class FusionSettings:
     )
     pressure_kept: int = tuning(256, 'pressure readings that wait for frames, which come later')
     wrenches_kept: int = tuning(256, 'end wrenches that wait for frames')
+    most_ahead: float = tuning(
+        0.1, 'of a frame before its pressure, which is told beyond it', unit='s'
+    )
     most_waiting: int = tuning(32, 'frames that wait for their pressure reading')
     fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
     small_gain: float = tuning(1e-3, 'gain of a step that ends the search', unit='chi squared')

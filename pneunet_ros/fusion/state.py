@@ -34,12 +34,29 @@ class PressureInstant:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunningNis:
-    """Mean NIS per coordinate of the frames of the last while, and what noise rarely exceeds."""
+    """Mean NIS per coordinate of the frames of the last while, and what noise rarely exceeds.
+
+    last: that of the last frame alone.
+    """
 
     stamp_ns: int
     weight: float
+    last: float
     mean: float
     limit: float
+
+    @property
+    def beyond(self) -> bool:
+        """Whether targets have lately been further from the fused shape than noise explains."""
+        return self.mean > self.limit
+
+    @property
+    def sentence(self) -> str:
+        """Say it to a person."""
+        return (
+            'targets are further from the fused shape than noise explains (running NIS '
+            f'{self.mean:.3g}, noise alone: less than {self.limit:.3g}): run pneunet diagnose'
+        )
 
     def followed_by(self, stamp_ns: int, nis: float, limit: float, time: float) -> RunningNis:
         """Return the mean with one more frame; older ones count less and less."""
@@ -48,6 +65,7 @@ class RunningNis:
         return RunningNis(
             stamp_ns=stamp_ns,
             weight=weight,
+            last=nis,
             mean=self.mean + (nis - self.mean) / weight,
             limit=limit,
         )
@@ -92,6 +110,10 @@ class FusionState:
             frames=self.frames,
             unused=self.unused,
         )
+
+    def restarted(self) -> FusionState:
+        """Forget also that there were readings, and with them the history of the arm."""
+        return replace(self.fresh(), readings=self.readings.fresh())
 
     def without_frames(self) -> FusionState:
         """Forget the frames; readings and counts go on."""

@@ -1,4 +1,4 @@
-"""The outputs of the fusion: an entry for each topic, with the one layout of its messages.
+"""The messages of the fusion: what is read, and an entry for each topic that is written.
 
 What is known of the shape has the layout of the estimator's topics, so that who reads these remaps
 one name.
@@ -12,13 +12,28 @@ from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+from pneunet_ros.core.errors import MessageError
+from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.fusion.estimate import FusedEstimate
-from pneunet_ros.messages.builders import MessageTypes, Output, point_cloud, POINTS_TYPE
+from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome
+from pneunet_ros.fusion.fusion import Event, Fusion
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.messages.builders import (
+    MessageTypes,
+    Output,
+    point_cloud,
+    POINTS_TYPE,
+    UNREADABLE,
+)
 from pneunet_ros.messages.estimate import OUTPUTS
-from pneunet_ros.messages.readings import PRESSURE_TYPE, WRENCH_TYPE
-
-NAMESPACE = 'fused'
+from pneunet_ros.messages.readings import (
+    decode_targets,
+    FUSED,
+    PRESSURE_TYPE,
+    Sensor,
+    TARGETS,
+    WRENCH_TYPE,
+)
 
 # The point of `fused/end_force`: float32 coordinates, and the mode in the 4 bytes after them.
 FORCE_POINT = np.dtype(
@@ -75,14 +90,36 @@ def of_estimate(output: Output[ShapeEstimate]) -> Output[FusedEstimate]:
     fused = cast(Output[Any], output)
     return replace(
         fused,
-        name=f'{NAMESPACE}/{output.name}',
+        name=f'{FUSED}/{output.name}',
         numbers=lambda result: numbers(result.estimate),
     )
 
 
 FUSION_OUTPUTS: tuple[Output[FusedEstimate], ...] = (
     *(of_estimate(output) for output in OUTPUTS),
-    Output(name=f'{NAMESPACE}/end_wrench', type=WRENCH_TYPE, build=end_wrench),
-    Output(name=f'{NAMESPACE}/end_force', type=POINTS_TYPE, build=force_cloud),
-    Output(name=f'{NAMESPACE}/pressure_bias', type=PRESSURE_TYPE, build=pressure_bias),
+    Output(name=f'{FUSED}/end_wrench', type=WRENCH_TYPE, build=end_wrench),
+    Output(name=f'{FUSED}/end_force', type=POINTS_TYPE, build=force_cloud),
+    Output(name=f'{FUSED}/pressure_bias', type=PRESSURE_TYPE, build=pressure_bias),
 )
+
+
+def fuse_message(
+    fusion: Fusion, state: FusionState, sensor: Sensor[Any], message: Any
+) -> tuple[FusionState, FusionOutcome]:
+    """Take a message of pressure, end wrench or targets: the same lines live and in a replay.
+
+    What comes of it is as of `Fusion.step`; a message that is not what its topic promises is
+    counted and gives a Refusal.
+    """
+    event: Event
+    try:
+        if sensor is TARGETS:
+            event = decode_targets(message, fusion.sensors.frame_id, fusion.unknowns.targets)
+        else:
+            event = sensor.decode(message)
+    except MessageError as error:
+        refusal = Refusal(stamp_ns=0, reason=UNREADABLE, sentence=str(error), error=False)
+        if sensor is TARGETS:
+            return state.count_unused(UNREADABLE), refusal
+        return state.count_rejected(UNREADABLE), refusal
+    return fusion.step(state, event)

@@ -357,3 +357,10 @@ SENSORS: tuple[Sensor[Any], ...] = (
     TARGETS,
     TIP_POSE,
 )
+FUSED = 'fused'  # namespace of what the fusion estimates
+
+
+def is_estimated(topic: str) -> bool:
+    """Whether a topic has the name of a sensor, and holds what the fusion estimated instead."""
+    *_, space, name = ('', *topic.split('/'))
+    return space == FUSED and any(name == sensor.name for sensor in SENSORS)

@@ -31,17 +31,23 @@ class ParameterTable:
     """The fields of dataclasses of settings as the parameters of a node.
 
     read_only: names of those that hold for the life of a node, as topics and the layout of
-    messages hang on them.
+    messages hang on them. left_out: fields that mean nothing to the node, and keep their default.
     """
 
     owners: tuple[type, ...]
     read_only: frozenset[str]
+    left_out: frozenset[str] = frozenset()
     fields: tuple[dataclasses.Field[Any], ...] = field(init=False)
 
     def __post_init__(self) -> None:
         """Collect the fields."""
-        fields = tuple(item for owner in self.owners for item in dataclasses.fields(owner))
+        fields = tuple(item for owner in self.owners for item in self.used_fields(owner))
         object.__setattr__(self, 'fields', fields)
+
+    def used_fields(self, owner: type) -> list[dataclasses.Field[Any]]:
+        """Return the fields of a dataclass of settings that are parameters of the node."""
+        fields = dataclasses.fields(owner)
+        return [item for item in fields if item.name not in self.left_out]
 
     def describe(self, item: dataclasses.Field[Any]) -> ParameterDescriptor:
         """Describe a parameter for people, and for rclpy, which holds it to its range."""
@@ -91,7 +97,7 @@ class ParameterTable:
         given: the values of all parameters by name; other names are passed over.
         """
         return tuple(
-            owner(**{item.name: given[item.name] for item in dataclasses.fields(owner)})
+            owner(**{item.name: given[item.name] for item in self.used_fields(owner)})
             for owner in self.owners
         )
 

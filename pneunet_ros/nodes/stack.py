@@ -11,7 +11,7 @@ import sys
 from pneunet_ros.nodes.start import NODES, start
 
 DEFAULT = ('estimator', 'tracker')
-USAGE = """usage: pneunet-stack [virtual_arm] [estimator] [tracker] [--ros-args ...]
+USAGE = """usage: pneunet-stack [virtual_arm] [estimator] [tracker] [fusion] [--ros-args ...]
 
 Runs nodes in one process, by default estimator and tracker. A parameter on the command line goes
 to all of them, and one that does not know it says so; a file of parameters names the nodes:

@@ -21,6 +21,7 @@ NODES = {
     'virtual_arm': 'VirtualArmNode',
     'estimator': 'EstimatorNode',
     'tracker': 'TrackerNode',
+    'fusion': 'FusionNode',
 }
 
 

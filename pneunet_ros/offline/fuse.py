@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
-from pneunet_ros.messages.builders import UNREADABLE
-from pneunet_ros.messages.fusion import FUSION_OUTPUTS
-from pneunet_ros.messages.readings import decode_targets, END_WRENCH, PRESSURE, Sensor, TARGETS
+from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.offline.replay import estimate_topic
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
@@ -54,22 +52,8 @@ def fusion_steps(
 ) -> Iterator[FusionStep]:
     """Feed the recorded readings and frames to the fusion in the order of their log time."""
     state = FusionState()
-    outcome: FusionOutcome
-    targets, frame_id = fusion.unknowns.targets, fusion.sensors.frame_id
     for message in recording.messages(list(topics)):
-        sensor = topics[message.topic]
-        try:
-            if sensor is TARGETS:
-                event = decode_targets(message.message, frame_id, targets)
-            else:
-                event = sensor.decode(message.message)
-        except MessageError as error:
-            outcome = Refusal(
-                stamp_ns=message.log_time_ns, reason=UNREADABLE, sentence=str(error), error=False
-            )
-            state = state.count_rejected(UNREADABLE)
-        else:
-            state, outcome = fusion.step(state, event)
+        state, outcome = fuse_message(fusion, state, topics[message.topic], message.message)
         yield FusionStep(message=message, outcome=outcome, state=state)
 
 

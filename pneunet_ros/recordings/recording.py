@@ -17,6 +17,7 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.records import Channel
 from pneunet_ros.core.errors import MessageError, RecordingError, shortened
 from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.messages.readings import is_estimated
 from pneunet_ros.recordings.bag_folder import mcap_files
 from pneunet_ros.recordings.limits import LIMITS
 from pneunet_ros.recordings.mcap_file import McapFile, open_mcap, read_block
@@ -78,11 +79,16 @@ class Recording:
         raise RecordingError(f'{self.path} has no topic {name}; it holds {self._contents()}')
 
     def candidates(self, last_name: str, type_name: str) -> tuple[str, ...]:
-        """List the topics of this type with this last name, or names as 'image_raw/compressed'."""
+        """List the topics of this type with this last name, or names as 'image_raw/compressed'.
+
+        A wrench that was estimated is none that was read: it is taken only by its full name.
+        """
         return tuple(
             topic.name
             for topic in self.topics
-            if topic.type == type_name and f'/{topic.name}'.endswith(f'/{last_name}')
+            if topic.type == type_name
+            and f'/{topic.name}'.endswith(f'/{last_name}')
+            and not is_estimated(topic.name)
         )
 
     def find(self, last_name: str, type_name: str, override: str | None = None) -> str:

@@ -14,8 +14,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from pneunet_ros.messages.builders import IMAGE_TYPE, Output
+from pneunet_ros.messages.builders import IMAGE_TYPE, nanoseconds, Output
 from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.fusion import FUSION_OUTPUTS
+from pneunet_ros.messages.point_cloud import cloud_points
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
 from pneunet_ros.messages.tracker import CAMERA_INFO_TYPE, TRACKER_OUTPUTS
 from pneunet_ros.nodes.ros_types import message_class
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
@@ -35,6 +38,7 @@ IDLE_SPINS = 5  # looks around that find nothing, until all that has come was ta
 MOST_SPINS = 200
 DEPTH = 1000  # of what is heard: nothing is lost while this process waits for its turn
 NANOSECONDS = 1_000_000_000
+END_FORCE = 'fused/end_force'
 
 
 class NodeProcess:
@@ -267,6 +271,36 @@ class EstimatorPeer(Peer):
             self.send(10_000.0 + time.monotonic() - begin)
             self.spin_for(0.05)
         self.start_anew()
+
+
+class FusionPeer(Peer):
+    """The sensors of the fusion; messages are given as bytes, so that they are those of a file."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain, 'fusion', FUSION_OUTPUTS)
+        self.sensors = {
+            sensor.name: self.node.create_publisher(message_class(sensor.type), sensor.name, 10)
+            for sensor in (PRESSURE, TARGETS, END_WRENCH)
+        }
+
+    def connect(self, messages: Sequence[tuple[str, bytes]]) -> None:
+        """Play messages, (sensor, bytes), until every output is heard; then start anew."""
+        self.barrier()
+        begin = time.monotonic()
+        while not all(self.outputs().values()):
+            assert time.monotonic() - begin < START_TIMEOUT, self.outputs()
+            self.trigger('reset')
+            for name, raw in messages:
+                self.sensors[name].publish(raw)
+                self.barrier()
+        self.start_anew()
+
+    def modes(self) -> list[tuple[int, int]]:
+        """Return mode and stamp (ns) of every fused estimate that was heard."""
+        return [
+            (int(cloud_points(cloud)['mode'][0]), nanoseconds(cloud.header.stamp))
+            for cloud in self.received[END_FORCE]
+        ]
 
 
 class CameraPeer(Peer):

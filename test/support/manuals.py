@@ -58,6 +58,9 @@ def _places(tree: ast.AST) -> Iterator[ast.expr]:
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             if node.func.id == 'refuse' and len(node.args) > 1:
                 yield node.args[1]
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            if node.func.attr == 'count_unused':
+                yield node.args[0]
         elif isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple):
             yield node.value.elts[0]
         elif isinstance(node, ast.Assign):

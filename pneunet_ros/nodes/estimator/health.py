@@ -9,7 +9,15 @@ from pneunet_ros.estimation.consistency import ConsistencyState, Disagreement
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.nodes.health import age, count_texts, InputHealth, Level, Report, texts
+from pneunet_ros.nodes.health import (
+    age,
+    count_texts,
+    force_judged,
+    InputHealth,
+    Level,
+    Report,
+    texts,
+)
 
 NO_CONSISTENCY = ConsistencyState()
 
@@ -133,6 +141,7 @@ class EstimatorHealth(InputHealth):
         values: dict[str, Any] = {
             'disagreement': found.rms if found else None,
             'disagreement_limit': found.limit if found else None,
+            'force_judged': None if found is None else force_judged(found.force_read),
             'worst_target': found.target if found else None,
             'worst_station_m': found.arclength if found else None,
             'targets_age_s': age(self._targets_at, now),

@@ -20,6 +20,7 @@ from pneunet_ros.estimation.pressure_tare import pressure_zero
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
+from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes.configured_node import ConfiguredNode
@@ -30,8 +31,8 @@ from pneunet_ros.nodes.estimator.configuration import (
     share_arm_and_settings,
 )
 from pneunet_ros.nodes.estimator.health import EstimatorHealth
-from pneunet_ros.nodes.estimator.publisher import EstimatePublisher
 from pneunet_ros.nodes.estimator.warm_up import warm_up
+from pneunet_ros.nodes.publisher import EstimatePublisher
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
 from pneunet_ros.nodes.topics import input_qos, subscription
 from rclpy.parameter import Parameter
@@ -69,7 +70,9 @@ class EstimatorNode(ConfiguredNode[EstimatorConfiguration]):
 
         node = self.configuration.node
         markers = node.markers(lambda: self.configuration.estimator.arm)
-        self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, markers)
+        self.outputs = EstimatePublisher(
+            self, serializer, node.centerline_rate, (*OUTPUTS, *markers)
+        )
         self.open_services()
         self.create_service(Trigger, '~/zero_pressure', self.zero_pressure)
 

@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Generic
 
-from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.messages.builders import Output
-from pneunet_ros.messages.estimate import OUTPUTS
+from pneunet_ros.messages.builders import Output, Result
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.nodes.topics import output_qos, publisher
 
-# Published first, as a controller may wait for them; the centerline last, as it is for people.
-FOR_CONTROL = ('shape', 'tip', 'tip_jacobian')
+# By their last names. Published first, as a controller may wait for them; the centerline last, as
+# it is for people.
+FOR_CONTROL = ('shape', 'tip', 'tip_jacobian', 'end_force', 'end_wrench')
 FOR_PEOPLE = ('centerline', 'markers', 'joint_states')
-PUBLISHED = tuple(
-    sorted(OUTPUTS, key=lambda topic: (topic.name not in FOR_CONTROL, topic.name in FOR_PEOPLE))
-)
 
 
-class EstimatePublisher:
+def last_name(topic: Output[Any]) -> str:
+    """Return the name of a topic without its namespace."""
+    return topic.name.rpartition('/')[2]
+
+
+def in_order(outputs: Iterable[Output[Result]]) -> tuple[Output[Result], ...]:
+    """Return outputs in the order in which they are published."""
+    return tuple(
+        sorted(
+            outputs,
+            key=lambda topic: (
+                last_name(topic) not in FOR_CONTROL,
+                last_name(topic) in FOR_PEOPLE,
+            ),
+        )
+    )
+
+
+class EstimatePublisher(Generic[Result]):
     """Publishes estimates on all their topics, as far as somebody listens.
 
     A message is not even built for a topic without subscribers. `centerline_rate` (Hz) limits the
     topics for people, as building and reading them is costly; 0 means every estimate.
-    `markers` are published beside the topics that are always there.
     """
 
     def __init__(
@@ -31,22 +45,23 @@ class EstimatePublisher:
         node: Any,
         serializer: MessageSerializer,
         centerline_rate: float,
-        markers: tuple[Output[ShapeEstimate], ...] = (),
+        outputs: Iterable[Output[Result]],
     ) -> None:
         self.centerline_rate = centerline_rate
         self._serializer = serializer
         self._due = dict.fromkeys(FOR_PEOPLE, 0.0)
-        self._publishers: tuple[tuple[Output[ShapeEstimate], Any], ...] = tuple(
+        self._publishers: tuple[tuple[Output[Result], Any], ...] = tuple(
             (topic, publisher(node, topic.type, topic.name, output_qos()))
-            for topic in (*PUBLISHED, *markers)
+            for topic in in_order(outputs)
         )
 
-    def publish(self, estimate: ShapeEstimate, now: float) -> None:
+    def publish(self, estimate: Result, now: float) -> None:
         """Publish an estimate; now: seconds of a steady clock."""
         for topic, out in self._publishers:
             if out.get_subscription_count() == 0:
                 continue
-            if topic.name in FOR_PEOPLE and not self._is_due(topic.name, now):
+            name = last_name(topic)
+            if name in FOR_PEOPLE and not self._is_due(name, now):
                 continue
             out.publish(self._serializer.bytes_of(topic, estimate))
 

@@ -1,0 +1,180 @@
+"""Latency of the node `fusion`: from a frame of targets to the fused tip, over DDS.
+
+A recording is played at its own pace: each frame is sent just before the pressure reading that
+follows it, and the time counts from the frame to the `fused/tip` of that reading. As in
+`latency.py` a node that answers a pressure with a constant pose (`bare`) tells how much of it is
+the machine's. There is no force sensor, which is the slower case. The target is for a machine with
+nothing else to do.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import contextlib
+import json
+import os
+from pathlib import Path
+import sys
+import tempfile
+import time
+
+from latency import CHECKOUT, NAMESPACE, running_node
+import numpy as np
+
+RECORDING = CHECKOUT / 'bags' / 'lab_day' / 'heldout.mcap'
+TARGET_ABOVE_MS = 6.0  # p99 above that of a bare node
+WARM_UP = 2.0  # s at the beginning that are not counted
+NODE = ['-m', 'pneunet_ros.nodes.fusion']
+BARE_NODE = [__file__, '--bare-node']
+
+
+def bare_node() -> None:
+    """Answer every pressure with a pose, and take frames as well."""
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+    import rclpy
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.qos import qos_profile_sensor_data
+    from sensor_msgs.msg import FluidPressure, PointCloud2
+
+    rclpy.init()
+    node = rclpy.create_node('fusion')
+    tips = node.create_publisher(PoseWithCovarianceStamped, 'fused/tip', 10)
+    tip = PoseWithCovarianceStamped()
+
+    def answer(message: FluidPressure) -> None:
+        tip.header = message.header
+        tips.publish(tip)
+
+    qos = qos_profile_sensor_data
+    node.create_subscription(PointCloud2, 'targets', lambda message: None, qos)
+    node.create_subscription(FluidPressure, 'pressure', answer, qos)
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node, SingleThreadedExecutor())
+
+
+def turns(path: Path) -> Iterator[tuple[float, tuple[int, int], bytes, bytes | None]]:
+    """Yield time (s), stamp and bytes of every pressure, and the frame that came before it."""
+    from pneunet_ros.recordings.recording import open_recording
+
+    recording = open_recording(path)
+    frame, begin = None, None
+    for message in recording.messages([f'{NAMESPACE}/pressure', f'{NAMESPACE}/targets']):
+        begin = message.log_time_ns if begin is None else begin
+        if message.topic.endswith('targets'):
+            frame = bytes(message.raw)
+            continue
+        stamp = message.message.header.stamp
+        since = 1e-9 * (message.log_time_ns - begin)
+        yield since, (stamp.sec, stamp.nanosec), bytes(message.raw), frame
+        frame = None
+
+
+class Player:
+    """Plays the sensors and notes when the tips come."""
+
+    def __init__(self) -> None:
+        from geometry_msgs.msg import PoseWithCovarianceStamped
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.qos import qos_profile_sensor_data
+        from sensor_msgs.msg import FluidPressure, PointCloud2
+
+        rclpy.init()
+        self.node = rclpy.create_node('player', namespace=NAMESPACE)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        qos = qos_profile_sensor_data
+        self.pressure = self.node.create_publisher(FluidPressure, 'pressure', qos)
+        self.targets = self.node.create_publisher(PointCloud2, 'targets', qos)
+        self.node.create_subscription(PoseWithCovarianceStamped, 'fused/tip', self.take_tip, 10)
+        self.sent: dict[tuple[int, int], int] = {}
+        self.latency: dict[tuple[int, int], float] = {}
+
+    def take_tip(self, message) -> None:
+        now = time.perf_counter_ns()
+        stamp = message.header.stamp.sec, message.header.stamp.nanosec
+        if stamp in self.sent:
+            self.latency[stamp] = 1e-6 * (now - self.sent[stamp])
+
+    def connect(self) -> None:
+        """Wait until the node hears both topics and is heard."""
+        end = time.monotonic() + 120.0
+        while (
+            min(self.pressure.get_subscription_count(), self.targets.get_subscription_count()) < 1
+            or self.node.count_publishers('fused/tip') < 1
+        ):
+            if time.monotonic() > end:
+                raise SystemExit('the node did not come')
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def play(self) -> None:
+        """Send the recording, and listen in between."""
+        begin = time.perf_counter()
+        for since, stamp, pressure, frame in turns(RECORDING):
+            while (left := begin + since - time.perf_counter()) > 0.0:
+                self.executor.spin_once(timeout_sec=left)
+            if frame is not None:
+                if since > WARM_UP:
+                    self.sent[stamp] = time.perf_counter_ns()
+                self.targets.publish(frame)
+            self.pressure.publish(pressure)
+        end = time.perf_counter() + 0.5
+        while time.perf_counter() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def close(self) -> None:
+        import rclpy
+
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+
+def measure(what: list[str]) -> dict[str, float]:
+    """Play the recording to a node."""
+    with running_node(what):
+        player = Player()
+        player.connect()
+        player.play()
+        player.close()
+    latency = np.array(list(player.latency.values()))
+    p50, p99 = np.percentile(latency, [50, 99])
+    return {
+        'frames': len(player.sent),
+        'lost': len(player.sent) - latency.size,
+        'p50_ms': float(p50),
+        'p99_ms': float(p99),
+        'max_ms': float(latency.max()),
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+    parser.add_argument('--bare-node', action='store_true', help=argparse.SUPPRESS)
+    options, _ = parser.parse_known_args()
+    if options.bare_node:
+        bare_node()
+        return 0
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 101 + 1))
+    with tempfile.TemporaryDirectory() as log:
+        os.environ['ROS_LOG_DIR'] = log
+        results = {name: measure(what) for name, what in (('bare', BARE_NODE), ('fusion', NODE))}
+    load = os.getloadavg()[0]
+    if options.json:
+        print(json.dumps(results | {'target_p99_above_ms': TARGET_ABOVE_MS, 'load': load}))
+        return 0
+    print(f'{"":12}{"fusion":>10}{"bare":>10}')
+    for name in results['bare']:
+        print(f'{name:12}{results["fusion"][name]:10.4g}{results["bare"][name]:10.4g}')
+    print(
+        f'target: p99 < {TARGET_ABOVE_MS:g} ms above the bare node; '
+        f'load of the machine meanwhile: {load:.2g}'
+    )
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,77 @@
+"""A soft wall for the virtual arm: it pushes the tip back, as foam would.
+
+    python examples/soft_wall.py --ros-args -p place:="[0.0896, 0.0572]" -p normal:=-0.82
+
+It goes through `place` (m); behind it the tip is pushed along the normal, whose angle is `normal`
+(rad), by `stiffness` (N/m) times the depth, without friction. The virtual arm takes a load and
+gives a tip, so the force follows the depth a little late, and slowly: the arm has no mass, and one
+that gives by some meters per newton would swing.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+import rclpy
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+RATE = 100.0  # Hz, of loads
+FOLLOWS = 0.02  # part of the way to its force that the wall goes each time
+
+
+class SoftWall(Node):
+    """The true tip in, the load on it out."""
+
+    def __init__(self) -> None:
+        super().__init__('soft_wall', namespace='/pneunet')
+        self.place = self.declare_parameter('place', [0.0896, 0.0572]).value
+        angle = self.declare_parameter('normal', -0.82).value
+        self.normal = math.cos(angle), math.sin(angle)
+        self.stiffness = self.declare_parameter('stiffness', 2.0).value
+        self.depth = self.force = 0.0
+        self.loads = self.create_publisher(WrenchStamped, 'force_command', 10)
+        self.create_subscription(PoseStamped, 'true_tip', self.take_tip, 10)
+        self.create_timer(1.0 / RATE, self.follow)
+
+    def take_tip(self, message: PoseStamped) -> None:
+        tip = message.pose.position
+        (x, y), (along_x, along_y) = self.place, self.normal
+        self.depth = max(0.0, (x - tip.x) * along_x + (y - tip.y) * along_y)
+
+    def follow(self) -> None:
+        """Go a part of the way to the force that belongs to the depth."""
+        self.push(self.force + FOLLOWS * (self.stiffness * self.depth - self.force))
+
+    def push(self, force: float) -> None:
+        """Put a load on the tip; one that is next to nothing is none."""
+        self.force = force if force > 1e-6 else 0.0
+        message = WrenchStamped()
+        message.header.frame_id = 'pneunet_base'
+        message.wrench.force.x = self.force * self.normal[0]
+        message.wrench.force.y = self.force * self.normal[1]
+        self.loads.publish(message)
+
+
+def main() -> None:
+    # ROS must still be there after the signal, to take the load away.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    node = SoftWall()
+    try:
+        rclpy.spin(node, SingleThreadedExecutor())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.push(0.0)
+        node.loads.wait_for_all_acked(Duration(seconds=1.0))
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()

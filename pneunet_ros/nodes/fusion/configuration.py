@@ -1,0 +1,138 @@
+"""What the parameters of the fusion ask for, made ready to be used or refused as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pneunet_ros.core.settings import check_settings, setting, settings_changed
+from pneunet_ros.core.units import quantity
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.settings import FUSION, FusionSettings
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.model.uncertainty import error_left_out
+from pneunet_ros.nodes.model_info import model_info, model_label
+from pneunet_ros.nodes.parameters import model_path, ParameterTable, SHIPPED_MODEL
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeSettings:
+    """What the node must know beside what its sensors report.
+
+    Of the numbers by which it fuses those that hang on the stack around it.
+    """
+
+    model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')
+    use_wrench: bool = setting(
+        True, 'read end_wrench where there is one; false: as if there were no force sensor'
+    )
+    centerline_rate: float = quantity(
+        30.0,
+        unit='Hz',
+        meaning='largest rate of fused/centerline; 0: every estimate',
+        bounds=(0.0, 1000.0),
+    )
+    target_timeout: float = quantity(
+        FUSION.target_timeout,
+        unit='s',
+        meaning='age of the last frame from which on there is a prediction only',
+        bounds=(1e-3, 3600.0),
+    )
+    largest_tip_std: float = quantity(
+        FUSION.largest_tip_std,
+        unit='m',
+        meaning='standard deviation of the tip above which nothing is published',
+        bounds=(1e-5, 1.0),
+    )
+    determined: float = quantity(
+        FUSION.determined,
+        unit='-',
+        meaning='largest standard deviation of a component of the force that is published, as a '
+        'share of the largest calibrated force',
+        bounds=(1e-4, 1.0),
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their declaration."""
+        check_settings(self)
+
+    @property
+    def fusion(self) -> FusionSettings:
+        """The numbers by which readings and targets are fused."""
+        return replace(
+            FUSION,
+            target_timeout=self.target_timeout,
+            largest_tip_std=self.largest_tip_std,
+            determined=self.determined,
+        )
+
+
+PARAMETERS = ParameterTable(
+    owners=(NodeSettings, EstimatorSettings),
+    read_only=frozenset({'frame_id', 'stations', 'use_wrench'}),
+    # A wrench is used where there is a fresh one, and targets are what it lives on.
+    left_out=frozenset({'wrench_required', 'watch_targets', 'watch_time'}),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FusionConfiguration:
+    """A fusion with the settings of its node, ready for use."""
+
+    node: NodeSettings
+    fusion: Fusion
+
+    @property
+    def model(self) -> str:
+        """Name and short hash of the model in use."""
+        return model_label(self.fusion.arm)
+
+    @property
+    def left_out(self) -> str:
+        """Which error of the model its standard deviations leave out; empty where none is."""
+        return error_left_out(self.fusion.arm.covariance, self.fusion.arm.sources)
+
+    def info(self) -> str:
+        """Return what the topic model_info says."""
+        arm, sensors = self.fusion.arm, self.fusion.sensors
+        return model_info(
+            arm,
+            model_path(self.node.model_file),
+            frame_id=sensors.frame_id,
+            pressure_range=list(arm.pressure_range),
+            end_loads=None if arm.domain is None else arm.domain.end_load.tolist(),
+            std_leaves_out=self.left_out,
+            pressure_offset=sensors.pressure_offset,
+            targets=len(arm.target_arclength),
+            stations=sensors.stations,
+            settings=settings_changed(self.fusion.settings),
+        )
+
+    def take_over(self, state: FusionState, before: FusionConfiguration) -> FusionState:
+        """Return what remains valid of a state of the configuration used before."""
+        new, old = self.fusion, before.fusion
+        if new.arm is not old.arm:
+            return state.restarted()
+        if new.sensors != old.sensors:
+            return state.fresh()
+        return state
+
+
+def configured_fusion(
+    values: Mapping[str, Any], current: FusionConfiguration | None
+) -> FusionConfiguration:
+    """Make ready what the values of all parameters ask for.
+
+    The model file is read unless `current` already has the model of it. Raises PneunetError with
+    what is wrong.
+    """
+    node, sensors = PARAMETERS.settings(values)
+    if current is not None and node.model_file == current.node.model_file:
+        arm = current.fusion.arm
+    else:
+        arm = load_model(model_path(node.model_file))
+    fusion = Fusion(arm=arm, sensors=sensors, settings=node.fusion)
+    return FusionConfiguration(node=node, fusion=fusion)

@@ -1,0 +1,109 @@
+"""The node `fusion`: pressure, targets and end wrench -> one estimate of shape and tip force.
+
+All that is made of a reading is made by `pneunet_ros.fusion.fusion`; here are topics, parameters,
+services, diagnostics and the log.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+import time
+from typing import Any
+
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.nodes.configured_node import ConfiguredNode
+from pneunet_ros.nodes.fusion.configuration import (
+    configured_fusion,
+    FusionConfiguration,
+    PARAMETERS,
+)
+from pneunet_ros.nodes.fusion.health import FusionHealth
+from pneunet_ros.nodes.fusion.warm_up import warm_up
+from pneunet_ros.nodes.health import Level
+from pneunet_ros.nodes.publisher import EstimatePublisher
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize
+from pneunet_ros.nodes.topics import input_qos, subscription
+
+USAGE = """usage: pneunet-fusion [--ros-args ...]
+
+Fuses the topics pressure, targets and, where there is one, end_wrench into one estimate of the
+shape of a pneu-net arm and of the force at its tip, on the topics fused/*. All settings are ROS
+parameters, as in
+
+  pneunet-fusion --ros-args -p model_file:=/path/to/model.yaml -p use_wrench:=false
+  pneunet-fusion --ros-args --params-file config/fusion.yaml
+"""
+
+
+class FusionNode(ConfiguredNode[FusionConfiguration]):
+    """Feeds messages to a `Fusion` and publishes what it gives in the same callback."""
+
+    def __init__(self) -> None:
+        """Declare all parameters, get everything warm, and only then open the topics."""
+        super().__init__('fusion', PARAMETERS, configured_fusion)
+        self.state = FusionState()
+        node, fusion = self.configuration.node, self.configuration.fusion
+        serializer = MessageSerializer(
+            types=RCLPY_TYPES, serialize=serialize, frame_id=fusion.sensors.frame_id
+        )
+        trouble = warm_up(fusion, serializer)
+        if trouble:
+            self.get_logger().warning(f'the model gave no shape to begin with: {trouble}')
+        self.outputs = EstimatePublisher(self, serializer, node.centerline_rate, FUSION_OUTPUTS)
+        self.open_services()
+
+        topics = {
+            sensor.name: self.resolve_topic_name(sensor.name)
+            for sensor in (END_WRENCH, TARGETS, PRESSURE)
+        }
+        self.health = FusionHealth(topics[PRESSURE.name], topics[TARGETS.name], time.monotonic())
+        # Of messages that are all there, the executor takes that of the first subscription: the
+        # pressure makes the estimate, and so it comes last.
+        for sensor in (END_WRENCH, TARGETS, PRESSURE):
+            if sensor is not END_WRENCH or node.use_wrench:
+                take = partial(self.take, sensor, topics[sensor.name])
+                subscription(self, sensor.type, sensor.name, take, input_qos())
+        self.tell_ready()
+
+    def take(self, sensor: Sensor[Any], topic: str, message: Any, info: dict[str, int]) -> None:
+        """Take a message, and publish the estimate that it gives."""
+        self.note_message(topic, info)
+        resets, begin = self.state.readings.resets, time.monotonic()
+        self.state, outcome = fuse_message(self.configuration.fusion, self.state, sensor, message)
+        end = time.monotonic()
+        if isinstance(outcome, FusedEstimate):
+            self.outputs.publish(outcome, end)
+            self.health.published(1e-9 * (time.time_ns() - info['received_timestamp']))
+        elif isinstance(outcome, Refusal):
+            self.log_refusal(outcome)
+        self.health.took(sensor.name, outcome, end, end - begin)
+        if self.state.readings.resets > resets:
+            sentence = 'time jumped back: the fusion has started anew'
+            self.log.warn('reset', sentence, time.monotonic())
+
+    def diagnose(self) -> None:
+        """Publish how the fusion is doing."""
+        now, configuration = time.monotonic(), self.configuration
+        report = self.health.report(
+            self.state, configuration.fusion, now, left_out=configuration.left_out
+        )
+        self.publish_report('shape and force', report)
+        if self.health.silent(configuration.fusion, now):
+            self.log.warn('silence', report.message, now)
+        elif report.level is Level.WARN:
+            self.log.warn('limited', report.message, now)
+
+    def forget(self) -> str:
+        """Forget all readings and frames."""
+        self.state = self.state.restarted()
+        return 'the fusion starts anew'
+
+    def take_over(self, configuration: FusionConfiguration) -> None:
+        """Keep what remains valid of the state, and use the new rate."""
+        self.state = configuration.take_over(self.state, self.configuration)
+        self.outputs.centerline_rate = configuration.node.centerline_rate

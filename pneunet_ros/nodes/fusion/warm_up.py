@@ -1,0 +1,63 @@
+"""What is slow the first time, done before the first reading: kernels and message templates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core import jit
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.core.readings import PressureReading, unseen_targets, WrenchReading
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.fusion import Event, Fusion
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.messages.fusion import FUSION_OUTPUTS
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.model.equilibrium import solve
+
+FRAME_PERIOD_NS = NANOSECONDS_PER_SECOND // 10
+
+
+def warm_up(fusion: Fusion, serializer: MessageSerializer) -> str:
+    """Run every kernel and every encoder once; returns why there was no estimate, or ''.
+
+    The unloaded arm is shown without and with its wrench, for as many frames as lead to another
+    search from cold starts, which is the slowest thing there is. Plain Python has nothing to warm.
+    """
+    arm, sensors = fusion.arm, fusion.sensors
+    pressure = 0.5 * sum(arm.pressure_range)
+    shape = solve(arm, pressure)
+    x, y = (
+        np.interp(arm.target_arclength, shape.arclength, values) for values in (shape.x, shape.y)
+    )
+    reading = pressure - sensors.pressure_offset
+    if sensors.pressure_reference == 'absolute':
+        reading += sensors.ambient_pressure
+    state, outcome = FusionState(), None
+    frames = fusion.settings.restart_frames + 2 if jit.is_compiled() else 2
+    for index in range(frames):
+        stamp_ns = 1 + index * FRAME_PERIOD_NS
+        events: list[Event] = [
+            PressureReading(stamp_ns=stamp_ns, pressure=reading),
+            replace(unseen_targets(stamp_ns, x.size), x=x, y=y),
+            PressureReading(stamp_ns=stamp_ns + FRAME_PERIOD_NS // 2, pressure=reading),
+        ]
+        if index == frames - 1:
+            events.insert(0, unloaded(stamp_ns, sensors.frame_id))
+        for event in events:
+            state, made = fusion.step(state, event)
+            outcome = made or outcome
+    if isinstance(outcome, Refusal):
+        return outcome.sentence
+    assert isinstance(outcome, FusedEstimate)
+    for topic in FUSION_OUTPUTS:
+        serializer.bytes_of(topic, outcome)
+    return ''
+
+
+def unloaded(stamp_ns: int, frame_id: str) -> WrenchReading:
+    """Return the wrench of an arm that nothing touches."""
+    return WrenchReading(
+        stamp_ns=stamp_ns, force_x=0.0, force_y=0.0, moment=0.0, frame_id=frame_id
+    )
