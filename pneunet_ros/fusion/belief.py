@@ -2,7 +2,8 @@
 
 The unknowns: the tip force, the pressure bias (what creep, hysteresis and a drifting sensor look
 like), the camera's drift and place, the columns of the model's covariance in sigma, the painted
-places of the targets along and across the arm, and the noise of the readings at this stamp. In
+places of the targets along and across the arm, the force and place of a contact, and the noise of
+the readings at this stamp. Without a contact its force and place are known to be zero. In
 time the first ones move, each with a largest std of its own; model, camera and dots stay; noise is
 new in every reading.
 """
@@ -24,6 +25,7 @@ BIAS = 2
 OF_BIAS = slice(2, 3)
 DRIFT = slice(3, 5)
 CAMERA = slice(5, 7)
+CONTACT = slice(-4, -2)  # force N along the normal, place m along the arm
 MOMENT_NOISE, PRESSURE_NOISE = -2, -1
 COLUMNS = 7  # where the columns of the model's covariance begin
 
@@ -74,7 +76,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
             np.repeat([noise.drift_std, noise.registration_std], 2),
             np.ones(columns),
             np.full(2 * targets, noise.placement_std),
-            np.zeros(2),
+            np.zeros(4),
         ]
     )
     times = np.concatenate(
@@ -106,6 +108,11 @@ class Belief:
     walk: float
     solution: SolverNodes | None = None
     frames: int = 0
+
+    @property
+    def touched(self) -> bool:
+        """Whether a contact is believed."""
+        return bool(self.root[CONTACT].any())
 
     @property
     def force_covariance(self) -> Array:

@@ -11,7 +11,7 @@ Control 38 (1993).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -23,6 +23,7 @@ from pneunet_ros.fusion.belief import (
     Belief,
     BIAS,
     CAMERA,
+    CONTACT,
     DRIFT,
     FORCE,
     MOMENT_NOISE,
@@ -33,12 +34,23 @@ from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.gauss_newton import gauss_newton
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import target_jacobian
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import linearize_shape, Sensitivity, solve_rod
+from pneunet_ros.model.part_load import (
+    heading_at,
+    PartLoad,
+    turning_with_arm,
+    with_part_changes,
+    with_part_load,
+)
 from pneunet_ros.model.perturbation import Perturbation, PerturbationTable
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.solution import SolverNodes
+
+TURNED = 1e-6  # rad, between the normal of the arm and where its contact points
+MOST_TURNS = 4
 
 Mask = npt.NDArray[np.bool_]
 
@@ -62,11 +74,12 @@ class FrameInputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BentArm:
-    """The rod at some values of the unknowns, at places along it."""
+    """The rod at some values of the unknowns, at places along it; rods without its contact."""
 
     rods: Rods
     changes: Perturbation
     shape: Shape
+    contact: PartLoad | None
 
     @property
     def solution(self) -> SolverNodes:
@@ -75,8 +88,14 @@ class BentArm:
         return self.shape.solution
 
     def linearize(self) -> Sensitivity:
-        """Return how it answers to loads, pressure and columns of the covariance."""
-        return linearize_shape(self.solution, self.rods, self.changes)
+        """Return how it answers to loads, pressure and columns of the covariance.
+
+        With a contact also to its force, its place and where it points.
+        """
+        if self.contact is None:
+            return linearize_shape(self.solution, self.rods, self.changes)
+        changes = with_part_changes(self.rods, self.changes, self.contact)
+        return linearize_shape(self.solution, self.rods, changes)
 
 
 def bend_arm(
@@ -90,17 +109,42 @@ def bend_arm(
     arclength: Array,
     *,
     quick: bool,
+    contact: PartLoad | None = None,
 ) -> BentArm:
     """Solve the rod at a force (2,) N and moment (N m), and a model off by columns (sigma).
 
-    pressure_error (Pa): bias and noise. quick: give up soon where no solution is near.
+    pressure_error (Pa): bias and noise. quick: give up soon where no solution is near. contact: it
+    points along the normal of the arm, whatever its heading.
     """
     pressure = inputs.chamber + pressure_error + float(inputs.by_column @ columns)
     rods, changes = table.at(pressure, inputs.history)
     rods = changes.moved(rods, np.concatenate([[0.0], columns]))
     load = Load(pressure=pressure, force_x=float(force[0]), force_y=float(force[1]), moment=moment)
-    shape = solve_rod(table.arm, rods, load, start, arclength, quick=quick)
-    return BentArm(rods=rods, changes=changes, shape=shape)
+    shape: Shape | None = None
+    if contact is not None and start is None:
+        shape = solve_rod(table.arm, rods, load, None, arclength, quick=quick)
+        start = shape.solution
+    if contact is None or start is None:
+        shape = shape or solve_rod(table.arm, rods, load, start, arclength, quick=quick)
+        return BentArm(rods=rods, changes=changes, shape=shape, contact=contact)
+    for _ in range(MOST_TURNS):
+        contact = replace(contact, heading=heading_at(start, contact.place))
+        pushed = with_part_load(rods, contact)
+        shape = solve_rod(table.arm, pushed, load, start, arclength, quick=quick)
+        start = shape.solution
+        if start is None or abs(heading_at(start, contact.place) - contact.heading) < TURNED:
+            break
+    assert shape is not None
+    return BentArm(rods=rods, changes=changes, shape=shape, contact=contact)
+
+
+def contact_of(arm: Arm, settings: FusionSettings, x: Array) -> PartLoad | None:
+    """Return the contact among the unknowns; None where it is off the arm."""
+    force, place = x[CONTACT].tolist()
+    low, high = settings.contact_places
+    if not low * arm.length <= place <= high * arm.length:
+        return None
+    return PartLoad(force=force, place=place, heading=0.0, width=settings.contact_width)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -181,6 +225,9 @@ class FrameProblem:
         """Predict the targets; None where there is no stable shape."""
         unknowns, targets = self.unknowns, self.table.arm.target_arclength
         x = self.mean + self.root @ xi
+        contact = contact_of(self.table.arm, self.settings, x) if self.prior.touched else None
+        if contact is None and self.prior.touched:
+            return None
         bent = bend_arm(
             self.table,
             self.inputs,
@@ -191,6 +238,7 @@ class FrameProblem:
             start,
             targets,
             quick=True,
+            contact=contact,
         )
         shape = bent.shape
         if not shape.converged or shape.stable is False:
@@ -210,13 +258,19 @@ class FrameProblem:
     def linearize(self, trial: Trial) -> FrameLinearization:
         """Linearize what is predicted around a trial."""
         unknowns, bent = self.unknowns, trial.bent
-        by_cause = target_jacobian(self.table, bent.linearize())
+        sensitivity = bent.linearize()
+        by_cause = target_jacobian(self.table, sensitivity)
+        if bent.contact is not None:
+            turning = turning_with_arm(sensitivity, bent.contact)
+            by_cause = by_cause[:-1] + turning[:, None, None] * by_cause[-1]
         targets = unknowns.targets
         response = np.zeros((2, targets, self.mean.size))
         response[:, :, FORCE] = by_cause[FORCE].transpose(1, 2, 0)
         response[:, :, BIAS] = response[:, :, PRESSURE_NOISE] = by_cause[PRESSURE]
         response[:, :, MOMENT_NOISE] = by_cause[END_LOAD_MOMENT]
-        by_column = by_cause[PRESSURE + 1 :]
+        if bent.contact is not None:
+            response[:, :, CONTACT] = by_cause[-2:].transpose(1, 2, 0)
+        by_column = by_cause[PRESSURE + 1 : PRESSURE + 1 + unknowns.columns]
         by_column = by_column + self.inputs.by_column[:, None, None] * by_cause[PRESSURE]
         response[:, :, unknowns.of_columns] = by_column.transpose(1, 2, 0)
         for axis in range(2):

@@ -17,13 +17,17 @@ from pneunet_ros.fusion.belief import Belief, FORCE
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
 
 
+Fit = tuple[FrameProblem, FrameLinearization]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameUpdate:
     """What became of a frame.
 
     belief: after it, None where it was not used, for which `reason` is the key. nis: the least
     cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
-    that did not fit. ambiguous: another force explains it as well, None where nobody looked.
+    that did not fit. ambiguous: another force explains it as well, None where nobody looked. fit:
+    that it came from, also where the frame was not used.
     """
 
     belief: Belief | None
@@ -32,9 +36,7 @@ class FrameUpdate:
     coordinates: int = 0
     left_out: int = 0
     ambiguous: bool | None = None
-
-
-Fit = tuple[FrameProblem, FrameLinearization]
+    fit: Fit | None = None
 
 
 def take_frame(
@@ -62,18 +64,23 @@ def take_frame(
     ambiguous = None
     if not force_read and (cold or look_around or not believed):
         best, ambiguous = look_for_rivals(best)
-    chosen, fit = best
-    coordinates = fit.trial.residual.size
-    update = FrameUpdate(
-        belief=chosen.posterior(fit),
+    left_out = int(np.count_nonzero(problem.used & ~best[0].used))
+    return update_by(best, left_out, ambiguous)
+
+
+def update_by(best: Fit, left_out: int, ambiguous: bool | None) -> FrameUpdate:
+    """Return what becomes of a frame by a fit that left out so many targets."""
+    problem, fit = best
+    inconsistent = excess(best) > problem.settings.frame_gate
+    return FrameUpdate(
+        belief=None if inconsistent else problem.posterior(fit),
+        reason='inconsistent' if inconsistent else '',
         nis=fit.cost,
-        coordinates=coordinates,
-        left_out=int(np.count_nonzero(problem.used & ~chosen.used)),
+        coordinates=fit.trial.residual.size,
+        left_out=left_out,
         ambiguous=ambiguous,
+        fit=best,
     )
-    if excess(best) > problem.settings.frame_gate:
-        return replace(update, belief=None, reason='inconsistent')
-    return update
 
 
 def excess(fit: Fit) -> float:

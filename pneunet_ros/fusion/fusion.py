@@ -28,6 +28,7 @@ from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
     Belief,
     BIAS,
+    CONTACT,
     first_belief,
     FORCE,
     forget,
@@ -42,8 +43,15 @@ from pneunet_ros.fusion.belief import (
     widen,
     with_noise,
 )
+from pneunet_ros.fusion.contact import Contact, correlation_with_tip, weigh, without_contact
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
-from pneunet_ros.fusion.frame_fit import bend_arm, BentArm, FrameInputs, FrameProblem
+from pneunet_ros.fusion.frame_fit import (
+    bend_arm,
+    BentArm,
+    contact_of,
+    FrameInputs,
+    FrameProblem,
+)
 from pneunet_ros.fusion.frame_update import FrameUpdate, take_frame
 from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
@@ -54,6 +62,7 @@ from pneunet_ros.measurement.noise_model import target_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity, station_arclength
+from pneunet_ros.model.part_load import PART_CAUSES, PartLoad, turning_with_arm
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.columns import END_LOAD_MOMENT, LOADS
 
@@ -261,6 +270,15 @@ class Fusion:
 
     def wrench_at(self, state: FusionState, stamp_ns: int) -> tuple[WrenchReading | None, float]:
         """Return the wrench nearest to a stamp and its age (s); None where none is near."""
+        if self.settings.free_tip:
+            nothing = WrenchReading(
+                stamp_ns=stamp_ns,
+                force_x=0.0,
+                force_y=0.0,
+                moment=0.0,
+                frame_id=self.sensors.frame_id,
+            )
+            return nothing, 0.0
         if not state.wrenches:
             return None, math.nan
         wrench = min(state.wrenches, key=lambda one: abs(one.stamp_ns - stamp_ns))
@@ -327,53 +345,72 @@ class Fusion:
         if not sightings.seen:
             return state.count_unused('not_seen')
         shown_ns = self.shown_ns(sightings)
-        before = prior = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
-        if prior.frames and shown_ns < prior.stamp_ns:
+        before = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
+        if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
-        # From frame to frame the force is free: a frame must not inherit what the last one erred.
-        # But it is not drawn to zero either, frame after frame, which the unknowns that stay would
-        # take for evidence.
-        free = replace(prior, walk=self.settings.largest_walk)
-        prior = move_belief(self.unknowns, free, shown_ns)
+        lost = state.lost >= self.settings.frames_lost
+        if lost:
+            before = without_contact(before)
+            state = replace(state, rival=None, log_odds=None)
         instant = self.pressure_at(state, shown_ns)
         alone = not state.pressures or self.is_stale(
             min((one.stamp_ns for one in state.pressures), key=lambda ns: abs(ns - shown_ns)),
             shown_ns,
         )
-        if alone:
-            low, high = self.arm.pressure_range
-            std = self.settings.unknown_pressure * (high - low)
-            prior, instant = widen(prior, OF_BIAS, np.array([std])), replace(instant, std=0.0)
-        elif state.pressure_lost:
-            prior = forget(self.unknowns, prior, OF_BIAS)
-        state = replace(state, pressure_lost=alone)
         wrench, age = self.wrench_at(state, shown_ns)
-        lost = state.lost >= self.settings.frames_lost
-        if lost:
-            prior = forget(self.unknowns, prior, FORCE)
-        if wrench is not None:
-            prior = self.with_wrench(prior, wrench, age, instant.gauge)
-        inputs = self.inputs_at(instant, wrench)
-        prior = with_noise(prior, inputs.moment_std, inputs.chamber_std)
-        problem = FrameProblem(
-            table=self.table,
-            unknowns=self.unknowns,
-            settings=self.settings,
-            prior=prior,
-            inputs=inputs,
-            sightings=sightings,
-            used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
-        )
+        inputs = self.inputs_at(replace(instant, std=0.0) if alone else instant, wrench)
+
+        def problem_of(belief: Belief) -> FrameProblem:
+            # From frame to frame the force is free: a frame must not inherit what the last one
+            # erred. But it is not drawn to zero either, frame after frame, which the unknowns that
+            # stay would take for evidence.
+            free = replace(belief, walk=self.settings.largest_walk)
+            prior = self.move(free, shown_ns)
+            if alone:
+                low, high = self.arm.pressure_range
+                std = self.settings.unknown_pressure * (high - low)
+                prior = widen(prior, OF_BIAS, np.array([std]))
+            elif state.pressure_lost:
+                prior = forget(self.unknowns, prior, OF_BIAS)
+            if lost:
+                prior = forget(self.unknowns, prior, FORCE)
+            if wrench is not None:
+                prior = self.with_wrench(prior, wrench, age, instant.gauge)
+            return FrameProblem(
+                table=self.table,
+                unknowns=self.unknowns,
+                settings=self.settings,
+                prior=with_noise(prior, inputs.moment_std, inputs.chamber_std),
+                inputs=inputs,
+                sightings=sightings,
+                used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
+            )
+
+        problem = problem_of(before)
         update = take_frame(
             problem,
-            cold=lost or not prior.frames,
+            cold=lost or not before.frames,
             look_around=state.since_restart + 1 >= self.settings.restart_frames,
             force_read=wrench is not None,
         )
+        rival = None if state.rival is None else problem_of(state.rival)
+        odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
+        weighed = weigh(update, problem, rival, odds)
+        update = weighed.update
         if update.belief is not None:
             walk = walk_after(self.settings, before, update.belief)
             update = replace(update, belief=replace(update.belief, walk=walk))
+        state = replace(state, rival=weighed.rival, log_odds=weighed.log_odds, pressure_lost=alone)
         return self.after_frame(state, shown_ns, update, wrench)
+
+    def move(self, belief: Belief, stamp_ns: int) -> Belief:
+        """Return the belief at a later stamp, with a contact that may have walked."""
+        moved = move_belief(self.unknowns, belief, stamp_ns)
+        if not belief.touched:
+            return moved
+        seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
+        walk = np.array([self.settings.contact_walk, self.settings.place_walk])
+        return widen(moved, CONTACT, walk * math.sqrt(seconds))
 
     def after_frame(
         self, state: FusionState, shown_ns: int, update: FrameUpdate, wrench: WrenchReading | None
@@ -412,7 +449,7 @@ class Fusion:
         wrench, age = self.wrench_at(state, stamp_ns)
         inputs = self.inputs_at(instant, wrench)
         if belief.stamp_ns != stamp_ns or not belief.frames:
-            belief = move_belief(self.unknowns, belief, stamp_ns)
+            belief = self.move(belief, stamp_ns)
             belief = with_noise(belief, inputs.moment_std, inputs.chamber_std)
         if wrench is not None and wrench.stamp_ns != state.wrench_used_ns:
             belief = self.with_wrench(belief, wrench, age, instant.gauge)
@@ -433,6 +470,7 @@ class Fusion:
             belief.solution if mode is not Mode.PREDICTION else state.solution,
             self.arclength,
             quick=False,
+            contact=self.held_contact(belief),
         )
         if not bent.shape.converged:
             state = replace(state, solution=None)
@@ -449,18 +487,49 @@ class Fusion:
             warnings=(*notes, *position.notes, *estimate.warnings),
         )
         state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
-        force, covariance = self.known_force(state, belief, position)
+        contact = None if mode is Mode.PREDICTION else self.contact_at(state, belief, bent)
+        ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
+        force, covariance = self.known_force(belief, position, ambiguous)
         return state, FusedEstimate(
             estimate=estimate,
             mode=mode,
             force=force,
             force_covariance=covariance,
+            contact=contact,
             pressure_bias=float(belief.mean[BIAS]),
             pressure_bias_std=belief.std(BIAS),
-            ambiguous=state.ambiguous,
+            ambiguous=ambiguous,
             nis=math.nan if state.nis is None else state.nis.mean,
             nis_limit=math.nan if state.nis is None else state.nis.limit,
             target_age=self.target_age(state, stamp_ns),
+        )
+
+    def held_contact(self, belief: Belief) -> PartLoad | None:
+        """Return the contact that is believed, on the arm; None without one."""
+        if not belief.touched:
+            return None
+        low, high = self.settings.contact_places
+        mean = belief.mean.copy()
+        place = CONTACT.stop - 1
+        mean[place] = min(max(mean[place], low * self.arm.length), high * self.arm.length)
+        return contact_of(self.arm, self.settings, mean)
+
+    def contact_at(self, state: FusionState, belief: Belief, bent: BentArm) -> Contact | None:
+        """Return the contact that is published; None where there is none."""
+        if bent.contact is None or state.log_odds is None:
+            return None
+        force, place = bent.contact.force, bent.contact.place
+        shape, correlation = bent.shape, correlation_with_tip(belief)
+        return Contact(
+            x=float(np.interp(place, shape.arclength, shape.x)),
+            y=float(np.interp(place, shape.arclength, shape.y)),
+            arclength=place,
+            std_arclength=belief.std(CONTACT.stop - 1),
+            force=force,
+            std_force=belief.std(CONTACT.start),
+            log_odds=state.log_odds,
+            correlation=correlation,
+            ambiguous=correlation > self.settings.contact_alike,
         )
 
     def position_of(self, belief: Belief, bent: BentArm, inputs: FrameInputs) -> DomainPosition:
@@ -487,7 +556,7 @@ class Fusion:
     ) -> ShapeEstimate | Refusal:
         """Return the shape with the errors that the belief carries into it, to second order."""
         sensitivity = bent.linearize()
-        noise = self.causes_root(belief, inputs, sensitivity)
+        noise = self.causes_root(belief, inputs, sensitivity, bent.contact)
         seen: SeenShape | None = None
         if mode is Mode.PREDICTION:
             noise = with_extrapolation_error(noise, position)
@@ -534,7 +603,13 @@ class Fusion:
         std = math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
         return SeenShape(arclength=places, std=np.full(places.size, std))
 
-    def causes_root(self, belief: Belief, inputs: FrameInputs, sensitivity: Sensitivity) -> Array:
+    def causes_root(
+        self,
+        belief: Belief,
+        inputs: FrameInputs,
+        sensitivity: Sensitivity,
+        contact: PartLoad | None,
+    ) -> Array:
         """Return the noise input matrix (sources, causes) of a belief."""
         columns = belief.root[self.unknowns.of_columns]
         causes = np.zeros((belief.root.shape[1], len(sensitivity.tip)))
@@ -542,17 +617,20 @@ class Fusion:
         causes[:, END_LOAD_MOMENT] = belief.root[MOMENT_NOISE]
         by_column = inputs.by_column @ columns
         causes[:, PRESSURE] = belief.root[BIAS] + belief.root[PRESSURE_NOISE] + by_column
-        causes[:, PRESSURE + 1 :] = columns.T
+        causes[:, PRESSURE + 1 : PRESSURE + 1 + self.unknowns.columns] = columns.T
+        if contact is not None:
+            causes[:, -PART_CAUSES:-1] = belief.root[CONTACT].T
+            causes[:, -1] = causes[:, :-1] @ turning_with_arm(sensitivity, contact)
         return np.ascontiguousarray(np.linalg.qr(causes, mode='r'))
 
     def known_force(
-        self, state: FusionState, belief: Belief, position: DomainPosition
+        self, belief: Belief, position: DomainPosition, ambiguous: bool
     ) -> tuple[Array, Array]:
         """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined or ambiguous."""
         covariance = belief.force_covariance + np.diag(np.square(position.error[:2]))
         largest = self.settings.determined * self.unknowns.force_scale
         determined = np.sqrt(np.diagonal(covariance)) <= largest
-        if state.ambiguous:
+        if ambiguous:
             determined = np.zeros(2, dtype=bool)
         force = np.where(determined, belief.mean[FORCE], np.nan)
         both = determined[:, None] & determined[None, :]
