@@ -46,7 +46,7 @@ from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.outside_effects import LabPush
 from pneunet_ros.lab.protocols import RandomMix
-from pneunet_ros.lab.scenario import Changes, lab_effect
+from pneunet_ros.lab.scenario import Changes
 from pneunet_ros.lab.sensors import LabNoise, Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.arm import Arm
@@ -64,8 +64,8 @@ CREEP: Changes = {'creep': {'amplitude': 0.15, 'time_constant': 8.0}}
 CASES = tuple((way, 'push') for way in WAYS) + tuple(
     (way, what) for what in ('clean', 'creep') for way in WAYS
 )
-# One row per frame: the push that there is (N along the normal, m along the arm), what is found of
-# it with its std, NaN where nothing is, log odds, whether ambiguous, and CPU time of the frame (s).
+# One row per frame: the push that there is (N along the normal, m along the arm), what is found
+# of it with its std, NaN where nothing is, log odds, whether ambiguous, CPU time of the frame (s).
 COLUMNS = (
     'true_force',
     'true_place',

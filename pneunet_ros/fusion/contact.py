@@ -1,4 +1,4 @@
-"""Does something touch the arm: two hypotheses, none and contact, and which of them a frame favors.
+"""Does something touch the arm: two hypotheses, none and contact, and which one a frame favors.
 
 A contact is a force along the normal of the arm at a place of it. Whether there may be one says a
 score test of every frame that none explains: what a push on each panel of the rod would gain, all
@@ -31,7 +31,7 @@ class Contact:
 
     x, y (m) in the base frame; arclength, std_arclength (m) along the arm; force, std_force (N)
     along its normal (-sin theta, cos theta); log_odds: of a contact against none; correlation: of
-    its force with the tip force; ambiguous: the two cannot be told apart.
+    its force with the tip force; ambiguous: the two cannot be told apart, and no sensor reads one.
     """
 
     x: float

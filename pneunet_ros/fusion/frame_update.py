@@ -16,7 +16,6 @@ from pneunet_ros.estimation.consistency import chi_square_limit
 from pneunet_ros.fusion.belief import Belief, FORCE
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
 
-
 Fit = tuple[FrameProblem, FrameLinearization]
 
 

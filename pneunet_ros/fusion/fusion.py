@@ -487,7 +487,11 @@ class Fusion:
             warnings=(*notes, *position.notes, *estimate.warnings),
         )
         state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
-        contact = None if mode is Mode.PREDICTION else self.contact_at(state, belief, bent)
+        contact = (
+            None
+            if mode is Mode.PREDICTION
+            else self.contact_at(state, belief, bent, read=wrench is not None)
+        )
         ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
         force, covariance = self.known_force(belief, position, ambiguous)
         return state, FusedEstimate(
@@ -514,8 +518,10 @@ class Fusion:
         mean[place] = min(max(mean[place], low * self.arm.length), high * self.arm.length)
         return contact_of(self.arm, self.settings, mean)
 
-    def contact_at(self, state: FusionState, belief: Belief, bent: BentArm) -> Contact | None:
-        """Return the contact that is published; None where there is none."""
+    def contact_at(
+        self, state: FusionState, belief: Belief, bent: BentArm, *, read: bool
+    ) -> Contact | None:
+        """Return the contact that is likely, None without one; read: the tip force is."""
         if bent.contact is None or state.log_odds is None:
             return None
         force, place = bent.contact.force, bent.contact.place
@@ -529,7 +535,7 @@ class Fusion:
             std_force=belief.std(CONTACT.start),
             log_odds=state.log_odds,
             correlation=correlation,
-            ambiguous=correlation > self.settings.contact_alike,
+            ambiguous=not read and correlation > self.settings.contact_alike,
         )
 
     def position_of(self, belief: Belief, bent: BentArm, inputs: FrameInputs) -> DomainPosition:
