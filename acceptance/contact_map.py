@@ -67,6 +67,7 @@ def posterior(
         unknowns=unknowns,
         settings=fusion.settings,
         prior=dataclasses.replace(prior, mean=freeze(mean)),
+        growth=None,
         inputs=FrameInputs(
             chamber=pressure,
             chamber_std=arm.sensors.pressure_std,
@@ -74,6 +75,7 @@ def posterior(
             moment=0.0,
             moment_std=0.0,
             by_column=np.zeros(unknowns.columns),
+            late=np.zeros(unknowns.memory),
         ),
         sightings=TargetSightings(
             stamp_ns=0,

@@ -26,6 +26,7 @@ import pytest
 ARM = load_model(share_path('config/paper_arm.yaml'))
 UNKNOWNS = unknowns_of(ARM, FUSION)
 SECOND = 10**9
+SCALE = 0.02  # of what the model lacks
 
 
 def believed(seed=3):
@@ -45,19 +46,20 @@ def covariance(belief):
 def test_the_force_is_held_and_grows_uncertain_up_to_its_scale():
     belief = believed()
     before = replace(belief, root=1e-3 * belief.root)
-    soon = move_belief(UNKNOWNS, before, SECOND + SECOND // 10)
+    soon = move_belief(UNKNOWNS, before, SECOND + SECOND // 10, SCALE)
     assert np.array_equal(soon.mean[FORCE], before.mean[FORCE])
     grown = covariance(soon)[FORCE, FORCE] - covariance(before)[FORCE, FORCE]
     assert np.diagonal(grown) == pytest.approx(0.1 * before.walk**2, rel=0.01)
-    late = move_belief(UNKNOWNS, before, SECOND * 10**5)
+    late = move_belief(UNKNOWNS, before, SECOND * 10**5, SCALE)
     assert np.sqrt(np.diagonal(covariance(late))[FORCE]) == pytest.approx(UNKNOWNS.force_scale)
     assert late.mean[BIAS] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_does_not_move_stays():
     belief = believed()
-    late = move_belief(UNKNOWNS, belief, SECOND * 50)
-    still = [*range(CAMERA.start, CAMERA.stop), *range(UNKNOWNS.along.start, belief.mean.size)]
+    late = move_belief(UNKNOWNS, belief, SECOND * 50, SCALE)
+    still = [*range(CAMERA.start, CAMERA.stop)]
+    still += range(UNKNOWNS.of_memory.start, belief.mean.size)
     assert late.mean[still] == pytest.approx(belief.mean[still])
     was, found = (covariance(item)[np.ix_(still, still)] for item in (belief, late))
     assert found == pytest.approx(was, rel=1e-9, abs=1e-18)
@@ -80,9 +82,20 @@ def test_a_linear_measurement_is_the_kalman_update():
     )
 
 
+def test_what_the_model_lacks_moves_with_time_and_with_the_pressure():
+    known = replace(believed(), root=np.zeros((UNKNOWNS.std.size, 2)))
+    rested = move_belief(UNKNOWNS, known, SECOND, SCALE)
+    assert rested.std(BIAS) == 0.0
+    pushed = move_belief(UNKNOWNS, known, SECOND, SCALE, pressed=0.1 * UNKNOWNS.range)
+    assert pushed.std(BIAS) == pytest.approx(0.1 * SCALE * UNKNOWNS.range)
+    assert pushed.std(UNKNOWNS.lacking[1]) == pytest.approx(0.1 * SCALE)
+    late = move_belief(UNKNOWNS, known, 10**5 * SECOND, SCALE)
+    assert late.std(BIAS) == pytest.approx(SCALE * UNKNOWNS.range)
+
+
 def test_what_is_forgotten_is_as_before_any_frame_and_the_rest_stays():
     belief = believed()
-    found = forget(UNKNOWNS, belief, FORCE)
+    found = forget(belief, FORCE, UNKNOWNS.std[FORCE])
     assert found.mean[FORCE] == pytest.approx([0.0, 0.0])
     assert covariance(found)[FORCE, FORCE] == pytest.approx(UNKNOWNS.force_scale**2 * np.eye(2))
     assert covariance(found)[FORCE, 2:] == pytest.approx(0.0, abs=1e-15)

@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import seconds_between
+from pneunet_ros.fusion.lack import first_weights, lack_columns, scale_of
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.solution import SolverNodes
@@ -36,10 +38,14 @@ class Unknowns:
 
     std (n,): before any frame and reading, N, Pa, m, sigma, m; times (k,): correlation times (s)
     of bias, drift, camera and columns, which follow the force. force_scale: the largest force (N)
-    that is likely.
+    that is likely. lacking: where the unknowns are that stand for what the model lacks, whose std
+    is that of a lack of all of the range; range (Pa): of the pressure.
     """
 
     columns: int
+    memory: int
+    lacking: npt.NDArray[np.intp]
+    range: float
     targets: int
     std: Array
     times: Array
@@ -51,30 +57,40 @@ class Unknowns:
         return slice(COLUMNS, COLUMNS + self.columns)
 
     @property
+    def of_memory(self) -> slice:
+        """Where the parts of the curvature that come late are, and that of a play."""
+        start = COLUMNS + self.columns
+        return slice(start, start + self.memory)
+
+    @property
     def along(self) -> slice:
         """Where the painted places along the arm are; those across it follow."""
-        start = COLUMNS + self.columns
+        start = COLUMNS + self.columns + self.memory
         return slice(start, start + self.targets)
 
     @property
     def across(self) -> slice:
         """Where the painted places across the arm are."""
-        start = COLUMNS + self.columns + self.targets
+        start = COLUMNS + self.columns + self.memory + self.targets
         return slice(start, start + self.targets)
 
 
 def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     """Return the unknowns of an arm; the force scale is the largest force of its calibration."""
     noise, targets = arm.sensors, arm.target_arclength.size
-    columns = 0 if arm.covariance is None else len(arm.covariance.columns())
+    known = 0 if arm.covariance is None else len(arm.covariance.columns())
+    further = len(lack_columns(arm))
+    columns = known + further
     largest = 0.0 if arm.domain is None else arm.domain.largest_force
     scale = largest if largest > 0.0 else arm.weight
     low, high = arm.pressure_range
     std = np.concatenate(
         [
-            [scale, scale, settings.bias_share * (high - low)],
+            [scale, scale, high - low],
             np.repeat([noise.drift_std, noise.registration_std], 2),
             np.ones(columns),
+            np.full(len(settings.lag_times), settings.late_share),
+            [settings.play_share],
             np.full(2 * targets, noise.placement_std),
             np.zeros(4),
         ]
@@ -82,11 +98,15 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     times = np.concatenate(
         [
             [settings.bias_time, settings.drift_time, settings.drift_time, np.inf, np.inf],
-            np.full(columns, settings.model_time),
+            np.full(known, settings.model_time),
+            np.full(further, settings.bias_time),
         ]
     )
     return Unknowns(
         columns=columns,
+        memory=len(settings.lag_times) + 1,
+        lacking=np.array([BIAS, *range(COLUMNS + known, COLUMNS + columns)]),
+        range=high - low,
         targets=targets,
         std=freeze(std),
         times=freeze(times),
@@ -98,14 +118,17 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
 class Belief:
     """What is believed at a stamp: mean (n,), root (n, m) with root root^T the covariance.
 
-    walk (N/sqrt(s)): of the force, as it moved lately; solution: the rod there, None before the
-    first; frames: how many have been used.
+    walk (N/sqrt(s)): of the force, as it moved lately; lack_weights (scales,): of the sizes of
+    what the model lacks, log; chamber: the pressure (Pa) as read, NaN where it was not; solution:
+    the rod there, None before the first; frames: how many have been used.
     """
 
     stamp_ns: int
     mean: Array
     root: Array
     walk: float
+    lack_weights: Array
+    chamber: float = math.nan
     solution: SolverNodes | None = None
     frames: int = 0
 
@@ -127,23 +150,45 @@ class Belief:
 
 def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) -> Belief:
     """Return what is believed before any frame."""
-    mean = freeze(np.zeros(unknowns.std.size))
+    mean, weights = freeze(np.zeros(unknowns.std.size)), first_weights(settings)
+    std = scaled_std(unknowns, scale_of(settings, weights))
     return Belief(
         stamp_ns=stamp_ns,
         mean=mean,
-        root=freeze(np.diag(unknowns.std)),
+        root=freeze(np.diag(std)),
         walk=settings.force_walk,
+        lack_weights=weights,
     )
 
 
-def move_belief(unknowns: Unknowns, belief: Belief, stamp_ns: int) -> Belief:
+def scaled_std(unknowns: Unknowns, scale: float) -> Array:
+    """Return one sigma (n,) before any frame, of a model that lacks so much, of the range."""
+    std = unknowns.std.copy()
+    std[unknowns.lacking] *= scale
+    return freeze(std)
+
+
+def lack_grown(unknowns: Unknowns, seconds: float, pressed: float) -> Array:
+    """Return one sigma (errors,) of the moves of what a model lacks, for a scale of 1.
+
+    It moves with time, and with the pressure, which has moved by `pressed` (Pa).
+    """
+    times = unknowns.times[unknowns.lacking - BIAS]
+    return np.hypot(np.sqrt(-np.expm1(-2.0 * seconds / times)), pressed / unknowns.range)
+
+
+def move_belief(
+    unknowns: Unknowns, belief: Belief, stamp_ns: int, scale: float, pressed: float = 0.0
+) -> Belief:
     """Return the belief at a later stamp.
 
-    What moves is an Ornstein-Uhlenbeck process of the std before any frame; the force keeps its
-    mean, and only grows less certain, at first by its walk.
+    scale: of what the model lacks; pressed (Pa): by how much the pressure has moved since. What
+    moves is an Ornstein-Uhlenbeck process of the std before any frame, and what the model lacks
+    moves with the pressure as well; the force keeps its mean, and only grows less certain, at
+    first by its walk.
     """
     seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
-    if seconds == 0.0:
+    if seconds == 0.0 and pressed == 0.0:
         return replace(belief, stamp_ns=stamp_ns)
     force_time = 2.0 * (unknowns.force_scale / belief.walk) ** 2
     decay = np.exp(-seconds / np.array([force_time, force_time, *unknowns.times]))
@@ -152,17 +197,19 @@ def move_belief(unknowns: Unknowns, belief: Belief, stamp_ns: int) -> Belief:
     mean[BIAS:moving] *= decay[BIAS:]
     root[:moving] *= decay[:, None]
     new = np.zeros((mean.size, moving))
-    new[:moving] = np.diag(unknowns.std[:moving] * np.sqrt(1.0 - decay**2))
+    grown = np.sqrt(1.0 - decay**2)
+    grown[unknowns.lacking] = lack_grown(unknowns, seconds, pressed)
+    new[:moving] = np.diag(scaled_std(unknowns, scale)[:moving] * grown)
     return replace(
         belief, stamp_ns=stamp_ns, mean=freeze(mean), root=compress(np.hstack([root, new]))
     )
 
 
-def forget(unknowns: Unknowns, belief: Belief, where: slice) -> Belief:
-    """Return the belief of somebody who knows of some unknowns what was known before any frame."""
+def forget(belief: Belief, where: slice, std: Array) -> Belief:
+    """Return the belief of somebody who knows of some unknowns nothing but one sigma std (k,)."""
     mean, root = belief.mean.copy(), belief.root.copy()
     mean[where], root[where] = 0.0, 0.0
-    return widen(replace(belief, mean=freeze(mean), root=root), where, unknowns.std[where])
+    return widen(replace(belief, mean=freeze(mean), root=root), where, std)
 
 
 def widen(belief: Belief, where: slice, std: Array) -> Belief:

@@ -30,6 +30,7 @@ from pneunet_ros.fusion.belief import (
     PRESSURE_NOISE,
     Unknowns,
 )
+from pneunet_ros.fusion.lack import LackGrowth, weights_after
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.gauss_newton import gauss_newton
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
@@ -61,7 +62,8 @@ class FrameInputs:
 
     chamber, chamber_std: pressure in it, and of its white noise (Pa); history: of the effects;
     moment, moment_std (N m): at the tip; by_column (columns,): what one sigma of each column of
-    the model's covariance changes of the pressure, by effects of sensing.
+    the model's covariance changes of the pressure, by effects of sensing; late (memory,) Pa: how
+    far the pressures that lag, and the one behind a play, are from the chamber.
     """
 
     chamber: float
@@ -70,6 +72,7 @@ class FrameInputs:
     moment: float
     moment_std: float
     by_column: Array
+    late: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,35 +101,51 @@ class BentArm:
         return linearize_shape(self.solution, self.rods, changes)
 
 
+def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
+    """Return what one of each unknown changes of every cause: (causes, unknowns).
+
+    The causes are those of `target_jacobian`: F1, F2, M, pressure, columns, of which the last is
+    the curvature that the model lacks.
+    """
+    causes = np.zeros((PRESSURE + 1 + unknowns.columns, unknowns.std.size))
+    causes[FORCE, FORCE] = np.eye(2)
+    causes[END_LOAD_MOMENT, MOMENT_NOISE] = 1.0
+    causes[PRESSURE, [BIAS, PRESSURE_NOISE]] = 1.0
+    causes[PRESSURE, unknowns.of_columns] = inputs.by_column
+    causes[PRESSURE + 1 :, unknowns.of_columns] = np.eye(unknowns.columns)
+    *lagging, played = range(unknowns.of_memory.start, unknowns.of_memory.stop)
+    causes[-1, lagging] = inputs.late[:-1] / unknowns.range
+    causes[PRESSURE, played] = inputs.late[-1]
+    return causes
+
+
 def bend_arm(
     table: PerturbationTable,
     inputs: FrameInputs,
-    force: Array,
-    pressure_error: float,
-    moment: float,
-    columns: Array,
+    changes: Array,
     start: SolverNodes | None,
     arclength: Array,
     *,
     quick: bool,
     contact: PartLoad | None = None,
 ) -> BentArm:
-    """Solve the rod at a force (2,) N and moment (N m), and a model off by columns (sigma).
+    """Solve the rod under what was read, and changes (causes,) of it: `causes_of` the unknowns.
 
-    pressure_error (Pa): bias and noise. quick: give up soon where no solution is near. contact: it
-    points along the normal of the arm, whatever its heading.
+    quick: give up soon where no solution is near. contact: it points along the normal of the arm,
+    whatever its heading.
     """
-    pressure = inputs.chamber + pressure_error + float(inputs.by_column @ columns)
-    rods, changes = table.at(pressure, inputs.history)
-    rods = changes.moved(rods, np.concatenate([[0.0], columns]))
-    load = Load(pressure=pressure, force_x=float(force[0]), force_y=float(force[1]), moment=moment)
+    force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
+    pressure = inputs.chamber + error
+    rods, beside = table.at(pressure, inputs.history)
+    rods = beside.moved(rods, np.concatenate([[0.0], changes[PRESSURE + 1 :]]))
+    load = Load(pressure=pressure, force_x=force_x, force_y=force_y, moment=inputs.moment + moment)
     shape: Shape | None = None
     if contact is not None and start is None:
         shape = solve_rod(table.arm, rods, load, None, arclength, quick=quick)
         start = shape.solution
     if contact is None or start is None:
         shape = shape or solve_rod(table.arm, rods, load, start, arclength, quick=quick)
-        return BentArm(rods=rods, changes=changes, shape=shape, contact=contact)
+        return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
     for _ in range(MOST_TURNS):
         contact = replace(contact, heading=heading_at(start, contact.place))
         pushed = with_part_load(rods, contact)
@@ -135,7 +154,7 @@ def bend_arm(
         if start is None or abs(heading_at(start, contact.place) - contact.heading) < TURNED:
             break
     assert shape is not None
-    return BentArm(rods=rods, changes=changes, shape=shape, contact=contact)
+    return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
 
 
 def contact_of(arm: Arm, settings: FusionSettings, x: Array) -> PartLoad | None:
@@ -145,6 +164,22 @@ def contact_of(arm: Arm, settings: FusionSettings, x: Array) -> PartLoad | None:
     if not low * arm.length <= place <= high * arm.length:
         return None
     return PartLoad(force=force, place=place, heading=0.0, width=settings.contact_width)
+
+
+def causes_with_contact(
+    causes: Array, sensitivity: Sensitivity, contact: PartLoad | None
+) -> Array:
+    """Return what one of each unknown changes of every cause, with those of a contact, if any.
+
+    causes (causes, unknowns): those without it. Force and place of the contact follow, and where
+    it points, which turns with the arm.
+    """
+    if contact is None:
+        return causes
+    own = np.zeros((2, causes.shape[1]))
+    own[:, CONTACT] = np.eye(2)
+    known = np.vstack([causes, own])
+    return np.vstack([known, turning_with_arm(sensitivity, contact) @ known])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,11 +196,13 @@ class Trial:
 class FrameLinearization:
     """A trial with its Jacobian by xi, the gradient of half the cost, and the root of its Hessian.
 
-    jacobian (coordinates, unknowns): of what is predicted, whitened.
+    jacobian (coordinates, unknowns): of what is predicted, whitened; lacking (coordinates,
+    errors): of what the model lacks, for a lack of all of the range.
     """
 
     trial: Trial
     jacobian: Array
+    lacking: Array
     gradient: Array
     hessian_root: Array
 
@@ -173,6 +210,14 @@ class FrameLinearization:
     def cost(self) -> float:
         """The squared whitened residual, of the prior too."""
         return self.trial.cost
+
+    def lack_told(self, growth: LackGrowth) -> tuple[Array, Array]:
+        """Return H^T S^-1 v (errors,) and H^T S^-1 H of what the model may lack, as it moved."""
+        moved = self.lacking * growth.grown
+        sides = np.column_stack([self.jacobian.T @ moved, self.gradient])
+        known = np.linalg.solve(self.hessian_root, sides)
+        seen, left = known[:, :-1], known[:, -1]  # left: by which the search has stopped early
+        return moved.T @ self.trial.residual - seen.T @ left, moved.T @ moved - seen.T @ seen
 
     @property
     def log_evidence_cost(self) -> float:
@@ -187,7 +232,8 @@ class FrameLinearization:
 class FrameProblem:
     """One frame beside a prior: what is minimized over the unknowns.
 
-    prior: moved to the stamp of the frame, with the noise of its readings; used (targets,): which
+    prior: moved to the stamp of the frame, with the noise of its readings; growth: how what the
+    model lacks moved since the last one, None where no pressure was read; used (targets,): which
     targets count.
     """
 
@@ -195,13 +241,16 @@ class FrameProblem:
     unknowns: Unknowns
     settings: FusionSettings
     prior: Belief
+    growth: LackGrowth | None
     inputs: FrameInputs
     sightings: TargetSightings
     used: Mask
     std: Array = field(init=False)
+    causes: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Take the white noise of the targets that count."""
+        """Take the white noise of the targets that count, and what the unknowns change."""
+        object.__setattr__(self, 'causes', causes_of(self.unknowns, self.inputs))
         white = np.fmax(self.sightings.std[self.used], self.table.arm.sensors.target_std)
         object.__setattr__(self, 'std', np.tile(white, 2))
 
@@ -231,10 +280,7 @@ class FrameProblem:
         bent = bend_arm(
             self.table,
             self.inputs,
-            x[FORCE],
-            float(x[BIAS] + x[PRESSURE_NOISE]),
-            self.inputs.moment + float(x[MOMENT_NOISE]),
-            x[unknowns.of_columns],
+            self.causes @ x,
             start,
             targets,
             quick=True,
@@ -260,19 +306,9 @@ class FrameProblem:
         unknowns, bent = self.unknowns, trial.bent
         sensitivity = bent.linearize()
         by_cause = target_jacobian(self.table, sensitivity)
-        if bent.contact is not None:
-            turning = turning_with_arm(sensitivity, bent.contact)
-            by_cause = by_cause[:-1] + turning[:, None, None] * by_cause[-1]
         targets = unknowns.targets
-        response = np.zeros((2, targets, self.mean.size))
-        response[:, :, FORCE] = by_cause[FORCE].transpose(1, 2, 0)
-        response[:, :, BIAS] = response[:, :, PRESSURE_NOISE] = by_cause[PRESSURE]
-        response[:, :, MOMENT_NOISE] = by_cause[END_LOAD_MOMENT]
-        if bent.contact is not None:
-            response[:, :, CONTACT] = by_cause[-2:].transpose(1, 2, 0)
-        by_column = by_cause[PRESSURE + 1 : PRESSURE + 1 + unknowns.columns]
-        by_column = by_column + self.inputs.by_column[:, None, None] * by_cause[PRESSURE]
-        response[:, :, unknowns.of_columns] = by_column.transpose(1, 2, 0)
+        causes = causes_with_contact(self.causes, sensitivity, bent.contact)
+        response = np.tensordot(by_cause, causes, axes=(0, 0))  # (2, targets, unknowns)
         for axis in range(2):
             response[axis, :, DRIFT.start + axis] = 1.0
             response[axis, :, CAMERA.start + axis] = 1.0
@@ -284,9 +320,11 @@ class FrameProblem:
         seen = response[:, self.used].reshape(-1, self.mean.size)
         jacobian = seen @ self.root / self.std[:, None]
         hessian = np.eye(jacobian.shape[1]) + jacobian.T @ jacobian
+        lacking = unknowns.lacking
         return FrameLinearization(
             trial=trial,
             jacobian=jacobian,
+            lacking=seen[:, lacking] * unknowns.std[lacking] / self.std[:, None],
             gradient=jacobian.T @ trial.residual - trial.xi,
             hessian_root=np.asarray(np.linalg.cholesky(hessian), dtype=np.float64),
         )
@@ -333,11 +371,16 @@ class FrameProblem:
     def posterior(self, fit: FrameLinearization) -> Belief:
         """Return what is believed after the frame."""
         root = np.linalg.solve(fit.hessian_root, self.root.T).T
+        weights, growth = self.prior.lack_weights, self.growth
+        if growth is not None:
+            weights = weights_after(self.settings, weights, growth, fit.lack_told(growth))
         return Belief(
             stamp_ns=self.prior.stamp_ns,
             mean=freeze(self.mean + self.root @ fit.trial.xi),
             root=freeze(np.ascontiguousarray(root)),
             walk=self.prior.walk,
+            lack_weights=weights,
+            chamber=math.nan if growth is None else self.inputs.chamber,
             solution=fit.trial.bent.solution,
             frames=self.prior.frames + 1,
         )

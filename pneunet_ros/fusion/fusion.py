@@ -32,10 +32,10 @@ from pneunet_ros.fusion.belief import (
     first_belief,
     FORCE,
     forget,
-    MOMENT_NOISE,
+    lack_grown,
     move_belief,
     OF_BIAS,
-    PRESSURE_NOISE,
+    scaled_std,
     take_measurement,
     Unknowns,
     unknowns_of,
@@ -48,11 +48,14 @@ from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.frame_fit import (
     bend_arm,
     BentArm,
+    causes_of,
+    causes_with_contact,
     contact_of,
     FrameInputs,
     FrameProblem,
 )
 from pneunet_ros.fusion.frame_update import FrameUpdate, take_frame
+from pneunet_ros.fusion.lack import lack_columns, LackGrowth, remember, scale_of
 from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState, PressureInstant, RunningNis
@@ -62,9 +65,9 @@ from pneunet_ros.measurement.noise_model import target_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity, station_arclength
-from pneunet_ros.model.part_load import PART_CAUSES, PartLoad, turning_with_arm
+from pneunet_ros.model.part_load import PartLoad
 from pneunet_ros.model.perturbation import PerturbationTable
-from pneunet_ros.solver.columns import END_LOAD_MOMENT, LOADS
+from pneunet_ros.solver.columns import LOADS
 
 Event = Reading | TargetSightings
 
@@ -92,7 +95,9 @@ class Fusion:
             raise ModelError('arm.target_arclength is empty: without targets nothing can be fused')
         stations = station_arclength(self.arm.reach, self.sensors.stations)
         object.__setattr__(self, 'arclength', stations)
-        object.__setattr__(self, 'table', PerturbationTable(arm=self.arm))
+        object.__setattr__(
+            self, 'table', PerturbationTable(arm=self.arm, further=lack_columns(self.arm))
+        )
         object.__setattr__(self, 'unknowns', unknowns_of(self.arm, self.settings))
 
     def step(self, state: FusionState, event: Event) -> tuple[FusionState, FusionOutcome]:
@@ -178,8 +183,15 @@ class Fusion:
         history, chamber = self.arm.actuate(history, elapsed, sensed)
         known = reading.variance > 0.0
         std = math.sqrt(reading.variance) if known else self.arm.sensors.pressure_std
+        memory = state.pressures[-1].memory if state.pressures else ()
+        play = self.settings.play * self.unknowns.range
         return PressureInstant(
-            stamp_ns=reading.stamp_ns, gauge=gauge, chamber=chamber, std=std, history=history
+            stamp_ns=reading.stamp_ns,
+            gauge=gauge,
+            chamber=chamber,
+            std=std,
+            history=history,
+            memory=remember(self.settings, memory, chamber, elapsed, play),
         )
 
     def take_targets(
@@ -254,6 +266,7 @@ class Fusion:
                 chamber=middle,
                 std=0.0,
                 history=self.arm.initial_history(middle),
+                memory=remember(self.settings, (), middle, 0.0, 0.0),
             )
         after = next((i for i, one in enumerate(known) if one.stamp_ns >= stamp_ns), len(known))
         if after in (0, len(known)):
@@ -289,8 +302,13 @@ class Fusion:
         """Return the state where the pressure is read again."""
         if not state.pressure_lost or state.belief is None:
             return state
-        belief = forget(self.unknowns, state.belief, OF_BIAS)
+        belief = self.without(state.belief, OF_BIAS)
         return replace(state, belief=belief, pressure_lost=False)
+
+    def without(self, belief: Belief, where: slice) -> Belief:
+        """Return a belief that knows of some unknowns what was known before any frame."""
+        scale = scale_of(self.settings, belief.lack_weights)
+        return forget(belief, where, scaled_std(self.unknowns, scale)[where])
 
     def inputs_at(self, instant: PressureInstant, wrench: WrenchReading | None) -> FrameInputs:
         """Return what acted on the arm, and what columns of the covariance change of it."""
@@ -306,6 +324,7 @@ class Fusion:
             moment=0.0 if wrench is None else wrench.moment,
             moment_std=std,
             by_column=by_column,
+            late=np.array(instant.memory) - instant.chamber,
         )
 
     def by_columns(self, reading: Load) -> Array:
@@ -337,7 +356,7 @@ class Fusion:
         spread = response @ belief.root
         covariance = spread @ spread.T + std**2 * np.eye(2)
         if innovation @ np.linalg.solve(covariance, innovation) > self.settings.force_gate:
-            belief = replace(forget(self.unknowns, belief, FORCE), solution=belief.solution)
+            belief = self.without(belief, FORCE)
         return take_measurement(belief, response, value, np.full(2, std))
 
     def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
@@ -365,15 +384,19 @@ class Fusion:
             # erred. But it is not drawn to zero either, frame after frame, which the unknowns that
             # stay would take for evidence.
             free = replace(belief, walk=self.settings.largest_walk)
-            prior = self.move(free, shown_ns)
+            pressed = abs(instant.chamber - belief.chamber)
+            pressed = 0.0 if alone or not math.isfinite(pressed) else pressed
+            prior = self.move(free, shown_ns, pressed)
+            scale = scale_of(self.settings, belief.lack_weights)
+            seconds = seconds_between(free.stamp_ns, shown_ns) if free.frames else math.inf
+            grown = lack_grown(self.unknowns, seconds, pressed)
             if alone:
-                low, high = self.arm.pressure_range
-                std = self.settings.unknown_pressure * (high - low)
+                std = self.settings.unknown_pressure * self.unknowns.range
                 prior = widen(prior, OF_BIAS, np.array([std]))
             elif state.pressure_lost:
-                prior = forget(self.unknowns, prior, OF_BIAS)
+                prior = self.without(prior, OF_BIAS)
             if lost:
-                prior = forget(self.unknowns, prior, FORCE)
+                prior = self.without(prior, FORCE)
             if wrench is not None:
                 prior = self.with_wrench(prior, wrench, age, instant.gauge)
             return FrameProblem(
@@ -381,6 +404,7 @@ class Fusion:
                 unknowns=self.unknowns,
                 settings=self.settings,
                 prior=with_noise(prior, inputs.moment_std, inputs.chamber_std),
+                growth=None if alone else LackGrowth(scale=scale, grown=grown, seconds=seconds),
                 inputs=inputs,
                 sightings=sightings,
                 used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
@@ -403,9 +427,13 @@ class Fusion:
         state = replace(state, rival=weighed.rival, log_odds=weighed.log_odds, pressure_lost=alone)
         return self.after_frame(state, shown_ns, update, wrench)
 
-    def move(self, belief: Belief, stamp_ns: int) -> Belief:
-        """Return the belief at a later stamp, with a contact that may have walked."""
-        moved = move_belief(self.unknowns, belief, stamp_ns)
+    def move(self, belief: Belief, stamp_ns: int, pressed: float) -> Belief:
+        """Return the belief at a later stamp, with a contact that may have walked.
+
+        pressed (Pa): by how much the pressure has moved since.
+        """
+        scale = scale_of(self.settings, belief.lack_weights)
+        moved = move_belief(self.unknowns, belief, stamp_ns, scale, pressed)
         if not belief.touched:
             return moved
         seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
@@ -449,7 +477,8 @@ class Fusion:
         wrench, age = self.wrench_at(state, stamp_ns)
         inputs = self.inputs_at(instant, wrench)
         if belief.stamp_ns != stamp_ns or not belief.frames:
-            belief = self.move(belief, stamp_ns)
+            pressed = abs(instant.chamber - belief.chamber)
+            belief = self.move(belief, stamp_ns, pressed if math.isfinite(pressed) else 0.0)
             belief = with_noise(belief, inputs.moment_std, inputs.chamber_std)
         if wrench is not None and wrench.stamp_ns != state.wrench_used_ns:
             belief = self.with_wrench(belief, wrench, age, instant.gauge)
@@ -458,15 +487,10 @@ class Fusion:
             if beside.stops:
                 return state, refuse(stamp_ns, 'out_of_plane', beside.sentence)
             notes = [*notes, *([beside.note] if beside.warns else [])]
-        noise = float(belief.mean[PRESSURE_NOISE])
-        columns = belief.mean[self.unknowns.of_columns]
         bent = bend_arm(
             self.table,
             inputs,
-            belief.mean[FORCE],
-            float(belief.mean[BIAS]) + noise,
-            inputs.moment + float(belief.mean[MOMENT_NOISE]),
-            columns,
+            causes_of(self.unknowns, inputs) @ belief.mean,
             belief.solution if mode is not Mode.PREDICTION else state.solution,
             self.arclength,
             quick=False,
@@ -617,17 +641,9 @@ class Fusion:
         contact: PartLoad | None,
     ) -> Array:
         """Return the noise input matrix (sources, causes) of a belief."""
-        columns = belief.root[self.unknowns.of_columns]
-        causes = np.zeros((belief.root.shape[1], len(sensitivity.tip)))
-        causes[:, FORCE] = belief.root[FORCE].T
-        causes[:, END_LOAD_MOMENT] = belief.root[MOMENT_NOISE]
-        by_column = inputs.by_column @ columns
-        causes[:, PRESSURE] = belief.root[BIAS] + belief.root[PRESSURE_NOISE] + by_column
-        causes[:, PRESSURE + 1 : PRESSURE + 1 + self.unknowns.columns] = columns.T
-        if contact is not None:
-            causes[:, -PART_CAUSES:-1] = belief.root[CONTACT].T
-            causes[:, -1] = causes[:, :-1] @ turning_with_arm(sensitivity, contact)
-        return np.ascontiguousarray(np.linalg.qr(causes, mode='r'))
+        causes = causes_of(self.unknowns, inputs)
+        noise = causes_with_contact(causes, sensitivity, contact) @ belief.root
+        return np.ascontiguousarray(np.linalg.qr(noise.T, mode='r'))
 
     def known_force(
         self, belief: Belief, position: DomainPosition, ambiguous: bool

@@ -20,8 +20,23 @@ class FusionSettings:
     force_gate: float = tuning(
         6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
     )
-    bias_share: float = tuning(0.02, 'std of the pressure bias', unit='of the range')
-    bias_time: float = tuning(20.0, 'correlation time of the pressure bias', unit='s')
+    lack_scales: tuple[float, ...] = tuning(
+        (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12),
+        'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',
+        unit='of the range',
+    )
+    lack_time: float = tuning(
+        60.0, 'time in which frames told of its size count no more', unit='s'
+    )
+    lag_times: tuple[float, ...] = tuning(
+        (4.0, 40.0), 'in which a part of the curvature follows that the model lacks', unit='s'
+    )
+    play: float = tuning(0.06, 'width of a play that the model lacks', unit='of the range')
+    late_share: float = tuning(
+        0.1, 'std of the part of the curvature that comes late, with each time; invented'
+    )
+    play_share: float = tuning(0.5, 'std of the part of that play; invented')
+    bias_time: float = tuning(20.0, 'correlation time of what the model lacks', unit='s')
     unknown_pressure: float = tuning(
         0.5, 'std of a pressure that is not read any more', unit='of the range'
     )

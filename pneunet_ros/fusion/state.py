@@ -18,13 +18,17 @@ from pneunet_ros.solver.solution import SolverNodes
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureInstant:
-    """The chamber (Pa, one sigma of its noise) and the effects' history at a pressure reading."""
+    """The chamber (Pa, one sigma of its noise) and the effects' history at a pressure reading.
+
+    memory: the pressures (Pa) that lag behind the chamber, and that behind a play.
+    """
 
     stamp_ns: int
     gauge: float
     chamber: float
     std: float
     history: tuple[History, ...]
+    memory: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import reduce
 from itertools import groupby
@@ -72,12 +73,15 @@ class PerturbationTable:
     are one linear table on the rows of them all. It holds what effects add at every pressure
     alike; what they add by pressure or history is added at each call.
 
-    neighbors: the arm before each column, then the arm after each; distance (1 + columns,): how
-    far the sides are apart, of the pressure in Pa, then of the columns in sigma.
+    further: columns after those of the covariance, which no calibration knows: by how much each
+    quantity moves in one unit; neighbors: the arm before each column, then the arm after each;
+    distance (1 + columns,): how far the sides are apart, of the pressure in Pa, then of the
+    columns in sigma.
     """
 
     arm: Arm
     settings: DifferenceSettings = DEFAULTS
+    further: tuple[Mapping[str, float], ...] = ()
     neighbors: tuple[Arm, ...] = field(init=False, repr=False)
     distance: Array = field(init=False, repr=False)
     length: Array = field(init=False, repr=False)
@@ -91,7 +95,8 @@ class PerturbationTable:
     def __post_init__(self) -> None:
         """Stack the neighbors."""
         arm = self.arm
-        columns = () if arm.covariance is None else arm.covariance.columns()
+        known = () if arm.covariance is None else arm.covariance.columns()
+        columns = (*known, *self.further)
         pairs = [neighbors(arm, column, self.settings) for column in columns]
         befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         sides = tuple(befores + afters)
