@@ -20,7 +20,6 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.fusion.belief import Belief, CONTACT, FORCE
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
 from pneunet_ros.fusion.frame_update import Fit, FrameUpdate, leave_out, update_by
-from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
 
@@ -98,7 +97,7 @@ def weigh(
         other = fit_all(rival)
     elif not touched:
         other, log_odds = find_contact(frame, update.fit[1]), -bound
-    elif surely_there(update.fit[0].posterior(update.fit[1]), settings):
+    elif differs_from_zero(update.fit, settings.contact_gone):
         return Weighed(update=update, rival=None, log_odds=bound)
     else:
         other = fit_all(replace(frame, prior=without_contact(frame.prior)))
@@ -125,10 +124,11 @@ def evidence_cost(fit: Fit, seen: int) -> float:
     return found.log_evidence_cost + problem.settings.target_gate * left_out
 
 
-def surely_there(belief: Belief, settings: FusionSettings) -> bool:
-    """Whether a contact force is far from zero."""
-    force = belief.mean[CONTACT.start]
-    return bool(force**2 > settings.contact_gone * belief.std(CONTACT.start) ** 2)
+def differs_from_zero(fit: Fit, limit: float) -> bool:
+    """Whether the contact force of a fit is beyond a chi squared from zero."""
+    belief = fit[0].posterior(fit[1])
+    force, std = belief.mean[CONTACT.start], belief.std(CONTACT.start)
+    return bool(force**2 > limit * std**2)
 
 
 def fit_all(problem: FrameProblem) -> Fit | None:
@@ -192,7 +192,12 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> Fit | None:
     prior = with_any_contact(problem.prior, problem.unknowns.force_scale, length)
     touched = replace(problem, prior=prior)
     fits = [search_at(touched, fit, scores, int(panel)) for panel in best]
-    found = [item for item in fits if item is not None]
+    # A contact of no force is another minimum without one.
+    found = [
+        item
+        for item in fits
+        if item is not None and differs_from_zero(item, settings.contact_score)
+    ]
     return min(found, key=lambda item: evidence_cost(item, 0), default=None)
 
 

@@ -22,7 +22,6 @@ from pneunet_ros.solver.columns import (
     PANEL_LOSS_Y,
     PANEL_START,
     START,
-    THETA,
 )
 from pneunet_ros.solver.panel import GAUSS_POINTS
 from pneunet_ros.solver.rod import Rods
@@ -125,7 +124,10 @@ def heading_at(solution: SolverNodes, place: float) -> float:
 
 
 def heading_changes(sensitivity: Sensitivity, place: float) -> Array:
-    """Return the changes (causes,) of the angle of the tangent at a place (m), per cause."""
+    """Return the changes (causes,) of the angle of the tangent at a place (m), per cause.
+
+    Where a cause moves the panels along the rod, it is that of the place that moves with them.
+    """
     stations, _ = gauss_stations(sensitivity.solution.panels)
     changes = sensitivity.node_changes[:, :, :ANGLES].reshape(len(sensitivity.node_changes), -1)
     after = int(np.clip(np.searchsorted(stations, place), 1, stations.size - 1))
@@ -136,12 +138,9 @@ def heading_changes(sensitivity: Sensitivity, place: float) -> Array:
 def turning_with_arm(sensitivity: Sensitivity, load: PartLoad) -> Array:
     """Return by how much (rad per cause, (causes - 1,)) a load turns that stays normal to the arm.
 
-    The last cause of the sensitivity is where the load points, the last but one its place.
+    The last cause of the sensitivity is where the load points.
     """
     changes = heading_changes(sensitivity, load.place)
-    here = np.array([load.place - 0.5 * load.width, load.place + 0.5 * load.width])
-    low, high = sensitivity.fields(here)[THETA]
-    changes[-2] += (high - low) / load.width
     return np.asarray(changes[:-1] / (1.0 - changes[-1]))
 
 
