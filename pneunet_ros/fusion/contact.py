@@ -19,7 +19,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.fusion.belief import Belief, CONTACT, FORCE
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
-from pneunet_ros.fusion.frame_update import Fit, FrameUpdate, leave_out, update_by
+from pneunet_ros.fusion.frame_update import excess, Fit, FrameUpdate, leave_out, with_fit
 from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
 
@@ -48,12 +48,14 @@ class Contact:
 class Weighed:
     """What became of a frame, by the hypothesis that is more likely after it.
 
-    rival: what is believed by the other one, None where it was dropped; log_odds: of a contact.
+    rival: what is believed by the other one, None where it was dropped; log_odds: of a contact;
+    elsewhere: one at another place explained the frame as well when it was found.
     """
 
     update: FrameUpdate
     rival: Belief | None
     log_odds: float
+    elsewhere: bool
 
 
 def without_contact(belief: Belief) -> Belief:
@@ -82,39 +84,58 @@ def correlation_with_tip(belief: Belief) -> float:
 
 
 def weigh(
-    update: FrameUpdate, frame: FrameProblem, rival: FrameProblem | None, log_odds: float
+    update: FrameUpdate,
+    frame: FrameProblem,
+    rival: FrameProblem | None,
+    log_odds: float,
+    elsewhere: bool,
 ) -> Weighed:
     """Return what a frame says by the likelier hypothesis.
 
     update: of the frame by the hypothesis that led; frame: its problem, with all targets that were
-    seen; rival: that of the other hypothesis, None where that had been dropped; log_odds: of a
-    contact before the frame.
+    seen; rival: that of the other hypothesis, None where that had been dropped; log_odds,
+    elsewhere: before the frame, as in `Weighed`.
     """
-    if update.fit is None:
-        return Weighed(update=update, rival=None, log_odds=log_odds)
-    settings, touched, bound = frame.settings, frame.prior.touched, frame.settings.contact_bound
-    if rival is not None:
-        other = fit_all(rival)
-    elif not touched:
-        other, log_odds = find_contact(frame, update.fit[1]), -bound
-    elif differs_from_zero(update.fit, settings.contact_gone):
-        return Weighed(update=update, rival=None, log_odds=bound)
+    bound, touched = frame.settings.contact_bound, frame.prior.touched
+    alone = Weighed(
+        update=update, rival=None, log_odds=bound if touched else -bound, elsewhere=elsewhere
+    )
+    led = update.fit
+    if led is None or (touched and rival is None and is_sure(led)):
+        return alone
+    none: Fit | None = led
+    contact: Fit | None = led
+    if touched:
+        none = fit_all(rival or replace(frame, prior=without_contact(frame.prior)))
     else:
-        other = fit_all(replace(frame, prior=without_contact(frame.prior)))
-        log_odds = bound
-    if other is None:
-        return Weighed(update=update, rival=None, log_odds=bound if touched else -bound)
-    none, contact = (other, update.fit) if touched else (update.fit, other)
+        contact = None if rival is None else fit_all(rival)
+    log_odds = alone.log_odds if rival is None else log_odds
+    lost = contact is None if rival is None else contact is not None and excess(contact) > 1.0
+    if lost and none is not None:  # nobody looked for one, or it is not where it was
+        found = find_contact(replace(none[0], used=frame.used), none[1])
+        if found is not None and (contact is None or found.explains_better(contact)):
+            contact, elsewhere = found.fit, found.elsewhere
+    if none is None or contact is None:
+        return alone
     seen = int(np.count_nonzero(frame.used))
     gain = 0.5 * (evidence_cost(none, seen) - evidence_cost(contact, seen))
     misfit = contact[1].cost / contact[1].trial.residual.size
     log_odds = min(max(log_odds + gain / max(misfit, 1.0), -bound), bound)
-    if (log_odds > 0.0) is not touched:
-        left_out = seen - int(np.count_nonzero(other[0].used))
-        other, update = update.fit, update_by(other, left_out, None)
-    dropped = abs(log_odds) >= bound
-    kept = None if dropped or update.belief is None else other[0].posterior(other[1])
-    return Weighed(update=update, rival=kept, log_odds=log_odds)
+    leads, follows = (contact, none) if log_odds > 0.0 else (none, contact)
+    if leads is not led:
+        update = replace(with_fit(update, leads, seen), ambiguous=False)
+    dropped = abs(log_odds) >= bound or update.belief is None
+    return Weighed(
+        update=update,
+        rival=None if dropped else follows[0].posterior(follows[1]),
+        log_odds=log_odds,
+        elsewhere=elsewhere,
+    )
+
+
+def is_sure(fit: Fit) -> bool:
+    """Whether a fit with a contact explains the frame, and its force is far from zero."""
+    return excess(fit) <= 1.0 and differs_from_zero(fit, fit[0].settings.contact_gone)
 
 
 def evidence_cost(fit: Fit, seen: int) -> float:
@@ -170,13 +191,26 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     return PushScores(place=place, force=force, gain=gain, step=step)
 
 
-def find_contact(problem: FrameProblem, fit: FrameLinearization) -> Fit | None:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FoundContact:
+    """The best fit with a contact; elsewhere: one at another place explains the frame as well."""
+
+    fit: Fit
+    elsewhere: bool
+
+    def explains_better(self, other: Fit) -> bool:
+        """Whether it has the larger evidence, of the same targets."""
+        seen = other[0].used.size
+        return evidence_cost(self.fit, seen) < evidence_cost(other, seen)
+
+
+def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact | None:
     """Return the fit with a contact anywhere; None where nothing asks for one, or none is found.
 
     fit: without a contact. The best places are those no worse than their neighbors: weak contacts
     have several minima along the arm.
     """
-    settings = problem.settings
+    settings, length = problem.settings, problem.table.arm.length
     if fit.trial.residual.size != problem.std.size:  # of all targets, also of those left out
         again = problem.try_at(fit.trial.xi, fit.trial.bent.solution)
         if again is None:
@@ -187,18 +221,31 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> Fit | None:
         return None
     beside = np.concatenate([[0.0], scores.gain, [0.0]])
     peaks = np.flatnonzero((scores.gain >= beside[:-2]) & (scores.gain >= beside[2:]))
-    best = peaks[np.argsort(-scores.gain[peaks])][: settings.contact_starts]
-    length = problem.table.arm.length
+    starts = peaks[np.argsort(-scores.gain[peaks])][: settings.contact_starts]
     prior = with_any_contact(problem.prior, problem.unknowns.force_scale, length)
     touched = replace(problem, prior=prior)
-    fits = [search_at(touched, fit, scores, int(panel)) for panel in best]
-    # A contact of no force is another minimum without one.
-    found = [
-        item
+    tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]
+    fits = [item for item in tried if item is not None]
+    # A contact of no force is another minimum without one, or a tip force.
+    pressing = [item for item in fits if differs_from_zero(item, settings.contact_score)]
+    if not pressing:
+        return None
+    seen = problem.used.size
+    best = min(pressing, key=lambda item: evidence_cost(item, seen))
+    most = evidence_cost(best, seen) + settings.rival
+    apart = settings.contact_apart * length
+    elsewhere = any(
+        evidence_cost(item, seen) < most and abs(place_of(item) - place_of(best)) > apart
         for item in fits
-        if item is not None and differs_from_zero(item, settings.contact_score)
-    ]
-    return min(found, key=lambda item: evidence_cost(item, 0), default=None)
+    )
+    return FoundContact(fit=best, elsewhere=elsewhere)
+
+
+def place_of(fit: Fit) -> float:
+    """Return the place (m) of the contact of a fit."""
+    contact = fit[1].trial.bent.contact
+    assert contact is not None
+    return contact.place
 
 
 def search_at(

@@ -308,7 +308,7 @@ class FrameProblem:
         by_cause = target_jacobian(self.table, sensitivity)
         targets = unknowns.targets
         causes = causes_with_contact(self.causes, sensitivity, bent.contact)
-        response = np.tensordot(by_cause, causes, axes=(0, 0))  # (2, targets, unknowns)
+        response = (by_cause.reshape(len(by_cause), -1).T @ causes).reshape(2, targets, -1)
         for axis in range(2):
             response[axis, :, DRIFT.start + axis] = 1.0
             response[axis, :, CAMERA.start + axis] = 1.0

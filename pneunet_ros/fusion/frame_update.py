@@ -7,7 +7,7 @@ hidden another equilibrium may look the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -19,14 +19,26 @@ from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
 Fit = tuple[FrameProblem, FrameLinearization]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColdRound:
+    """A round of cold starts, a few in each frame, after which the best are followed, one a frame.
+
+    frame: of the round; best: cost and force (N) of those that fitted best so far.
+    """
+
+    frame: int = 0
+    best: tuple[tuple[float, float, float], ...] = ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameUpdate:
     """What became of a frame.
 
     belief: after it, None where it was not used, for which `reason` is the key. nis: the least
     cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
-    that did not fit. ambiguous: another force explains it as well, None where nobody looked. fit:
-    that it came from, also where the frame was not used.
+    that did not fit. ambiguous: another force explains it as well; everywhere: the search began at
+    every cold start; round_: the cold starts of the frames to come. fit: that it came from, also
+    where the frame was not used.
     """
 
     belief: Belief | None
@@ -34,18 +46,20 @@ class FrameUpdate:
     nis: float = math.nan
     coordinates: int = 0
     left_out: int = 0
-    ambiguous: bool | None = None
+    ambiguous: bool = False
+    everywhere: bool = False
+    round_: ColdRound = field(default_factory=ColdRound)
     fit: Fit | None = None
 
 
 def take_frame(
-    problem: FrameProblem, *, cold: bool, look_around: bool, force_read: bool
+    problem: FrameProblem, *, cold: bool, round_: ColdRound, force_read: bool
 ) -> FrameUpdate:
     """Take a frame.
 
-    cold: nothing is known of the force, and the search begins everywhere; look_around: it begins
-    everywhere as well, to see whether another force explains the frame; force_read: a sensor tells
-    the force, and neither makes sense.
+    cold: nothing is known of the force, and the search begins everywhere; round_: of cold starts,
+    which find whether another force explains the frame; force_read: a sensor tells the force, and
+    neither makes sense.
     """
     if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
         return FrameUpdate(belief=None, reason='too_few_targets')
@@ -56,28 +70,34 @@ def take_frame(
             fits = [leave_out(problem, tracked)]
     believed = bool(fits) and (force_read or excess(fits[0]) <= 1.0)
     if not (believed or force_read):  # the force may have jumped
-        fits += [leave_out(*fit) for fit in solutions(problem)[:1]]
+        starts = cold_starts(problem)[: problem.settings.starts_followed]
+        fits += [leave_out(*fit) for fit in solutions(problem, starts)[:1]]
     if not fits:
         return FrameUpdate(belief=None, reason='no_equilibrium')
     best = fits[0] if believed else min(fits, key=excess)
-    ambiguous = None
-    if not force_read and (cold or look_around or not believed):
-        best, ambiguous = look_for_rivals(best)
-    left_out = int(np.count_nonzero(problem.used & ~best[0].used))
-    return update_by(best, left_out, ambiguous)
+    everywhere, ambiguous = not force_read and (cold or not believed), False
+    if everywhere:
+        starts = cold_starts(best[0])[: problem.settings.starts_followed]
+        best, ambiguous = look_for_rivals(best, starts)
+        round_ = ColdRound()
+    elif not force_read:
+        round_, starts = next_of_round(best[0], round_)
+        best, ambiguous = look_for_rivals(best, starts)
+    found = FrameUpdate(belief=None, ambiguous=ambiguous, everywhere=everywhere, round_=round_)
+    return with_fit(found, best, int(np.count_nonzero(problem.used)))
 
 
-def update_by(best: Fit, left_out: int, ambiguous: bool | None) -> FrameUpdate:
-    """Return what becomes of a frame by a fit that left out so many targets."""
+def with_fit(update: FrameUpdate, best: Fit, seen: int) -> FrameUpdate:
+    """Return an update by a fit of a frame in which so many targets were seen."""
     problem, fit = best
     inconsistent = excess(best) > problem.settings.frame_gate
-    return FrameUpdate(
+    return replace(
+        update,
         belief=None if inconsistent else problem.posterior(fit),
         reason='inconsistent' if inconsistent else '',
         nis=fit.cost,
         coordinates=fit.trial.residual.size,
-        left_out=left_out,
-        ambiguous=ambiguous,
+        left_out=seen - int(np.count_nonzero(problem.used)),
         fit=best,
     )
 
@@ -108,18 +128,40 @@ def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
     return problem, fit
 
 
-def solutions(problem: FrameProblem) -> list[Fit]:
-    """Return fits of a frame from cold starts, the best first."""
+def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:
+    """Return trials at forces all over the scale, or at some of them, the best first."""
     settings, scale = problem.settings, problem.unknowns.force_scale
     angles = 2.0 * np.pi * np.arange(settings.start_directions) / settings.start_directions
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     forces = [np.zeros(2), *(share * scale * one for share in settings.start_forces
                              for one in directions)]  # fmt: skip
-    trials = [problem.try_at(problem.start_at(force), None) for force in forces]
-    known = sorted((trial for trial in trials if trial is not None), key=lambda item: item.cost)
-    found = [search_from(problem, trial) for trial in known[: settings.starts_followed]]
+    trials = [problem.try_at(problem.start_at(force), None) for force in forces[which]]
+    known = [trial for trial in trials if trial is not None]
+    return sorted(known, key=lambda trial: trial.cost)
+
+
+def solutions(problem: FrameProblem, starts: list[Trial]) -> list[Fit]:
+    """Return fits of a frame from cold starts, the best first."""
+    found = [search_from(problem, trial) for trial in starts]
     fits = [(problem, fit) for fit in found if fit is not None]
     return sorted(fits, key=lambda fit: fit[1].log_evidence_cost)
+
+
+def next_of_round(problem: FrameProblem, round_: ColdRound) -> tuple[ColdRound, list[Trial]]:
+    """Return the round after this frame, and the cold starts to follow in it: none or one."""
+    settings = problem.settings
+    if round_.frame < settings.restart_frames:
+        tried = cold_starts(problem, slice(round_.frame, None, settings.restart_frames))
+        forces = [(trial.cost, *force_at(problem, trial).tolist()) for trial in tried]
+        best = sorted([*round_.best, *forces])[: settings.starts_followed]
+        return ColdRound(frame=round_.frame + 1, best=tuple(best)), []
+    if not round_.best:
+        return ColdRound(), []
+    _, *force = round_.best[0]
+    trial = problem.try_at(problem.start_at(np.array(force)), None)
+    left = round_.best[1:]
+    after = ColdRound(frame=round_.frame + 1, best=left) if left else ColdRound()
+    return after, [] if trial is None else [trial]
 
 
 def search_from(problem: FrameProblem, trial: Trial) -> FrameLinearization | None:
@@ -127,14 +169,14 @@ def search_from(problem: FrameProblem, trial: Trial) -> FrameLinearization | Non
     return problem.search(trial.xi, trial.bent.solution)
 
 
-def look_for_rivals(best: Fit) -> tuple[Fit, bool]:
+def look_for_rivals(best: Fit, starts: list[Trial]) -> tuple[Fit, bool]:
     """Return the best of all solutions, and whether another one explains the frame as well.
 
     One that is better by more than `rival` takes the place of the one that was followed.
     """
     problem, followed = best
     settings = problem.settings
-    others = [rival for rival in solutions(problem) if are_apart(best, rival)]
+    others = [rival for rival in solutions(problem, starts) if are_apart(best, rival)]
     if not others:
         return best, False
     gain = followed.log_evidence_cost - others[0][1].log_evidence_cost
@@ -143,14 +185,14 @@ def look_for_rivals(best: Fit) -> tuple[Fit, bool]:
     return best, gain > -settings.rival
 
 
-def force_of(problem: FrameProblem, fit: FrameLinearization) -> Array:
-    """Return the force (2,) N of a fit."""
-    return np.asarray(problem.mean[FORCE] + problem.root[FORCE] @ fit.trial.xi)
+def force_at(problem: FrameProblem, trial: Trial) -> Array:
+    """Return the force (2,) N of a trial."""
+    return np.asarray(problem.mean[FORCE] + problem.root[FORCE] @ trial.xi)
 
 
 def are_apart(first: Fit, second: Fit) -> bool:
     """Whether two fits are two solutions, and not two ends of one search."""
-    between = force_of(*first) - force_of(*second)
+    between = force_at(first[0], first[1].trial) - force_at(second[0], second[1].trial)
     covariance = first[0].posterior(first[1]).force_covariance
     distance = float(between @ np.linalg.solve(covariance, between))
     return distance > first[0].settings.apart

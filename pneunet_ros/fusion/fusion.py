@@ -414,17 +414,23 @@ class Fusion:
         update = take_frame(
             problem,
             cold=lost or not before.frames,
-            look_around=state.since_restart + 1 >= self.settings.restart_frames,
+            round_=state.cold_round,
             force_read=wrench is not None,
         )
         rival = None if state.rival is None else problem_of(state.rival)
         odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
-        weighed = weigh(update, problem, rival, odds)
+        weighed = weigh(update, problem, rival, odds, state.elsewhere)
         update = weighed.update
         if update.belief is not None:
             walk = walk_after(self.settings, before, update.belief)
             update = replace(update, belief=replace(update.belief, walk=walk))
-        state = replace(state, rival=weighed.rival, log_odds=weighed.log_odds, pressure_lost=alone)
+        state = replace(
+            state,
+            rival=weighed.rival,
+            log_odds=weighed.log_odds,
+            elsewhere=weighed.elsewhere,
+            pressure_lost=alone,
+        )
         return self.after_frame(state, shown_ns, update, wrench)
 
     def move(self, belief: Belief, stamp_ns: int, pressed: float) -> Belief:
@@ -456,14 +462,18 @@ class Fusion:
             )
         if update.belief is None:
             return replace(state, nis=nis, lost=state.lost + 1).count_unused(update.reason)
-        ambiguous = state.ambiguous if update.ambiguous is None else update.ambiguous
+        clear = 0 if update.ambiguous else state.since_restart + 1
+        whole = self.settings.restart_frames + self.settings.starts_followed
+        settled = update.everywhere or clear >= whole
+        ambiguous = update.ambiguous or (state.ambiguous and not settled)
         return replace(
             state,
             belief=update.belief,
             wrench_used_ns=None if wrench is None else wrench.stamp_ns,
             nis=nis,
             ambiguous=ambiguous and wrench is None,
-            since_restart=state.since_restart + 1 if update.ambiguous is None else 0,
+            since_restart=clear,
+            cold_round=update.round_,
             lost=0,
             frames=state.frames + 1,
         )
@@ -559,7 +569,7 @@ class Fusion:
             std_force=belief.std(CONTACT.start),
             log_odds=state.log_odds,
             correlation=correlation,
-            ambiguous=not read and correlation > self.settings.contact_alike,
+            ambiguous=not read and (state.elsewhere or correlation > self.settings.contact_alike),
         )
 
     def position_of(self, belief: Belief, bent: BentArm, inputs: FrameInputs) -> DomainPosition:

@@ -67,12 +67,14 @@ class FusionSettings:
         unit='sigma',
     )
     frames_lost: int = tuning(3, 'frames not used in a row, after which the force is forgotten')
-    restart_frames: int = tuning(5, 'frames from one search from cold starts to the next')
+    restart_frames: int = tuning(6, 'frames over which the cold starts are tried, once a round')
     start_forces: tuple[float, ...] = tuning(
         (0.3, 0.9), 'cold starts in all directions, beside no force', unit='of the force scale'
     )
     start_directions: int = tuning(8, 'directions of the cold starts')
-    starts_followed: int = tuning(3, 'cold starts, the best, from which the search begins')
+    starts_followed: int = tuning(
+        3, 'cold starts, the best of a round, from which the search begins: one a frame'
+    )
     rival: float = tuning(
         9.0, 'cost above the best within which another solution counts', unit='chi squared'
     )
@@ -103,6 +105,9 @@ class FusionSettings:
     )
     contact_walk: float = tuning(0.1, 'random walk of a contact force', unit='N/sqrt(s)')
     place_walk: float = tuning(2e-3, 'random walk of the place of a contact', unit='m/sqrt(s)')
+    contact_apart: float = tuning(
+        0.05, 'distance of two places that are two contacts', unit='of the length'
+    )
     contact_alike: float = tuning(
         0.95, 'correlation from which on contact and tip force cannot be told apart'
     )

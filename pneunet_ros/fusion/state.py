@@ -13,6 +13,7 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.frame_update import ColdRound
 from pneunet_ros.solver.solution import SolverNodes
 
 
@@ -57,13 +58,14 @@ class FusionState:
     """All that a fusion remembers from one reading or frame to the next.
 
     readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
-    last ones, for frames that come late; waiting: frames whose pressure has not come yet. belief:
-    at the last frame that was used, by the likelier of two hypotheses, no contact and contact;
-    rival: by the other one, None where that is as good as excluded; log_odds: of a contact, None
-    before the first frame. wrench_used_ns: of the wrench in it. solution: of the last
-    estimate. pressure_lost: the belief's bias stands for the whole pressure. since_restart, lost:
-    frames since the last cold starts, and in a row not used. frames: used so far; unused: others
-    by reason.
+    last ones, for frames that come late; waiting: frames whose pressure has not come yet.
+    belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
+    contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
+    contact, None before the first frame; elsewhere: one at another place may be it.
+    wrench_used_ns: of the wrench in it. solution: of the last estimate. pressure_lost: the
+    belief's bias stands for the whole pressure. since_restart: frames in a row in which the
+    search, begun at a part of the cold starts each, found no other force; lost: frames in a
+    row not used. frames: used so far; unused: others by reason.
     """
 
     readings: EstimatorState = field(default_factory=EstimatorState)
@@ -74,11 +76,13 @@ class FusionState:
     belief: Belief | None = None
     rival: Belief | None = None
     log_odds: float | None = None
+    elsewhere: bool = False
     wrench_used_ns: int | None = None
     solution: SolverNodes | None = None
     pressure_lost: bool = False
     ambiguous: bool = False
     since_restart: int = 0
+    cold_round: ColdRound = field(default_factory=ColdRound)
     lost: int = 0
     nis: RunningNis | None = None
     estimates: int = 0

@@ -53,7 +53,10 @@ class Perturbation:
         shares = amounts / self.distance
 
         def change(sides: Array) -> Array:
-            return np.asarray(np.tensordot(shares, sides[1] - sides[0], axes=1))
+            between = sides[1] - sides[0]
+            return np.asarray(
+                (shares @ between.reshape(shares.size, -1)).reshape(between.shape[1:])
+            )
 
         return Rods(
             length=rods.length + float(change(self.length)),
