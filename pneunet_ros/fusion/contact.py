@@ -88,20 +88,23 @@ def weigh(
     frame: FrameProblem,
     rival: FrameProblem | None,
     log_odds: float,
+    *,
     elsewhere: bool,
+    force_read: bool,
 ) -> Weighed:
     """Return what a frame says by the likelier hypothesis.
 
     update: of the frame by the hypothesis that led; frame: its problem, with all targets that were
-    seen; rival: that of the other hypothesis, None where that had been dropped; log_odds,
-    elsewhere: before the frame, as in `Weighed`.
+    seen; rival: that of the other hypothesis, None where that had been dropped; log_odds and
+    elsewhere: before the frame, as in `Weighed`; force_read: a sensor tells the tip force. Without
+    one a contact force far from zero is no proof: with another tip force there may be none.
     """
     bound, touched = frame.settings.contact_bound, frame.prior.touched
     alone = Weighed(
         update=update, rival=None, log_odds=bound if touched else -bound, elsewhere=elsewhere
     )
     led = update.fit
-    if led is None or (touched and rival is None and is_sure(led)):
+    if led is None or (force_read and touched and rival is None and is_sure(led)):
         return alone
     none: Fit | None = led
     contact: Fit | None = led

@@ -419,7 +419,14 @@ class Fusion:
         )
         rival = None if state.rival is None else problem_of(state.rival)
         odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
-        weighed = weigh(update, problem, rival, odds, state.elsewhere)
+        weighed = weigh(
+            update,
+            problem,
+            rival,
+            odds,
+            elsewhere=state.elsewhere,
+            force_read=wrench is not None,
+        )
         update = weighed.update
         if update.belief is not None:
             walk = walk_after(self.settings, before, update.belief)
