@@ -39,11 +39,13 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.belief import FORCE
+from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
-from pneunet_ros.lab.lab_recording import LabRecording
+from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabHysteresis
+from pneunet_ros.lab.lab_recording import LabRecording, LabTruth
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import LabNoise, Rates
 from pneunet_ros.lab.simulation import simulate
@@ -55,12 +57,52 @@ from scipy.stats import chi2
 
 FIRST_SEED = 5000
 RATE = 20.0  # Hz, of readings; every second instant is a frame
+PERIOD = 2.0 / RATE  # s, of frames
 IN_95 = float(chi2.ppf(0.95, 2))
+BEYOND = 4.0**2  # 4 sigma; of 10 000 errors of two coordinates 3 lie further
 LIGHT = 0.02  # N, below which a share of the force means nothing
 SURE = 0.05  # of the force: sigma of one that counts
 PRESSED = 10e3  # Pa
-WAYS = ('no wrench', 'wrench', 'base hidden', 'half hidden', 'tip hidden')
-COLUMNS = ('tip', 'tip_nees', 'share', 'sigma', 'force_nees', 'pressed', 'ambiguous', 'age')
+Intervals = tuple[tuple[float, float], ...]
+COLUMNS = (
+    'tip', 'tip_nees', 'share', 'sigma', 'force_nees', 'pressed', 'ambiguous', 'age', 'mode',
+    'astray', 'withheld',
+)  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Way:
+    """What is there in a way to fuse: sensors, targets, and physics that the model lacks.
+
+    hidden: targets that are not seen; lacking: of the arm; top (Pa): of the pressure; lost: each
+    sensor for some seconds, one after the other.
+    """
+
+    wrench: bool = False
+    hidden: str = ''
+    lacking: tuple[LabEffect, ...] = ()
+    top: float = 62e3
+    lost: bool = False
+
+
+CREEP = (LabCreep(amplitude=0.15, time_constant=60.0),)
+HYSTERESIS = (LabHysteresis(width=4e3),)
+WAYS = {
+    'no wrench': Way(),
+    'wrench': Way(wrench=True),
+    'base hidden': Way(hidden='base'),
+    'half hidden': Way(hidden='half'),
+    'tip hidden': Way(hidden='tip'),
+    'creep, no wrench': Way(lacking=CREEP),
+    'creep, wrench': Way(lacking=CREEP, wrench=True),
+    'hysteresis, no wrench': Way(lacking=HYSTERESIS),
+    'hysteresis, wrench': Way(lacking=HYSTERESIS, wrench=True),
+    'straight': Way(top=10e3),
+    'lost and back': Way(wrench=True, lost=True),
+}
+# s, in which a sensor is lost, and those of them in which the wrench is as well
+LOST = {'targets': ((8.0, 11.0), (24.0, 25.0)), 'pressure': ((14.0, 18.0),)}
+NO_WRENCH = ((20.0, 30.0),)
 GOALS = {
     ('no wrench', 'sure_rms'): (0.0, 0.035),
     ('no wrench', 'median'): (0.0, 0.04),
@@ -79,10 +121,23 @@ GOALS = {
     ('base hidden', 'tip_covered'): (0.93, 1.0),
     ('base hidden', 'tip_rms'): (0.0, 0.25e-3),
     ('tip hidden', 'tip_covered'): (0.93, 1.0),
+    **{
+        (f'{lacking}, {which}', what): limits
+        for lacking in ('creep', 'hysteresis')
+        for which, what, limits in (
+            ('no wrench', 'force_covered', (0.85, 1.0)),
+            ('wrench', 'force_covered', (0.92, 1.0)),
+            ('wrench', 'tip_covered', (0.92, 1.0)),
+            ('wrench', 'tip_rms', (0.0, 0.11e-3)),
+        )
+    },
+    ('straight', 'withheld'): (0.99, 1.0),
+    ('lost and back', 'mode_right'): (1.0, 1.0),
+    ('lost and back', 'beyond_4_sigma'): (0.0, 1e-3),
 }
 
 
-def recording_of(seed: int, which: int) -> LabRecording:
+def recording_of(seed: int, which: int, way: Way = WAYS['no wrench']) -> LabRecording:
     """Return one of the recordings of a rig, with dots and camera of its own."""
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
     return simulate(
@@ -91,26 +146,49 @@ def recording_of(seed: int, which: int) -> LabRecording:
             name=f'fusion {which}',
             seed=seed,
             arm=vary_arm(scenario.arm, seed),
-            protocol=RandomMix(seed=float(100 * seed + which), lowest=2e3, top=62e3),
+            effects=way.lacking,
+            protocol=RandomMix(seed=float(100 * seed + which), lowest=2e3, top=way.top),
             noise=dataclasses.replace(scenario.noise, jitter_std=0.0),
             rates=Rates(pressure=RATE, wrench=RATE, frames=RATE),
         )
     )
 
 
-def hide(way: str, x: Array, random: np.random.Generator) -> Array:
+def hide(way: Way, x: Array, random: np.random.Generator) -> Array:
     """Return x of the targets, NaN where this way does not see them."""
     half, x = x.size // 2, x.copy()
-    if way == 'base hidden':
+    if way.hidden == 'base':
         x[:half] = np.nan
-    elif way == 'tip hidden':
+    elif way.hidden == 'tip':
         x[-half:] = np.nan
-    elif way == 'half hidden':
+    elif way.hidden == 'half':
         x[random.permutation(x.size)[:half]] = np.nan
     return x
 
 
-def fuse(fusion: Fusion, recording: LabRecording, way: str, seed: int) -> Array:
+def is_lost(way: Way, when: Intervals, time: float) -> bool:
+    """Whether a sensor is not there at a time (s)."""
+    return way.lost and any(begin <= time < end for begin, end in when)
+
+
+def right_modes(way: Way, time: float, fusion: Fusion) -> set[Mode]:
+    """Return the modes that are right at a time (s): within a period of a change, both."""
+    found = set()
+    for instant in (time - PERIOD, time, time + PERIOD):
+        targets, pressure = (
+            max([instant - begin for begin, end in LOST[name] if begin <= instant < end] or [0.0])
+            for name in ('targets', 'pressure')
+        )
+        mode = Mode.FUSED
+        if way.lost and targets > fusion.settings.target_timeout:
+            mode = Mode.PREDICTION
+        elif way.lost and pressure > fusion.sensors.input_timeout:
+            mode = Mode.CAMERA_ONLY
+        found.add(mode)
+    return found
+
+
+def fuse(fusion: Fusion, recording: LabRecording, way: Way, seed: int) -> Array:
     """Fuse a recording in one way, and compare with the truth: COLUMNS, a row per instant."""
     truth, noise, random = recording.truth, LabNoise(), np.random.default_rng([seed, 13])
     size = np.array([noise.force_std, noise.force_std, noise.moment_std, noise.pressure_std])
@@ -121,7 +199,8 @@ def fuse(fusion: Fusion, recording: LabRecording, way: str, seed: int) -> Array:
     names = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
     for instant, stamp in enumerate(recording.stamp_ns.tolist()):
         force_x, force_y, moment, pressure = read[instant].tolist()
-        if way == 'wrench':
+        time, events = float(truth.time[instant]), []
+        if way.wrench and not is_lost(way, NO_WRENCH, time):
             wrench = WrenchReading(
                 stamp_ns=stamp,
                 force_x=force_x,
@@ -129,21 +208,37 @@ def fuse(fusion: Fusion, recording: LabRecording, way: str, seed: int) -> Array:
                 moment=moment,
                 frame_id=BASE_FRAME,
             )
-            state, _ = fusion.step(state, wrench)
-        if instant % 2 == 0:
+            events.append(wrench)
+        if instant % 2 == 0 and not is_lost(way, LOST['targets'], time):
             x = hide(way, recording.x[instant], random)
             y = np.where(np.isfinite(x), recording.y[instant], np.nan)
             seen = TargetSightings(stamp_ns=stamp, x=x, y=y, **dict.fromkeys(names, nothing))
-            state, _ = fusion.step(state, seen)
-        state, fused = fusion.step(state, PressureReading(stamp_ns=stamp, pressure=pressure))
-        if isinstance(fused, FusedEstimate):
-            place = np.array([truth.x[instant, -1], truth.y[instant, -1]])
-            rows[instant] = row_of(fused, place, truth.force[instant], pressure)
+            events.append(seen)
+        if not is_lost(way, LOST['pressure'], time):
+            events.append(PressureReading(stamp_ns=stamp, pressure=pressure))
+        for event in events:
+            state, fused = fusion.step(state, event)
+            if isinstance(fused, FusedEstimate):
+                place = np.array([truth.x[instant, -1], truth.y[instant, -1]])
+                row = row_of(fused, place, truth.force[instant], pressure)
+                right = fused.mode in right_modes(way, time, fusion)
+                rows[instant] = [*row, float(right), *first_force(state, fused, truth, instant)]
     return rows
 
 
+def first_force(
+    state: FusionState, fused: FusedEstimate, truth: LabTruth, instant: int
+) -> list[float]:
+    """Return whether the belief of F1 is off by more than half of it, and whether F1 is NaN."""
+    true = float(truth.force[instant, 0])
+    if state.belief is None or abs(true) < LIGHT:
+        return [math.nan, math.nan]
+    off = abs(float(state.belief.mean[FORCE][0]) - true)
+    return [float(off > 0.5 * abs(true)), float(math.isnan(fused.force[0]))]
+
+
 def row_of(fused: FusedEstimate, tip: Array, force: Array, pressure: float) -> list[float]:
-    """Return one row of COLUMNS: an estimate beside the true tip (2,) m and force (2,) N."""
+    """Return the first of COLUMNS: an estimate beside the true tip (2,) m and force (2,) N."""
     missed = tip - np.array(fused.estimate.shape.tip[:2])
     covariance = fused.estimate.tip_covariance[:2, :2]
     off, size = force - fused.force, float(np.hypot(*force))
@@ -178,12 +273,15 @@ def one_rig(work: tuple[int, int]) -> dict[str, Array]:
 def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
     """Fuse recordings of a rig by a model of it."""
     fusion = Fusion(arm=arm)
-    rows: dict[str, list[Array]] = {way: [] for way in WAYS}
+    rows: dict[str, list[Array]] = {name: [] for name in WAYS}
     for which in range(recordings):
-        recording = recording_of(seed, which)
-        for way in WAYS:
-            rows[way].append(fuse(fusion, recording, way, 100 * seed + which))
-    return {way: np.array(found) for way, found in rows.items()}
+        recordings_of: dict[tuple, LabRecording] = {}
+        for name, way in WAYS.items():
+            kind = way.lacking, way.top
+            if kind not in recordings_of:
+                recordings_of[kind] = recording_of(seed, which, way)
+            rows[name].append(fuse(fusion, recordings_of[kind], way, 100 * seed + which))
+    return {name: np.array(found) for name, found in rows.items()}
 
 
 def summary_of(rigs: list[dict[str, Array]]) -> dict:
@@ -207,6 +305,8 @@ def numbers_of(rows: Array) -> dict:
     sure = column['sigma'] < SURE
     pressed = (column['pressed'] > 0.0) & np.isfinite(column['share'])
     later = between[..., COLUMNS.index('tip')], between[..., COLUMNS.index('tip_nees')]
+    withheld = rows[..., COLUMNS.index('withheld')][rows[..., COLUMNS.index('astray')] > 0.0]
+    both = rows[..., [COLUMNS.index('tip_nees'), COLUMNS.index('force_nees')]]
     return {
         'frames': int(np.isfinite(column['tip']).sum()),
         'ambiguous': float(np.nanmean(column['ambiguous'])),
@@ -224,13 +324,21 @@ def numbers_of(rows: Array) -> dict:
         'largest_tip_nees': float(np.nanmax(tip_nees)),
         'between_tip_median': float(np.nanmedian(later[0])),
         'between_tip_covered': covered(later[1]),
+        'withheld': float(np.mean(withheld)) if withheld.size else 1.0,
+        'mode_right': float(np.nanmean(rows[..., COLUMNS.index('mode')])),
+        'beyond_4_sigma': float(np.mean(both[known(both)] > BEYOND)),
     }
 
 
 def covered(nees: Array) -> float:
     """Return the share of known ones within the 95 % ellipse."""
-    known = nees[np.isfinite(nees)]
-    return float(np.mean(known <= IN_95)) if known.size else math.nan
+    found = nees[known(nees)]
+    return float(np.mean(found <= IN_95)) if found.size else math.nan
+
+
+def known(values: Array) -> Array:
+    """Return where there are values."""
+    return np.isfinite(values)
 
 
 def show(summary: dict, title: str) -> None:
@@ -249,6 +357,9 @@ def show(summary: dict, title: str) -> None:
         ('worst recording', 'worst_tip', '.3f'),
         ('NEES', 'tip_nees', '.2f'),
         ('ambiguous', 'ambiguous', '.3f'),
+        ('F1 astray and withheld', 'withheld', '.3f'),
+        ('right mode', 'mode_right', '.4f'),
+        ('beyond 4 sigma', 'beyond_4_sigma', '.5f'),
         ('between: tip median mm', 'between_tip_median', '.3f'),
         ('covered', 'between_tip_covered', '.3f'),
     )

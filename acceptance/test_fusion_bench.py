@@ -27,6 +27,7 @@ def rows(tip=5e-5, share=0.01, sure=1.0, seed=3):
             'sigma': share / sure,
             'force_nees': nees[..., 1],
             'pressed': 1.0,
+            'mode': 1.0,
         }
         for name, value in values.items():
             found[..., bench.COLUMNS.index(name)] = value
@@ -49,7 +50,9 @@ def test_a_recording_gives_an_estimate_at_nearly_every_frame():
     recording = bench.recording_of(77, 0)
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
     assert recording.scenario.arm.length == scenario.arm.length
-    fused = bench.fuse(Fusion(arm=true_model(recording.scenario)), recording, 'no wrench', 77)
+    fused = bench.fuse(
+        Fusion(arm=true_model(recording.scenario)), recording, bench.WAYS['no wrench'], 77
+    )
     numbers = bench.numbers_of(fused[None])
     assert numbers['frames'] > 0.98 * len(fused) / 2
     assert numbers['sure_rms'] < 0.05

@@ -15,6 +15,7 @@ from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
+from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabHysteresis
 from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import Rates
@@ -27,7 +28,7 @@ RATE = 10.0
 
 
 @cache
-def recorded() -> LabRecording:
+def recorded(*effects: LabEffect) -> LabRecording:
     """Return a recording in which every sensor reads at the same instants."""
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
     protocol = RandomMix(duration=20.0, seed=5.0, lowest=12e3, top=60e3)
@@ -38,6 +39,7 @@ def recorded() -> LabRecording:
         'noise': replace(scenario.noise, jitter_std=0.0, occlusions=0.0),
         'rates': Rates(pressure=RATE, wrench=RATE, frames=RATE),
         'protocol': protocol,
+        'effects': effects,
     }
     return simulate(replace(scenario, **changes))
 
@@ -47,8 +49,10 @@ def fusion() -> Fusion:
     return Fusion(arm=true_model(recorded().scenario))
 
 
-def sightings(frame: int, hidden=(), stamp_ns: int | None = None) -> TargetSightings:
-    recording = recorded()
+def sightings(
+    frame: int, hidden=(), stamp_ns: int | None = None, effects: tuple[LabEffect, ...] = ()
+) -> TargetSightings:
+    recording = recorded(*effects)
     x, y = recording.x[frame].copy(), recording.y[frame].copy()
     x[list(hidden)] = y[list(hidden)] = np.nan
     return sightings_at(int(recording.stamp_ns[frame]) if stamp_ns is None else stamp_ns, x, y)
@@ -92,10 +96,11 @@ class Result:
     frame: np.ndarray
     estimates: list[FusedEstimate]
     state: FusionState
+    effects: tuple[LabEffect, ...]
 
     @property
     def tip_error(self) -> np.ndarray:
-        truth = recorded().truth
+        truth = recorded(*self.effects).truth
         tips = np.array([one.estimate.shape.tip[:2] for one in self.estimates])
         return np.stack([truth.x[self.frame, -1], truth.y[self.frame, -1]], axis=1) - tips
 
@@ -120,7 +125,7 @@ def covered(error, covariance) -> float:
 
 def fuse(
     filter_=None, *, with_wrench=False, hidden=lambda frame: (), change=lambda frame, seen: seen,
-    frames=range(200), pressures=lambda frame: True, targets=lambda frame: True,
+    frames=range(200), pressures=lambda frame: True, targets=lambda frame: True, effects=(),
 ) -> Result:  # fmt: skip
     """Fuse the recording, frames before the pressure of their stamp, and keep the estimates."""
     state, kept, estimates = FusionState(), [], []
@@ -128,14 +133,14 @@ def fuse(
     for frame in frames:
         events = [wrench(frame)] if with_wrench else []
         if targets(frame):
-            events.append(change(frame, sightings(frame, hidden(frame))))
+            events.append(change(frame, sightings(frame, hidden(frame), effects=effects)))
         events += [pressure(frame)] if pressures(frame) else []
         for event in events:
             state, outcome = filter_.step(state, event)
             if isinstance(outcome, FusedEstimate):
                 kept.append(frame)
                 estimates.append(outcome)
-    return Result(frame=np.array(kept), estimates=estimates, state=state)
+    return Result(frame=np.array(kept), estimates=estimates, state=state, effects=effects)
 
 
 def rms(error) -> float:
@@ -183,6 +188,29 @@ def test_noise_on_the_diagonal_alone_does_not_cover():
     )
     found = fuse(Fusion(arm=replace(arm, sensors=naive)))
     assert found.force_covered() < without_wrench().force_covered() - 0.1
+
+
+CREEP = LabCreep(amplitude=0.15, time_constant=30.0)
+HYSTERESIS = LabHysteresis(width=4e3)
+
+
+@pytest.mark.parametrize('effect', [CREEP, HYSTERESIS])
+@pytest.mark.parametrize('with_wrench', [False, True])
+def test_what_the_model_lacks_is_covered(effect, with_wrench):
+    found = fuse(with_wrench=with_wrench, effects=(effect,))
+    assert found.force_covered() > 0.85
+    assert found.tip_covered() > 0.85
+    assert rms(found.tip_error) < 1.1e-4
+    assert np.isfinite(found.force_error).all(axis=1).mean() > 0.85
+
+
+def test_creep_found_with_a_wrench_is_known_without():
+    """The part of the curvature that comes late, and what else moves with the pressure."""
+    creeping, sound = fuse(with_wrench=True, effects=(CREEP,)), fuse(with_wrench=True)
+    memory = fusion().unknowns.of_memory
+    late = slice(memory.start, memory.stop - 1)
+    assert creeping.state.belief.mean[late].sum() == pytest.approx(CREEP.amplitude, abs=0.05)
+    assert sound.state.belief.mean[late].sum() == pytest.approx(0.0, abs=0.05)
 
 
 def test_the_force_along_a_straight_arm_is_not_determined():

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.fusion.lack import first_weights, lack_columns, scale_of
+from pneunet_ros.fusion.lack import first_weights, lack_columns, scale_of, span_of
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.solver.solution import SolverNodes
@@ -83,7 +83,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     columns = known + further
     largest = 0.0 if arm.domain is None else arm.domain.largest_force
     scale = largest if largest > 0.0 else arm.weight
-    low, high = arm.pressure_range
+    low, high = span_of(arm)
     std = np.concatenate(
         [
             [scale, scale, high - low],

@@ -183,12 +183,14 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     if arm.seeing:
         moved = np.stack(arm.see(moved[:, 0], moved[:, 1]), axis=1)
     pushes = moved[:, :, problem.used].reshape(place.size, -1) / problem.std
-    seen = np.linalg.solve(fit.hessian_root, fit.jacobian.T @ pushes.T)
+    sides = np.column_stack([fit.jacobian.T @ pushes.T, fit.gradient])
+    known = np.linalg.solve(fit.hessian_root, sides)
+    seen, left = known[:, :-1], known[:, -1]  # left: by which the search has stopped early
     prior = problem.unknowns.force_scale**-2
     information = np.sum(pushes**2, axis=1) - np.sum(seen**2, axis=0) + prior
-    score = pushes @ fit.trial.residual
+    score = pushes @ fit.trial.residual - seen.T @ left
     force = score / information
-    step = -np.linalg.solve(fit.hessian_root.T, seen).T * force[:, None]
+    step = np.linalg.solve(fit.hessian_root.T, left[:, None] - seen * force).T
     low, high = np.array(problem.settings.contact_places) * arm.length
     gain = np.where((place >= low) & (place <= high), score * force, 0.0)
     return PushScores(place=place, force=force, gain=gain, step=step)

@@ -23,6 +23,7 @@ from pneunet_ros.fusion.belief import (
     Belief,
     BIAS,
     CAMERA,
+    compress,
     CONTACT,
     DRIFT,
     FORCE,
@@ -219,6 +220,11 @@ class FrameLinearization:
         seen, left = known[:, :-1], known[:, -1]  # left: by which the search has stopped early
         return moved.T @ self.trial.residual - seen.T @ left, moved.T @ moved - seen.T @ seen
 
+    def newton_step(self) -> tuple[Array, float]:
+        """Return the step (unknowns,) in xi to where the cost is least, and its gain."""
+        half = np.linalg.solve(self.hessian_root, self.gradient)
+        return np.linalg.solve(self.hessian_root.T, half), float(half @ half)
+
     @property
     def log_evidence_cost(self) -> float:
         """Minus twice the log of the evidence of this solution, by Laplace, but for a constant.
@@ -335,17 +341,13 @@ class FrameProblem:
         if first is None:
             return None
 
-        def newton_step(at: FrameLinearization) -> tuple[Array, float]:
-            half = np.linalg.solve(at.hessian_root, at.gradient)
-            return np.linalg.solve(at.hessian_root.T, half), float(half @ half)
-
         def lower(at: FrameLinearization, step: Array) -> Trial | None:
             trial = self.try_at(at.trial.xi + step, at.trial.bent.solution)
             return trial if trial is not None and trial.cost < at.cost else None
 
         return gauss_newton(
             self.linearize(first),
-            newton_step,
+            FrameLinearization.newton_step,
             lower,
             self.linearize,
             small=self.settings.small_gain,
@@ -369,8 +371,15 @@ class FrameProblem:
         return found
 
     def posterior(self, fit: FrameLinearization) -> Belief:
-        """Return what is believed after the frame."""
+        """Return what is believed after the frame.
+
+        Where the search was stopped, as by a stability that ends, the step that it could not take
+        is one more error.
+        """
         root = np.linalg.solve(fit.hessian_root, self.root.T).T
+        step, gain = fit.newton_step()
+        if gain > self.settings.small_gain:
+            root = compress(np.column_stack([root, self.root @ step]))
         weights, growth = self.prior.lack_weights, self.growth
         if growth is not None:
             weights = weights_after(self.settings, weights, growth, fit.lack_told(growth))

@@ -89,7 +89,7 @@ def take_frame(
 
 def with_fit(update: FrameUpdate, best: Fit, seen: int) -> FrameUpdate:
     """Return an update by a fit of a frame in which so many targets were seen."""
-    problem, fit = best
+    problem, fit = hold_force(best)
     inconsistent = excess(best) > problem.settings.frame_gate
     return replace(
         update,
@@ -126,6 +126,27 @@ def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
             break
         problem, fit = without, again
     return problem, fit
+
+
+def hold_force(found: Fit) -> Fit:
+    """Return the fit with the force as believed before in the direction that is not determined.
+
+    Along it the cost is flat until the arm buckles, and where noise is fitted best it is about to:
+    there all that moves the arm sideways seems to be seen to a hair.
+    """
+    problem, fit = found
+    variances, axes = np.linalg.eigh(problem.posterior(fit).force_covariance)
+    largest = problem.settings.determined * problem.unknowns.force_scale
+    unknown = axes[:, variances > largest**2]
+    if not unknown.size:
+        return found
+    along = np.linalg.qr(problem.root[FORCE].T @ unknown)[0]
+    root = problem.root - (problem.root @ along) @ along.T
+    held = replace(problem, prior=replace(problem.prior, root=root))
+    again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
+    if again is None or again.cost > fit.cost + problem.settings.flat:
+        return found
+    return problem, problem.linearize(again.trial)
 
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:

@@ -97,6 +97,12 @@ def remember(
     return (*late, min(max(played, chamber - half), chamber + half))
 
 
+def span_of(arm: Arm) -> tuple[float, float]:
+    """Return the range of pressure (Pa), also of an arm that was calibrated at one pressure."""
+    low, high = arm.pressure_range
+    return (low, high) if low < high else arm.table_range
+
+
 def lack_columns(arm: Arm) -> tuple[dict[str, float], ...]:
     """Return what one unit of each further error of the law moves, by dotted path.
 
@@ -104,7 +110,7 @@ def lack_columns(arm: Arm) -> tuple[dict[str, float], ...]:
     stays that of the pressure.
     """
     table = arm.intrinsic_curvature
-    low, high = (table.at(pressure, table.arclength) for pressure in arm.pressure_range)
+    low, high = (table.at(pressure, table.arclength) for pressure in span_of(arm))
     field = table.curvature[0] if len(table.pressure) == 1 else high - low
     curvature = {
         f'intrinsic_curvature.curvature.{row}.{place}': float(value)

@@ -84,6 +84,9 @@ class FusionSettings:
     determined: float = tuning(
         0.06, 'largest std of a component of the force that is published', unit='of the scale'
     )
+    flat: float = tuning(
+        4.0, 'cost by which a force that is not determined stays as it was', unit='chi squared'
+    )
     largest_tip_std: float = tuning(3e-3, 'std of the tip at which nothing is published', unit='m')
     free_tip: bool = tuning(False, 'nothing ever pushes at the tip: no force sensor is needed')
     contact_bound: float = tuning(
