@@ -126,7 +126,7 @@ def weigh(
     log_odds = min(max(log_odds + gain / max(misfit, 1.0), -bound), bound)
     leads, follows = (contact, none) if log_odds > 0.0 else (none, contact)
     if leads is not led:
-        update = replace(with_fit(update, leads, seen), ambiguous=False)
+        update = replace(with_fit(update, leads, leads, seen), ambiguous=False)
     dropped = abs(log_odds) >= bound or update.belief is None
     return Weighed(
         update=update,

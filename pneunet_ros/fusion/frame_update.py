@@ -84,12 +84,15 @@ def take_frame(
         round_, starts = next_of_round(best[0], round_)
         best, ambiguous = look_for_rivals(best, starts)
     found = FrameUpdate(belief=None, ambiguous=ambiguous, everywhere=everywhere, round_=round_)
-    return with_fit(found, best, int(np.count_nonzero(problem.used)))
+    return with_fit(found, best, hold_force(best), int(np.count_nonzero(problem.used)))
 
 
-def with_fit(update: FrameUpdate, best: Fit, seen: int) -> FrameUpdate:
-    """Return an update by a fit of a frame in which so many targets were seen."""
-    problem, fit = hold_force(best)
+def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdate:
+    """Return an update by the best fit of a frame, and the one of it that is to be believed.
+
+    seen: how many targets were.
+    """
+    problem, fit = used
     inconsistent = excess(best) > problem.settings.frame_gate
     return replace(
         update,
