@@ -1,7 +1,7 @@
 """How well force and tip are known from pressure and targets, with and without a force sensor.
 
     python acceptance/fusion.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
-                                [--workers N]
+                                [--keep FOLDER] [--long WAY] [--workers N]
 
 A rig is an arm of the virtual lab (parameters up to 15 % off); `calibrate` makes its model from
 six recordings. Then its dots are painted anew, the camera is put up anew, and pressure and load go
@@ -21,6 +21,7 @@ import json
 import math
 import multiprocessing
 import os
+from pathlib import Path
 import platform
 import sys
 import time
@@ -60,6 +61,7 @@ RATE = 20.0  # Hz, of readings; every second instant is a frame
 PERIOD = 2.0 / RATE  # s, of frames
 IN_95 = float(chi2.ppf(0.95, 2))
 BEYOND = 4.0**2  # 4 sigma; of 10 000 errors of two coordinates 3 lie further
+LONG, PARTS = 1800.0, 6  # s; parts of a long recording that are looked at one by one
 LIGHT = 0.02  # N, below which a share of the force means nothing
 SURE = 0.05  # of the force: sigma of one that counts
 PRESSED = 10e3  # Pa
@@ -137,7 +139,9 @@ GOALS = {
 }
 
 
-def recording_of(seed: int, which: int, way: Way = WAYS['no wrench']) -> LabRecording:
+def recording_of(
+    seed: int, which: int, way: Way = WAYS['no wrench'], duration: float = 40.0
+) -> LabRecording:
     """Return one of the recordings of a rig, with dots and camera of its own."""
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
     return simulate(
@@ -147,7 +151,9 @@ def recording_of(seed: int, which: int, way: Way = WAYS['no wrench']) -> LabReco
             seed=seed,
             arm=vary_arm(scenario.arm, seed),
             effects=way.lacking,
-            protocol=RandomMix(seed=float(100 * seed + which), lowest=2e3, top=way.top),
+            protocol=RandomMix(
+                seed=float(100 * seed + which), lowest=2e3, top=way.top, duration=duration
+            ),
             noise=dataclasses.replace(scenario.noise, jitter_std=0.0),
             rates=Rates(pressure=RATE, wrench=RATE, frames=RATE),
         )
@@ -260,14 +266,38 @@ def row_of(fused: FusedEstimate, tip: Array, force: Array, pressure: float) -> l
     ]
 
 
-def one_rig(work: tuple[int, int]) -> dict[str, Array]:
-    """Calibrate a rig and fuse its recordings: per way (recordings, instants, COLUMNS)."""
-    seed, recordings = work
+def one_rig(work: tuple[int, int, Path | None]) -> dict[str, Array]:
+    """Calibrate a rig and fuse its recordings: per way (recordings, instants, COLUMNS).
+
+    What is kept of an earlier run in a folder is read, and nothing is computed.
+    """
+    seed, recordings, folder = work
+    kept = None if folder is None else folder / f'rig_{seed}_{recordings}.npz'
+    if kept is not None and kept.exists():
+        with np.load(kept) as rows:
+            return dict(rows)
+    found = try_model(model_of(seed), seed, recordings)
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(kept, **found)
+    return found
+
+
+def model_of(seed: int) -> Arm:
+    """Return the model of a rig, calibrated."""
     runs, scenario = record(seed)
     frame = load_model(share_path('config/paper_arm.yaml'))
     frame = dataclasses.replace(frame, target_arclength=scenario.arm.targets)
     unloaded, loaded = [runs[name] for name in UNLOADED], [runs[name] for name in LOADED]
-    return try_model(calibrate(unloaded, loaded, frame, compare=False).arm, seed, recordings)
+    return calibrate(unloaded, loaded, frame, compare=False).arm
+
+
+def long_run(seed: int, name: str) -> Array:
+    """Fuse half an hour of a rig in one way: (PARTS, instants, COLUMNS)."""
+    way = WAYS[name]
+    recording = recording_of(seed, 0, way, duration=LONG)
+    rows = fuse(Fusion(arm=model_of(seed)), recording, way, 100 * seed)
+    return rows[: len(rows) // PARTS * PARTS].reshape(PARTS, -1, len(COLUMNS))
 
 
 def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
@@ -286,13 +316,23 @@ def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
 
 def summary_of(rigs: list[dict[str, Array]]) -> dict:
     """Return what each way came to, and which goals are missed."""
-    ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in WAYS}
+    ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in rigs[0]}
     missed = [
         f'{way}: {what} = {ways[way][what]:.4g}, wanted {low:g} to {high:g}'
         for (way, what), (low, high) in GOALS.items()
+        if way in ways
         if not low <= ways[way][what] <= high
     ]
     return {'ways': ways, 'missed': missed}
+
+
+def part_numbers(rows: Array) -> dict:
+    """Return the numbers of each part of a long recording."""
+    minutes = LONG / PARTS / 60.0
+    return {
+        f'{place * minutes:g} to {(place + 1) * minutes:g} min': numbers_of(part[None])
+        for place, part in enumerate(rows)
+    }
 
 
 def numbers_of(rows: Array) -> dict:
@@ -313,7 +353,7 @@ def numbers_of(rows: Array) -> dict:
         'determined': float(np.isfinite(force_nees).mean()),
         'sure': float(sure.mean()),
         'sure_rms': float(np.sqrt(np.mean(column['share'][sure] ** 2))),
-        'median': float(np.median(column['share'][pressed])),
+        'median': float(np.median(column['share'][pressed])) if pressed.any() else math.nan,
         'force_covered': covered(force_nees),
         'worst_force': float(min(covered(one) for one in force_nees)),
         'force_nees': float(np.nanmean(force_nees)),
@@ -373,8 +413,8 @@ def show(summary: dict, title: str) -> None:
         table.add_row(*cells)
     console = Console(width=150)
     console.print(table)
-    for sentence in summary['missed'] or ['all goals reached']:
-        console.print(sentence)
+    if 'missed' in summary:
+        console.print('\n'.join(summary['missed'] or ['all goals reached']))
 
 
 def main() -> int:
@@ -387,10 +427,17 @@ def main() -> int:
     command.add_argument(
         '--first', type=int, default=FIRST_SEED, help=f'first seed (default: {FIRST_SEED})'
     )
+    command.add_argument('--long', choices=list(WAYS), help='half an hour in one way, by parts')
+    command.add_argument('--keep', type=Path, help='folder of rigs that are done already')
     command.add_argument('--workers', type=int, default=1, help='processes (default: 1)')
     arguments = command.parse_args()
     count, recordings = (1, 4) if arguments.quick else (arguments.rigs, arguments.recordings)
-    work = [(seed, recordings) for seed in range(arguments.first, arguments.first + count)]
+    if arguments.long:
+        rows = long_run(arguments.first, arguments.long)
+        show({'ways': part_numbers(rows)}, f'Half an hour: {arguments.long}')
+        return 0
+    seeds = range(arguments.first, arguments.first + count)
+    work = [(seed, recordings, arguments.keep) for seed in seeds]
     context = multiprocessing.get_context('spawn')
     begun = time.perf_counter()
     with ProcessPoolExecutor(arguments.workers, mp_context=context) as pool:
