@@ -85,7 +85,15 @@ def posterior(
         ),
         used=np.ones(count, dtype=bool),
     )
-    trial = problem.try_at(np.zeros(prior.root.shape[1]), None)
+    truth = np.zeros(prior.root.shape[1])
+    trial = problem.try_at(truth, None)
+    if trial is None:
+        return None
+    x, y = arm.see(trial.bent.shape.x, trial.bent.shape.y)
+    problem = dataclasses.replace(
+        problem, sightings=dataclasses.replace(problem.sightings, x=x, y=y)
+    )
+    trial = problem.try_at(truth, trial.bent.solution)
     return None if trial is None else problem.posterior(problem.linearize(trial))
 
 

@@ -566,6 +566,8 @@ class Fusion:
         if bent.contact is None or state.log_odds is None:
             return None
         force, place = bent.contact.force, bent.contact.place
+        if abs(force) < self.settings.contact_least * self.unknowns.force_scale:
+            return None
         shape, correlation = bent.shape, correlation_with_tip(belief)
         return Contact(
             x=float(np.interp(place, shape.arclength, shape.x)),

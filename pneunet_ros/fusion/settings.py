@@ -111,6 +111,11 @@ class FusionSettings:
     contact_apart: float = tuning(
         0.05, 'distance of two places that are two contacts', unit='of the length'
     )
+    contact_least: float = tuning(
+        0.012,
+        'smallest contact force that is published: what a model lacks looks like less',
+        unit='of the force scale',
+    )
     contact_alike: float = tuning(
         0.95, 'correlation from which on contact and tip force cannot be told apart'
     )
