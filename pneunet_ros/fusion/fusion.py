@@ -73,6 +73,24 @@ Event = Reading | TargetSightings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReadFrame:
+    """A frame with what was read at the stamp of what it shows.
+
+    alone: no pressure is known there; pressure_lost: it was not at the frame before; force_lost:
+    nothing is known of the force; wrench_age (s): of the wrench nearest to it, if any.
+    """
+
+    stamp_ns: int
+    sightings: TargetSightings
+    instant: PressureInstant
+    alone: bool
+    pressure_lost: bool
+    force_lost: bool
+    wrench: WrenchReading | None
+    wrench_age: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fusion:
     """A calibrated arm with its sensors and painted targets: one estimate from what is there.
 
@@ -377,47 +395,24 @@ class Fusion:
             shown_ns,
         )
         wrench, age = self.wrench_at(state, shown_ns)
-        inputs = self.inputs_at(replace(instant, std=0.0) if alone else instant, wrench)
-
-        def problem_of(belief: Belief) -> FrameProblem:
-            # From frame to frame the force is free: a frame must not inherit what the last one
-            # erred. But it is not drawn to zero either, frame after frame, which the unknowns that
-            # stay would take for evidence.
-            free = replace(belief, walk=self.settings.largest_walk)
-            pressed = abs(instant.chamber - belief.chamber)
-            pressed = 0.0 if alone or not math.isfinite(pressed) else pressed
-            prior = self.move(free, shown_ns, pressed)
-            scale = scale_of(self.settings, belief.lack_weights)
-            seconds = seconds_between(free.stamp_ns, shown_ns) if free.frames else math.inf
-            grown = lack_grown(self.unknowns, seconds, pressed)
-            if alone:
-                std = self.settings.unknown_pressure * self.unknowns.range
-                prior = widen(prior, OF_BIAS, np.array([std]))
-            elif state.pressure_lost:
-                prior = self.without(prior, OF_BIAS)
-            if lost:
-                prior = self.without(prior, FORCE)
-            if wrench is not None:
-                prior = self.with_wrench(prior, wrench, age, instant.gauge)
-            return FrameProblem(
-                table=self.table,
-                unknowns=self.unknowns,
-                settings=self.settings,
-                prior=with_noise(prior, inputs.moment_std, inputs.chamber_std),
-                growth=None if alone else LackGrowth(scale=scale, grown=grown, seconds=seconds),
-                inputs=inputs,
-                sightings=sightings,
-                used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
-            )
-
-        problem = problem_of(before)
+        frame = ReadFrame(
+            stamp_ns=shown_ns,
+            sightings=sightings,
+            instant=instant,
+            alone=alone,
+            pressure_lost=state.pressure_lost,
+            force_lost=lost,
+            wrench=wrench,
+            wrench_age=age,
+        )
+        problem = self.problem_of(frame, before)
         update = take_frame(
             problem,
             cold=lost or not before.frames,
             round_=state.cold_round,
             force_read=wrench is not None,
         )
-        rival = None if state.rival is None else problem_of(state.rival)
+        rival = None if state.rival is None else self.problem_of(frame, state.rival)
         odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
         weighed = weigh(
             update,
@@ -439,6 +434,47 @@ class Fusion:
             pressure_lost=alone,
         )
         return self.after_frame(state, shown_ns, update, wrench)
+
+    def problem_of(self, frame: ReadFrame, belief: Belief) -> FrameProblem:
+        """Return a frame beside what was believed before it.
+
+        From frame to frame the force is free: a frame must not inherit what the last one erred.
+        But it is not drawn to zero either, frame after frame, which the unknowns that stay would
+        take for evidence.
+        """
+        free = replace(belief, walk=self.settings.largest_walk)
+        pressed = abs(frame.instant.chamber - belief.chamber)
+        pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
+        prior, growth = self.move(free, frame.stamp_ns, pressed), None
+        if frame.alone:
+            std = self.settings.unknown_pressure * self.unknowns.range
+            prior = widen(prior, OF_BIAS, np.array([std]))
+        else:
+            seconds = seconds_between(free.stamp_ns, frame.stamp_ns) if free.frames else math.inf
+            growth = LackGrowth(
+                scale=scale_of(self.settings, belief.lack_weights),
+                grown=lack_grown(self.unknowns, seconds, pressed),
+                seconds=seconds,
+            )
+            if frame.pressure_lost:
+                prior = self.without(prior, OF_BIAS)
+        if frame.force_lost:
+            prior = self.without(prior, FORCE)
+        if frame.wrench is not None:
+            prior = self.with_wrench(prior, frame.wrench, frame.wrench_age, frame.instant.gauge)
+        instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
+        inputs = self.inputs_at(instant, frame.wrench)
+        sightings = frame.sightings
+        return FrameProblem(
+            table=self.table,
+            unknowns=self.unknowns,
+            settings=self.settings,
+            prior=with_noise(prior, inputs.moment_std, inputs.chamber_std),
+            growth=growth,
+            inputs=inputs,
+            sightings=sightings,
+            used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
+        )
 
     def move(self, belief: Belief, stamp_ns: int, pressed: float) -> Belief:
         """Return the belief at a later stamp, with a contact that may have walked.
