@@ -486,7 +486,8 @@ class Fusion:
         if not belief.touched:
             return moved
         seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
-        walk = np.array([self.settings.contact_walk, self.settings.place_walk])
+        force_walk = min(belief.walk, self.settings.contact_walk)
+        walk = np.array([force_walk, self.settings.place_walk])
         return widen(moved, CONTACT, walk * math.sqrt(seconds))
 
     def after_frame(

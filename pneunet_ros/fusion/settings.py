@@ -106,7 +106,7 @@ class FusionSettings:
     contact_places: tuple[float, float] = tuning(
         (0.05, 0.98), 'where on the arm there may be a contact', unit='of the length'
     )
-    contact_walk: float = tuning(0.1, 'random walk of a contact force', unit='N/sqrt(s)')
+    contact_walk: float = tuning(0.1, 'random walk of a contact force, at most', unit='N/sqrt(s)')
     place_walk: float = tuning(2e-3, 'random walk of the place of a contact', unit='m/sqrt(s)')
     contact_apart: float = tuning(
         0.05, 'distance of two places that are two contacts', unit='of the length'
