@@ -202,7 +202,7 @@ def move_belief(
     grown[unknowns.lacking] = lack_grown(unknowns, seconds, pressed)
     new[:moving] = np.diag(scaled_std(unknowns, scale)[:moving] * grown)
     return replace(
-        belief, stamp_ns=stamp_ns, mean=freeze(mean), root=compress(np.hstack([root, new]))
+        belief, stamp_ns=stamp_ns, mean=freeze(mean), root=freeze(np.hstack([root, new]))
     )
 
 
@@ -217,7 +217,7 @@ def widen(belief: Belief, where: slice, std: Array) -> Belief:
     """Return the belief where some unknowns may have moved by any amount of one sigma std (k,)."""
     new = np.zeros((belief.mean.size, std.size))
     new[where] = np.diag(std)
-    return replace(belief, root=compress(np.hstack([belief.root, new])))
+    return replace(belief, root=freeze(np.hstack([belief.root, new])))
 
 
 def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief:
@@ -253,10 +253,21 @@ def take_measurement(belief: Belief, response: Array, value: Array, std: Array) 
     std (k,) of the noise, independent. The square-root form of the Kalman update.
     """
     seen = response @ belief.root / std[:, None]
-    precision = np.linalg.cholesky(np.eye(seen.shape[1]) + seen.T @ seen)
-    root = np.linalg.solve(precision, belief.root.T).T
+    root = root_after(belief.root, seen)
     step = root @ (root.T @ (response.T @ ((value - response @ belief.mean) / std**2)))
     return replace(belief, mean=freeze(belief.mean + step), root=freeze(root))
+
+
+def root_after(root: Array, seen: Array) -> Array:
+    """Return the root of the covariance after a measurement of white noise 1.
+
+    seen (k, m): what it sees of each column of the root (n, m).
+
+    Source: Andrews, AIAA Journal 6 (1968).
+    """
+    factor = np.linalg.cholesky(np.eye(len(seen)) + seen @ seen.T)
+    gain = np.linalg.solve(factor.T, np.linalg.solve(factor + np.eye(len(seen)), seen))
+    return np.asarray(root - (root @ seen.T) @ gain)
 
 
 def compress(root: Array) -> Array:

@@ -183,14 +183,13 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     if arm.seeing:
         moved = np.stack(arm.see(moved[:, 0], moved[:, 1]), axis=1)
     pushes = moved[:, :, problem.used].reshape(place.size, -1) / problem.std
-    sides = np.column_stack([fit.jacobian.T @ pushes.T, fit.gradient])
-    known = np.linalg.solve(fit.hessian_root, sides)
-    seen, left = known[:, :-1], known[:, -1]  # left: by which the search has stopped early
+    weighed = np.linalg.solve(fit.covariance, pushes.T)
     prior = problem.unknowns.force_scale**-2
-    information = np.sum(pushes**2, axis=1) - np.sum(seen**2, axis=0) + prior
-    score = pushes @ fit.trial.residual - seen.T @ left
+    information = np.sum(pushes.T * weighed, axis=0) + prior
+    score = fit.innovation @ weighed
     force = score / information
-    step = np.linalg.solve(fit.hessian_root.T, left[:, None] - seen * force).T
+    left = np.linalg.solve(fit.covariance, fit.innovation)[:, None] - weighed * force
+    step = (fit.jacobian.T @ left).T - fit.trial.xi
     low, high = np.array(problem.settings.contact_places) * arm.length
     gain = np.where((place >= low) & (place <= high), score * force, 0.0)
     return PushScores(place=place, force=force, gain=gain, step=step)

@@ -29,6 +29,7 @@ from pneunet_ros.fusion.belief import (
     FORCE,
     MOMENT_NOISE,
     PRESSURE_NOISE,
+    root_after,
     Unknowns,
 )
 from pneunet_ros.fusion.lack import LackGrowth, weights_after
@@ -195,17 +196,18 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameLinearization:
-    """A trial with its Jacobian by xi, the gradient of half the cost, and the root of its Hessian.
+    """A trial with its Jacobian by xi, and what follows: the innovation and its covariance.
 
     jacobian (coordinates, unknowns): of what is predicted, whitened; lacking (coordinates,
-    errors): of what the model lacks, for a lack of all of the range.
+    errors): of what the model lacks, for a lack of all of the range; innovation (coordinates,):
+    what would be left with the prior's mean, to first order; covariance: of it.
     """
 
     trial: Trial
     jacobian: Array
     lacking: Array
-    gradient: Array
-    hessian_root: Array
+    innovation: Array
+    covariance: Array
 
     @property
     def cost(self) -> float:
@@ -215,15 +217,14 @@ class FrameLinearization:
     def lack_told(self, growth: LackGrowth) -> tuple[Array, Array]:
         """Return H^T S^-1 v (errors,) and H^T S^-1 H of what the model may lack, as it moved."""
         moved = self.lacking * growth.grown
-        sides = np.column_stack([self.jacobian.T @ moved, self.gradient])
-        known = np.linalg.solve(self.hessian_root, sides)
-        seen, left = known[:, :-1], known[:, -1]  # left: by which the search has stopped early
-        return moved.T @ self.trial.residual - seen.T @ left, moved.T @ moved - seen.T @ seen
+        weighed = np.linalg.solve(self.covariance, moved)
+        return weighed.T @ self.innovation, moved.T @ weighed
 
     def newton_step(self) -> tuple[Array, float]:
         """Return the step (unknowns,) in xi to where the cost is least, and its gain."""
-        half = np.linalg.solve(self.hessian_root, self.gradient)
-        return np.linalg.solve(self.hessian_root.T, half), float(half @ half)
+        xi, jacobian = self.trial.xi, self.jacobian
+        step = np.linalg.solve(self.covariance, self.innovation) @ jacobian - xi
+        return step, float(step @ (self.trial.residual @ jacobian - xi))
 
     @property
     def log_evidence_cost(self) -> float:
@@ -231,7 +232,7 @@ class FrameLinearization:
 
         A solution that must be met to a hair, as near buckling, is less likely than its cost.
         """
-        return self.cost + 2.0 * float(np.sum(np.log(np.diagonal(self.hessian_root))))
+        return self.cost + float(np.linalg.slogdet(self.covariance)[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -325,14 +326,13 @@ class FrameProblem:
         response[0, which, across], response[1, which, across] = -sine, cosine
         seen = response[:, self.used].reshape(-1, self.mean.size)
         jacobian = seen @ self.root / self.std[:, None]
-        hessian = np.eye(jacobian.shape[1]) + jacobian.T @ jacobian
         lacking = unknowns.lacking
         return FrameLinearization(
             trial=trial,
             jacobian=jacobian,
             lacking=seen[:, lacking] * unknowns.std[lacking] / self.std[:, None],
-            gradient=jacobian.T @ trial.residual - trial.xi,
-            hessian_root=np.asarray(np.linalg.cholesky(hessian), dtype=np.float64),
+            innovation=trial.residual + jacobian @ trial.xi,
+            covariance=np.eye(len(jacobian)) + jacobian @ jacobian.T,
         )
 
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
@@ -360,10 +360,9 @@ class FrameProblem:
 
         Of the residual that is left, with the covariance that it has after the fit.
         """
-        seen = np.linalg.solve(fit.hessian_root, fit.jacobian.T)
         count = self.std.size // 2
-        pairs = seen.reshape(-1, 2, count).transpose(2, 0, 1)  # (targets, unknowns, 2)
-        left = np.eye(2) - pairs.transpose(0, 2, 1) @ pairs
+        precision = np.linalg.inv(fit.covariance).reshape(2, count, 2, count)
+        left = np.einsum('itjt->tij', precision)  # (targets, 2, 2)
         residual = fit.trial.residual.reshape(2, count).T[:, :, None]
         solved = np.linalg.solve(left, residual)
         found = np.full(self.used.size, np.nan)
@@ -376,7 +375,7 @@ class FrameProblem:
         Where the search was stopped, as by a stability that ends, the step that it could not take
         is one more error.
         """
-        root = np.linalg.solve(fit.hessian_root, self.root.T).T
+        root = root_after(self.root, fit.jacobian)
         step, gain = fit.newton_step()
         if gain > self.settings.small_gain:
             root = compress(np.column_stack([root, self.root @ step]))

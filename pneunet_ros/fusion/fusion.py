@@ -28,6 +28,7 @@ from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
     Belief,
     BIAS,
+    compress,
     CONTACT,
     first_belief,
     FORCE,
@@ -445,7 +446,8 @@ class Fusion:
         free = replace(belief, walk=self.settings.largest_walk)
         pressed = abs(frame.instant.chamber - belief.chamber)
         pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
-        prior, growth = self.move(free, frame.stamp_ns, pressed), None
+        moved, growth = self.move(free, frame.stamp_ns, pressed), None
+        prior = replace(moved, root=compress(moved.root))
         if frame.alone:
             std = self.settings.unknown_pressure * self.unknowns.range
             prior = widen(prior, OF_BIAS, np.array([std]))
