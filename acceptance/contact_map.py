@@ -94,7 +94,8 @@ def posterior(
         problem, sightings=dataclasses.replace(problem.sightings, x=x, y=y)
     )
     trial = problem.try_at(truth, trial.bent.solution)
-    return None if trial is None else problem.posterior(problem.linearize(trial))
+    known = None if trial is None else problem.linearize(trial)
+    return None if known is None else problem.posterior(known)
 
 
 def numbers_of(belief: Belief) -> list[float]:

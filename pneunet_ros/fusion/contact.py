@@ -216,10 +216,11 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact
     """
     settings, length = problem.settings, problem.table.arm.length
     if fit.trial.residual.size != problem.std.size:  # of all targets, also of those left out
-        again = problem.try_at(fit.trial.xi, fit.trial.bent.solution)
+        trial = problem.try_at(fit.trial.xi, fit.trial.bent.solution)
+        again = None if trial is None else problem.linearize(trial)
         if again is None:
             return None
-        fit = problem.linearize(again)
+        fit = again
     scores = score_pushes(problem, fit)
     if scores.gain.max() < settings.contact_score:
         return None

@@ -54,6 +54,7 @@ from pneunet_ros.solver.solution import SolverNodes
 
 TURNED = 1e-6  # rad, between the normal of the arm and where its contact points
 MOST_TURNS = 4
+LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 
 Mask = npt.NDArray[np.bool_]
 
@@ -308,8 +309,8 @@ class FrameProblem:
             return None
         return Trial(xi=xi, bent=bent, residual=residual, cost=cost)
 
-    def linearize(self, trial: Trial) -> FrameLinearization:
-        """Linearize what is predicted around a trial."""
+    def linearize(self, trial: Trial) -> FrameLinearization | None:
+        """Linearize what is predicted around a trial; None at a limit point of the arm."""
         unknowns, bent = self.unknowns, trial.bent
         sensitivity = bent.linearize()
         by_cause = target_jacobian(self.table, sensitivity)
@@ -326,6 +327,8 @@ class FrameProblem:
         response[0, which, across], response[1, which, across] = -sine, cosine
         seen = response[:, self.used].reshape(-1, self.mean.size)
         jacobian = seen @ self.root / self.std[:, None]
+        if not np.abs(jacobian).max() < LIMIT_POINT:
+            return None
         lacking = unknowns.lacking
         return FrameLinearization(
             trial=trial,
@@ -337,7 +340,8 @@ class FrameProblem:
 
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
         """Search from xi for the lowest cost; None where there is no shape to start from."""
-        first = self.try_at(xi, start)
+        trial = self.try_at(xi, start)
+        first = None if trial is None else self.linearize(trial)
         if first is None:
             return None
 
@@ -346,7 +350,7 @@ class FrameProblem:
             return trial if trial is not None and trial.cost < at.cost else None
 
         return gauss_newton(
-            self.linearize(first),
+            first,
             FrameLinearization.newton_step,
             lower,
             self.linearize,
