@@ -1,7 +1,7 @@
 """How well a contact along the arm is found, sized and placed, and how often one is seen in vain.
 
     python acceptance/contact.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
-                                 [--workers N]
+                                 [--keep FOLDER] [--workers N]
 
 A rig is an arm of the virtual lab, its model calibrated from six recordings, as in `fusion.py`. In
 each recording something pushes at one place, along the normal, from one moment to another, while
@@ -21,6 +21,7 @@ import json
 import math
 import multiprocessing
 import os
+from pathlib import Path
 import platform
 import sys
 import time
@@ -29,10 +30,8 @@ if __name__ == '__main__':  # not where a test imports this: its processes would
     os.environ.setdefault('OMP_NUM_THREADS', '1')
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-from calibration import LOADED, record, UNLOADED
+from fusion import FIRST_SEED, model_of
 import numpy as np
-from pneunet_ros import load_model
-from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
@@ -55,7 +54,6 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-FIRST_SEED = 5000
 RATE = 10.0  # Hz, of frames and readings
 FORCES = 8e-3, 60e-3  # N, of pushes, evenly in their logarithm
 PLACES = 0.3, 0.9  # s / l
@@ -184,39 +182,42 @@ def row_of(fused: FusedEstimate) -> list[float]:
     ]
 
 
-def model_of(seed: int) -> Arm:
-    """Return the calibrated model of a rig."""
-    runs, scenario = record(seed)
-    frame = load_model(share_path('config/paper_arm.yaml'))
-    frame = dataclasses.replace(frame, target_arclength=scenario.arm.targets)
-    unloaded, loaded = [runs[name] for name in UNLOADED], [runs[name] for name in LOADED]
-    return calibrate(unloaded, loaded, frame, compare=False).arm
+def one_rig(work: tuple[int, int, Path | None]) -> dict[str, Array]:
+    """Calibrate a rig and fuse its recordings: rows of each, by case.
+
+    What is kept of an earlier run in a folder is read, and nothing is computed.
+    """
+    seed, recordings, folder = work
+    kept = None if folder is None else folder / f'contact_{seed}_{recordings}.npz'
+    if kept is not None and kept.exists():
+        with np.load(kept) as rows:
+            return dict(rows)
+    found = try_model(model_of(seed), seed, recordings)
+    if kept is not None:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(kept, **found)
+    return found
 
 
-def one_rig(work: tuple[int, int]) -> dict[str, list[Array]]:
-    """Calibrate a rig and fuse its recordings: rows of each, by case."""
-    seed, recordings = work
-    return try_model(model_of(seed), seed, recordings)
-
-
-def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, list[Array]]:
-    """Fuse recordings of a rig by a model of it."""
+def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
+    """Fuse recordings of a rig by a model of it: (recordings, frames, COLUMNS) by case."""
     usual = Fusion(arm=arm)
     free_tip = Fusion(arm=arm, settings=dataclasses.replace(FUSION, free_tip=True))
-    rows: dict[str, list[Array]] = {}
+    rows: dict[str, Array] = {}
     for way, what in CASES:
         fusion = free_tip if way == 'free tip' else usual
-        rows[f'{way} {what}'] = [
+        found = [
             fuse(fusion, recording_of(seed, which, way, what), way, 100 * seed + which)
             for which in range(recordings)
         ]
+        rows[f'{way} {what}'] = np.stack(found)
     return rows
 
 
-def summary_of(rigs: list[dict[str, list[Array]]]) -> dict:
+def summary_of(rigs: list[dict[str, Array]]) -> dict:
     """Return what each case came to, and which goals are missed."""
     cases = {
-        name: numbers_of([rows for rig in rigs for rows in rig[name]])
+        name: numbers_of(np.concatenate([rig[name] for rig in rigs]))
         for name in (f'{way} {what}' for way, what in CASES)
     }
     missed = [
@@ -227,8 +228,8 @@ def summary_of(rigs: list[dict[str, list[Array]]]) -> dict:
     return {'cases': cases, 'missed': missed}
 
 
-def numbers_of(recordings: list[Array]) -> dict:
-    """Return the numbers of one case: a table of COLUMNS per recording."""
+def numbers_of(recordings: Array) -> dict:
+    """Return the numbers of one case, (recordings, frames, COLUMNS)."""
     rows = np.concatenate(recordings)
     column = {name: rows[:, place] for place, name in enumerate(COLUMNS)}
     named = np.isfinite(column['force']) & ~(column['ambiguous'] > 0.0)
@@ -321,10 +322,12 @@ def main() -> int:
     command.add_argument(
         '--first', type=int, default=FIRST_SEED, help=f'first seed (default: {FIRST_SEED})'
     )
+    command.add_argument('--keep', type=Path, help='folder of rigs that are done already')
     command.add_argument('--workers', type=int, default=1, help='processes (default: 1)')
     arguments = command.parse_args()
     count, recordings = (1, 4) if arguments.quick else (arguments.rigs, arguments.recordings)
-    work = [(seed, recordings) for seed in range(arguments.first, arguments.first + count)]
+    seeds = range(arguments.first, arguments.first + count)
+    work = [(seed, recordings, arguments.keep) for seed in seeds]
     context = multiprocessing.get_context('spawn')
     begun = time.perf_counter()
     with ProcessPoolExecutor(arguments.workers, mp_context=context) as pool:

@@ -20,7 +20,7 @@ if __name__ == '__main__':
     os.environ.setdefault('OMP_NUM_THREADS', '1')
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-from contact import FIRST_SEED, model_of
+from fusion import FIRST_SEED, model_of
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.core.arrays import Array, freeze

@@ -33,7 +33,7 @@ def rows(what, size=0.02, place=1e-3, alarms=0, late=1, seed=3):
 
 
 def rigs(**options):
-    return [{f'{way} {what}': [rows(what, **options)] for way, what in bench.CASES}]
+    return [{f'{way} {what}': rows(what, **options)[None] for way, what in bench.CASES}]
 
 
 def test_right_contacts_reach_the_goals_and_others_miss_them():
@@ -50,7 +50,7 @@ def test_right_contacts_reach_the_goals_and_others_miss_them():
 def test_a_push_of_the_lab_is_found_where_it_is():
     recording = bench.recording_of(77, 1, 'wrench', 'push')
     found = bench.fuse(Fusion(arm=true_model(recording.scenario)), recording, 'wrench', 77)
-    numbers = bench.numbers_of([found])
+    numbers = bench.numbers_of(found[None])
     assert numbers['found'] > 0.9
     assert numbers['size'] < 0.1
     assert numbers['place'] < 3e-3
