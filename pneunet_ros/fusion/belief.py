@@ -257,8 +257,10 @@ def root_after(root: Array, seen: Array) -> Array:
 
     Source: Andrews, AIAA Journal 6 (1968).
     """
-    factor = np.linalg.cholesky(np.eye(len(seen)) + seen @ seen.T)
-    gain = np.linalg.solve(factor.T, np.linalg.solve(factor + np.eye(len(seen)), seen))
+    white = np.eye(len(seen))
+    factor = compress(np.hstack([seen, white]))
+    factor = factor * np.sign(np.diagonal(factor))
+    gain = np.linalg.solve(factor.T, np.linalg.solve(factor + white, seen))
     return np.asarray(root - (root @ seen.T) @ gain)
 
 

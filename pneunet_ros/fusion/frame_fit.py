@@ -43,6 +43,7 @@ from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.solution import SolverNodes
 
+LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 Mask = npt.NDArray[np.bool_]
 
 
@@ -100,6 +101,17 @@ def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
     causes[-1, lagging] = inputs.late[:-1] / unknowns.range
     causes[PRESSURE, played] = inputs.late[-1]
     return causes
+
+
+def pressure_like(unknowns: Unknowns, inputs: FrameInputs) -> Array:
+    """Return what one of each unknown is as an error of the pressure, (unknowns,) Pa.
+
+    Of all that the model lacks; a curvature counts as the pressure that would make it.
+    """
+    row = np.zeros(unknowns.std.size)
+    row[unknowns.lacking] = 1.0, unknowns.range
+    row[unknowns.of_memory] = inputs.late
+    return row
 
 
 def bend_arm(
@@ -244,8 +256,8 @@ class FrameProblem:
             return None
         return Trial(xi=xi, bent=bent, residual=residual, cost=cost)
 
-    def linearize(self, trial: Trial) -> FrameLinearization:
-        """Linearize what is predicted around a trial."""
+    def linearize(self, trial: Trial) -> FrameLinearization | None:
+        """Linearize what is predicted around a trial; None at a limit point of the arm."""
         unknowns, bent = self.unknowns, trial.bent
         by_cause = target_jacobian(self.table, bent.linearize())
         targets = unknowns.targets
@@ -260,6 +272,8 @@ class FrameProblem:
         response[0, which, across], response[1, which, across] = -sine, cosine
         seen = response[:, self.used].reshape(-1, self.mean.size)
         jacobian = seen @ self.root / self.std[:, None]
+        if not np.abs(jacobian).max() < LIMIT_POINT:
+            return None
         lacking = unknowns.lacking
         return FrameLinearization(
             trial=trial,
@@ -271,7 +285,8 @@ class FrameProblem:
 
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
         """Search from xi for the lowest cost; None where there is no shape to start from."""
-        first = self.try_at(xi, start)
+        trial = self.try_at(xi, start)
+        first = None if trial is None else self.linearize(trial)
         if first is None:
             return None
 
@@ -280,7 +295,7 @@ class FrameProblem:
             return trial if trial is not None and trial.cost < at.cost else None
 
         return gauss_newton(
-            self.linearize(first),
+            first,
             FrameLinearization.newton_step,
             lower,
             self.linearize,

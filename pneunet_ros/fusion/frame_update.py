@@ -142,7 +142,8 @@ def hold_force(found: Fit) -> Fit:
     again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
     if again is None or again.cost > fit.cost + problem.settings.flat:
         return found
-    return problem, problem.linearize(again.trial)
+    linear = problem.linearize(again.trial)
+    return found if linear is None else (problem, linear)
 
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:

@@ -27,7 +27,6 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
     Belief,
-    BIAS,
     compress,
     first_belief,
     FORCE,
@@ -44,7 +43,14 @@ from pneunet_ros.fusion.belief import (
     with_noise,
 )
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
-from pneunet_ros.fusion.frame_fit import bend_arm, BentArm, causes_of, FrameInputs, FrameProblem
+from pneunet_ros.fusion.frame_fit import (
+    bend_arm,
+    BentArm,
+    causes_of,
+    FrameInputs,
+    FrameProblem,
+    pressure_like,
+)
 from pneunet_ros.fusion.frame_update import FrameUpdate, take_frame
 from pneunet_ros.fusion.lack import lack_columns, LackGrowth, remember, scale_of
 from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
@@ -496,13 +502,14 @@ class Fusion:
         )
         state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
         force, covariance = self.known_force(state, belief, position)
+        lacking = pressure_like(self.unknowns, inputs)
         return state, FusedEstimate(
             estimate=estimate,
             mode=mode,
             force=force,
             force_covariance=covariance,
-            pressure_bias=float(belief.mean[BIAS]),
-            pressure_bias_std=belief.std(BIAS),
+            pressure_bias=float(lacking @ belief.mean),
+            pressure_bias_std=float(np.linalg.norm(lacking @ belief.root)),
             ambiguous=state.ambiguous,
             nis=math.nan if state.nis is None else state.nis.mean,
             nis_limit=math.nan if state.nis is None else state.nis.limit,
