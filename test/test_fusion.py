@@ -392,3 +392,26 @@ def test_frames_that_are_stamped_ahead_are_told_of_and_not_taken_for_now():
     assert isinstance(far, Refusal)
     assert far.reason == 'too_uncertain'
     assert 'stamped 10 s later than the pressure: are the clocks of camera' in far.sentence
+
+
+def test_the_camera_alone_from_the_start_gives_an_estimate_with_every_frame():
+    state, outcomes = FusionState(), []
+    for frame in range(20):
+        state, outcome = fusion().step(state, sightings(frame))
+        outcomes.append(outcome)
+    first = next(index for index, outcome in enumerate(outcomes) if outcome is not None)
+    assert first == 6  # after input_timeout
+    assert {outcome.mode for outcome in outcomes[first:]} == {Mode.CAMERA_ONLY}
+
+
+def test_a_pressure_of_another_kind_is_refused_with_advice_and_the_camera_is_alone():
+    state, modes = FusionState(), set()
+    for frame in range(20):
+        absolute = replace(pressure(frame), pressure=pressure(frame).pressure + 101_325.0)
+        state, refusal = fusion().step(state, absolute)
+        assert isinstance(refusal, Refusal)
+        assert refusal.reason == 'out_of_range'
+        assert 'set pressure_reference to absolute' in refusal.sentence
+        state, outcome = fusion().step(state, sightings(frame))
+        modes |= set() if outcome is None else {outcome.mode}
+    assert modes == {Mode.CAMERA_ONLY}

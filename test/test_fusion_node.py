@@ -236,11 +236,12 @@ def test_a_running_nis_beyond_noise_is_a_warning_that_names_diagnose(patient, tm
     assert (values['mode'], values['ambiguous']) == ('fused', 'False')
     assert float(values['nis_mean']) < float(values['nis_limit'])
     patient.start_anew()
+    patient.report()
     in_turn(patient, moved(good, tmp_path / 'moved.mcap'))
     level, message, values = patient.report()
     assert level >= Level.WARN
     assert 'targets are further from the fused shape than noise explains' in message
-    assert message.rstrip().endswith('run pneunet diagnose')
+    assert 'run pneunet diagnose' in message
     assert float(values['nis_mean']) > float(values['nis_limit'])
 
 

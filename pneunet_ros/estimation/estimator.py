@@ -173,7 +173,9 @@ class Estimator:
             return refuse(reading.stamp_ns, 'out_of_plane', beside.sentence)
         if not position.reason:
             return None
-        hint = self.reference_hint(reading.pressure) if position.reason == OUT_OF_RANGE else ''
+        hint = ''
+        if position.reason == OUT_OF_RANGE:
+            hint = reference_hint(self.arm, self.settings, reading.pressure)
         return refuse(reading.stamp_ns, position.reason, position.sentence + hint)
 
     def reading_std(self, reading: PressureReading) -> tuple[float, float, float, float]:
@@ -210,19 +212,20 @@ class Estimator:
         )
         return state.wrench, age, refuse(stamp_ns, 'stale_wrench', sentence)
 
-    def reference_hint(self, raw: float) -> str:
-        """Say what to do where a reading fits the range as the other kind of pressure."""
-        ambient = self.settings.ambient_pressure
-        if self.settings.pressure_reference == 'gauge':
-            other, gauge = 'absolute', raw - ambient
-        else:
-            other, gauge = 'gauge', raw
-        if self.arm.beyond_range(gauge + self.settings.pressure_offset) > EXTRAPOLATION:
-            return ''
-        return (
-            f'; as {other} pressure it would be {kilopascals(gauge):.4g} kPa gauge: '
-            f'set pressure_reference to {other} if the sensor reports that'
-        )
+
+def reference_hint(arm: Arm, settings: EstimatorSettings, raw: float) -> str:
+    """Say what to do where a reading (Pa) fits the range as the other kind of pressure."""
+    ambient = settings.ambient_pressure
+    if settings.pressure_reference == 'gauge':
+        other, gauge = 'absolute', raw - ambient
+    else:
+        other, gauge = 'gauge', raw
+    if arm.beyond_range(gauge + settings.pressure_offset) > EXTRAPOLATION:
+        return ''
+    return (
+        f'; as {other} pressure it would be {kilopascals(gauge):.4g} kPa gauge: '
+        f'set pressure_reference to {other} if the sensor reports that'
+    )
 
 
 def refuse(stamp_ns: int, reason: str, sentence: str) -> Refusal:

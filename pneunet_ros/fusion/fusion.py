@@ -20,7 +20,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.consistency import chi_square_limit
 from pneunet_ros.estimation.estimate import ShapeEstimate
-from pneunet_ros.estimation.estimator import refuse
+from pneunet_ros.estimation.estimator import reference_hint, refuse
 from pneunet_ros.estimation.out_of_plane import out_of_plane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -64,7 +64,7 @@ from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.noise_model import target_std
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.model.domain_position import DomainPosition, locate_load
+from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity, station_arclength
 from pneunet_ros.model.part_load import PartLoad
 from pneunet_ros.model.perturbation import PerturbationTable
@@ -167,6 +167,13 @@ class Fusion:
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
         """Take the frames that have waited for a pressure reading, and estimate at its stamp."""
         instant = self.instant_at(state, reading)
+        position = locate_load(self.arm, Load(pressure=instant.gauge), instant.chamber)
+        if position.reason == OUT_OF_RANGE:
+            # It is not kept: without a pressure that can be, the camera is alone.
+            hint = reference_hint(self.arm, self.sensors, reading.pressure)
+            refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
+            readings = state.readings.with_reading(reading.stamp_ns, instant.history)
+            return replace(state, readings=readings).count_rejected(refusal.reason), refusal
         earlier = [one for one in state.pressures if one.stamp_ns < instant.stamp_ns]
         state = replace(
             state,
@@ -254,7 +261,8 @@ class Fusion:
             since_ns = state.pressures[-1].stamp_ns
         else:
             since_ns = self.shown_ns(state.waiting[0] if state.waiting else sightings)
-        if not self.is_stale(since_ns, shown_ns):
+        alone = state.pressure_lost and not state.pressures
+        if not alone and not self.is_stale(since_ns, shown_ns):
             if len(state.waiting) == self.settings.most_waiting:
                 state = replace(state, waiting=state.waiting[1:]).count_unused('no_pressure')
             return replace(state, waiting=(*state.waiting, sightings)), None

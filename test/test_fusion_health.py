@@ -1,0 +1,125 @@
+"""What the node `fusion` says of itself, without DDS; and that it gets warm with any arm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.fusion.estimate import FusedEstimate, Mode
+from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.state import FusionState, RunningNis
+from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.model.domain import Domain
+import pytest
+from support.example_arms import paper_arm
+from support.random_estimates import random_estimate
+
+pytestmark = pytest.mark.ros
+pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
+
+from pneunet_ros.nodes.fusion.health import FusionHealth  # noqa: E402
+from pneunet_ros.nodes.fusion.warm_up import warm_up  # noqa: E402
+from pneunet_ros.nodes.health import Level  # noqa: E402
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
+
+FUSION = Fusion(arm=paper_arm())
+
+
+def fused(mode=Mode.FUSED, ambiguous=False, force=(0.1, 0.05), wrench_age=None):
+    known = not ambiguous
+    return FusedEstimate(
+        estimate=replace(random_estimate(3), wrench_age=wrench_age, warnings=()),
+        mode=mode,
+        force=np.array(force if known else (np.nan, np.nan)),
+        force_covariance=np.eye(2) * (1e-6 if known else np.nan),
+        pressure_bias=10.0,
+        pressure_bias_std=20.0,
+        ambiguous=ambiguous,
+        nis=1.0,
+        nis_limit=2.0,
+        target_age=0.05,
+    )
+
+
+def report_of(outcome, state=None, at=100.1, now=100.2):
+    """Return what is reported after one outcome of a pressure."""
+    health = FusionHealth('/p/pressure', '/p/targets', 100.0)
+    health.took('pressure', outcome, at, 0.001)
+    return health.report(state or FusionState(), FUSION, now)
+
+
+@pytest.mark.parametrize(
+    ('outcome', 'level', 'words', 'values'),
+    [
+        (fused(), Level.OK, 'targets and pressure', {'mode': 'fused', 'determined': 'F1, F2'}),
+        (fused(force=(np.nan, 0.1)), Level.OK, 'estimating at', {'determined': 'F2'}),
+        (
+            fused(Mode.CAMERA_ONLY),
+            Level.WARN,
+            'camera_only: targets alone: the pressure is too old',
+            {'mode': 'camera_only'},
+        ),
+        (fused(Mode.PREDICTION), Level.WARN, 'the force is held', {'mode': 'prediction'}),
+        (
+            fused(ambiguous=True),
+            Level.WARN,
+            'no force is published',
+            {'ambiguous': 'True', 'determined': 'none'},
+        ),
+        (fused(), Level.OK, '', {'force_judged': 'no: without an end wrench force is not judged: '
+                                 'one on the arm looks the same'}),
+        (fused(wrench_age=0.01), Level.OK, '', {'force_judged': 'yes', 'wrench_lag_s': '0.01'}),
+        (
+            Refusal(stamp_ns=1, reason='too_uncertain', sentence='the tip is lost', error=True),
+            Level.ERROR,
+            'the tip is lost',
+            {'mode': 'none', 'determined': '', 'pressure_bias_pa': ''},
+        ),
+    ],
+)  # fmt: skip
+def test_level_and_words_are_those_of_the_estimate(outcome, level, words, values):
+    report = report_of(outcome)
+    assert report.level == level, report.message
+    assert words in report.message
+    assert {name: report.values[name] for name in values} == values
+
+
+def test_silence_is_an_error_and_what_belongs_to_an_estimate_is_empty():
+    report = report_of(fused(), now=101.0)
+    assert report.level == Level.ERROR
+    assert report.message == (
+        'no usable pressure on /p/pressure or targets on /p/targets for 0.9 s'
+    )
+    assert (report.values['mode'], report.values['ambiguous']) == ('none', '')
+
+
+def test_a_running_nis_beyond_noise_is_told_once_for_each_new_frame():
+    nis = RunningNis(stamp_ns=1, weight=5.0, last=9.0, mean=4.0, limit=2.0)
+    health, state = FusionHealth('/p', '/t', 100.0), FusionState(nis=nis)
+    health.took('pressure', fused(), 100.1, 0.001)
+    report = health.report(state, FUSION, 100.2)
+    assert report.level == Level.WARN
+    assert report.message.endswith(
+        '(running NIS 4, noise alone: less than 2): run pneunet diagnose'
+    )
+    assert [report.values[name] for name in ('nis', 'nis_mean', 'nis_limit')] == ['9', '4', '2']
+    health.took('pressure', fused(), 100.3, 0.001)
+    assert health.report(state, FUSION, 100.4).level == Level.OK
+
+
+@pytest.mark.parametrize(
+    'arm',
+    [
+        paper_arm(),
+        replace(paper_arm(), domain=None),
+        replace(
+            paper_arm(), domain=Domain(pressure=(0.0, 66e3), end_load=[[0.0, -0.3, 0.0, 66e3]])
+        ),
+        replace(paper_arm(), target_arclength=np.array([0.0, 0.06, 0.112])),
+    ],
+    ids=['shipped', 'no domain', 'one weight', 'three targets'],
+)
+def test_the_warm_up_gives_an_estimate(arm):
+    serializer = MessageSerializer(types=RCLPY_TYPES, serialize=serialize, frame_id='base')
+    assert warm_up(Fusion(arm=arm), serializer) == ''
