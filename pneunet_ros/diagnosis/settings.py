@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.measurement.pressure_filter import PRESSURE_FILTER, PressureFilterSettings
+from pneunet_ros.measurement.reading_filter import READING_FILTER, ReadingFilterSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +42,7 @@ class LinearizationSettings:
     unloading: float = tuning(0.02, 'distance to highest pressure so far', unit='pressure range')
     windows: int = tuning(10, 'windows of time in every run')
     window_modes: int = tuning(3, 'Legendre polynomials of curvature in every window')
-    pressure_filter: PressureFilterSettings = PRESSURE_FILTER
+    reading_filter: ReadingFilterSettings = READING_FILTER
 
     def __post_init__(self) -> None:
         """Refuse a memory of the fields that is no time constant."""
