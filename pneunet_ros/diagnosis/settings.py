@@ -143,7 +143,9 @@ class ConfirmationSettings:
         2.0, 'chi squared per coordinate of the training that a law may leave', unit='noise alone'
     )
     fall: float = tuning(2.7, 'fall of held-out chi squared: 95 % one-sided', source='convention')
-    shown: float = tuning(16.0, 'held-out chi squared of what is added, for a test: four sigma')
+    shown: float = tuning(
+        25.0, 'held-out chi squared of what is added, for a test: five sigma', source='convention'
+    )
     wrong: float = tuning(
         0.02,
         'probability that a confirmed name is wrong',

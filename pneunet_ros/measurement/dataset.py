@@ -264,4 +264,4 @@ def frame_instants(
 def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
     """Return values (stamps,) at other stamps, on the straight lines between them."""
     first = stamp_ns[0]  # no float holds a stamp
-    return np.interp(shown - first, stamp_ns - first, values)
+    return np.asarray(np.interp(shown - first, stamp_ns - first, values))
