@@ -79,6 +79,21 @@ def test_held_out_recordings_must_be_predicted_better():
     assert objections(record('creep', predicted=1.4)) == ''
 
 
+def test_what_a_law_may_miss_is_no_test_of_its_name():
+    """Held-out recordings that show less of it than is missed where it is strong, say nothing."""
+    strong = replace(BASE, tests=(replace(BAD, statistic=9.0 + 400.0),))
+    hardly = BASE.held_out[0].copy()
+    hardly[0] += 7.0  # 49 of chi squared, of which the law may miss 80
+    best = record('pressure_lag', predicted=0.5, held_out=(hardly,))
+    for rise, said in ((60.0, ''), (90.0, 'rises from 9 to 9.9')):
+        moved = replace(best, run_chi_squared=(100.0, 100.0, 100.0, 900.0 + rise))
+        found = confirmer(moved, base=strong).confirm(moved)
+        assert said in '; '.join(found.objections)
+        assert bool(found.objections) == bool(said)
+        assert 'hardly show it' in found.untested[0]
+    assert objections(replace(best, run_chi_squared=(100.0, 100.0, 100.0, 900.0)))
+
+
 def test_held_out_recordings_that_cannot_show_it_test_nothing():
     hardly = BASE.held_out[0].copy()
     hardly[0] += 2.0

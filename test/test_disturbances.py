@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import numpy as np
+from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.measurement.disturbances import (
     disturbance_jacobian,
     Disturbances,
     PATH_NODES,
+    tilt_jacobian,
 )
 import pytest
 from support.example_arms import paper_arm
@@ -62,3 +65,17 @@ def test_a_run_of_one_frame_has_a_place():
     run = made(arm, np.array([2e4]))
     answer = disturbance_jacobian(run, np.zeros((1, arm.target_arclength.size)))
     assert answer[0, 0, 0, -2 * PATH_NODES :].sum() == 1.0
+
+
+def test_a_tilted_picture_is_that_of_a_camera_that_looks_askew():
+    arm = paper_arm()
+    points = made(arm, np.linspace(2e3, 50e3, 9), np.full((9, 2), 0.05)).points
+    distance, angle = 9.0 * arm.length, math.radians(2.5)
+    # The plane turns about the line x = l / 2 and comes nearer beyond it.
+    nearer = (points[:, 0] - 0.5 * arm.length) * math.sin(angle)
+    seen = points * (distance / (distance - nearer))[:, None]
+    moved = (seen - points).reshape(9, -1)
+    size = math.sin(angle) * arm.length / distance
+    assert size == pytest.approx(DEFAULTS.linearization.tilt, rel=0.05)
+    found = tilt_jacobian(points, arm.length)[:, :, 0] * size
+    assert found == pytest.approx(moved, abs=0.01 * np.abs(moved).max())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 import functools
-import math
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -24,7 +23,7 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.model.arm import Arm
-from pneunet_ros.solver.columns import THETA, X, Y
+from pneunet_ros.solver.columns import THETA
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made
@@ -46,13 +45,7 @@ def loaded() -> tuple[Arm, RecordingData, Inputs, Fields, Regressors, ForwardMod
     knots = series.jacobian(arm, inputs, np.zeros((0, 2), dtype=np.int64))[:, 3:, :2]
     knots = knots.reshape(FRAMES, knots.shape[1], -1).transpose(0, 2, 1)
     regressors = Regressors.of(arm, [run], [inputs])
-    fields = fields_of(
-        regressors,
-        0,
-        knots,
-        series.fields[:, THETA],
-        series.fields[:, [X, Y]] / arm.length,
-    )
+    fields = fields_of(regressors, 0, knots, series.fields[:, THETA])
     return arm, run, inputs, fields, regressors, series
 
 
@@ -182,16 +175,3 @@ def test_pressure_before_its_past_dies_away():
     assert felt[:100] == pytest.approx(np.zeros(100), abs=1e-6)
     after = 1e-9 * (stamps[100:] - stamps[99])
     assert felt[100:] == pytest.approx(20e3 * np.exp(-after / memory), abs=1.0)
-
-
-def test_a_tilted_picture_is_that_of_a_camera_that_looks_askew():
-    arm, _, inputs, fields, _, _ = loaded()
-    points = points_of(arm, inputs).reshape(FRAMES, 2, -1)
-    distance, angle = 9.0 * arm.length, math.radians(2.5)
-    # The plane turns about the line x = l / 2 and comes nearer beyond it.
-    nearer = (points[:, 0] - 0.5 * arm.length) * math.sin(angle)
-    seen = points * (distance / (distance - nearer))[:, None]
-    moved = (seen - points).reshape(FRAMES, -1)
-    size = arm.length * math.sin(angle) * arm.length / distance
-    assert size / arm.length == pytest.approx(SETTINGS.tilt, rel=0.05)
-    assert fields.tilt[:, :, 0] * size == pytest.approx(moved, abs=0.01 * np.abs(moved).max())

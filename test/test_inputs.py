@@ -174,6 +174,35 @@ def test_a_delay_gives_late_frames_what_acted_when_they_were_taken(effects):
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ('late', 'shown'),
+    [(0.4, 0.4), (-0.3, -0.3), (0.05, 0.0)],
+    ids=['after', 'before', 'triggered'],
+)
+def test_a_frame_between_two_readings_has_what_lies_between_them(late: float, shown: float):
+    """Only where all frames are as near to readings as the jitter of stamps are they triggered."""
+    arm, made_run = paper_arm(), made(paper_arm(), UP_AND_DOWN, FORCE)
+    inner = np.arange(1, 21)
+    cut = {name: getattr(made_run, name)[inner] for name in ('force', 'moment', 'x', 'y')}
+    run = replace(
+        made_run,
+        **cut,
+        reading=inner,
+        stamp_ns=made_run.stamp_ns[inner] + round(late * PERIOD),
+        wrench_stamp_ns=made_run.stamp_ns,
+        wrench=made_run.load,
+    )
+    (inputs,) = inputs_of(arm, [run])
+    at, places = np.arange(22.0), inner + shown
+    np.testing.assert_allclose(inputs.pressure, np.interp(places, at, UP_AND_DOWN), rtol=1e-6)
+    for axis in (0, 1):
+        wanted = np.interp(places, at, FORCE[:, axis])
+        np.testing.assert_allclose(inputs.loads[:, axis], wanted, rtol=1e-6, atol=1e-12)
+    # What was put between readings once is not moved again.
+    once = run.at_instants(0.0)
+    assert once.at_instants(0.0).frame_pressure.tolist() == once.frame_pressure.tolist()
+
+
 def test_between_readings_a_delayed_frame_is_on_the_line():
     arm, run = paper_arm(), made(paper_arm(), UP_AND_DOWN, FORCE)
     (inputs,) = inputs_of(paper_arm((CameraDelay(delay=0.25e-9 * PERIOD),)), [run])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import numpy as np
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
@@ -12,6 +14,7 @@ from pneunet_ros.measurement.noise_model import (
     attached_std,
     camera_errors,
     coordinate_stds,
+    EDGE,
     model_errors,
     reading_errors,
     target_std,
@@ -19,7 +22,7 @@ from pneunet_ros.measurement.noise_model import (
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
 from support.example_arms import paper_arm
-from support.made_datasets import made, USUAL
+from support.made_datasets import made, PERIOD, USUAL
 
 NONE = np.zeros((0, 2), dtype=np.int64)
 PRESSURE = np.array([5e3, 21e3, 43e3])
@@ -33,6 +36,19 @@ def test_a_load_of_exactly_zero_is_no_reading():
     pushed = replace(run, moment=np.array([0.0, 0.0, 1e-4]))
     assert attached_std(USUAL, pushed)[0].tolist() == [force, force, USUAL.moment_std]
     assert not attached_std(USUAL, run.without_load()).any()
+
+
+def test_at_the_edge_of_a_push_a_load_may_be_there_already():
+    frames = 40
+    force = np.zeros((frames, 2))
+    force[20:, 0] = 0.1
+    run = made(paper_arm(), np.full(frames, 2e4), force)
+    assert attached_std(USUAL, run)[:, 0].astype(bool).tolist() == [False] * 20 + [True] * 20
+    read = replace(run, wrench_stamp_ns=run.stamp_ns, wrench=run.load)
+    near = math.floor(EDGE * NANOSECONDS_PER_SECOND / PERIOD)
+    known = attached_std(USUAL, read)[:, 0].astype(bool)
+    assert known.tolist() == [False] * (20 - near) + [True] * (20 + near)
+    assert 0 < near < 20
 
 
 def test_many_frames_under_a_known_load_know_it_no_better_than_one():

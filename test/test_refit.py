@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis import refit as refit_module
 from pneunet_ros.diagnosis.refit import effects_of, JointFit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.settings import DEFAULTS
 import pytest
@@ -176,3 +178,43 @@ def test_a_fit_that_is_settled_is_left_alone():
     found = replace(fitted('load_offset', 'load_offset'), settled=True)
     assert settle(found, 3) is found
     assert settle(replace(found, settled=False), 0).settled is False
+
+
+@dataclass(frozen=True)
+class Swinging:
+    """A fit of one number whose minimum runs away from where it was linearized: to -1.2 of it."""
+
+    numbers: Array
+    base: Array
+    cost: float
+    settled: bool = False
+    hypotheses: tuple[()] = ()
+
+    @property
+    def point(self) -> Array:
+        return self.numbers
+
+    @property
+    def linearization(self) -> Swinging:
+        return self
+
+    def at(self, point: Array) -> Array:
+        return point
+
+
+class SwingingFit:
+    """The search around a number."""
+
+    def __init__(self, around: Array, *_: object) -> None:
+        self.minimum = -1.2 * around
+
+    def fit(self, *_: object) -> Swinging:
+        return Swinging(self.minimum, self.minimum, 100.0 * float(np.sum(self.minimum**2)))
+
+
+def test_a_search_that_swings_from_model_to_model_comes_to_rest(monkeypatch):
+    monkeypatch.setattr(refit_module, 'JointFit', SwingingFit)
+    start = Swinging(np.array([10.0]), np.array([10.0]), 1e4)
+    found = settle(start, 20)
+    assert found.settled
+    assert found.numbers == pytest.approx(0.0, abs=0.1)

@@ -235,3 +235,59 @@ def test_what_led_out_of_a_poor_minimum_is_left_out_however_poor_the_rest_was(mo
             search, whole, Trial(record=whole.record, refit=fit), 'pressure_lag', 897.0
         )
         assert found is left
+
+
+def test_the_strongest_of_two_effects_is_held_against_what_scores_as_well(monkeypatch):
+    both = trial('force_misalignment gravity', 85.0, 20.0)
+    both.refit.hypotheses = (asked('force_misalignment'), asked('gravity'))
+    both.refit.effects = tuple(
+        item.effect(np.full(item.size, 0.01)) for item in both.refit.hypotheses
+    )
+    search = Scripted(
+        trial('', 0.0, 300.0),
+        trial('force_misalignment', 53.0, 100.0),
+        trial('camera_rotation', 52.0, 103.0),  # scores as well
+        trial('gravity', 20.0, 240.0),
+        trial('load_offset', 30.0, 200.0),  # does not
+        both,
+        trial('camera_rotation gravity', 89.0, 10.0),
+    )
+    for item in search.sets.values():
+        item.refit.linearization = None
+    fitted: list[list[str]] = []
+
+    def refitted(_: Any, hypotheses: Sequence[Any], *rest: Any) -> frozenset[str]:
+        fitted.append([item.name for item in hypotheses])
+        return frozenset(fitted[-1])
+
+    monkeypatch.setattr(selection, 'refit', refitted)
+    monkeypatch.setattr(Selection, 'test_trial', lambda self, names, base: self.sets[names])
+    search.tried[frozenset(both.names)] = both.record
+    base = search.sets[frozenset()]
+    assert search.fit_rivals(base, both).names == ('camera_rotation', 'gravity')
+    assert fitted == [['camera_rotation', 'gravity']]
+    worse = trial('camera_rotation gravity', 84.0, 25.0)
+    search.sets[frozenset(worse.names)] = worse
+    assert search.fit_rivals(base, both) is both
+    assert search.fit_rivals(base, base) is base
+
+
+def test_an_effect_that_has_not_arrived_after_one_refit_is_fitted_until_settled(monkeypatch):
+    costs = {'gravity': 990.0, 'camera_rotation': 740.0, 'creep': 980.0}
+    scores = {'gravity': 1100.0, 'camera_rotation': 490.0, 'creep': 10.0}
+    monkeypatch.setattr(
+        selection,
+        'refit',
+        lambda _, hypotheses, *rest: SimpleNamespace(
+            cost=costs[hypotheses[-1].name], names=(hypotheses[-1].name,)
+        ),
+    )
+    monkeypatch.setattr(selection, 'settle', lambda fit, *rest: fit)
+    monkeypatch.setattr(Selection, 'test_trial', lambda self, fit, base: fit.names)
+    search, known = Scripted(), trial('', 0.0, BASE)
+    search.on_progress = lambda *rest: None
+    known.refit.cost, known.refit.hypotheses = 1000.0, ()
+    known.refit.numbers, known.refit.linearization = np.zeros(0), None
+    candidates = [candidate(name, score) for name, score in scores.items()]
+    found = Selection.fit_finalists(search, known, known, candidates)
+    assert found == [('gravity',), ('camera_rotation',)]

@@ -97,6 +97,16 @@ class Confirmer:
         pairs = zip(self.base.held_out, record.held_out, strict=True)
         return float(sum(((before - after) ** 2).sum() for before, after in pairs))
 
+    @property
+    def left_by_law(self) -> float:
+        """Chi squared that the law of a right effect may leave, as in the lack-of-fit tests."""
+        return self.settings.lack_of_fit.law_error * self.base.excess
+
+    def is_shown(self, record: Record) -> bool:
+        """Whether held-out recordings show what was added, and more than its law may miss."""
+        least = max(self.settings.confirmation.shown, self.left_by_law)
+        return self.shown(record) >= least
+
     def held_out_objections(self, record: Record) -> tuple[str, ...]:
         """Object where held-out recordings are not predicted better, or their error rises."""
         settings, count = self.settings.confirmation, len(self.training)
@@ -104,13 +114,13 @@ class Confirmer:
             return ()
         before, after = (sum(item.run_chi_squared[count:]) for item in (self.base, record))
         means = [self.chi_squared(item, held_out=True) for item in (self.base, record)]
-        if after > before + settings.fall:
+        if after > before + settings.fall + self.left_by_law:
             return (
                 'held-out chi squared per coordinate rises from '
                 f'{means[0]:.3g} to {means[1]:.3g} with it',
             )
         fall = 2.0 * (record.predicted - self.base.predicted)
-        if fall < settings.fall and self.shown(record) >= settings.shown:
+        if fall < settings.fall and self.is_shown(record):
             return (
                 'held-out recordings are not predicted significantly better with it (chi squared '
                 f'per coordinate {means[0]:.3g} before, {means[1]:.3g} after)',
@@ -121,7 +131,7 @@ class Confirmer:
         """Say that nothing new tests it."""
         if not self.has_held_out:
             return ('no recording was held out: it was not tested on anything new',)
-        if self.shown(record) < self.settings.confirmation.shown:
+        if not self.is_shown(record):
             return ('the held-out recordings hardly show it: nothing new tests it',)
         return ()
 

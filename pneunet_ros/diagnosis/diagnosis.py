@@ -121,8 +121,7 @@ def diagnose(
     first = selection.fit_base()
     if not is_settled(first.refit, settings):
         return unsettled(seed, notes, settings)
-    best = selection.select_forward(first)
-    selection.fit_rivals(first, best)
+    best = selection.fit_rivals(first, selection.select_forward(first))
     candidates = selection.score_candidates(first)
     detectable = detection_limits(asked, candidates, settings.score_test)
     verdict = decide(selection, first, best, detectable)

@@ -120,15 +120,13 @@ def high_pass(run: RecordingData, time_constant: float) -> Array:
 class Fields:
     """How points of a run answer to unit fields, (frames, 2 targets, n) m.
 
-    generic: shapes over the arm times regressors, shared by all runs, with names. tilt: a picture
-    whose scale grows by 1 over the length, along x and along y. shapes: curvature modes and a
-    shift of the picture; weights (frames, windows): of windows of time;
+    generic: shapes over the arm times regressors, shared by all runs, with names. shapes:
+    curvature modes and a shift of the picture; weights (frames, windows): of windows of time;
     regressors (frames, k): what single targets are tested with.
     """
 
     names: tuple[str, ...]
     generic: Array
-    tilt: Array
     shapes: Array
     weights: Array
     regressors: Array
@@ -148,13 +146,11 @@ def products(shapes: Array, factors: Array) -> Array:
     return both.reshape(*both.shape[:2], -1)
 
 
-def fields_of(
-    regressors: Regressors, which: int, knots: Array, theta: Array, points: Array
-) -> Fields:
+def fields_of(regressors: Regressors, which: int, knots: Array, theta: Array) -> Fields:
     """Return the fields of a run.
 
     knots (frames, 2 targets, knots): how points answer to a curvature of 1/m at each knot; theta
-    (frames, targets) rad; points (frames, 2, targets) of the model, in units of the length.
+    (frames, targets) rad.
     """
     settings = regressors.settings
     frames, targets = theta.shape
@@ -181,7 +177,6 @@ def fields_of(
     return Fields(
         names=tuple(names),
         generic=np.concatenate(parts, axis=2),
-        tilt=tilt_fields(points),
         shapes=np.concatenate([curvature[:, :, : settings.window_modes], shift], axis=2),
         weights=np.maximum(0.0, 1.0 - np.abs(position - np.arange(settings.windows))),
         regressors=regressors.columns(which, SINGLE_REGRESSORS),
@@ -203,16 +198,3 @@ def stretch_fields(arclength: Array, theta: Array, count: int) -> Array:
         integral[:, 1:] = np.cumsum(steps, axis=1)
         parts.append(integral)
     return np.concatenate(parts, axis=1)
-
-
-def tilt_fields(points: Array) -> Array:
-    """How points (frames, 2, targets) answer to a tilted picture, (frames, 2 targets, 2).
-
-    To first order a plane that is not parallel to the camera's is seen with a scale that changes
-    in proportion to x and to y, here about the middle of the straight arm, where it stays; all in
-    units of the length.
-    """
-    frames, _, targets = points.shape
-    ways = points - np.array([[0.5], [0.0]])
-    fields = [points * ways[:, [axis]] for axis in (0, 1)]
-    return np.stack(fields, axis=-1).reshape(frames, 2 * targets, 2)

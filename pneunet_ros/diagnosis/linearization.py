@@ -21,11 +21,12 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, LinearizationSettings
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.disturbances import tilt_jacobian
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.gauss_newton import Bounds
 from pneunet_ros.measurement.inputs import Inputs, inputs_of
 from pneunet_ros.measurement.linearization import FittedRun, linearize
-from pneunet_ros.measurement.pressure_filter import filter_pressure
+from pneunet_ros.measurement.reading_filter import filter_readings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import THETA, X, Y
@@ -36,8 +37,8 @@ class LinearizedRun:
     """One run: whitened columns, and what whitens more of them.
 
     base (rows, n): model and placement, scaled; path (rows, k): the camera's, which `path_filter`
-    integrates out of whitened columns (rows, n); fields: generic ones, not whitened. model: where
-    searches for equilibria start.
+    integrates out of whitened columns (rows, n); fields: generic ones, and tilt: how points answer
+    to that of the picture, neither whitened. model: where searches for equilibria start.
     """
 
     fitted: FittedRun
@@ -47,6 +48,7 @@ class LinearizedRun:
     base: Array
     path: Array
     fields: Fields
+    tilt: Array
 
     @property
     def run(self) -> RecordingData:
@@ -97,9 +99,7 @@ class KnownInputs:
         noise: SensorNoise,
         settings: LinearizationSettings = DEFAULTS.linearization,
     ) -> None:
-        self.filtered = [
-            filter_pressure(run, noise.pressure_std, settings.pressure_filter) for run in runs
-        ]
+        self.filtered = [filter_readings(run, noise, settings.reading_filter) for run in runs]
         self.known: dict[tuple[Effect, ...], list[Inputs]] = {}
 
     def of(self, arm: Arm) -> list[Inputs]:
@@ -147,13 +147,12 @@ class Linearization:
             for which, inputs in enumerate(all_inputs)
         ]
         self.tolerance = self.tolerances()
-        tilt = settings.tilt * self.length
         self.fixed = [
             np.concatenate(
                 [
                     block.base,
                     block.white(block.fields.generic * self.tolerance),
-                    block.white(block.fields.tilt * tilt),
+                    block.white(block.tilt * settings.tilt),
                 ],
                 axis=1,
             )
@@ -205,13 +204,8 @@ class Linearization:
             path_filter=path_filter,
             base=path_filter(base),
             path=path,
-            fields=fields_of(
-                regressors,
-                which,
-                knots,
-                linear.fitted.fields[:, THETA],
-                linear.fitted.fields[:, [X, Y]] / arm.length,
-            ),
+            fields=fields_of(regressors, which, knots, linear.fitted.fields[:, THETA]),
+            tilt=tilt_jacobian(linear.fitted.fields[:, [X, Y]], arm.length),
         )
 
     def tolerances(self) -> Array:

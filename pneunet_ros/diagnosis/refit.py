@@ -261,16 +261,29 @@ def refit(
 
 
 def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) -> Refit:
-    """Relinearize and fit again, so many times at most, until that changes nothing."""
+    """Relinearize and fit again, so many times at most, until that changes nothing.
+
+    What errors of readings move is that of the model around which is linearized, so that a search
+    may swing from one model to another and back: where the cost rises, it goes on halfway.
+    """
+    around = fit
     for _ in range(rounds):
         if fit.settled:
             break
-        linearization = fit.linearization.at(fit.point)
-        again = JointFit(linearization, fit.hypotheses, settings).fit(fit.numbers, fit.base)
+        linearization = fit.linearization.at(around.point)
+        again = JointFit(linearization, fit.hypotheses, settings).fit(around.numbers, around.base)
         if again is None:
             break
+        around = again if again.cost < fit.cost else halfway(around, again)
         fit = replace(again, settled=abs(fit.cost - again.cost) < settings.settled)
     return fit
+
+
+def halfway(one: Refit, other: Refit) -> Refit:
+    """Return a fit with the unknowns halfway between those of two."""
+    return replace(
+        other, numbers=0.5 * (one.numbers + other.numbers), base=0.5 * (one.base + other.base)
+    )
 
 
 def linearize_all_runs(

@@ -145,19 +145,36 @@ class Selection:
             best = self.eliminate_backward(base, better)
         return best
 
-    def fit_rivals(self, base: Trial, best: Trial) -> None:
-        """Fit, beside one effect that is the answer, those that score as well and were not."""
-        candidates = self.score_candidates(base) if len(best.names) == 1 else []
-        scores = {item.name: item.gain for item in candidates}
-        least = scores.get(best.names[0], 0.0) if best.names else 0.0
-        least -= 2.0 * self.settings.selection.least_evidence
+    def fit_rivals(self, base: Trial, best: Trial) -> Trial:
+        """Fit what scores as well as the strongest effect of a set in its place; return the best.
+
+        The rest of the set stays: what is an effect more was chosen among its own rivals.
+        """
+        if not best.names:
+            return best
+        candidates = self.score_candidates(base)
+        scores = dict.fromkeys(best.names, 0.0) | {item.name: item.gain for item in candidates}
+        strongest = max(best.names, key=scores.__getitem__)
+        least = scores[strongest] - 2.0 * self.settings.selection.least_evidence
+        pairs = zip(best.refit.hypotheses, best.refit.effects, strict=True)
+        rest = [(item, effect) for item, effect in pairs if item.name != strongest]
+        numbers = [item.numbers(effect) for item, effect in rest]
+        sets = [best]
         for item in candidates:
-            if item.gain < least or frozenset((item.name,)) in self.tried:
+            hypotheses = (item.hypothesis, *(other for other, _ in rest))
+            names = frozenset(other.name for other in hypotheses)
+            if item.gain < least or names in self.tried or len(names) < len(hypotheses):
                 continue
-            settings, linearization = self.settings.refit, base.refit.linearization
-            fit = refit(linearization, (item.hypothesis,), item.start, settings.rounds, settings)
+            fit = refit(
+                base.refit.linearization,
+                hypotheses,
+                np.concatenate([item.start, *numbers]),
+                self.settings.refit.rounds,
+                self.settings.refit,
+            )
             if fit is not None:
-                self.test_trial(fit, base)
+                sets.append(self.test_trial(fit, base))
+        return choose_best(base, sets, self.settings.selection) or best
 
     def score_candidates(self, trial: Trial) -> list[Candidate]:
         """Return the effects that may be added to a trial, scored once."""
@@ -206,9 +223,12 @@ class Selection:
     def fit_finalists(
         self, base: Trial, trial: Trial, candidates: Sequence[Candidate]
     ) -> list[Trial]:
-        """Refit once with each candidate, and those that come near the best until settled."""
+        """Refit once with each candidate, and those that come near the best until settled.
+
+        A strong effect may not have arrived after one refit: its score says what it will gain.
+        """
         settings, known = self.settings.selection, trial.refit
-        first = []
+        first, gains = [], []
         for place, item in enumerate(candidates):
             hypotheses = (*known.hypotheses, item.hypothesis)
             self.on_progress(
@@ -218,7 +238,7 @@ class Selection:
             fit = refit(known.linearization, hypotheses, numbers, 1, self.settings.refit)
             if fit is not None:
                 first.append(fit)
-        gains = [known.cost - item.cost for item in first]
+                gains.append(max(known.cost - fit.cost, 0.5 * item.gain))
         needed = max(
             settings.near * max(gains, default=0.0), settings.finalist_gain * settings.least_gain
         )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.measurement.pressure_filter import PRESSURE_FILTER, PressureFilterSettings
+from pneunet_ros.measurement.reading_filter import READING_FILTER, ReadingFilterSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +42,7 @@ class LinearizationSettings:
     unloading: float = tuning(0.02, 'distance to highest pressure so far', unit='pressure range')
     windows: int = tuning(10, 'windows of time in every run')
     window_modes: int = tuning(3, 'Legendre polynomials of curvature in every window')
-    pressure_filter: PressureFilterSettings = PRESSURE_FILTER
+    reading_filter: ReadingFilterSettings = READING_FILTER
 
     def __post_init__(self) -> None:
         """Refuse a memory of the fields that is no time constant."""
@@ -143,7 +143,9 @@ class ConfirmationSettings:
         2.0, 'chi squared per coordinate of the training that a law may leave', unit='noise alone'
     )
     fall: float = tuning(2.7, 'fall of held-out chi squared: 95 % one-sided', source='convention')
-    shown: float = tuning(16.0, 'held-out chi squared of what is added, for a test: four sigma')
+    shown: float = tuning(
+        25.0, 'held-out chi squared of what is added, for a test: five sigma', source='convention'
+    )
     wrong: float = tuning(
         0.02,
         'probability that a confirmed name is wrong',

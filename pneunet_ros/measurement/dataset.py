@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.stamps import match_stamps, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.model.uncertainty import SensorNoise
 
@@ -23,7 +23,16 @@ class IdleSensorSettings:
     chance: float = tuning(0.01, 'that noise alone reaches further in a long recording')
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TriggerSettings:
+    """When the frames of a camera are taken together with readings."""
+
+    same_instant: float = tuning(0.1, 'distance of a frame from its reading', unit='period')
+    share: float = tuning(0.95, 'share of the frames that are as near')
+
+
 IDLE_SENSOR = IdleSensorSettings()
+TRIGGER = TriggerSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,7 +115,15 @@ class RecordingData:
         """Return the run under a known constant end load (N, base frame) that no sensor read."""
         frames = len(self.stamp_ns)
         force = np.tile([force_x, force_y], (frames, 1))
-        return replace(self, loaded=True, load_known=True, force=force, moment=np.zeros(frames))
+        return replace(
+            self,
+            loaded=True,
+            load_known=True,
+            force=force,
+            moment=np.zeros(frames),
+            wrench_stamp_ns=None,
+            wrench=None,
+        )
 
     def is_idle(self, noise: SensorNoise, settings: IdleSensorSettings = IDLE_SENSOR) -> bool:
         """Whether every wrench is within the noise of the sensor: nothing was attached."""
@@ -135,36 +152,58 @@ class RecordingData:
             cut['tip_pose'] = self.tip_pose[kept]
         return replace(self, **cut)
 
-    def delay_frames(self, delay: float) -> RecordingData:
-        """Return the run with every frame showing the arm of its stamp minus delay (s).
+    def at_instants(self, delay: float) -> RecordingData:
+        """Return the run with what was read `delay` (s) before each frame, by its stamp.
 
-        Pressure and load between readings are on the straight line; before the first and after the
-        last they stay. Static frames have no time.
+        Between readings pressure and load are on straight lines; static frames have no time. A
+        frame keeps the noise of its own reading of the load: to this is added by how much the
+        line through `wrench` changes from there.
         """
-        if self.static or delay == 0.0:
+        if self.static:
             return self
-        shown = self.reading_stamp_ns[self.reading] - round(delay * NANOSECONDS_PER_SECOND)
-        stamps = np.union1d(self.reading_stamp_ns, shown)
-        start = int(stamps[0])
-        load = np.column_stack([self.force, self.moment])
-        read_ns, read = self.stamp_ns, load
-        if self.wrench_stamp_ns is not None and self.wrench is not None:
-            read_ns, read = self.wrench_stamp_ns, self.wrench
-        read_at, at = (
-            (item - start) / NANOSECONDS_PER_SECOND for item in (read_ns, self.stamp_ns)
-        )
-        changes = [
-            np.interp(at - delay, read_at, part) - np.interp(at, read_at, part) for part in read.T
-        ]
-        load = load + np.transpose(changes)
+        late = round(delay * NANOSECONDS_PER_SECOND)
+        shown = self.instants - late
+        stamps, load = np.union1d(self.reading_stamp_ns, shown), self.load
+        if not self.load_known:
+            load = load + self.load_changes(late)
         return replace(
             self,
             reading_stamp_ns=stamps,
-            pressure=np.interp(stamps - start, self.reading_stamp_ns - start, self.pressure),
+            pressure=interpolate(
+                shown=stamps, stamp_ns=self.reading_stamp_ns, values=self.pressure
+            ),
             reading=np.searchsorted(stamps, shown),
             force=load[:, :2],
             moment=load[:, 2],
         )
+
+    def load_changes(self, late: int) -> Array:
+        """Return how the load (frames, 3) changes from its reading to what a frame shows.
+
+        late (ns): of the stamp of a frame.
+        """
+        stamps, values, own = self.instants, self.load, self.instants
+        shown = own
+        if self.wrench_stamp_ns is not None and self.wrench is not None:
+            stamps, values = self.wrench_stamp_ns, self.wrench
+            nearest, _ = match_stamps(self.stamp_ns, stamps, 0.0)
+            own, shown = stamps[nearest], frame_instants(self.stamp_ns, stamps, nearest)
+        return np.column_stack(
+            [
+                interpolate(shown - late, stamps, part) - interpolate(own, stamps, part)
+                for part in values.T
+            ]
+        )
+
+    @property
+    def instants(self) -> Stamps:
+        """When every frame was taken by the clock of the pressure readings, (frames,) ns."""
+        return frame_instants(self.stamp_ns, self.reading_stamp_ns, self.reading)
+
+    @property
+    def load(self) -> Array:
+        """End load F1, F2 (N), M (N m) as read at every frame, (frames, 3)."""
+        return freeze(np.column_stack([self.force, self.moment]))
 
     @property
     def points(self) -> Array:
@@ -199,3 +238,30 @@ class RecordingData:
     def seen(self) -> npt.NDArray[np.bool_]:
         """Which targets were seen in which frame, (frames, targets)."""
         return np.isfinite(self.x)
+
+
+def frame_instants(
+    stamp_ns: Stamps,
+    reading_stamp_ns: Stamps,
+    reading: Stamps,
+    settings: TriggerSettings = TRIGGER,
+) -> Stamps:
+    """Return when every frame was taken, (frames,) ns within the time of the readings.
+
+    A camera that takes its frames together with readings, to which `reading` (frames,) they
+    belong, has stamps with a jitter of their own; those of any other camera are what they say.
+    """
+    own = reading_stamp_ns[reading]
+    if len(reading_stamp_ns) < 2:
+        return own
+    period = float(np.median(np.diff(reading_stamp_ns)))
+    apart = float(np.quantile(np.abs(stamp_ns - own), settings.share))
+    if apart <= settings.same_instant * period:
+        return own
+    return stamp_ns.clip(reading_stamp_ns[0], reading_stamp_ns[-1])
+
+
+def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
+    """Return values (stamps,) at other stamps, on the straight lines between them."""
+    first = stamp_ns[0]  # no float holds a stamp
+    return np.asarray(np.interp(shown - first, stamp_ns - first, values))

@@ -80,3 +80,16 @@ def path_weights(run: RecordingData) -> Array:
     at = (PATH_NODES - 1) * run.progress
     weights: Array = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(PATH_NODES)))
     return weights
+
+
+def tilt_jacobian(points: Array, length: float) -> Array:
+    """Return how points (frames, 2, targets) m move per tilt of the picture, (.., 2 targets, 2).
+
+    To first order a plane that is not parallel to the camera's is seen with a scale that changes
+    in proportion to x and to y, here about the middle of the straight arm, where it stays. The
+    tilt is the change of scale over the length, along x and along y.
+    """
+    frames, _, targets = points.shape
+    ways = points / length - np.array([[0.5], [0.0]])
+    moved = [points * ways[:, [axis]] for axis in (0, 1)]
+    return np.stack(moved, axis=-1).reshape(frames, 2 * targets, 2)

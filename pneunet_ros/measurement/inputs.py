@@ -58,7 +58,7 @@ def inputs_of(arm: Arm, runs: Sequence[RecordingData]) -> tuple[Inputs, ...]:
     The arm is taken to have rested at the first pressure before the first run, and to have held
     still between two. Static frames have no history: each is an equilibrium of its own.
     """
-    runs = [run.delay_frames(arm.frame_delay) for run in runs]
+    runs = [run.at_instants(arm.frame_delay) for run in runs]
     if not arm.acting:
         return tuple(steady_inputs(arm, run) for run in runs)
     all_inputs = {which: equilibria(arm, run) for which, run in enumerate(runs) if run.static}
@@ -108,7 +108,7 @@ def equilibria(arm: Arm, run: RecordingData) -> Inputs:
 
 def steady_inputs(arm: Arm, run: RecordingData) -> Inputs:
     """Return what acted by the readings alone, without history."""
-    loads = np.column_stack([run.force, run.moment])
+    loads = run.load
     if not arm.sensing:
         return Inputs(pressure=run.frame_pressure, loads=loads)
     true = [

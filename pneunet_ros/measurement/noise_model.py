@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -22,11 +23,20 @@ from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import LOADS
 
 PRESSURE_STEP = 20.0  # Pa, of a central difference
+EDGE = 0.5  # s, invented: more than the delay of most cameras
 
 
 def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
-    """Return one sigma of F1, F2 (N) and M (N m) as read in every frame, (frames, 3)."""
-    attached = np.any(run.force != 0.0, axis=1) | (run.moment != 0.0)
+    """Return one sigma of F1, F2 (N) and M (N m) as read in every frame, (frames, 3).
+
+    Within `EDGE` of readings of a load a frame has their error: how late it is, is not known.
+    """
+    attached = np.any(run.load != 0.0, axis=1)
+    if run.wrench_stamp_ns is not None and run.wrench is not None and not run.static:
+        read = run.wrench_stamp_ns[np.any(run.wrench != 0.0, axis=1)]
+        edge = round(EDGE * NANOSECONDS_PER_SECOND)
+        first = np.searchsorted(read, run.stamp_ns - edge, side='left')
+        attached |= np.searchsorted(read, run.stamp_ns + edge, side='right') > first
     moment_std = noise.moment_std if np.any(run.moment != 0.0) else 0.0
     stds = np.array([noise.force_std, noise.force_std, moment_std])
     return np.asarray(attached[:, None] * stds)

@@ -1,9 +1,10 @@
-"""Pressure readings as straight lines between corners, for what an effect remembers of them.
+"""Readings as straight lines between corners, for what is taken from them at other times.
 
 An effect with a memory takes noise off the readings: a play as wide as the noise holds them still,
-and a line averages them. Where pressure rests, that predicts better than the readings themselves,
-and both come out of recordings that have neither. So they are given what the readings say beyond
-their noise, and every frame keeps the noise of its own reading, whatever the memory.
+and a line averages them; and so does a delay, by which a frame falls between two readings. Where
+pressure and load rest, that predicts better than the readings themselves, and such effects come
+out of recordings that have none. So they are given what the readings say beyond their noise, and
+every frame keeps the noise of its own reading, whatever the memory and the delay.
 """
 
 from __future__ import annotations
@@ -16,86 +17,91 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.dataset import interpolate, RecordingData
+from pneunet_ros.model.uncertainty import SensorNoise
 
 Piece = tuple[int, int]  # first and last reading of a straight line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PressureFilterSettings:
+class ReadingFilterSettings:
     """From when on noise does not explain that readings leave a straight line."""
 
     corner: float = tuning(25.0, 'gain of two lines over one', unit='chi squared')
     slope: float = tuning(9.0, 'gain of a slope over none', unit='chi squared')
     scatter: float = tuning(4.0, 'chi squared of a line above its mean', unit='std')
     least_std: float = tuning(1e-3, 'stands for readings without noise', unit='Pa')
-    same_instant: float = tuning(0.1, 'distance of a frame from its reading', unit='period')
+    least_load_std: float = tuning(1e-9, 'the same of a load', unit='N, N m')
 
 
-PRESSURE_FILTER = PressureFilterSettings()
+READING_FILTER = ReadingFilterSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FilteredPressure:
+class FilteredReadings:
     """A run with the corners of its pressure, and a reading at the instant of each of its frames.
 
-    noise (frames,) Pa: by how much the reading of each frame lies above its line.
+    Its load is that of the frames as read, and its wrench straight lines. noise (frames,) Pa: by
+    how much the pressure reading of each frame lies above its line.
     """
 
     run: RecordingData
     noise: Array
 
 
-def filter_pressure(
-    run: RecordingData, std: float, settings: PressureFilterSettings = PRESSURE_FILTER
-) -> FilteredPressure:
-    """Return the straight lines that a run's pressure follows.
+def filter_readings(
+    run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings = READING_FILTER
+) -> FilteredReadings:
+    """Return the straight lines that pressure and load of a run follow.
 
-    Between corners the readings lie on a straight line within their noise, std (Pa), so that a
-    step, a turning point and all else that can be seen in the readings stays where it was; a step
-    between two readings, and readings that noise does not explain, are kept as they are. A frame
-    between two readings is on the line between them. Static frames are left alone.
+    Between corners the readings lie on a straight line within their noise, so that a step, a
+    turning point and all else that can be seen in the readings stays where it was; a step between
+    two readings, and readings that noise does not explain, are kept as they are. Static frames
+    are left alone.
     """
     if run.static:
-        return FilteredPressure(run=run, noise=np.zeros(len(run.stamp_ns)))
+        return FilteredReadings(run=run, noise=np.zeros(len(run.stamp_ns)))
     stamps = run.reading_stamp_ns
-    seconds = (stamps - stamps[0]) / NANOSECONDS_PER_SECOND
-    lines = Lines(seconds, run.pressure, max(std, settings.least_std), settings)
+    std = max(noise.pressure_std, settings.least_std)
+    lines = Lines(stamps, run.pressure, std, settings)
     pieces = lines.pieces()
-    fitted = np.concatenate([lines.fitted(*piece) for piece in pieces])
-    instants = frame_instants(run, settings)
-    kept = np.union1d(stamps[np.array(pieces).ravel()], instants)
-    return FilteredPressure(
+    fitted = lines.joined(pieces)
+    kept = np.union1d(stamps[np.array(pieces).ravel()], run.instants)
+    return FilteredReadings(
         run=replace(
             run,
             reading_stamp_ns=kept,
-            pressure=np.interp((kept - stamps[0]) / NANOSECONDS_PER_SECOND, seconds, fitted),
-            reading=np.searchsorted(kept, instants),
+            pressure=interpolate(kept, stamps, fitted),
+            reading=np.searchsorted(kept, run.instants),
+            wrench=filtered_wrench(run, noise, settings),
         ),
         noise=run.frame_pressure - fitted[run.reading],
     )
 
 
-def frame_instants(run: RecordingData, settings: PressureFilterSettings) -> Stamps:
-    """Return when every frame was taken, (frames,) ns: at its reading where they hardly differ.
-
-    A camera that is triggered by the readings has stamps with a jitter of their own.
-    """
-    own = run.reading_stamp_ns[run.reading]
-    if len(run.reading_stamp_ns) < 2:
-        return own
-    period = float(np.median(np.diff(run.reading_stamp_ns)))
-    together = np.abs(run.stamp_ns - own) <= settings.same_instant * period
-    instants: Stamps = np.where(together, own, run.stamp_ns)
-    return instants.clip(run.reading_stamp_ns[0], run.reading_stamp_ns[-1])
+def filtered_wrench(
+    run: RecordingData, noise: SensorNoise, settings: ReadingFilterSettings
+) -> Array | None:
+    """Return the lines that the load follows, at all its readings (wrenches, 3) N, N m."""
+    if run.wrench_stamp_ns is None or run.wrench is None:
+        return run.wrench
+    columns = []
+    for values, std in zip(
+        run.wrench.T, (noise.force_std, noise.force_std, noise.moment_std), strict=True
+    ):
+        std = max(std, settings.least_load_std)
+        lines = Lines(run.wrench_stamp_ns, values, std, settings)
+        columns.append(lines.joined(lines.pieces()))
+    return np.column_stack(columns)
 
 
 class Lines:
     """Least-squares lines through parts of a series, by sums over all that comes before."""
 
     def __init__(
-        self, seconds: Array, values: Array, std: float, settings: PressureFilterSettings
+        self, stamp_ns: Stamps, values: Array, std: float, settings: ReadingFilterSettings
     ) -> None:
+        seconds = (stamp_ns - stamp_ns[0]) / NANOSECONDS_PER_SECOND
         self.time, self.settings = seconds - seconds.mean(), settings
         self.level = float(values.mean())
         self.values = (values - self.level) / std
@@ -158,8 +164,12 @@ class Lines:
             return None
         return first + best
 
+    def joined(self, pieces: list[Piece]) -> Array:
+        """Return the lines at every reading."""
+        return np.concatenate([self.fitted(*piece) for piece in pieces])
+
     def fitted(self, first: int, last: int) -> Array:
-        """Return the line (Pa) at every reading of a part; level where noise explains its slope.
+        """Return the line at every reading of a part; level where noise explains its slope.
 
         Two readings are no line: they stay as they are.
         """
