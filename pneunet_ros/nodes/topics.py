@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.nodes.executor import AT_ONCE
 from pneunet_ros.nodes.ros_types import message_class
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
@@ -68,7 +69,7 @@ def subscription(
 ) -> Any:
     """Create a subscription of whose quality of service parameters can override `policies`."""
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
-    create = partial(node.create_subscription, event_callbacks=events)
+    create = partial(node.create_subscription, event_callbacks=events, callback_group=AT_ONCE)
     return _overridable(create, message_class(type_name), topic, callback, qos, policies=policies)
 
 
