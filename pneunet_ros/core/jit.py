@@ -24,8 +24,8 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.get(
     'PNEUNET_NO_NUMBA'
 )
-CACHED = {'error_model': 'numpy', 'fastmath': {'contract'}, 'cache': True}
-WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}}
+WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'no_cfunc_wrapper': True}
+CACHED = {**WITHIN, 'cache': True}
 INLINED = {**WITHIN, 'forceinline': True}
 
 

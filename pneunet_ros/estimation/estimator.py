@@ -124,6 +124,8 @@ class Estimator:
         if shape.solution is None:
             refusal = refuse(reading.stamp_ns, 'no_equilibrium', shape.status)
             return state.with_reading(reading.stamp_ns, history), refusal
+        if shape.extrapolated is not position.extrapolated:
+            shape = replace(shape, extrapolated=position.extrapolated)
         notes += [*position.notes, *([beside.note] if beside.warns else [])]
         if shape.stable is False:
             notes.append('the equilibrium is unstable under dead load')
@@ -150,7 +152,7 @@ class Estimator:
         freeze(std)
         estimate = ShapeEstimate(
             stamp_ns=reading.stamp_ns,
-            shape=replace(shape, extrapolated=position.extrapolated),
+            shape=shape,
             chamber_pressure=chamber,
             jacobian=jacobian_of(self.arm, sensitivity, history),
             tip_covariance=freeze(covariance),
@@ -161,7 +163,7 @@ class Estimator:
             warnings=tuple(notes),
             position=position,
             noise=known,
-            second_order=curved if noise is known else second_order(sensitivity, known) or curved,
+            curved=curved,
         )
         return state.with_estimate(reading.stamp_ns, history, shape.solution), estimate
 

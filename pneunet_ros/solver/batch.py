@@ -232,7 +232,10 @@ def newton_batch(
                 nodes[row * B + k] = starts[row, min(first + k, len(loads) - 1)]
         residuals(panels, ends, nodes, slopes, scale, worst)
         for _ in range(most_iterations):
-            if worst.max() <= tolerance:
+            settled = True
+            for k in range(B):
+                settled = settled and worst[k] <= tolerance
+            if settled:
                 break
             full_steps(ends, nodes, slopes, steps, scale, sweep)
             residuals(panels, ends, nodes, slopes, scale, worst)

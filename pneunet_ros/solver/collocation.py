@@ -110,7 +110,7 @@ def prepare(
             panel[col.PANEL_FORCE_X], panel[col.PANEL_FORCE_Y] = n1, n2
             panel[col.PANEL_LOSS_X], panel[col.PANEL_LOSS_Y] = q1, q2
             panel[col.PANEL_START] = section[col.START] + j * h
-    piece, start = 0, 0.0
+    piece, start = np.int64(0), 0.0  # a literal would compile `rotation_at` once more
     for p in range(len(panels)):
         panel = panels[p]
         s, h = panel[col.PANEL_START], panel[col.PANEL_LENGTH]
