@@ -9,6 +9,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import kernel
 
+TINY = 1e-300  # no weight at all
 ROUNDING = 1e-13  # of the largest offset: what arithmetic leaves of a length that is zero
 
 
@@ -56,7 +57,7 @@ def way_from_hull(points: Array, at: Array, way: Array) -> None:
             share, out = 1.0, -1
             for k in range(count):
                 if wanted[k] <= 0.0 and weights[k] <= share * (weights[k] - wanted[k]):
-                    share, out = weights[k] / (weights[k] - wanted[k]), k
+                    share, out = weights[k] / max(weights[k] - wanted[k], TINY), k
             for k in range(count):
                 weights[k] += share * (wanted[k] - weights[k])
             if out < 0:

@@ -156,7 +156,7 @@ def expected_points(
     places = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if places.size < 2:
         return at_x, at_y
-    after = 0
+    after = np.int64(0)  # no literal: `_from_others` would be compiled for it as well
     for target in range(count):
         if math.isfinite(x[target]) and math.isfinite(y[target]):
             after += 1
