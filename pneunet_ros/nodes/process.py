@@ -10,7 +10,7 @@ from typing import Any
 
 from pneunet_ros.core.errors import PneunetError, RequestError
 from pneunet_ros.core.printable import printable
-from pneunet_ros.nodes.executor import PromptExecutor
+from pneunet_ros.nodes.prompt_executor import PromptExecutor
 from pneunet_ros.nodes.signals import end_at_signal, ignore_signals, refuse_signals, signal_came
 import rclpy
 from rclpy.executors import ExternalShutdownException

@@ -1,8 +1,8 @@
 """An executor that hands messages to a node as soon as they are there.
 
-That of rclpy makes a set of all that it waits for anew in each turn, and a task of each callback:
-as much work again as an estimate. Its EventsExecutor has not been used, as it is an experiment,
-and with the wheels of rclpy 7.1 it calls back nothing.
+That of rclpy looks through all that it waits for in each turn, makes a task of each callback, and
+wakes once more after it: more work than an estimate. Its EventsExecutor is an experiment, and in
+the wheels of rclpy 7.1.5 it never calls anything back.
 """
 
 from __future__ import annotations
@@ -10,20 +10,25 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerGuardCondition
 
-AT_ONCE = MutuallyExclusiveCallbackGroup()  # of subscriptions whose callbacks take message, info
+# Of subscriptions whose callbacks take a message and what rclpy knows of it, and do not wait.
+AT_ONCE = MutuallyExclusiveCallbackGroup()
 FOREVER = -1  # ns
 
 
 class PromptExecutor(SingleThreadedExecutor):
-    """Calls back the subscriptions of the group AT_ONCE itself; all else rclpy's executor does."""
+    """Calls back the subscriptions of the group AT_ONCE itself; all else rclpy's executor does.
 
-    def __init__(self) -> None:
-        super().__init__()
+    For nodes with subscriptions, timers and services: nothing else wakes it.
+    """
+
+    def __init__(self, context: Context | None = None) -> None:
+        super().__init__(context=context)
         self._wait_set: Any = None
         self._size: tuple[int, ...] = ()
         self._wake = GuardCondition(callback=None, callback_group=None, context=self.context)
@@ -42,7 +47,7 @@ class PromptExecutor(SingleThreadedExecutor):
         raise ExternalShutdownException()
 
     def take_turn(self) -> None:
-        """Wait for something, and call back all that is ready."""
+        """Wait for something, and call back what is ready."""
         nodes = self.get_nodes()
         subscriptions = [item for node in nodes for item in node.subscriptions]
         timers = [item for node in nodes for item in node.timers]
@@ -57,18 +62,18 @@ class PromptExecutor(SingleThreadedExecutor):
         waiting.add_guard_condition(self._wake.handle)
         waiting.add_guard_condition(self._signal.handle)
         waiting.wait(FOREVER)
-        # One of each, in the order in which they were subscribed, also what has come meanwhile:
-        # a pressure comes right after its wrench.
-        others = []
+        # A message of each, in the order in which they were subscribed, be it that one has come
+        # only now: a pressure comes right after its wrench.
+        others = set()
         for item in subscriptions:
             if item.callback_group is not AT_ONCE:
-                others.append(item.handle.pointer)
+                others.add(item.handle.pointer)
             elif taken := item.handle.take_message(item.msg_type, item.raw):
                 item.callback(*taken)
         if (
             waiting.get_ready_entities('timer')
             or waiting.get_ready_entities('service')
-            or not set(others).isdisjoint(waiting.get_ready_entities('subscription'))
+            or not others.isdisjoint(waiting.get_ready_entities('subscription'))
         ):
             self.spin_once(timeout_sec=0)
 
