@@ -36,9 +36,12 @@ def undetermined_quantities(
         and abs(correlation[i, j]) > settings.confounded
         and not same_quantity(names[i], names[j])
     ]
-    for one, other, value in pairs:
+    if pairs:
+        one, other, value = max(pairs, key=lambda pair: abs(pair[2]))
+        others = f'; nor can {len(pairs) - 1} other pairs of them' if len(pairs) > 1 else ''
         notes.append(
             f'{one} and {other} cannot be distinguished with these data (correlation {value:.3f})'
+            + others
         )
     if not fit.converged:
         notes.append(f'the fit has not converged: {fit.status}')

@@ -9,7 +9,7 @@ A fenced block is run by what stands behind the fence:
 The line before a fence may say more, in a comment that a forge does not show:
 
 - `<!-- slow -->`: takes longer than some seconds; run by `make test-all`.
-- `<!-- not run: why -->`: needs what no package index has.
+- `<!-- not run: why -->`: needs what no package index has, or a display.
 - `<!-- part of: file -->`: an extract; test_page_commands holds that it stands in that file.
 """
 
