@@ -130,6 +130,16 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
     return kernel_function
 
 
+def not_literal(value: int) -> Any:
+    """Return an integer that numba takes for no literal: it compiles once more for each of those.
+
+    For what an equation is given, and what a loop begins with.
+    """
+    import numpy as np
+
+    return np.int64(value)
+
+
 def use_compiled() -> None:
     """Put the compiled kernels in the places of the plain ones, in all modules.
 

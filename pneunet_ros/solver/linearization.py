@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.jit import inlined, kernel, not_literal
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import prepare, rotation_at
 from pneunet_ros.solver.columns import four, powers, read_panel
@@ -37,9 +37,9 @@ from pneunet_ros.solver.panel import (
 )
 
 # Where a panel is differentiated: Gauss points, its ends, inner points by the first angle and by
-# the second. What equations are given is no literal: they are compiled again for each of those.
-GAUSS, ENDS, FIRST, SECOND = np.int64(0), np.int64(4), np.int64(6), np.int64(6 + INNER)
-OF_GAUSS, OF_GAUSS_AND_ENDS, OF_INNER = np.int64(4), np.int64(6), np.int64(INNER)
+# the second.
+GAUSS, ENDS, FIRST, SECOND = map(not_literal, (0, 4, 6, 6 + INNER))
+OF_GAUSS, OF_GAUSS_AND_ENDS, OF_INNER = map(not_literal, (4, 6, INNER))
 POINTS = 6 + 2 * INNER
 ABSCISSAE = np.concatenate([GAUSS_ABSCISSAE, [0.0, 1.0], INNER_ABSCISSAE, INNER_ABSCISSAE])
 GAUSS_TO_GAUSS = np.ascontiguousarray(GAUSS_INTEGRATION.T)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.jit import inlined, kernel, not_literal
 from pneunet_ros.core.settings import numbers_type, tuning
 
 Indices = npt.NDArray[np.int64]
@@ -49,6 +49,7 @@ class GatingSettings:
 
 GatingNumbers = numbers_type(GatingSettings, 'GatingNumbers')
 GATING = GatingSettings()
+NOTHING_BEFORE = not_literal(0)
 
 
 @functools.lru_cache
@@ -156,7 +157,7 @@ def expected_points(
     places = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if places.size < 2:
         return at_x, at_y
-    after = np.int64(0)  # no literal: `_from_others` would be compiled for it as well
+    after = NOTHING_BEFORE
     for target in range(count):
         if math.isfinite(x[target]) and math.isfinite(y[target]):
             after += 1
