@@ -1,11 +1,9 @@
 """Start the whole stack without hardware: virtual arm and all nodes, RViz if asked."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import PathJoinSubstitution
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+from pneunet_ros.nodes.launch_description import describe_launch, node
 
 
 def shipped(folder, name):
@@ -26,32 +24,12 @@ ARGUMENTS = {
 }
 
 
-def node(executable, given, **parameters):
-    """Parameters that are given here go before those of params_file; empty ones are not given."""
-    parameters['use_sim_time'] = given['use_sim_time'] == 'true'
-    wanted = {
-        name: ParameterValue(value, value_type=type(value))
-        for name, value in parameters.items()
-        if value
-    }
-    file = [given['params_file']] if given['params_file'] else []
-    return Node(
-        package='pneunet_ros',
-        executable=executable,
-        namespace=given['namespace'],
-        parameters=[*file, wanted],
-        arguments=['--ros-args', '--log-level', given['log_level']],
-        output='screen',
-    )
-
-
-def rviz(context):
-    layout = shipped('rviz', 'pneunet.rviz').perform(context)
+def rviz():
+    layout = shipped('rviz', 'pneunet.rviz')
     return Node(package='rviz2', executable='rviz2', arguments=['-d', layout])
 
 
-def nodes(context):
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+def nodes(given):
     return [
         node(
             'virtual_arm',
@@ -63,17 +41,9 @@ def nodes(context):
         node('estimator', given, model_file=given['model_file']),
         node('tracker', given, model_file=given['model_file'], camera_file=given['camera_file']),
         *([node('fusion', given, model_file=given['model_file'])] * (given['fusion'] == 'true')),
-        *([rviz(context)] if given['rviz'] == 'true' else []),
+        *([rviz()] if given['rviz'] == 'true' else []),
     ]
 
 
 def generate_launch_description():
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(name, default_value=default, description=meaning)
-                for name, (default, meaning) in ARGUMENTS.items()
-            ),
-            OpaqueFunction(function=nodes),
-        ]
-    )
+    return describe_launch(ARGUMENTS, nodes)

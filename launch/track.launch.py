@@ -1,10 +1,6 @@
 """Start the node `tracker`: docs/tracker.md has all its parameters."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
+from pneunet_ros.nodes.launch_description import describe_launch, node
 
 ARGUMENTS = {
     'namespace': ('/pneunet', 'of the node and its topics'),
@@ -16,39 +12,11 @@ ARGUMENTS = {
 }
 
 
-def node(executable, given, **parameters):
-    """Parameters that are given here go before those of params_file; empty ones are not given."""
-    parameters['use_sim_time'] = given['use_sim_time'] == 'true'
-    wanted = {
-        name: ParameterValue(value, value_type=type(value))
-        for name, value in parameters.items()
-        if value
-    }
-    file = [given['params_file']] if given['params_file'] else []
-    return Node(
-        package='pneunet_ros',
-        executable=executable,
-        namespace=given['namespace'],
-        parameters=[*file, wanted],
-        arguments=['--ros-args', '--log-level', given['log_level']],
-        output='screen',
-    )
-
-
-def nodes(context):
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+def nodes(given):
     return [
         node('tracker', given, model_file=given['model_file'], camera_file=given['camera_file'])
     ]
 
 
 def generate_launch_description():
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(name, default_value=default, description=meaning)
-                for name, (default, meaning) in ARGUMENTS.items()
-            ),
-            OpaqueFunction(function=nodes),
-        ]
-    )
+    return describe_launch(ARGUMENTS, nodes)

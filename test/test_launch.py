@@ -23,6 +23,7 @@ from pneunet_ros.nodes.tracker.configuration import PARAMETERS as TRACKER  # noq
 from pneunet_ros.nodes.virtual_arm.configuration import PARAMETERS as ARM  # noqa: E402
 
 TABLES = {'estimator': ESTIMATOR, 'tracker': TRACKER, 'fusion': FUSION, 'virtual_arm': ARM}
+SHARED = 'pneunet_ros.nodes.launch_description'  # what the files have in common
 OF_ROS = {'use_sim_time'}  # a parameter of every node
 EVERYWHERE = {'namespace', 'params_file', 'model_file', 'use_sim_time', 'log_level'}
 FILES = {
@@ -74,6 +75,7 @@ def described(monkeypatch):
         for name in names:
             setattr(stand_in, name, type(name, (Recorded,), {}))
         monkeypatch.setitem(sys.modules, module, stand_in)
+    sys.modules.pop(SHARED, None)
 
     def run(name, **given):
         content = runpy.run_path(str(share_path(f'launch/{name}.launch.py')))
@@ -87,7 +89,8 @@ def described(monkeypatch):
         assert context['used'] == set(context) - {'used'}
         return [*actions, *nodes]
 
-    return run
+    yield run
+    sys.modules.pop(SHARED, None)  # the others have no stand-ins
 
 
 def kind(item):

@@ -24,8 +24,8 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.get(
     'PNEUNET_NO_NUMBA'
 )
-CACHED = {'error_model': 'numpy', 'fastmath': {'contract'}, 'cache': True}
-WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}}
+WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'no_cfunc_wrapper': True}
+CACHED = {**WITHIN, 'cache': True}
 INLINED = {**WITHIN, 'forceinline': True}
 
 
@@ -128,6 +128,16 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
         compiled = numba.njit(**WITHIN)(function)
     kernel_function: Function = compiled
     return kernel_function
+
+
+def not_literal(value: int) -> Any:
+    """Return an integer that numba takes for no literal: it compiles once more for each of those.
+
+    For what an equation is given, and what a loop begins with.
+    """
+    import numpy as np
+
+    return np.int64(value)
 
 
 def use_compiled() -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.measurement.second_order import SecondOrder
+from pneunet_ros.measurement.second_order import second_order, SecondOrder
 from pneunet_ros.model.domain_position import DomainPosition
 from pneunet_ros.model.shape import Shape
 
@@ -21,10 +21,9 @@ class ShapeEstimate:
     no wrench is needed; warnings: sentences about what limits the estimate. position: where its
     load stands to the domain of the model.
 
-    noise (sources, causes), the noise input matrix, and second_order, with the linearization in
-    it: from these covariance and standard deviations come, so that nobody has to linearize again.
-    What is allowed for the model beyond its domain is in the covariance alone: measured targets
-    are held against what is known.
+    noise (sources, causes), the noise input matrix, and curved, to second order, with the
+    linearization in it: from these covariance and standard deviations come, so that nobody has to
+    linearize again. What is allowed for the model beyond its domain is not in noise.
     """
 
     stamp_ns: int
@@ -39,7 +38,19 @@ class ShapeEstimate:
     warnings: tuple[str, ...]
     position: DomainPosition | None = None
     noise: Array | None = None
-    second_order: SecondOrder | None = None
+    curved: SecondOrder | None = None
+
+    @property
+    def second_order(self) -> SecondOrder | None:
+        """What errors move to second order by noise alone; measured targets are held against that.
+
+        It is solved when it is asked for: an estimate does not wait for it.
+        """
+        if self.curved is None or self.noise is None or self.position is None:
+            return self.curved
+        if not any(self.position.error):
+            return self.curved
+        return second_order(self.curved.sensitivity, self.noise) or self.curved
 
 
 Outcome = ShapeEstimate | Refusal | None

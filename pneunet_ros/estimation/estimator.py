@@ -121,13 +121,16 @@ class Estimator:
             return state.with_reading(reading.stamp_ns, history), refusal
         rods, changes = self.table.at(chamber, history)
         shape = solve_rod(self.arm, rods, load, state.solution, self.arclength)
-        if shape.solution is None:
+        solution = shape.solution
+        if solution is None:
             refusal = refuse(reading.stamp_ns, 'no_equilibrium', shape.status)
             return state.with_reading(reading.stamp_ns, history), refusal
+        if shape.extrapolated is not position.extrapolated:
+            shape = replace(shape, extrapolated=position.extrapolated)
         notes += [*position.notes, *([beside.note] if beside.warns else [])]
         if shape.stable is False:
             notes.append('the equilibrium is unstable under dead load')
-        sensitivity = linearize_shape(shape.solution, rods, changes)
+        sensitivity = linearize_shape(solution, rods, changes)
         known = noise_jacobian(self.table, sensed, self.reading_std(reading))
         noise = with_extrapolation_error(known, position)
         covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
@@ -150,7 +153,7 @@ class Estimator:
         freeze(std)
         estimate = ShapeEstimate(
             stamp_ns=reading.stamp_ns,
-            shape=replace(shape, extrapolated=position.extrapolated),
+            shape=shape,
             chamber_pressure=chamber,
             jacobian=jacobian_of(self.arm, sensitivity, history),
             tip_covariance=freeze(covariance),
@@ -161,9 +164,9 @@ class Estimator:
             warnings=tuple(notes),
             position=position,
             noise=known,
-            second_order=curved if noise is known else second_order(sensitivity, known) or curved,
+            curved=curved,
         )
-        return state.with_estimate(reading.stamp_ns, history, shape.solution), estimate
+        return state.with_estimate(reading.stamp_ns, history, solution), estimate
 
     def forbidden(
         self, reading: PressureReading, position: DomainPosition, beside: OutOfPlane

@@ -35,9 +35,9 @@ def with_measured_tip(
     estimate: at the force found, whose tip is where it was measured; the moment is exact. tip_std:
     one sigma (m) of x, and of y, of that place. None where no covariance follows.
     """
-    if estimate.noise is None or estimate.second_order is None or estimate.position is None:
+    if estimate.noise is None or estimate.curved is None or estimate.position is None:
         return None
-    sensitivity = estimate.second_order.sensitivity
+    sensitivity = estimate.curved.sensitivity
     known = estimate.noise[LOADS:].copy()  # pressure and model: no wrench was read
     known[:, :LOADS] = 0.0
     causes = with_extrapolation_error(known, estimate.position)
@@ -61,7 +61,7 @@ def with_measured_tip(
             std_y=std_y,
             std_curvature=std_curvature,
             noise=noise,
-            second_order=None,
+            curved=None,
         ),
         force_covariance=freeze(force_errors.T @ force_errors),
     )

@@ -36,7 +36,16 @@ class EstimatorState:
 
     def with_wrench(self, wrench: WrenchReading) -> EstimatorState:
         """After an end wrench, in the base frame."""
-        return replace(self, wrench=wrench)
+        return EstimatorState(
+            pressure_stamp_ns=self.pressure_stamp_ns,
+            wrench=wrench,
+            history=self.history,
+            solution=self.solution,
+            estimates=self.estimates,
+            resets=self.resets,
+            rejected=self.rejected,
+            before=self.before,
+        )
 
     def with_reading(self, stamp_ns: int, history: tuple[History, ...]) -> EstimatorState:
         """After a pressure reading without an estimate: there is no branch to follow any more."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.model.domain_position import DomainPosition
 
 
@@ -16,6 +15,9 @@ def with_extrapolation_error(noise: Array, position: DomainPosition) -> Array:
     """
     if not any(position.error):
         return noise
-    more = np.zeros((len(position.error), noise.shape[1]))
-    more[:, : PRESSURE + 1] = np.diag(position.error)
-    return np.vstack([noise, more])
+    sources, causes = noise.shape
+    more = np.zeros((sources + len(position.error), causes))
+    more[:sources] = noise
+    for cause, error in enumerate(position.error):
+        more[sources + cause, cause] = error
+    return more

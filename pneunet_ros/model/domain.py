@@ -14,10 +14,9 @@ from pneunet_ros.core.arrays import Array, freeze, table_array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import kilopascals
-from scipy.optimize import nnls
+from pneunet_ros.solver.convex_hull import way_from_hull
 
 MOST_LOADS = 64  # rows of `domain.end_load`: each costs time at every reading
-ONE_SUM = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
 FAR = 1e6  # sizes of a hull, or newtons; what lies further is no further
 ROUNDING = 1e-9  # of a load: what arithmetic leaves of a distance that is none
 MOMENT, PRESSURE = 2, 3  # columns of `domain.end_load`, after F1 and F2
@@ -134,17 +133,10 @@ class LoadHull:
     def way_out(self, at: Array) -> Array:
         """Return the way (4,) N from the nearest point of the hull to a scaled load (4,) N.
 
-        Zero inside. The nearest point solves least squares with weights that are not negative:
-        Lawson & Hanson, Solving Least Squares Problems (1974), chapter 23.
+        Inside it is zero, but for rounding.
         """
-        offsets = at - self.points
-        furthest = float(abs(offsets).max())
-        if furthest == 0.0:
-            return np.zeros(4)
-        system = np.ones((5, len(offsets)))
-        np.divide(offsets.T, furthest, out=system[:4])
-        weights, _ = nnls(system, ONE_SUM)
-        way: Array = (weights @ offsets) / weights.sum()
+        way = np.empty(4)
+        way_from_hull(self.points, at, way)
         return way
 
     def distance(self, load: Array, noise: Array) -> float:
@@ -190,7 +182,7 @@ def spanned_domain(
     pressure = float(loads[:, PRESSURE].min()), float(loads[:, PRESSURE].max())
     whole = load_hull(loads, pressure, length)
     scaled, near = loads * whole.scale, settings.thinning * whole.size
-    hull = replace(whole, points=whole.scale * unloaded(pressure))
+    hull = replace(whole, points=freeze(whole.scale * unloaded(pressure)))
     distance, taken = np.linalg.norm(scaled[:, :PRESSURE], axis=1), list[int]()
     while len(taken) < settings.most_loads:
         furthest = int(np.argmax(distance))
@@ -200,7 +192,7 @@ def spanned_domain(
         distance[furthest] = np.linalg.norm(hull.way_out(scaled[furthest]))
         if distance[furthest] == distance.max():
             taken.append(furthest)
-            hull = replace(hull, points=np.vstack([hull.points, scaled[furthest]]))
+            hull = replace(hull, points=freeze(np.vstack([hull.points, scaled[furthest]])))
             distance[furthest] = 0.0
     return Domain(pressure=pressure, end_load=loads[taken or [0]])
 

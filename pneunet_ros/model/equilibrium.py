@@ -22,12 +22,9 @@ from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.columns import (
     CLAMP_WIDTH,
-    END_LOAD_MOMENT,
     END_WIDTH,
     FIELD_COUNT,
     FIELDS,
-    FORCE_X,
-    FORCE_Y,
     LOADS,
     PANEL_FLEXIBILITY,
     PANEL_WIDTH,
@@ -309,7 +306,9 @@ def tip_jacobian(arm: Arm, shape: Shape) -> Array:
 
 def jacobian_of(arm: Arm, sensitivity: Sensitivity, history: tuple[History, ...]) -> Array:
     """Return the tip's Jacobian; the first cause after the loads is the pressure."""
-    jacobian = sensitivity.tip[[LOADS, FORCE_X, FORCE_Y, END_LOAD_MOMENT]].T
+    jacobian = np.empty((TIP_WIDTH, LOADS + 1))
+    jacobian[:, 0] = sensitivity.tip[LOADS]
+    jacobian[:, 1:] = sensitivity.tip[:LOADS].T
     if arm.in_play(history):  # the play takes up what the pressure changes
         jacobian[:, 0] = 0.0
     return freeze(jacobian)

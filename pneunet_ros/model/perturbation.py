@@ -153,19 +153,16 @@ class PerturbationTable:
         """
         step = 0.5 * float(self.distance[0])
         rods = self.arm.rods(np.array([pressure, pressure - step, pressure + step]), history)
-        count, kinds = self.distance.size, rods.sections.shape[1]
-        sections = np.empty((2, count, *rods.sections.shape[1:]))
-        clamp = np.empty((2, count, CLAMP_WIDTH))
-        rotation = np.empty((2, count, *rods.rotation.shape[1:]))
-        sections[:, 0], clamp[:, 0], rotation[:, 0] = (
-            rods.sections[1:],
-            rods.clamp[1:],
-            rods.rotation[1:],
+        count = self.distance.size
+        sections, clamp, rotation = (
+            part[1:, None] for part in (rods.sections, rods.clamp, rods.rotation)
         )
         if count > 1:
-            records = self.neighbor_records(pressure, history, kinds)
-            for out, record in zip((sections, clamp, rotation), records, strict=True):
-                out[:, 1:] = record.reshape(2, count - 1, *out.shape[2:])
+            records = self.neighbor_records(pressure, history, sections.shape[2])
+            sections, clamp, rotation = (
+                np.concatenate([part, of_columns.reshape(2, count - 1, *part.shape[2:])], axis=1)
+                for part, of_columns in zip((sections, clamp, rotation), records, strict=True)
+            )
         change = Perturbation(
             length=self.length,
             sections=sections,

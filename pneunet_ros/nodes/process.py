@@ -10,9 +10,10 @@ from typing import Any
 
 from pneunet_ros.core.errors import PneunetError, RequestError
 from pneunet_ros.core.printable import printable
+from pneunet_ros.nodes.prompt_executor import PromptExecutor
 from pneunet_ros.nodes.signals import end_at_signal, ignore_signals, refuse_signals, signal_came
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.utilities import remove_ros_args
 
 DONE, WRONG_REQUEST = 0, 2
@@ -31,7 +32,7 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
             print(usage)
             return DONE
         _start_ros(arguments)
-        executor = SingleThreadedExecutor()
+        executor = PromptExecutor()
         for make_node in make_nodes:
             nodes.append(make_node())
             executor.add_node(nodes[-1])

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+import inspect
 from typing import Any
 
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.nodes.prompt_executor import AT_ONCE
 from pneunet_ros.nodes.ros_types import message_class
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
@@ -66,9 +68,13 @@ def subscription(
     qos: QoSProfile,
     policies: tuple[QoSPolicyKind, ...] = POLICIES,
 ) -> Any:
-    """Create a subscription of whose quality of service parameters can override `policies`."""
+    """Create a subscription of whose quality of service parameters can override `policies`.
+
+    A callback that takes what rclpy knows of a message beside it is called at once.
+    """
+    group = AT_ONCE if len(inspect.signature(callback).parameters) == 2 else None
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
-    create = partial(node.create_subscription, event_callbacks=events)
+    create = partial(node.create_subscription, event_callbacks=events, callback_group=group)
     return _overridable(create, message_class(type_name), topic, callback, qos, policies=policies)
 
 

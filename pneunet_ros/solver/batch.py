@@ -206,7 +206,7 @@ def newton_batch(
     """
     count = len(starts) // col.NODE_WIDTH - 1
     panels = np.empty(count * col.PANEL_WIDTH * B)
-    columns = panels.reshape(count, col.PANEL_WIDTH, B)
+    panels_of_one = np.empty((count, col.PANEL_WIDTH))
     nodes = np.empty((count + 1) * col.NODE_WIDTH * B)
     slopes = np.empty(count * col.SLOPE_WIDTH * B)
     steps = np.empty(count * col.STEP_WIDTH * B)
@@ -221,7 +221,10 @@ def newton_batch(
             rod = min(first + k, len(loads) - 1)
             sections, rotation = rods.sections[rod], rods.rotation[rod]
             set_ends(rods.clamp[rod], loads[rod], end)
-            prepare(rods.length, sections, rods.knots, rotation, end, counts, columns[:, :, k])
+            prepare(rods.length, sections, rods.knots, rotation, end, counts, panels_of_one)
+            for p in range(count):
+                for column in range(col.PANEL_WIDTH):
+                    panels[(p * col.PANEL_WIDTH + column) * B + k] = panels_of_one[p, column]
             scale[k] = 0.0
             for section in range(len(sections)):
                 scale[k] = max(scale[k], rods.length / abs(sections[section, col.RIGIDITY]))
@@ -232,7 +235,10 @@ def newton_batch(
                 nodes[row * B + k] = starts[row, min(first + k, len(loads) - 1)]
         residuals(panels, ends, nodes, slopes, scale, worst)
         for _ in range(most_iterations):
-            if worst.max() <= tolerance:
+            settled = True
+            for k in range(B):
+                settled = settled and worst[k] <= tolerance
+            if settled:
                 break
             full_steps(ends, nodes, slopes, steps, scale, sweep)
             residuals(panels, ends, nodes, slopes, scale, worst)

@@ -14,7 +14,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.jit import kernel, not_literal
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.columns import end_load, four, powers, read_panel, set_four
 from pneunet_ros.solver.panel import (
@@ -34,6 +34,7 @@ from pneunet_ros.solver.panel import (
 from pneunet_ros.solver.settings import ACCEPTED, FEWEST_PANELS, NEWTON_HALVINGS
 
 ONES = (1.0, 1.0, 1.0, 1.0)
+FIRST_PIECE = not_literal(0)
 
 
 @kernel
@@ -110,7 +111,7 @@ def prepare(
             panel[col.PANEL_FORCE_X], panel[col.PANEL_FORCE_Y] = n1, n2
             panel[col.PANEL_LOSS_X], panel[col.PANEL_LOSS_Y] = q1, q2
             panel[col.PANEL_START] = section[col.START] + j * h
-    piece, start = 0, 0.0
+    piece, start = FIRST_PIECE, 0.0
     for p in range(len(panels)):
         panel = panels[p]
         s, h = panel[col.PANEL_START], panel[col.PANEL_LENGTH]

@@ -73,12 +73,12 @@ ROWS = 9
 
 
 @inlined
-def integrate(weights: Array, values: Array, row: int, out: Array, to: int) -> None:
-    """Add the integral of a row of values at the inner points to a row of out."""
-    for j in range(INNER):
-        value = values[row, j]
+def integrate(weights: Array, values: Array, out: Array) -> None:
+    """Add the integral of values at points to out, by weights (points, out.size)."""
+    for j in range(len(weights)):
+        value = values[j]
         for k in range(weights.shape[1]):  # the inner loop becomes vector instructions
-            out[to, k] += value * weights[j, k]
+            out[k] += value * weights[j, k]
 
 
 @inlined
@@ -129,11 +129,11 @@ def panel_series(
         along, across = resolve(sine, cosine, n1 - u * q1, n2 - u * q2)
         work[SINE, i], work[COSINE, i] = sine, cosine
         work[SLOPE, i] = -h * (rest + axial * along) * across
-    integrate(TO_INNER_AGAIN, work, SLOPE, work, MOMENTS)
+    integrate(TO_INNER_AGAIN, work[SLOPE], work[MOMENTS])
     for i in range(INNER):
         change, _ = curvature_change(work[MOMENTS, i], law)
         work[BEND, i] = h * change
-    integrate(TO_INNER_AGAIN, work, BEND, work, CORRECTION)
+    integrate(TO_INNER_AGAIN, work[BEND], work[CORRECTION])
     worst = 0.0
     for i in range(INNER):
         d = work[CORRECTION, i]  # small: what is left out is d^4 / 24
@@ -149,7 +149,7 @@ def panel_series(
     for field in range(col.SERIES_COUNT):
         for k in range(INNER + 1):
             series[field, k] = 0.0
-        integrate(TO_SERIES, work, WAY_X + field, series, field)
+        integrate(TO_SERIES, work[WAY_X + field], series[field])
     bend = following[col.NODE_THETA] - node[col.NODE_THETA] - panels[p, col.PANEL_ROTATION_END]
     missing = bend
     for k in range(INNER + 1):

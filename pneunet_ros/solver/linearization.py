@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.jit import inlined, kernel, not_literal
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import prepare, rotation_at
 from pneunet_ros.solver.columns import four, powers, read_panel
@@ -17,6 +17,7 @@ from pneunet_ros.solver.interpolation import (
     COSINE,
     INNER,
     INNER_ABSCISSAE,
+    integrate,
     MOMENTS,
     panel_series,
     SINE,
@@ -37,7 +38,9 @@ from pneunet_ros.solver.panel import (
 
 # Where a panel is differentiated: Gauss points, its ends, inner points by the first angle and by
 # the second.
-ENDS, FIRST, SECOND, POINTS = 4, 6, 6 + INNER, 6 + 2 * INNER
+GAUSS, ENDS, FIRST, SECOND = map(not_literal, (0, 4, 6, 6 + INNER))
+OF_GAUSS, OF_GAUSS_AND_ENDS, OF_INNER = map(not_literal, (4, 6, INNER))
+POINTS = 6 + 2 * INNER
 ABSCISSAE = np.concatenate([GAUSS_ABSCISSAE, [0.0, 1.0], INNER_ABSCISSAE, INNER_ABSCISSAE])
 GAUSS_TO_GAUSS = np.ascontiguousarray(GAUSS_INTEGRATION.T)
 TO_INNER_FROM_ENDS = np.ascontiguousarray(TO_INNER[[1, 2, 3, 4, 0, 5]])
@@ -136,15 +139,6 @@ def change_law(
 
 
 @inlined
-def add_integral(weights: Array, values: Array, out: Array) -> None:
-    """Add the integral of values at points to out, by weights (points, out.size)."""
-    for j in range(len(weights)):
-        value = values[j]
-        for k in range(weights.shape[1]):  # the inner loop becomes vector instructions
-            out[k] += value * weights[j, k]
-
-
-@inlined
 def angle_at(c: Array, t: float) -> float:
     """Angle by a piece of a table of rotation at a distance from its knot."""
     c0, c1, c2, c3, c4 = powers(c)
@@ -178,22 +172,22 @@ def change_panel(
     for i in range(6):
         moment[i] = change[col.CHANGE_MOMENT]
     moment[5] = change[col.CHANGE_MOMENT_END]
-    change_forces(panel, fields, 0, 4, change, change[col.CHANGE_GAUSS :], gauss)
-    add_integral(GAUSS_TO_GAUSS, gauss[col.SERIES_MOMENT], moment)
+    change_forces(panel, fields, GAUSS, OF_GAUSS, change, change[col.CHANGE_GAUSS :], gauss)
+    integrate(GAUSS_TO_GAUSS, gauss[col.SERIES_MOMENT], moment)
     for field in range(2):
         missing[field] = 0.0
         for i in range(4):
             missing[field] += GAUSS_WEIGHTS[i] * gauss[field, i]
-    change_law(panel, fields, 0, 6, change, moment, bent)
+    change_law(panel, fields, GAUSS, OF_GAUSS_AND_ENDS, change, moment, bent)
     for i in range(INNER):
         first[i] = second[i] = angle[i] + change[col.CHANGE_THETA]
         moment[i] = change[col.CHANGE_MOMENT]
-    add_integral(TO_INNER_FROM_ENDS, bent, first)
-    change_forces(panel, fields, FIRST, INNER, change, first, out)
-    add_integral(TO_INNER_AGAIN, out[col.SERIES_MOMENT], moment)
-    change_law(panel, fields, SECOND, INNER, change, moment, out[col.SERIES_BEND])
-    add_integral(TO_INNER_AGAIN, out[col.SERIES_BEND], second)
-    change_forces(panel, fields, SECOND, INNER, change, second, out)
+    integrate(TO_INNER_FROM_ENDS, bent, first)
+    change_forces(panel, fields, FIRST, OF_INNER, change, first, out)
+    integrate(TO_INNER_AGAIN, out[col.SERIES_MOMENT], moment)
+    change_law(panel, fields, SECOND, OF_INNER, change, moment, out[col.SERIES_BEND])
+    integrate(TO_INNER_AGAIN, out[col.SERIES_BEND], second)
+    change_forces(panel, fields, SECOND, OF_INNER, change, second, out)
     missing[col.SERIES_MOMENT] = change[col.CHANGE_MOMENT_END] - change[col.CHANGE_MOMENT]
     missing[col.SERIES_BEND] = (
         change[col.CHANGE_THETA_END] - change[col.CHANGE_THETA] - change[col.PANEL_ROTATION_END]

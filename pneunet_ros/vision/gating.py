@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.jit import inlined, kernel, not_literal
 from pneunet_ros.core.settings import numbers_type, tuning
 
 Indices = npt.NDArray[np.int64]
@@ -49,6 +49,7 @@ class GatingSettings:
 
 GatingNumbers = numbers_type(GatingSettings, 'GatingNumbers')
 GATING = GatingSettings()
+NOTHING_BEFORE = not_literal(0)
 
 
 @functools.lru_cache
@@ -76,13 +77,12 @@ def consistent_spacing(
         places = np.flatnonzero(seen)
         worst, worst_at = 1.0, -1
         for place in range(places.size):
-            target = int(places[place])
             if smooth:
-                bad = _off_the_curve(x, y, arclength, places, target, farthest, others, gating)
+                bad = _off_the_curve(x, y, arclength, places, place, farthest, others, gating)
             else:
-                bad = _wrong_distances(x, y, arclength, places, target, gating)
+                bad = _wrong_distances(x, y, arclength, places, place, gating)
             if bad > worst:
-                worst, worst_at = bad, target
+                worst, worst_at = bad, places[place]
         if worst_at >= 0:
             seen[worst_at] = False
         elif smooth or x.size < 4:
@@ -93,10 +93,10 @@ def consistent_spacing(
 
 @inlined
 def _wrong_distances(
-    x: Array, y: Array, arclength: Array, places: Indices, target: int, gating: GatingSettings
+    x: Array, y: Array, arclength: Array, places: Indices, here: int, gating: GatingSettings
 ) -> float:
     """Return twice the share of neighbors that are too near or too far; 2 without neighbors."""
-    here = int(np.searchsorted(places, target))
+    target = places[here]
     wrong = known = 0
     for place in range(
         max(here - gating.compared, 0), min(here + gating.compared + 1, places.size)
@@ -122,24 +122,23 @@ def _off_the_curve(
     y: Array,
     arclength: Array,
     places: Indices,
-    target: int,
+    here: int,
     farthest: float,
     scratch: Indices,
     gating: GatingSettings,
 ) -> float:
     """How far a target is off the curve through its neighbors; above 1 it is too far."""
-    others = scratch[: places.size - 1]
+    target, others = places[here], scratch[: places.size - 1]
     if others.size < 2:
         return 2.0
-    after = int(np.searchsorted(places, target))
-    others[:after] = places[:after]
-    others[after:] = places[after + 1 :]
-    between = 0 < after < others.size
+    for place in range(others.size):
+        others[place] = places[place + (place >= here)]
+    between = 0 < here < others.size
     spacing = arclength[max(target, 1)] - arclength[max(target, 1) - 1]
-    next_to = others[min(after, others.size - 1)]
+    next_to = others[min(here, others.size - 1)]
     if not between and abs(arclength[target] - arclength[next_to]) >= farthest * spacing:
         return 2.0
-    at_x, at_y, spread = _from_others(x, y, arclength, others, after, target, gating)
+    at_x, at_y, spread = _from_others(x, y, arclength, others, here, target, gating)
     off: float = math.hypot(x[target] - at_x, y[target] - at_y) / spacing
     return off / (gating.off_curve * spread)
 
@@ -158,10 +157,11 @@ def expected_points(
     places = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if places.size < 2:
         return at_x, at_y
+    after = NOTHING_BEFORE
     for target in range(count):
         if math.isfinite(x[target]) and math.isfinite(y[target]):
+            after += 1
             continue
-        after = int(np.searchsorted(places, target))
         at_x[target], at_y[target], _ = _from_others(
             x, y, arclength, places, after, target, gating
         )
@@ -183,10 +183,12 @@ def _from_others(
     The third value is the error of the distance from there, where all places have the error 1.
     """
     if after == 0:
-        at_x, at_y = _along_arc(x, y, arclength, places[:3], target)
+        third = places[2] if places.size > 2 else -1
+        at_x, at_y = _along_arc(x, y, arclength, places[0], places[1], third, target)
         return at_x, at_y, gating.beyond
     if after == places.size:
-        at_x, at_y = _along_arc(x, y, arclength, places[::-1][:3], target)
+        third = places[-3] if places.size > 2 else -1
+        at_x, at_y = _along_arc(x, y, arclength, places[-1], places[-2], third, target)
         return at_x, at_y, gating.beyond
     low = max(0, min(after - 2, places.size - 4))
     near = places[low : low + 4]
@@ -206,17 +208,15 @@ def _from_others(
 
 @inlined
 def _along_arc(
-    x: Array, y: Array, arclength: Array, places: Indices, target: int
+    x: Array, y: Array, arclength: Array, end: int, before: int, first: int, target: int
 ) -> tuple[float, float]:
-    """Return where the arc through the two or three nearest that are seen leads."""
-    end, before = places[0], places[1]
+    """Return where the arc through the nearest that are seen leads; first: -1 if there is none."""
     step_x, step_y = x[end] - x[before], y[end] - y[before]
     along = abs(arclength[end] - arclength[before])
     heading = math.atan2(step_y, step_x)
     scale = math.hypot(step_x, step_y) / along
     bending = 0.0
-    if places.size > 2:
-        first = places[2]
+    if first >= 0:
         earlier = math.atan2(y[before] - y[first], x[before] - x[first])
         turn = heading - earlier
         turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)

@@ -330,8 +330,9 @@ def smooth_targets(
         weight = weights[prior]
         if weight == 0.0:
             continue
-        own_curvature[prior] = 0.0
-        own_variance[prior] = prior_variance[prior]
+        for point in range(size):
+            own_curvature[prior, point] = 0.0
+            own_variance[prior, point] = prior_variance[prior, point]
         for mode in range(mode_count):
             known = 1.0 / (mode_variances[prior, mode] + noise)
             turn = bent[prior, mode] * known
@@ -430,8 +431,12 @@ def least_variance(std: Array, seen: Indices, least_std: float) -> float:
     known = np.empty(seen.size)
     for target in range(seen.size):
         value = std[seen[target]]
-        known[target] = value if value > 0.0 else 0.0  # also where it is NaN
-    known.sort()
+        value = value if value > 0.0 else 0.0  # also where it is NaN
+        place = target  # in order: numba's own sort takes long to compile
+        while place > 0 and known[place - 1] > value:
+            known[place] = known[place - 1]
+            place -= 1
+        known[place] = value
     median = float(known[seen.size // 2])
     return median * median + least_std * least_std
 
@@ -469,7 +474,8 @@ def noise_variance(
             misfits[prior] = misfit + math.log(product)
         if misfits.min() < best_misfit:
             best, best_misfit = level, misfits.min()
-            weights[:] = np.exp(-0.5 * (misfits - best_misfit))
+            for prior in range(weights.size):
+                weights[prior] = math.exp(-0.5 * (misfits[prior] - best_misfit))
         elif misfits.min() > best_misfit + settings.far_worse:
             break
         level *= settings.level_ratio * settings.level_ratio

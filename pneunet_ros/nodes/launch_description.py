@@ -1,0 +1,55 @@
+"""What launch files have in common: arguments, and the nodes of this package by what is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+Given = Mapping[str, str]
+
+
+def describe_launch(
+    arguments: Mapping[str, tuple[Any, str]], nodes: Callable[[Given], list[Any]]
+) -> Any:
+    """Return the description of a launch.
+
+    arguments: default and meaning by name; nodes: returns what to start, of the values given.
+    """
+
+    def start(context: Any) -> list[Any]:
+        return nodes({name: LaunchConfiguration(name).perform(context) for name in arguments})
+
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=meaning)
+        for name, (default, meaning) in arguments.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+
+
+def node(executable: str, given: Given, **parameters: Any) -> Any:
+    """Return a node of this package.
+
+    given: namespace, params_file (empty: none), use_sim_time and log_level. parameters go before
+    those of params_file; those that are empty are not given.
+    """
+    parameters['use_sim_time'] = given['use_sim_time'] == 'true'
+    wanted = {
+        name: ParameterValue(value, value_type=type(value))
+        for name, value in parameters.items()
+        if value
+    }
+    file = [given['params_file']] if given['params_file'] else []
+    return Node(
+        package='pneunet_ros',
+        executable=executable,
+        namespace=given['namespace'],
+        parameters=[*file, wanted],
+        arguments=['--ros-args', '--log-level', given['log_level']],
+        output='screen',
+    )

@@ -1,0 +1,137 @@
+"""The executor of the nodes: messages at once and in order, all else as well."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+
+import pytest
+
+pytestmark = pytest.mark.ros
+pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
+
+from pneunet_ros.nodes.prompt_executor import PromptExecutor  # noqa: E402
+from pneunet_ros.nodes.topics import input_qos, output_qos, subscription  # noqa: E402
+import rclpy  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import ExternalShutdownException  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+TIMEOUT = 60.0  # s
+STRING = 'std_msgs/msg/String'
+
+
+@pytest.fixture
+def context():
+    context = Context()
+    rclpy.init(context=context, domain_id=int(os.environ['ROS_DOMAIN_ID']))
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def node(context):
+    node = rclpy.create_node('prompt', namespace='/e', context=context)
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def executor(context, node):
+    executor = PromptExecutor(context)
+    executor.add_node(node)
+    return executor
+
+
+def turn_until(executor, node, holds):
+    """Let it take turns, woken by a timer, until something holds."""
+    node.create_timer(0.02, lambda: None)
+    end = time.monotonic() + TIMEOUT
+    while not holds():
+        assert time.monotonic() < end
+        executor.take_turn()
+
+
+def test_messages_that_wait_are_taken_in_one_turn_in_the_order_of_subscription(executor, node):
+    heard = []
+    for topic in ('wrench', 'pressure'):
+        subscription(
+            node, STRING, topic, lambda message, info: heard.append(message.data), output_qos()
+        )
+    pressures = node.create_publisher(String, 'pressure', 10)
+    wrenches = node.create_publisher(String, 'wrench', 10)
+    turn_until(
+        executor,
+        node,
+        lambda: pressures.get_subscription_count() and wrenches.get_subscription_count(),
+    )
+    for number in range(3):
+        pressures.publish(String(data=f'pressure {number}'))
+        wrenches.publish(String(data=f'wrench {number}'))
+    time.sleep(1.0)  # all of them are there
+    turns = []
+    while len(heard) < 6:
+        before = len(heard)
+        executor.take_turn()
+        turns.append(heard[before:])
+    assert [turn for turn in turns if turn] == [
+        [f'wrench {number}', f'pressure {number}'] for number in range(3)
+    ]
+
+
+def test_timers_services_and_other_subscriptions_have_their_turns(executor, node):
+    called = set()
+    node.create_timer(0.01, lambda: called.add('timer'))
+    subscription(node, STRING, 'words', lambda message: called.add('message'), input_qos())
+    node.create_subscription(String, 'words', lambda message: called.add('of rclpy'), 10)
+
+    def serve(request, response):
+        called.add('service')
+        return response
+
+    node.create_service(Trigger, 'serve', serve)
+    client = node.create_client(Trigger, 'serve')
+    words = node.create_publisher(String, 'words', 10)
+    turn_until(
+        executor,
+        node,
+        lambda: words.get_subscription_count() == 2 and client.service_is_ready(),
+    )
+    client.call_async(Trigger.Request())
+    words.publish(String(data='one'))
+    turn_until(executor, node, lambda: len(called) == 4)
+
+
+def test_what_is_subscribed_to_while_it_runs_is_heard(executor, node):
+    heard = []
+
+    def subscribe_anew():
+        node.destroy_timer(timer)
+        node.destroy_subscription(first)
+        subscription(node, STRING, 'news', lambda message, info: heard.append(info), output_qos())
+
+    first = subscription(node, STRING, 'news', lambda message, info: None, output_qos())
+    timer = node.create_timer(0.05, subscribe_anew)
+    news = node.create_publisher(String, 'news', 10)
+    node.create_timer(0.05, lambda: news.publish(String(data='new')))
+    turn_until(executor, node, lambda: heard)
+    assert heard[0]['received_timestamp'] > 0
+
+
+def test_a_shutdown_ends_it(executor, context):
+    threading.Timer(0.3, context.try_shutdown).start()
+    with pytest.raises(ExternalShutdownException):
+        executor.spin()
+
+
+def test_what_a_callback_raises_comes_out(executor, node):
+    def fail(message, info):
+        raise ArithmeticError('no')
+
+    subscription(node, STRING, 'bad', fail, output_qos())
+    bad = node.create_publisher(String, 'bad', 10)
+    node.create_timer(0.02, lambda: bad.publish(String()))
+    with pytest.raises(ArithmeticError):
+        executor.spin()
