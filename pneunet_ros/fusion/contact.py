@@ -113,8 +113,8 @@ def weigh(
     else:
         contact = None if rival is None else fit_all(rival)
     log_odds = alone.log_odds if rival is None else log_odds
-    lost = contact is None if rival is None else contact is not None and excess(contact) > 1.0
-    if lost and none is not None:  # nobody looked for one, or it is not where it was
+    lost = contact is None or excess(contact) > 1.0
+    if lost and none is not None:  # nobody has looked for one, or it is not where it was
         found = find_contact(replace(none[0], used=frame.used), none[1])
         if found is not None and (contact is None or found.explains_better(contact)):
             contact, elsewhere = found.fit, found.elsewhere
