@@ -76,14 +76,15 @@ COLUMNS = (
 class Way:
     """What is there in a way to fuse: sensors, targets, and physics that the model lacks.
 
-    hidden: targets that are not seen; lacking: of the arm; top (Pa): of the pressure; lost: each
-    sensor for some seconds, one after the other.
+    hidden: targets that are not seen; lacking: of the arm; top (Pa), aside (N): the largest
+    pressure, and force across the straight arm; lost: each sensor for some seconds in turn.
     """
 
     wrench: bool = False
     hidden: str = ''
     lacking: tuple[LabEffect, ...] = ()
     top: float = 62e3
+    aside: float = 0.22
     lost: bool = False
 
 
@@ -99,7 +100,7 @@ WAYS = {
     'creep, wrench': Way(lacking=CREEP, wrench=True),
     'hysteresis, no wrench': Way(lacking=HYSTERESIS),
     'hysteresis, wrench': Way(lacking=HYSTERESIS, wrench=True),
-    'straight': Way(top=10e3),
+    'straight': Way(top=5e3, aside=0.01),
     'lost and back': Way(wrench=True, lost=True),
 }
 # s, in which a sensor is lost, and those of them in which the wrench is as well
@@ -152,7 +153,11 @@ def recording_of(
             arm=vary_arm(scenario.arm, seed),
             effects=way.lacking,
             protocol=RandomMix(
-                seed=float(100 * seed + which), lowest=2e3, top=way.top, duration=duration
+                duration=duration,
+                seed=float(100 * seed + which),
+                lowest=2e3,
+                top=way.top,
+                force_y=(0.0, way.aside),
             ),
             noise=dataclasses.replace(scenario.noise, jitter_std=0.0),
             rates=Rates(pressure=RATE, wrench=RATE, frames=RATE),
@@ -307,7 +312,7 @@ def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
     for which in range(recordings):
         recordings_of: dict[tuple, LabRecording] = {}
         for name, way in WAYS.items():
-            kind = way.lacking, way.top
+            kind = way.lacking, way.top, way.aside
             if kind not in recordings_of:
                 recordings_of[kind] = recording_of(seed, which, way)
             rows[name].append(fuse(fusion, recordings_of[kind], way, 100 * seed + which))

@@ -122,6 +122,17 @@ def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
     return causes
 
 
+def pressure_like(unknowns: Unknowns, inputs: FrameInputs) -> Array:
+    """Return what one of each unknown is as an error of the pressure, (unknowns,) Pa.
+
+    Of all that the model lacks; a curvature counts as the pressure that would make it.
+    """
+    row = np.zeros(unknowns.std.size)
+    row[unknowns.lacking] = 1.0, unknowns.range
+    row[unknowns.of_memory] = inputs.late
+    return row
+
+
 def bend_arm(
     table: PerturbationTable,
     inputs: FrameInputs,

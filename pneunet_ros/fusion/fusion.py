@@ -27,7 +27,6 @@ from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
     Belief,
-    BIAS,
     compress,
     CONTACT,
     first_belief,
@@ -54,6 +53,7 @@ from pneunet_ros.fusion.frame_fit import (
     contact_of,
     FrameInputs,
     FrameProblem,
+    pressure_like,
 )
 from pneunet_ros.fusion.frame_update import FrameUpdate, take_frame
 from pneunet_ros.fusion.lack import lack_columns, LackGrowth, remember, scale_of
@@ -567,21 +567,18 @@ class Fusion:
             warnings=(*notes, *position.notes, *estimate.warnings),
         )
         state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
-        contact = (
-            None
-            if mode is Mode.PREDICTION
-            else self.contact_at(state, belief, bent, read=wrench is not None)
-        )
+        contact = self.contact_at(state, belief, bent, mode, read=wrench is not None)
         ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
         force, covariance = self.known_force(belief, position, ambiguous)
+        lacking = pressure_like(self.unknowns, inputs)
         return state, FusedEstimate(
             estimate=estimate,
             mode=mode,
             force=force,
             force_covariance=covariance,
             contact=contact,
-            pressure_bias=float(belief.mean[BIAS]),
-            pressure_bias_std=belief.std(BIAS),
+            pressure_bias=float(lacking @ belief.mean),
+            pressure_bias_std=float(np.linalg.norm(lacking @ belief.root)),
             ambiguous=ambiguous,
             nis=math.nan if state.nis is None else state.nis.mean,
             nis_limit=math.nan if state.nis is None else state.nis.limit,
@@ -599,10 +596,10 @@ class Fusion:
         return contact_of(self.arm, self.settings, mean)
 
     def contact_at(
-        self, state: FusionState, belief: Belief, bent: BentArm, *, read: bool
+        self, state: FusionState, belief: Belief, bent: BentArm, mode: Mode, *, read: bool
     ) -> Contact | None:
-        """Return the contact that is likely, None without one; read: the tip force is."""
-        if bent.contact is None or state.log_odds is None:
+        """Return the contact that is seen, None without one; read: the tip force is."""
+        if bent.contact is None or state.log_odds is None or mode is Mode.PREDICTION:
             return None
         force, place = bent.contact.force, bent.contact.place
         if abs(force) < self.settings.contact_least * self.unknowns.force_scale:
