@@ -115,7 +115,9 @@ class Fusion:
         stations = station_arclength(self.arm.reach, self.sensors.stations)
         object.__setattr__(self, 'arclength', stations)
         object.__setattr__(
-            self, 'table', PerturbationTable(arm=self.arm, further=lack_columns(self.arm))
+            self,
+            'table',
+            PerturbationTable(arm=self.arm, further=lack_columns(self.settings, self.arm)),
         )
         object.__setattr__(self, 'unknowns', unknowns_of(self.arm, self.settings))
 
