@@ -107,6 +107,18 @@ def test_a_push_is_found_at_once_sized_and_placed_and_gone_when_it_goes():
     assert not any(one.ambiguous for one in contacts)
 
 
+def test_a_contact_that_jumps_is_found_where_it_is():
+    before, after = recorded(), recorded(place=0.35, force=0.04)
+    jump = int(np.searchsorted(before.truth.time, 4.5))
+    x, y = before.x.copy(), before.y.copy()
+    x[jump:], y[jump:] = after.x[jump:], after.y[jump:]
+    found = fuse(replace(before, x=x, y=y))[jump + 2 : jump + 12]
+    contacts = [one.contact for one in found]
+    assert all(one is not None for one in contacts)
+    assert np.median([abs(one.arclength - 0.35 * arm().length) for one in contacts]) < 3e-3
+    assert np.median([abs(one.force - 0.04) for one in contacts]) < 4e-3
+
+
 def test_the_tip_is_right_in_spite_of_the_push():
     found, truth = with_wrench(), recorded().truth
     tip = np.array([one.estimate.shape.tip[:2] for one in found])

@@ -113,8 +113,8 @@ def weigh(
     else:
         contact = None if rival is None else fit_all(rival)
     log_odds = alone.log_odds if rival is None else log_odds
-    lost = contact is None if rival is None else contact is not None and excess(contact) > 1.0
-    if lost and none is not None:  # nobody looked for one, or it is not where it was
+    lost = contact is None or excess(contact) > 1.0
+    if lost and none is not None:  # nobody has looked for one, or it is not where it was
         found = find_contact(replace(none[0], used=frame.used), none[1])
         if found is not None and (contact is None or found.explains_better(contact)):
             contact, elsewhere = found.fit, found.elsewhere
@@ -183,13 +183,14 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     if arm.seeing:
         moved = np.stack(arm.see(moved[:, 0], moved[:, 1]), axis=1)
     pushes = moved[:, :, problem.used].reshape(place.size, -1) / problem.std
-    weighed = np.linalg.solve(fit.covariance, pushes.T)
+    sides = np.column_stack([pushes.T, fit.innovation])
+    solved = np.linalg.solve(fit.covariance, sides)
+    weighed, left = solved[:, :-1], solved[:, -1:]
     prior = problem.unknowns.force_scale**-2
     information = np.sum(pushes.T * weighed, axis=0) + prior
     score = fit.innovation @ weighed
     force = score / information
-    left = np.linalg.solve(fit.covariance, fit.innovation)[:, None] - weighed * force
-    step = (fit.jacobian.T @ left).T - fit.trial.xi
+    step = (fit.jacobian.T @ (left - weighed * force)).T - fit.trial.xi
     low, high = np.array(problem.settings.contact_places) * arm.length
     gain = np.where((place >= low) & (place <= high), score * force, 0.0)
     return PushScores(place=place, force=force, gain=gain, step=step)

@@ -25,6 +25,9 @@ class FusionSettings:
         'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',
         unit='of the range',
     )
+    lack_stiffness: float = tuning(
+        0.5, 'share of the stiffness that is missing with all of the range; invented'
+    )
     lack_time: float = tuning(
         60.0, 'time in which frames told of its size count no more', unit='s'
     )
@@ -88,7 +91,9 @@ class FusionSettings:
         0.06, 'largest std of a component of the force that is published', unit='of the scale'
     )
     flat: float = tuning(
-        4.0, 'cost by which a force that is not determined stays as it was', unit='chi squared'
+        2.0,
+        'by which an arm may look different with a force as before, where none is determined',
+        unit='sigma',
     )
     largest_tip_std: float = tuning(3e-3, 'std of the tip at which nothing is published', unit='m')
     free_tip: bool = tuning(False, 'nothing ever pushes at the tip: no force sensor is needed')
