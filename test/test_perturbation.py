@@ -110,3 +110,17 @@ def test_a_record_moved_along_columns_is_that_of_the_moved_arm():
         size = np.abs(np.asarray(right) - before).max()
         assert np.abs(np.asarray(found) - right).max() <= 1e-4 * size + 1e-12, name
     assert changes.moved(rods, np.zeros(table.distance.size)) is rods
+
+
+def test_a_further_column_is_one_that_no_calibration_knows():
+    arm, change = unsure(MODEL), {'arm.clamp_angle': 0.02, 'moment_law.rigidity.1.0': 0.01}
+    table = PerturbationTable(arm=arm, further=(change,))
+    rods, beside = table.at(30e3)
+    amounts = np.zeros(table.distance.size)
+    amounts[-1] = 0.5
+    moved = beside.moved(rods, amounts)
+    half = arm.with_changes({name: 0.5 * amount for name, amount in change.items()})
+    expected = half.rods(np.array([30e3])).record(0)
+    assert table.distance.size == 1 + len(MODEL) + 1 + 1  # pressure, one each, all, further
+    for name in ('sections', 'clamp', 'rotation', 'knots'):
+        assert getattr(moved, name) == pytest.approx(getattr(expected, name), rel=1e-6, abs=1e-12)

@@ -140,10 +140,21 @@ def hold_force(found: Fit) -> Fit:
     root = problem.root - (problem.root @ along) @ along.T
     held = replace(problem, prior=replace(problem.prior, root=root))
     again = held.search(np.zeros(root.shape[1]), problem.prior.solution)
-    if again is None or again.cost > fit.cost + problem.settings.flat:
+    if again is None or again.cost > fit.cost + problem.settings.flat**2:
         return found
     linear = problem.linearize(again.trial)
-    return found if linear is None else (problem, linear)
+    if (
+        linear is None
+        or apart_by(again.trial, fit.trial) > problem.settings.flat * problem.std.max()
+    ):
+        return found
+    return problem, linear
+
+
+def apart_by(first: Trial, second: Trial) -> float:
+    """Return how far (m) the arms of two trials are apart, at any target, also a hidden one."""
+    one, other = first.bent.shape, second.bent.shape
+    return float(np.hypot(one.x - other.x, one.y - other.y).max())
 
 
 def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial]:

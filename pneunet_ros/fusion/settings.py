@@ -88,7 +88,9 @@ class FusionSettings:
         0.06, 'largest std of a component of the force that is published', unit='of the scale'
     )
     flat: float = tuning(
-        4.0, 'cost by which a force that is not determined stays as it was', unit='chi squared'
+        2.0,
+        'by which an arm may look different with a force as before, where none is determined',
+        unit='sigma',
     )
     largest_tip_std: float = tuning(3e-3, 'std of the tip at which nothing is published', unit='m')
     nis_time: float = tuning(2.0, 'time over which the NIS is averaged', unit='s')
