@@ -84,6 +84,18 @@ def test_a_base_slips_once_as_a_whole():
     assert moved[later] == pytest.approx(np.broadcast_to([1e-3, -2e-3], moved[later].shape))
 
 
+def test_a_push_is_there_from_one_moment_to_another():
+    values = {'force': -0.03, 'place': 0.6, 'begins': 4.0, 'ends': 8.0, 'ramp': 1.0}
+    push = lab_effect('push', values)
+    force = push.force_at(np.array([3.9, 4.5, 6.0, 7.75, 8.1]))
+    assert force == pytest.approx([0.0, -0.015, -0.03, -0.0075, 0.0])
+    bare, truth = seen(LOADED)
+    moved = np.abs(seen(LOADED, push)[0] - bare).max(axis=(1, 2))
+    there = (truth.time > 4.0) & (truth.time < 8.0)
+    assert moved[there].min() > 1e-4
+    assert moved[~there].max() == 0.0
+
+
 def test_a_periodic_disturbance_comes_back_with_its_period():
     _, truth = seen(FREE)
     _, swung = seen(FREE, lab_effect('periodic_disturbance', {'amplitude': 0.1, 'period': 1.0}))

@@ -55,7 +55,7 @@ BLOCKS = {
     'rated_single': 2 * 4 * len(HIDEABLE),
     'rated_pairs': 60,
 }  # trials by default; the rated ones go through all designs of `RATED`
-OUTSIDE = tuple(name for name in OUTSIDE_EFFECTS if name != 'harmless_mismatch')
+OUTSIDE = tuple(name for name in OUTSIDE_EFFECTS if name not in ('harmless_mismatch', 'push'))
 RATED_PREFIX = 'rated_'
 MOST_TRIES = 20  # of effects that an arm can stand
 

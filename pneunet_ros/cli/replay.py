@@ -72,6 +72,11 @@ def options(parser: ArgumentParser) -> None:
         action='store_true',
         help='with --fuse: as if there were no force sensor; the force is estimated',
     )
+    parser.add_argument(
+        '--free-tip',
+        action='store_true',
+        help='with --fuse: nothing pushes at the tip, and what pushes is a contact along the arm',
+    )
     add_overwrite(parser)
     add_topics(parser)
     add_settings(parser)
@@ -84,6 +89,8 @@ def run(arguments: Namespace) -> int:
         return run_fusion(arguments)
     if arguments.no_wrench:
         raise RequestError('--no-wrench belongs to --fuse; without it, use --no-wrench-required')
+    if arguments.free_tip:
+        raise RequestError('--free-tip belongs to --fuse')
     arm = model_of(arguments)
     estimator = Estimator(arm=arm, settings=settings_of(arguments))
     overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from contextlib import ExitStack
+from dataclasses import replace
 import time
 
 from pneunet_ros.cli.verb import (
@@ -20,6 +21,7 @@ from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.messages.readings import SENSORS
 from pneunet_ros.offline.fuse import (
     fusion_steps,
@@ -36,10 +38,12 @@ from rich.table import Table
 def run_fusion(arguments: Namespace) -> int:
     """Fuse and summarize."""
     arm = model_of(arguments)
-    fusion = Fusion(arm=arm, sensors=settings_of(arguments))
+    settings = replace(FUSION, free_tip=arguments.free_tip)
+    fusion = Fusion(arm=arm, sensors=settings_of(arguments), settings=settings)
     overrides = topics_of(arguments.topic, [sensor.name for sensor in SENSORS])
     recording = open_recording(arguments.recording)
-    topics = fusion_topics(recording, overrides, wrench=not arguments.no_wrench)
+    wrench = not (arguments.no_wrench or arguments.free_tip)
+    topics = fusion_topics(recording, overrides, wrench=wrench)
     tally = FusionTally()
     begun = time.perf_counter()
     with ExitStack() as stack:
@@ -75,6 +79,7 @@ def run_fusion(arguments: Namespace) -> int:
         'rejected': dict(state.readings.rejected),
         'force_determined': tally.determined,
         'ambiguous': tally.ambiguous,
+        'contacts': tally.contacts,
         'nis': None if last is None else last.nis,
         'nis_limit': None if last is None else last.nis_limit,
         'beyond_noise': tally.beyond,
@@ -108,7 +113,11 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
     first, second = tally.determined
     table.add_row('force determined', f'F1 in {first}, F2 in {second} estimates')
     if tally.ambiguous:
-        table.add_row('ambiguous', f'{tally.ambiguous} estimates: two forces explain the targets')
+        table.add_row('ambiguous', f'{tally.ambiguous} estimates: two loads explain the targets')
+    if any(tally.contacts):
+        clear, alike = tally.contacts
+        words = f'{clear} estimates, and {alike} where it may be a tip force as well'
+        table.add_row('contact along the arm', words)
     last = tally.last
     if last is not None:
         x, y, _ = last.estimate.shape.tip
@@ -117,6 +126,13 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
             'last estimate',
             f'tip at ({millimeters(x):.2f}, {millimeters(y):.2f}) mm, force ({force}) N',
         )
+        if last.contact is not None and not last.contact.ambiguous:
+            touch = last.contact
+            table.add_row(
+                'contact in it',
+                f'{touch.force:.4f} +- {touch.std_force:.4f} N at s = '
+                f'{millimeters(touch.arclength):.1f} +- {millimeters(touch.std_arclength):.1f} mm',
+            )
     console.print(table)
     if tally.beyond:
         console.print(

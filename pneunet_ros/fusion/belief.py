@@ -2,7 +2,8 @@
 
 The unknowns: the tip force, the pressure bias (what creep, hysteresis and a drifting sensor look
 like), the camera's drift and place, the columns of the model's covariance in sigma, the painted
-places of the targets along and across the arm, and the noise of the readings at this stamp. In
+places of the targets along and across the arm, the force and place of a contact, and the noise of
+the readings at this stamp. Without a contact its force and place are known to be zero. In
 time the first ones move, each with a largest std of its own; model, camera and dots stay; noise is
 new in every reading.
 """
@@ -26,6 +27,8 @@ BIAS = 2
 OF_BIAS = slice(2, 3)
 DRIFT = slice(3, 5)
 CAMERA = slice(5, 7)
+CONTACT = slice(-4, -2)  # force N along the normal, place m along the arm
+FORCES = [0, 1, -4]  # of the tip and of a contact
 MOMENT_NOISE, PRESSURE_NOISE = -2, -1
 COLUMNS = 7  # where the columns of the model's covariance begin
 
@@ -90,7 +93,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
             np.full(len(settings.lag_times), settings.late_share),
             [settings.play_share],
             np.full(2 * targets, noise.placement_std),
-            np.zeros(2),
+            np.zeros(4),
         ]
     )
     times = np.concatenate(
@@ -116,7 +119,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
 class Belief:
     """What is believed at a stamp: mean (n,), root (n, m) with root root^T the covariance.
 
-    walk (N/sqrt(s)): of the force, as it moved lately; lack_weights (scales,): of the sizes of
+    walk (N/sqrt(s)): of the forces, as they moved lately; lack_weights (scales,): of the sizes of
     what the model lacks, log; chamber: the pressure (Pa) as read, NaN where it was not; solution:
     the rod there, None before the first; frames: how many have been used.
     """
@@ -129,6 +132,11 @@ class Belief:
     chamber: float = math.nan
     solution: SolverNodes | None = None
     frames: int = 0
+
+    @property
+    def touched(self) -> bool:
+        """Whether a contact is believed."""
+        return bool(self.root[CONTACT].any())
 
     @property
     def force_covariance(self) -> Array:
@@ -221,17 +229,17 @@ def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief
 
 
 def walk_after(settings: FusionSettings, before: Belief, after: Belief) -> float:
-    """Return the random walk of the force (N/sqrt(s)) after a frame.
+    """Return the random walk of forces (N/sqrt(s)), at the tip and of a contact, after a frame.
 
     before, after: the beliefs at the last frame and at this one, which are all but independent in
-    the force. What their two variances leave of its change is walk. It rises at once and falls
+    the forces. What their two variances leave of a change is walk. It rises at once and falls
     in `walk_time`.
     """
     seconds = seconds_between(before.stamp_ns, after.stamp_ns)
     if not before.frames or seconds <= 0.0:
         return before.walk
-    change = np.square(after.mean[FORCE] - before.mean[FORCE])
-    explained = np.diagonal(before.force_covariance + after.force_covariance)
+    change = np.square(after.mean[FORCES] - before.mean[FORCES])
+    explained = np.sum(before.root[FORCES] ** 2, axis=1) + np.sum(after.root[FORCES] ** 2, axis=1)
     least, most = settings.least_walk**2, settings.largest_walk**2
     found = min(max(float(np.max(change - explained)) / seconds, least), most)
     rises = found > before.walk**2

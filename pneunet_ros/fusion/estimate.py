@@ -8,6 +8,7 @@ from enum import IntEnum
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.fusion.contact import Contact
 
 
 class Mode(IntEnum):
@@ -36,17 +37,18 @@ class FusedEstimate:
 
     estimate: the shape with its uncertainty, also of the tip. force (2,) N at the tip and its
     force_covariance (2, 2) N^2, NaN in components that are not determined, and everywhere where it
-    is ambiguous. pressure_bias (Pa) and its std: what the model lacks, as an error of
-    the pressure: creep, hysteresis and a drifting sensor look like that. nis: running mean
-    of the normalized innovation squared of frames per coordinate, 1 where all is noise, nis_limit
-    what noise rarely exceeds; NaN before the first. target_age: s since the last frame that was
-    used, None before the first.
+    is ambiguous. contact: along the arm, None where none is likely. pressure_bias (Pa) and its
+    std: what the model lacks, as an error of the pressure: creep, hysteresis and a drifting sensor
+    look like that. nis: running mean of the normalized innovation squared of frames per
+    coordinate, 1 where all is noise, nis_limit what noise rarely exceeds; NaN before the first.
+    target_age: s since the last frame that was used, None before the first.
     """
 
     estimate: ShapeEstimate
     mode: Mode
     force: Array
     force_covariance: Array
+    contact: Contact | None
     pressure_bias: float
     pressure_bias_std: float
     ambiguous: bool

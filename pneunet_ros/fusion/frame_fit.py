@@ -11,7 +11,7 @@ Control 38 (1993).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -24,6 +24,7 @@ from pneunet_ros.fusion.belief import (
     BIAS,
     CAMERA,
     compress,
+    CONTACT,
     DRIFT,
     FORCE,
     MOMENT_NOISE,
@@ -36,14 +37,25 @@ from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.gauss_newton import gauss_newton
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import target_jacobian
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import linearize_shape, Sensitivity, solve_rod
+from pneunet_ros.model.part_load import (
+    heading_at,
+    PartLoad,
+    turning_with_arm,
+    with_part_changes,
+    with_part_load,
+)
 from pneunet_ros.model.perturbation import Perturbation, PerturbationTable
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.solution import SolverNodes
 
+TURNED = 1e-6  # rad, between the normal of the arm and where its contact points
+MOST_TURNS = 4
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
+
 Mask = npt.NDArray[np.bool_]
 
 
@@ -68,11 +80,12 @@ class FrameInputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BentArm:
-    """The rod at some values of the unknowns, at places along it."""
+    """The rod at some values of the unknowns, at places along it; rods without its contact."""
 
     rods: Rods
     changes: Perturbation
     shape: Shape
+    contact: PartLoad | None
 
     @property
     def solution(self) -> SolverNodes:
@@ -81,8 +94,14 @@ class BentArm:
         return self.shape.solution
 
     def linearize(self) -> Sensitivity:
-        """Return how it answers to loads, pressure and columns of the covariance."""
-        return linearize_shape(self.solution, self.rods, self.changes)
+        """Return how it answers to loads, pressure and columns of the covariance.
+
+        With a contact also to its force, its place and where it points.
+        """
+        if self.contact is None:
+            return linearize_shape(self.solution, self.rods, self.changes)
+        changes = with_part_changes(self.rods, self.changes, self.contact)
+        return linearize_shape(self.solution, self.rods, changes)
 
 
 def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
@@ -122,18 +141,59 @@ def bend_arm(
     arclength: Array,
     *,
     quick: bool,
+    contact: PartLoad | None = None,
 ) -> BentArm:
     """Solve the rod under what was read, and changes (causes,) of it: `causes_of` the unknowns.
 
-    quick: give up soon where no solution is near.
+    quick: give up soon where no solution is near. contact: it points along the normal of the arm,
+    whatever its heading.
     """
     force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
     pressure = inputs.chamber + error
     rods, beside = table.at(pressure, inputs.history)
     rods = beside.moved(rods, np.concatenate([[0.0], changes[PRESSURE + 1 :]]))
     load = Load(pressure=pressure, force_x=force_x, force_y=force_y, moment=inputs.moment + moment)
-    shape = solve_rod(table.arm, rods, load, start, arclength, quick=quick)
-    return BentArm(rods=rods, changes=beside, shape=shape)
+    shape: Shape | None = None
+    if contact is not None and start is None:
+        shape = solve_rod(table.arm, rods, load, None, arclength, quick=quick)
+        start = shape.solution
+    if contact is None or start is None:
+        shape = shape or solve_rod(table.arm, rods, load, start, arclength, quick=quick)
+        return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
+    for _ in range(MOST_TURNS):
+        contact = replace(contact, heading=heading_at(start, contact.place))
+        pushed = with_part_load(rods, contact)
+        shape = solve_rod(table.arm, pushed, load, start, arclength, quick=quick)
+        start = shape.solution
+        if start is None or abs(heading_at(start, contact.place) - contact.heading) < TURNED:
+            break
+    assert shape is not None
+    return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
+
+
+def contact_of(arm: Arm, settings: FusionSettings, x: Array) -> PartLoad | None:
+    """Return the contact among the unknowns; None where it is off the arm."""
+    force, place = x[CONTACT].tolist()
+    low, high = settings.contact_places
+    if not low * arm.length <= place <= high * arm.length:
+        return None
+    return PartLoad(force=force, place=place, heading=0.0, width=settings.contact_width)
+
+
+def causes_with_contact(
+    causes: Array, sensitivity: Sensitivity, contact: PartLoad | None
+) -> Array:
+    """Return what one of each unknown changes of every cause, with those of a contact, if any.
+
+    causes (causes, unknowns): those without it. Force and place of the contact follow, and where
+    it points, which turns with the arm.
+    """
+    if contact is None:
+        return causes
+    own = np.zeros((2, causes.shape[1]))
+    own[:, CONTACT] = np.eye(2)
+    known = np.vstack([causes, own])
+    return np.vstack([known, turning_with_arm(sensitivity, contact) @ known])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -233,6 +293,9 @@ class FrameProblem:
         """Predict the targets; None where there is no stable shape."""
         unknowns, targets = self.unknowns, self.table.arm.target_arclength
         x = self.mean + self.root @ xi
+        contact = contact_of(self.table.arm, self.settings, x) if self.prior.touched else None
+        if contact is None and self.prior.touched:
+            return None
         bent = bend_arm(
             self.table,
             self.inputs,
@@ -240,6 +303,7 @@ class FrameProblem:
             start,
             targets,
             quick=True,
+            contact=contact,
         )
         shape = bent.shape
         if not shape.converged or shape.stable is False:
@@ -259,9 +323,11 @@ class FrameProblem:
     def linearize(self, trial: Trial) -> FrameLinearization | None:
         """Linearize what is predicted around a trial; None at a limit point of the arm."""
         unknowns, bent = self.unknowns, trial.bent
-        by_cause = target_jacobian(self.table, bent.linearize())
+        sensitivity = bent.linearize()
+        by_cause = target_jacobian(self.table, sensitivity)
         targets = unknowns.targets
-        response = (by_cause.reshape(len(by_cause), -1).T @ self.causes).reshape(2, targets, -1)
+        causes = causes_with_contact(self.causes, sensitivity, bent.contact)
+        response = (by_cause.reshape(len(by_cause), -1).T @ causes).reshape(2, targets, -1)
         for axis in range(2):
             response[axis, :, DRIFT.start + axis] = 1.0
             response[axis, :, CAMERA.start + axis] = 1.0

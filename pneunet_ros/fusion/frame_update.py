@@ -16,6 +16,8 @@ from pneunet_ros.estimation.consistency import chi_square_limit
 from pneunet_ros.fusion.belief import Belief, FORCE
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem, Trial
 
+Fit = tuple[FrameProblem, FrameLinearization]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColdRound:
@@ -35,7 +37,8 @@ class FrameUpdate:
     belief: after it, None where it was not used, for which `reason` is the key. nis: the least
     cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
     that did not fit. ambiguous: another force explains it as well; everywhere: the search began at
-    every cold start; round_: the cold starts of the frames to come.
+    every cold start; round_: the cold starts of the frames to come. fit: that it came from, also
+    where the frame was not used.
     """
 
     belief: Belief | None
@@ -46,9 +49,7 @@ class FrameUpdate:
     ambiguous: bool = False
     everywhere: bool = False
     round_: ColdRound = field(default_factory=ColdRound)
-
-
-Fit = tuple[FrameProblem, FrameLinearization]
+    fit: Fit | None = None
 
 
 def take_frame(
@@ -82,20 +83,26 @@ def take_frame(
     elif not force_read:
         round_, starts = next_of_round(best[0], round_)
         best, ambiguous = look_for_rivals(best, starts)
-    chosen, fit = hold_force(best)
-    coordinates = fit.trial.residual.size
-    update = FrameUpdate(
-        belief=chosen.posterior(fit),
+    found = FrameUpdate(belief=None, ambiguous=ambiguous, everywhere=everywhere, round_=round_)
+    return with_fit(found, best, hold_force(best), int(np.count_nonzero(problem.used)))
+
+
+def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdate:
+    """Return an update by the best fit of a frame, and the one of it that is to be believed.
+
+    seen: how many targets were.
+    """
+    problem, fit = used
+    inconsistent = excess(best) > problem.settings.frame_gate
+    return replace(
+        update,
+        belief=None if inconsistent else problem.posterior(fit),
+        reason='inconsistent' if inconsistent else '',
         nis=fit.cost,
-        coordinates=coordinates,
-        left_out=int(np.count_nonzero(problem.used & ~chosen.used)),
-        ambiguous=ambiguous,
-        everywhere=everywhere,
-        round_=round_,
+        coordinates=fit.trial.residual.size,
+        left_out=seen - int(np.count_nonzero(problem.used)),
+        fit=best,
     )
-    if excess(best) > problem.settings.frame_gate:
-        return replace(update, belief=None, reason='inconsistent')
-    return update
 
 
 def excess(fit: Fit) -> float:

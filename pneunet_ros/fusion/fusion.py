@@ -28,6 +28,7 @@ from pneunet_ros.estimation.state import admit
 from pneunet_ros.fusion.belief import (
     Belief,
     compress,
+    CONTACT,
     first_belief,
     FORCE,
     forget,
@@ -42,11 +43,14 @@ from pneunet_ros.fusion.belief import (
     widen,
     with_noise,
 )
+from pneunet_ros.fusion.contact import Contact, correlation_with_tip, weigh, without_contact
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.frame_fit import (
     bend_arm,
     BentArm,
     causes_of,
+    causes_with_contact,
+    contact_of,
     FrameInputs,
     FrameProblem,
     pressure_like,
@@ -61,11 +65,30 @@ from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.noise_model import target_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
-from pneunet_ros.model.equilibrium import jacobian_of, station_arclength
+from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity, station_arclength
+from pneunet_ros.model.part_load import PartLoad
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.columns import LOADS
 
 Event = Reading | TargetSightings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReadFrame:
+    """A frame with what was read at the stamp of what it shows.
+
+    alone: no pressure is known there; pressure_lost: it was not at the frame before; force_lost:
+    nothing is known of the force; wrench_age (s): of the wrench nearest to it, if any.
+    """
+
+    stamp_ns: int
+    sightings: TargetSightings
+    instant: PressureInstant
+    alone: bool
+    pressure_lost: bool
+    force_lost: bool
+    wrench: WrenchReading | None
+    wrench_age: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -304,6 +327,15 @@ class Fusion:
 
     def wrench_at(self, state: FusionState, stamp_ns: int) -> tuple[WrenchReading | None, float]:
         """Return the wrench nearest to a stamp and its age (s); None where none is near."""
+        if self.settings.free_tip:
+            nothing = WrenchReading(
+                stamp_ns=stamp_ns,
+                force_x=0.0,
+                force_y=0.0,
+                moment=0.0,
+                frame_id=self.sensors.frame_id,
+            )
+            return nothing, 0.0
         if not state.wrenches:
             return None, math.nan
         wrench = min(state.wrenches, key=lambda one: abs(one.stamp_ns - stamp_ns))
@@ -376,62 +408,114 @@ class Fusion:
         if not sightings.seen:
             return state.count_unused('not_seen')
         shown_ns = self.shown_ns(sightings)
-        before = prior = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
-        if prior.frames and shown_ns < prior.stamp_ns:
+        before = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
+        if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
-        # From frame to frame the force is free: a frame must not inherit what the last one erred.
-        # But it is not drawn to zero either, frame after frame, which the unknowns that stay would
-        # take for evidence.
-        free = replace(prior, walk=self.settings.largest_walk)
+        lost = state.lost >= self.settings.frames_lost
+        if lost:
+            before = without_contact(before)
+            state = replace(state, rival=None, log_odds=None)
         instant = self.pressure_at(state, shown_ns)
         alone = not state.pressures or self.is_stale(
             min((one.stamp_ns for one in state.pressures), key=lambda ns: abs(ns - shown_ns)),
             shown_ns,
         )
-        pressed = abs(instant.chamber - before.chamber)
-        pressed = 0.0 if alone or not math.isfinite(pressed) else pressed
-        scale = scale_of(self.settings, before.lack_weights)
-        prior = move_belief(self.unknowns, free, shown_ns, scale, pressed)
-        prior = replace(prior, root=compress(prior.root))
-        seconds = seconds_between(free.stamp_ns, shown_ns) if free.frames else math.inf
-        growth: LackGrowth | None = LackGrowth(
-            scale=scale, grown=lack_grown(self.unknowns, seconds, pressed), seconds=seconds
-        )
-        if alone:
-            std = self.settings.unknown_pressure * self.unknowns.range
-            prior, instant = widen(prior, OF_BIAS, np.array([std])), replace(instant, std=0.0)
-            growth = None
-        elif state.pressure_lost:
-            prior = self.without(prior, OF_BIAS)
-        state = replace(state, pressure_lost=alone)
         wrench, age = self.wrench_at(state, shown_ns)
-        lost = state.lost >= self.settings.frames_lost
-        if lost:
+        frame = ReadFrame(
+            stamp_ns=shown_ns,
+            sightings=sightings,
+            instant=instant,
+            alone=alone,
+            pressure_lost=state.pressure_lost,
+            force_lost=lost,
+            wrench=wrench,
+            wrench_age=age,
+        )
+        problem = self.problem_of(frame, before)
+        update = take_frame(
+            problem,
+            cold=lost or not before.frames,
+            round_=state.cold_round,
+            force_read=wrench is not None,
+        )
+        rival = None if state.rival is None else self.problem_of(frame, state.rival)
+        odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
+        weighed = weigh(
+            update,
+            problem,
+            rival,
+            odds,
+            elsewhere=state.elsewhere,
+            force_read=wrench is not None,
+        )
+        update = weighed.update
+        if update.belief is not None:
+            walk = walk_after(self.settings, before, update.belief)
+            update = replace(update, belief=replace(update.belief, walk=walk))
+        state = replace(
+            state,
+            rival=weighed.rival,
+            log_odds=weighed.log_odds,
+            elsewhere=weighed.elsewhere,
+            pressure_lost=alone,
+        )
+        return self.after_frame(state, shown_ns, update, wrench)
+
+    def problem_of(self, frame: ReadFrame, belief: Belief) -> FrameProblem:
+        """Return a frame beside what was believed before it.
+
+        From frame to frame the force is free: a frame must not inherit what the last one erred.
+        But it is not drawn to zero either, frame after frame, which the unknowns that stay would
+        take for evidence.
+        """
+        free = replace(belief, walk=self.settings.largest_walk)
+        pressed = abs(frame.instant.chamber - belief.chamber)
+        pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
+        moved, growth = self.move(free, frame.stamp_ns, pressed), None
+        prior = replace(moved, root=compress(moved.root))
+        if frame.alone:
+            std = self.settings.unknown_pressure * self.unknowns.range
+            prior = widen(prior, OF_BIAS, np.array([std]))
+        else:
+            seconds = seconds_between(free.stamp_ns, frame.stamp_ns) if free.frames else math.inf
+            growth = LackGrowth(
+                scale=scale_of(self.settings, belief.lack_weights),
+                grown=lack_grown(self.unknowns, seconds, pressed),
+                seconds=seconds,
+            )
+            if frame.pressure_lost:
+                prior = self.without(prior, OF_BIAS)
+        if frame.force_lost:
             prior = self.without(prior, FORCE)
-        if wrench is not None:
-            prior = self.with_wrench(prior, wrench, age, instant.gauge)
-        inputs = self.inputs_at(instant, wrench)
-        prior = with_noise(prior, inputs.moment_std, inputs.chamber_std)
-        problem = FrameProblem(
+        if frame.wrench is not None:
+            prior = self.with_wrench(prior, frame.wrench, frame.wrench_age, frame.instant.gauge)
+        instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
+        inputs = self.inputs_at(instant, frame.wrench)
+        sightings = frame.sightings
+        return FrameProblem(
             table=self.table,
             unknowns=self.unknowns,
             settings=self.settings,
-            prior=prior,
+            prior=with_noise(prior, inputs.moment_std, inputs.chamber_std),
             growth=growth,
             inputs=inputs,
             sightings=sightings,
             used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
         )
-        update = take_frame(
-            problem,
-            cold=lost or not prior.frames,
-            round_=state.cold_round,
-            force_read=wrench is not None,
-        )
-        if update.belief is not None:
-            walk = walk_after(self.settings, before, update.belief)
-            update = replace(update, belief=replace(update.belief, walk=walk))
-        return self.after_frame(state, shown_ns, update, wrench)
+
+    def move(self, belief: Belief, stamp_ns: int, pressed: float) -> Belief:
+        """Return the belief at a later stamp, with a contact that may have walked.
+
+        pressed (Pa): by how much the pressure has moved since.
+        """
+        scale = scale_of(self.settings, belief.lack_weights)
+        moved = move_belief(self.unknowns, belief, stamp_ns, scale, pressed)
+        if not belief.touched:
+            return moved
+        seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
+        force_walk = min(belief.walk, self.settings.contact_walk)
+        walk = np.array([force_walk, self.settings.place_walk])
+        return widen(moved, CONTACT, walk * math.sqrt(seconds))
 
     def after_frame(
         self, state: FusionState, shown_ns: int, update: FrameUpdate, wrench: WrenchReading | None
@@ -475,9 +559,7 @@ class Fusion:
         inputs = self.inputs_at(instant, wrench)
         if belief.stamp_ns != stamp_ns or not belief.frames:
             pressed = abs(instant.chamber - belief.chamber)
-            pressed = pressed if math.isfinite(pressed) else 0.0
-            scale = scale_of(self.settings, belief.lack_weights)
-            belief = move_belief(self.unknowns, belief, stamp_ns, scale, pressed)
+            belief = self.move(belief, stamp_ns, pressed if math.isfinite(pressed) else 0.0)
             belief = with_noise(belief, inputs.moment_std, inputs.chamber_std)
         if wrench is not None and wrench.stamp_ns != state.wrench_used_ns:
             belief = self.with_wrench(belief, wrench, age, instant.gauge)
@@ -493,6 +575,7 @@ class Fusion:
             belief.solution if mode is not Mode.PREDICTION else state.solution,
             self.arclength,
             quick=False,
+            contact=self.held_contact(belief),
         )
         if not bent.shape.converged:
             state = replace(state, solution=None)
@@ -509,19 +592,54 @@ class Fusion:
             warnings=(*notes, *position.notes, *estimate.warnings),
         )
         state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
-        force, covariance = self.known_force(state, belief, position)
+        contact = self.contact_at(state, belief, bent, mode, read=wrench is not None)
+        ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
+        force, covariance = self.known_force(belief, position, ambiguous)
         lacking = pressure_like(self.unknowns, inputs)
         return state, FusedEstimate(
             estimate=estimate,
             mode=mode,
             force=force,
             force_covariance=covariance,
+            contact=contact,
             pressure_bias=float(lacking @ belief.mean),
             pressure_bias_std=float(np.linalg.norm(lacking @ belief.root)),
-            ambiguous=state.ambiguous,
+            ambiguous=ambiguous,
             nis=math.nan if state.nis is None else state.nis.mean,
             nis_limit=math.nan if state.nis is None else state.nis.limit,
             target_age=self.target_age(state, stamp_ns),
+        )
+
+    def held_contact(self, belief: Belief) -> PartLoad | None:
+        """Return the contact that is believed, on the arm; None without one."""
+        if not belief.touched:
+            return None
+        low, high = self.settings.contact_places
+        mean = belief.mean.copy()
+        place = CONTACT.stop - 1
+        mean[place] = min(max(mean[place], low * self.arm.length), high * self.arm.length)
+        return contact_of(self.arm, self.settings, mean)
+
+    def contact_at(
+        self, state: FusionState, belief: Belief, bent: BentArm, mode: Mode, *, read: bool
+    ) -> Contact | None:
+        """Return the contact that is seen, None without one; read: the tip force is."""
+        if bent.contact is None or state.log_odds is None or mode is Mode.PREDICTION:
+            return None
+        force, place = bent.contact.force, bent.contact.place
+        if abs(force) < self.settings.contact_least * self.unknowns.force_scale:
+            return None
+        shape, correlation = bent.shape, correlation_with_tip(belief)
+        return Contact(
+            x=float(np.interp(place, shape.arclength, shape.x)),
+            y=float(np.interp(place, shape.arclength, shape.y)),
+            arclength=place,
+            std_arclength=belief.std(CONTACT.stop - 1),
+            force=force,
+            std_force=belief.std(CONTACT.start),
+            log_odds=state.log_odds,
+            correlation=correlation,
+            ambiguous=not read and (state.elsewhere or correlation > self.settings.contact_alike),
         )
 
     def position_of(self, belief: Belief, bent: BentArm, inputs: FrameInputs) -> DomainPosition:
@@ -548,7 +666,7 @@ class Fusion:
     ) -> ShapeEstimate | Refusal:
         """Return the shape with the errors that the belief carries into it, to second order."""
         sensitivity = bent.linearize()
-        noise = self.causes_root(belief, inputs)
+        noise = self.causes_root(belief, inputs, sensitivity, bent.contact)
         seen: SeenShape | None = None
         if mode is Mode.PREDICTION:
             noise = with_extrapolation_error(noise, position)
@@ -595,19 +713,26 @@ class Fusion:
         std = math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
         return SeenShape(arclength=places, std=np.full(places.size, std))
 
-    def causes_root(self, belief: Belief, inputs: FrameInputs) -> Array:
+    def causes_root(
+        self,
+        belief: Belief,
+        inputs: FrameInputs,
+        sensitivity: Sensitivity,
+        contact: PartLoad | None,
+    ) -> Array:
         """Return the noise input matrix (sources, causes) of a belief."""
-        causes = causes_of(self.unknowns, inputs) @ belief.root
-        return np.ascontiguousarray(np.linalg.qr(causes.T, mode='r'))
+        causes = causes_of(self.unknowns, inputs)
+        noise = causes_with_contact(causes, sensitivity, contact) @ belief.root
+        return np.ascontiguousarray(np.linalg.qr(noise.T, mode='r'))
 
     def known_force(
-        self, state: FusionState, belief: Belief, position: DomainPosition
+        self, belief: Belief, position: DomainPosition, ambiguous: bool
     ) -> tuple[Array, Array]:
         """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined or ambiguous."""
         covariance = belief.force_covariance + np.diag(np.square(position.error[:2]))
         largest = self.settings.determined * self.unknowns.force_scale
         determined = np.sqrt(np.diagonal(covariance)) <= largest
-        if state.ambiguous:
+        if ambiguous:
             determined = np.zeros(2, dtype=bool)
         force = np.where(determined, belief.mean[FORCE], np.nan)
         both = determined[:, None] & determined[None, :]

@@ -93,6 +93,37 @@ class FusionSettings:
         unit='sigma',
     )
     largest_tip_std: float = tuning(3e-3, 'std of the tip at which nothing is published', unit='m')
+    free_tip: bool = tuning(False, 'nothing ever pushes at the tip: no force sensor is needed')
+    contact_bound: float = tuning(
+        5.0,
+        'log odds of no contact before a frame; where either side reaches it, the other is '
+        'dropped',
+        unit='natural log',
+    )
+    contact_score: float = tuning(
+        9.0, 'gain by a contact, linearized, from which on one is sought', unit='chi squared'
+    )
+    contact_starts: int = tuning(3, 'places from which a contact is sought, the best')
+    contact_gone: float = tuning(
+        25.0, 'of a contact force against zero, below which it may be gone', unit='chi squared'
+    )
+    contact_width: float = tuning(2e-3, 'length of the arm that a contact presses on', unit='m')
+    contact_places: tuple[float, float] = tuning(
+        (0.05, 0.98), 'where on the arm there may be a contact', unit='of the length'
+    )
+    contact_walk: float = tuning(0.1, 'random walk of a contact force, at most', unit='N/sqrt(s)')
+    place_walk: float = tuning(2e-3, 'random walk of the place of a contact', unit='m/sqrt(s)')
+    contact_apart: float = tuning(
+        0.05, 'distance of two places that are two contacts', unit='of the length'
+    )
+    contact_least: float = tuning(
+        0.012,
+        'smallest contact force that is published: what a model lacks looks like less',
+        unit='of the force scale',
+    )
+    contact_alike: float = tuning(
+        0.95, 'correlation from which on contact and tip force cannot be told apart'
+    )
     nis_time: float = tuning(2.0, 'time over which the NIS is averaged', unit='s')
 
 

@@ -76,12 +76,14 @@ class FusionState:
     """All that a fusion remembers from one reading or frame to the next.
 
     readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
-    last ones, for frames that come late; waiting: frames whose pressure has not come yet. belief:
-    at the last frame that was used. wrench_used_ns: of the wrench in it. solution: of the last
-    estimate. pressure_lost: the belief's bias stands for the whole pressure. since_restart: frames
-    in a row in which the search, begun at a part of the cold starts each, found no other force;
-    lost: frames in a row not used. frames: used so far; unused: others
-    by reason.
+    last ones, for frames that come late; waiting: frames whose pressure has not come yet.
+    belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
+    contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
+    contact, None before the first frame; elsewhere: one at another place may be it.
+    wrench_used_ns: of the wrench in it. solution: of the last estimate. pressure_lost: the
+    belief's bias stands for the whole pressure. since_restart: frames in a row in which the
+    search, begun at a part of the cold starts each, found no other force; lost: frames in a
+    row not used. frames: used so far; unused: others by reason.
     """
 
     readings: EstimatorState = field(default_factory=EstimatorState)
@@ -90,6 +92,9 @@ class FusionState:
     waiting: tuple[TargetSightings, ...] = ()
     frame_stamp_ns: int | None = None
     belief: Belief | None = None
+    rival: Belief | None = None
+    log_odds: float | None = None
+    elsewhere: bool = False
     wrench_used_ns: int | None = None
     solution: SolverNodes | None = None
     pressure_lost: bool = False

@@ -14,6 +14,7 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.lab.chain_kernels import equilibria
 
 SETTLED = 1e-10  # m, between how far the peg is pushed in and what its push says
+TURNED = 1e-9  # rad, between where a push points and the normal of the arm there
 MOST_STEPS = 60
 
 
@@ -30,6 +31,17 @@ class Peg:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Push:
+    """A push without friction at `place` (m): force (frames,) N along the arm's normal there.
+
+    The normal is that in the shape under the push: it turns with the arm.
+    """
+
+    place: float
+    force: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Chain:
     """The lab arm as a chain of n elements, in so many frames.
 
@@ -40,7 +52,8 @@ class Chain:
     strain; line (n, 2) or (frames, n, 2) N, the force of loads along the arm beyond the middle
     of every element; axial_compliance 1/N and how it grows with the strain; cubic m^2 and
     quintic m^4 of the moment; clamp_compliance rad/(N m) and clamp_hardening 1/rad^2; beside and
-    beyond, m, where the end force acts, across and along the free end; the peg it leans against.
+    beyond, m, where the end force acts, across and along the free end; the peg it leans against;
+    a push. time (frames,) s, from the beginning of the recording.
     """
 
     length: float
@@ -62,6 +75,8 @@ class Chain:
     beside: float = 0.0
     beyond: float = 0.0
     peg: Peg | None = None
+    push: Push | None = None
+    time: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Check the sizes; refuse rigidities for which there is no least energy."""
@@ -73,6 +88,7 @@ class Chain:
             'split': (frames,),
             'force': (frames, 2),
             'moment': (frames,),
+            'time': (frames,),
             'rest': (frames, joints - 1),
             'line': (frames, joints - 1, 2),
         }
@@ -147,7 +163,7 @@ def middle_joints(length: float, elements: int) -> Array:
 
 
 def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
-    """Return the chain in equilibrium without its peg, frame after frame.
+    """Return the chain in equilibrium without its peg and push, frame after frame.
 
     A frame starts from the one before, the first one from the angles `start` (n + 2,) where they
     are given, so that a branch of equilibria is followed as long as it exists. Raises RequestError
@@ -192,12 +208,44 @@ def free_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     return ChainShape(chain=chain, angles=freeze(angles), x=x, y=y)
 
 
+def pushed_shape(chain: Chain, start: Array | None = None) -> ChainShape:
+    """Return the chain in equilibrium without its peg, with a push along its normal.
+
+    RequestError where the push turns the arm, and the arm the push, without end.
+    """
+    push = chain.push
+    shape = free_shape(chain, start)
+    if push is None or not push.force.any():
+        return shape
+    elements = np.arange(chain.rest.shape[1], dtype=np.float64)
+    before = np.clip(push.place / chain.element - elements, 0.0, 1.0)
+    heading = shape.points([push.place])[2][:, 0]
+    tried, off = heading, np.zeros(heading.size)
+    for _ in range(MOST_STEPS):
+        normal = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
+        line = (push.force[:, None] * normal)[:, None, :] * before[:, None]
+        shape = free_shape(replace(chain, line=chain.line + line), start)
+        further = shape.points([push.place])[2][:, 0] - heading
+        if np.abs(further).max() < TURNED:
+            return shape
+        # The secant to where the arm would be as the push points; at first the arm itself.
+        slope = np.where(heading == tried, 1.0, (off - further) / np.where(
+            heading == tried, 1.0, heading - tried))  # fmt: skip
+        slope = np.where(slope > 0.0, slope, 1.0)
+        tried, off = heading, further
+        heading = heading + further / slope
+    frame = int(np.argmax(np.abs(off)))
+    raise RequestError(
+        f'the lab arm finds no equilibrium under its push in frame {frame}: use a smaller force'
+    )
+
+
 def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
-    """Return the chain in equilibrium, with the push of its peg where it touches.
+    """Return the chain in equilibrium, pushed, and held back by its peg where it touches.
 
     The peg acts on the joint nearest to its place, along -y. RequestError where no push balances.
     """
-    free, peg = free_shape(chain, start), chain.peg
+    free, peg = pushed_shape(chain, start), chain.peg
     if peg is None or peg.stiffness <= 0.0:
         return free
     joint = round(min(peg.place, chain.length) / chain.element)
@@ -213,7 +261,7 @@ def equilibrium_shape(chain: Chain, start: Array | None = None) -> ChainShape:
     tried, left = np.zeros(gap.size), np.where(touching, gap, 0.0)
     for _ in range(MOST_STEPS):
         pushed = replace(chain, line=chain.line - push[:, None, None] * before * [0.0, 1.0])
-        shape = free_shape(pushed, start)
+        shape = pushed_shape(pushed, start)
         beyond = shape.y[:, joint] - peg.height - push / peg.stiffness
         beyond = np.where(touching, beyond, 0.0)
         if np.abs(beyond).max() < SETTLED:

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import quantity
-from pneunet_ros.lab.chain import Chain, Peg
+from pneunet_ros.lab.chain import Chain, Peg, Push
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_effect import Course, LabEffect, Past
 from pneunet_ros.lab.lab_effects import LAB_EFFECTS
@@ -103,6 +103,36 @@ class LabTouchingPeg(LabEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LabPush(LabEffect):
+    """Something pushes the arm at a place of it, along its normal there, see `Push`.
+
+    It is there from `begins` to `ends`, seconds from the beginning of the recording, between which
+    the force comes and goes in `ramp`. Live it is there all the time if it begins at 0.
+    """
+
+    name: ClassVar[str] = 'push'
+    force: float = quantity(
+        0.0, unit='N', meaning='along the normal (-sin theta, cos theta)', bounds=(-1e3, 1e3)
+    )
+    place: float = quantity(0.6, unit='-', meaning='s / l', bounds=(0.02, 1.0))
+    begins: float = quantity(0.0, unit='s', meaning='of the recording', bounds=(0.0, 1e8))
+    ends: float = quantity(math.inf, unit='s', meaning='of the recording', bounds=(0.0, math.inf))
+    ramp: float = quantity(0.0, unit='s', meaning='of its rise and fall', bounds=(0.0, 1e5))
+
+    def force_at(self, time: Array) -> Array:
+        """Return the force (n,) N at times (n,) s."""
+        inside = np.minimum(time - self.begins, self.ends - time)
+        if self.ramp > 0.0:
+            return freeze(self.force * np.clip(inside / self.ramp, 0.0, 1.0))
+        return freeze(np.where(inside >= 0.0, self.force, 0.0))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Push."""
+        push = Push(place=self.place * arm.length, force=self.force_at(chain.time))
+        return replace(chain, push=push)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LabSlippingBase(LabEffect):
     """The whole arm jumps, when a share `moment` of the recording is over, and stays there."""
 
@@ -142,6 +172,7 @@ OUTSIDE_EFFECTS: dict[str, type[LabEffect]] = {
         LabWeakChamber,
         LabPeriodicDisturbance,
         LabTouchingPeg,
+        LabPush,
         LabSlippingBase,
         LabLensDistortion,
     )

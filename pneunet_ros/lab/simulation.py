@@ -178,6 +178,7 @@ def chain_of(scenario: Scenario, course: Course, times: Array, force: Array) -> 
         force=force,
         moment=freeze(np.zeros(times.size)),
         beyond=arm.tip_cap,
+        time=times,
     )
     for effect in scenario.effects:
         chain = effect.build(arm, chain, chamber)

@@ -45,6 +45,16 @@ FORCE_POINT = np.dtype(
     }
 )
 
+# The point of `fused/contact`: float32 coordinates, 4 bytes of nothing, and what is known of it.
+CONTACT_POINT = np.dtype(
+    {
+        'names': ['x', 'y', 'z', 's', 'std_s', 'force', 'std_force', 'log_odds'],
+        'formats': ['<f4'] * 3 + ['<f8'] * 5,
+        'offsets': [0, 4, 8, *range(16, 56, 8)],
+        'itemsize': 56,
+    }
+)
+
 
 def force_point(fused: FusedEstimate) -> npt.NDArray[Any]:
     """Return the one record of FORCE_POINT, at the tip; NaN in what is not determined."""
@@ -60,6 +70,24 @@ def force_cloud(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
     """Build a PointCloud2 of one point."""
     known = bool(np.isfinite(fused.force_covariance).all())
     return point_cloud(force_point(fused), heading, types, is_dense=known)
+
+
+def contact_points(fused: FusedEstimate) -> npt.NDArray[Any]:
+    """Return the record of CONTACT_POINT, or none: no contact, or it may be the tip force."""
+    contact = fused.contact
+    if contact is None or contact.ambiguous:
+        return np.zeros(0, CONTACT_POINT)
+    point = np.zeros(1, CONTACT_POINT)
+    point['x'], point['y'] = contact.x, contact.y
+    point['s'], point['std_s'] = contact.arclength, contact.std_arclength
+    point['force'], point['std_force'] = contact.force, contact.std_force
+    point['log_odds'] = contact.log_odds
+    return point
+
+
+def contact_cloud(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
+    """Build a PointCloud2 of one point or none."""
+    return point_cloud(contact_points(fused), heading, types)
 
 
 def end_wrench(fused: FusedEstimate, heading: Any, types: MessageTypes) -> Any:
@@ -99,6 +127,7 @@ FUSION_OUTPUTS: tuple[Output[FusedEstimate], ...] = (
     *(of_estimate(output) for output in OUTPUTS),
     Output(name=f'{FUSED}/end_wrench', type=WRENCH_TYPE, build=end_wrench),
     Output(name=f'{FUSED}/end_force', type=POINTS_TYPE, build=force_cloud),
+    Output(name=f'{FUSED}/contact', type=POINTS_TYPE, build=contact_cloud),
     Output(name=f'{FUSED}/pressure_bias', type=PRESSURE_TYPE, build=pressure_bias),
 )
 

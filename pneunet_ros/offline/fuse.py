@@ -88,8 +88,9 @@ def record_fusion(
 class FusionTally:
     """What a replay of the fusion came to, counted step by step.
 
-    modes: estimates by mode; determined: estimates with F1, and with F2; beyond: those made while
-    the running NIS was more than noise explains.
+    modes: estimates by mode; determined: estimates with F1, and with F2; contacts: those with a
+    contact, and those in which it may be the tip force as well; beyond: those made while the
+    running NIS was more than noise explains.
     """
 
     messages: int = 0
@@ -99,6 +100,7 @@ class FusionTally:
     modes: dict[str, int] = field(default_factory=lambda: {mode.name.lower(): 0 for mode in Mode})
     determined: list[int] = field(default_factory=lambda: [0, 0])
     ambiguous: int = 0
+    contacts: list[int] = field(default_factory=lambda: [0, 0])
     beyond: int = 0
 
     def count(self, step: FusionStep) -> None:
@@ -112,6 +114,8 @@ class FusionTally:
             self.last = outcome
             self.modes[outcome.mode.name.lower()] += 1
             self.ambiguous += outcome.ambiguous
+            if outcome.contact is not None:
+                self.contacts[outcome.contact.ambiguous] += 1
             self.beyond += outcome.nis > outcome.nis_limit
             for which, value in enumerate(outcome.force.tolist()):
                 self.determined[which] += not math.isnan(value)

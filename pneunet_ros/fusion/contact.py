@@ -1,0 +1,270 @@
+"""Does something touch the arm: two hypotheses, none and contact, and which one a frame favors.
+
+A contact is a force along the normal of the arm at a place of it. Whether there may be one says a
+score test of every frame that none explains: what a push on each panel of the rod would gain, all
+other unknowns following. Only then it is sought, from the best places, as one more frame problem
+with two more unknowns. Both hypotheses run side by side, each with a belief of its own, while
+neither is surely right. A frame counts by the evidence of both, by Laplace.
+
+Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948); evidence: MacKay, Neural
+Computation 4 (1992).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.fusion.belief import Belief, CONTACT, FORCE
+from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
+from pneunet_ros.fusion.frame_update import excess, Fit, FrameUpdate, leave_out, with_fit
+from pneunet_ros.model.part_load import pushed_on_panels
+from pneunet_ros.solver.columns import LOADS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contact:
+    """A contact: where it is, and how hard it presses.
+
+    x, y (m) in the base frame; arclength, std_arclength (m) along the arm; force, std_force (N)
+    along its normal (-sin theta, cos theta); log_odds: of a contact against none; correlation: of
+    its force with the tip force; ambiguous: the two cannot be told apart, and no sensor reads one.
+    """
+
+    x: float
+    y: float
+    arclength: float
+    std_arclength: float
+    force: float
+    std_force: float
+    log_odds: float
+    correlation: float
+    ambiguous: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Weighed:
+    """What became of a frame, by the hypothesis that is more likely after it.
+
+    rival: what is believed by the other one, None where it was dropped; log_odds: of a contact;
+    elsewhere: one at another place explained the frame as well when it was found.
+    """
+
+    update: FrameUpdate
+    rival: Belief | None
+    log_odds: float
+    elsewhere: bool
+
+
+def without_contact(belief: Belief) -> Belief:
+    """Return what is believed of all else by somebody who knows that nothing touches the arm."""
+    mean, root = belief.mean.copy(), belief.root.copy()
+    mean[CONTACT], root[CONTACT] = 0.0, 0.0
+    return replace(belief, mean=freeze(mean), root=freeze(root))
+
+
+def with_any_contact(belief: Belief, force_std: float, length: float) -> Belief:
+    """Return the belief with a contact of any force (N, one sigma) anywhere on the arm (m)."""
+    mean = belief.mean.copy()
+    mean[CONTACT] = 0.0, 0.5 * length
+    more = np.zeros((mean.size, 2))
+    more[CONTACT] = np.diag([force_std, length / math.sqrt(12.0)])
+    return replace(belief, mean=freeze(mean), root=freeze(np.hstack([belief.root, more])))
+
+
+def correlation_with_tip(belief: Belief) -> float:
+    """Return the multiple correlation of the contact force with the two of the tip force."""
+    root = belief.root
+    force, contact = root[FORCE], root[CONTACT.start]
+    along = force @ contact
+    explained = along @ np.linalg.lstsq(force @ force.T, along, rcond=None)[0]
+    return math.sqrt(min(max(float(explained / (contact @ contact)), 0.0), 1.0))
+
+
+def weigh(
+    update: FrameUpdate,
+    frame: FrameProblem,
+    rival: FrameProblem | None,
+    log_odds: float,
+    *,
+    elsewhere: bool,
+    force_read: bool,
+) -> Weighed:
+    """Return what a frame says by the likelier hypothesis.
+
+    update: of the frame by the hypothesis that led; frame: its problem, with all targets that were
+    seen; rival: that of the other hypothesis, None where that had been dropped; log_odds and
+    elsewhere: before the frame, as in `Weighed`; force_read: a sensor tells the tip force. Without
+    one a contact force far from zero is no proof: with another tip force there may be none.
+    """
+    bound, touched = frame.settings.contact_bound, frame.prior.touched
+    alone = Weighed(
+        update=update, rival=None, log_odds=bound if touched else -bound, elsewhere=elsewhere
+    )
+    led = update.fit
+    if led is None or (force_read and touched and rival is None and is_sure(led)):
+        return alone
+    none: Fit | None = led
+    contact: Fit | None = led
+    if touched:
+        none = fit_all(rival or replace(frame, prior=without_contact(frame.prior)))
+    else:
+        contact = None if rival is None else fit_all(rival)
+    log_odds = alone.log_odds if rival is None else log_odds
+    lost = contact is None or excess(contact) > 1.0
+    if lost and none is not None:  # nobody has looked for one, or it is not where it was
+        found = find_contact(replace(none[0], used=frame.used), none[1])
+        if found is not None and (contact is None or found.explains_better(contact)):
+            contact, elsewhere = found.fit, found.elsewhere
+    if none is None or contact is None:
+        return alone
+    seen = int(np.count_nonzero(frame.used))
+    gain = 0.5 * (evidence_cost(none, seen) - evidence_cost(contact, seen))
+    misfit = contact[1].cost / contact[1].trial.residual.size
+    log_odds = min(max(log_odds + gain / max(misfit, 1.0), -bound), bound)
+    leads, follows = (contact, none) if log_odds > 0.0 else (none, contact)
+    if leads is not led:
+        update = replace(with_fit(update, leads, leads, seen), ambiguous=False)
+    dropped = abs(log_odds) >= bound or update.belief is None
+    return Weighed(
+        update=update,
+        rival=None if dropped else follows[0].posterior(follows[1]),
+        log_odds=log_odds,
+        elsewhere=elsewhere,
+    )
+
+
+def is_sure(fit: Fit) -> bool:
+    """Whether a fit with a contact explains the frame, and its force is far from zero."""
+    return excess(fit) <= 1.0 and differs_from_zero(fit, fit[0].settings.contact_gone)
+
+
+def evidence_cost(fit: Fit, seen: int) -> float:
+    """Return minus twice the log of the evidence, where a target left out costs its gate."""
+    problem, found = fit
+    left_out = seen - int(np.count_nonzero(problem.used))
+    return found.log_evidence_cost + problem.settings.target_gate * left_out
+
+
+def differs_from_zero(fit: Fit, limit: float) -> bool:
+    """Whether the contact force of a fit is beyond a chi squared from zero."""
+    belief = fit[0].posterior(fit[1])
+    force, std = belief.mean[CONTACT.start], belief.std(CONTACT.start)
+    return bool(force**2 > limit * std**2)
+
+
+def fit_all(problem: FrameProblem) -> Fit | None:
+    """Return the fit of a hypothesis that is followed, without targets that do not fit it."""
+    fit = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
+    return None if fit is None else leave_out(problem, fit)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PushScores:
+    """What a push on each panel of the rod would gain, linearized around a fit without one.
+
+    place (panels,) m; force (panels,) N, the likeliest there; gain (panels,) chi squared; step
+    (panels, unknowns): by how much the other unknowns in xi would follow.
+    """
+
+    place: Array
+    force: Array
+    gain: Array
+    step: Array
+
+
+def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
+    """Score a push on each panel; all other unknowns are projected out with their covariance."""
+    bent, arm = fit.trial.bent, problem.table.arm
+    place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
+    moved = sensitivity.stations(arm.target_arclength)[LOADS:, :2]
+    if arm.seeing:
+        moved = np.stack(arm.see(moved[:, 0], moved[:, 1]), axis=1)
+    pushes = moved[:, :, problem.used].reshape(place.size, -1) / problem.std
+    sides = np.column_stack([pushes.T, fit.innovation])
+    solved = np.linalg.solve(fit.covariance, sides)
+    weighed, left = solved[:, :-1], solved[:, -1:]
+    prior = problem.unknowns.force_scale**-2
+    information = np.sum(pushes.T * weighed, axis=0) + prior
+    score = fit.innovation @ weighed
+    force = score / information
+    step = (fit.jacobian.T @ (left - weighed * force)).T - fit.trial.xi
+    low, high = np.array(problem.settings.contact_places) * arm.length
+    gain = np.where((place >= low) & (place <= high), score * force, 0.0)
+    return PushScores(place=place, force=force, gain=gain, step=step)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FoundContact:
+    """The best fit with a contact; elsewhere: one at another place explains the frame as well."""
+
+    fit: Fit
+    elsewhere: bool
+
+    def explains_better(self, other: Fit) -> bool:
+        """Whether it has the larger evidence, of the same targets."""
+        seen = other[0].used.size
+        return evidence_cost(self.fit, seen) < evidence_cost(other, seen)
+
+
+def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact | None:
+    """Return the fit with a contact anywhere; None where nothing asks for one, or none is found.
+
+    fit: without a contact. The best places are those no worse than their neighbors: weak contacts
+    have several minima along the arm.
+    """
+    settings, length = problem.settings, problem.table.arm.length
+    if fit.trial.residual.size != problem.std.size:  # of all targets, also of those left out
+        trial = problem.try_at(fit.trial.xi, fit.trial.bent.solution)
+        again = None if trial is None else problem.linearize(trial)
+        if again is None:
+            return None
+        fit = again
+    scores = score_pushes(problem, fit)
+    if scores.gain.max() < settings.contact_score:
+        return None
+    beside = np.concatenate([[0.0], scores.gain, [0.0]])
+    peaks = np.flatnonzero((scores.gain >= beside[:-2]) & (scores.gain >= beside[2:]))
+    starts = peaks[np.argsort(-scores.gain[peaks])][: settings.contact_starts]
+    prior = with_any_contact(problem.prior, problem.unknowns.force_scale, length)
+    touched = replace(problem, prior=prior)
+    tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]
+    fits = [item for item in tried if item is not None]
+    # A contact of no force is another minimum without one, or a tip force.
+    pressing = [item for item in fits if differs_from_zero(item, settings.contact_score)]
+    if not pressing:
+        return None
+    seen = problem.used.size
+    best = min(pressing, key=lambda item: evidence_cost(item, seen))
+    most = evidence_cost(best, seen) + settings.rival
+    apart = settings.contact_apart * length
+    elsewhere = any(
+        evidence_cost(item, seen) < most and abs(place_of(item) - place_of(best)) > apart
+        for item in fits
+    )
+    return FoundContact(fit=best, elsewhere=elsewhere)
+
+
+def place_of(fit: Fit) -> float:
+    """Return the place (m) of the contact of a fit."""
+    contact = fit[1].trial.bent.contact
+    assert contact is not None
+    return contact.place
+
+
+def search_at(
+    problem: FrameProblem, fit: FrameLinearization, scores: PushScores, panel: int
+) -> Fit | None:
+    """Return the fit with a contact that is sought from a panel on."""
+    force_std, place_std = np.diagonal(problem.root[CONTACT, -2:])
+    contact = np.array(
+        [
+            scores.force[panel] / force_std,
+            (scores.place[panel] - problem.mean[CONTACT.stop - 1]) / place_std,
+        ]
+    )
+    xi = np.concatenate([fit.trial.xi + scores.step[panel], contact])
+    found = problem.search(xi, fit.trial.bent.solution)
+    return None if found is None else leave_out(problem, found)
