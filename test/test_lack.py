@@ -16,6 +16,7 @@ from pneunet_ros.fusion.lack import (
     weights_after,
 )
 from pneunet_ros.fusion.settings import FUSION
+from pneunet_ros.model.moment_law import LinearLaw
 import pytest
 from scipy.stats import multivariate_normal
 
@@ -80,7 +81,7 @@ def test_pressures_that_lag_follow_and_a_play_stays_behind():
 
 
 def test_the_curvature_that_is_lacking_is_that_of_the_whole_range():
-    (column,) = lack_columns(ARM)
+    column, _ = lack_columns(FUSION, ARM)
     moved = ARM.with_changes({name: 0.1 * change for name, change in column.items()})
     low, high = ARM.pressure_range
     places = np.linspace(0.0, 1.0, 5)
@@ -89,5 +90,16 @@ def test_the_curvature_that_is_lacking_is_that_of_the_whole_range():
     expected = 0.1 * (field.at(high, places) - field.at(low, places))
     assert between == pytest.approx(expected, abs=1e-9)
     single = replace(field, pressure=field.pressure[:1], curvature=field.curvature[1:2])
-    (column,) = lack_columns(replace(ARM, intrinsic_curvature=single))
+    column, _ = lack_columns(FUSION, replace(ARM, intrinsic_curvature=single))
     assert list(column.values()) == pytest.approx(single.curvature[0])
+
+
+@pytest.mark.parametrize('law', [ARM.moment_law, LinearLaw(bending_stiffness=2e-4)])
+def test_the_stiffness_that_is_lacking_is_a_share_of_it_everywhere(law):
+    arm = replace(ARM, moment_law=law, covariance=None)
+    _, column = lack_columns(FUSION, arm)
+    moved = arm.with_changes(column).moment_law
+    pressures = np.linspace(0.0, 50e3, 5)
+    was, found = (item.sections(pressures, arm.length, arm.weight) for item in (law, moved))
+    share = found[:, :, 1] / was[:, :, 1] - 1.0
+    assert share == pytest.approx(np.full(share.shape, FUSION.lack_stiffness))

@@ -80,7 +80,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     """Return the unknowns of an arm; the force scale is the largest force of its calibration."""
     noise, targets = arm.sensors, arm.target_arclength.size
     known = 0 if arm.covariance is None else len(arm.covariance.columns())
-    further = len(lack_columns(arm))
+    further = len(lack_columns(settings, arm))
     columns = known + further
     largest = 0.0 if arm.domain is None else arm.domain.largest_force
     scale = largest if largest > 0.0 else arm.weight

@@ -23,6 +23,7 @@ from pneunet_ros.fusion.belief import (
     Belief,
     BIAS,
     CAMERA,
+    COLUMNS,
     compress,
     CONTACT,
     DRIFT,
@@ -107,8 +108,8 @@ class BentArm:
 def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
     """Return what one of each unknown changes of every cause: (causes, unknowns).
 
-    The causes are those of `target_jacobian`: F1, F2, M, pressure, columns, of which the last is
-    the curvature that the model lacks.
+    The causes are those of `target_jacobian`: F1, F2, M, pressure, columns; the second
+    of what the model lacks is a curvature, which parts that come late are of as well.
     """
     causes = np.zeros((PRESSURE + 1 + unknowns.columns, unknowns.std.size))
     causes[FORCE, FORCE] = np.eye(2)
@@ -117,7 +118,8 @@ def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
     causes[PRESSURE, unknowns.of_columns] = inputs.by_column
     causes[PRESSURE + 1 :, unknowns.of_columns] = np.eye(unknowns.columns)
     *lagging, played = range(unknowns.of_memory.start, unknowns.of_memory.stop)
-    causes[-1, lagging] = inputs.late[:-1] / unknowns.range
+    curvature = PRESSURE + 1 + unknowns.lacking[1] - COLUMNS
+    causes[curvature, lagging] = inputs.late[:-1] / unknowns.range
     causes[PRESSURE, played] = inputs.late[-1]
     return causes
 
@@ -128,7 +130,7 @@ def pressure_like(unknowns: Unknowns, inputs: FrameInputs) -> Array:
     Of all that the model lacks; a curvature counts as the pressure that would make it.
     """
     row = np.zeros(unknowns.std.size)
-    row[unknowns.lacking] = 1.0, unknowns.range
+    row[unknowns.lacking[:2]] = 1.0, unknowns.range
     row[unknowns.of_memory] = inputs.late
     return row
 

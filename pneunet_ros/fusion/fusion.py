@@ -115,7 +115,9 @@ class Fusion:
         stations = station_arclength(self.arm.reach, self.sensors.stations)
         object.__setattr__(self, 'arclength', stations)
         object.__setattr__(
-            self, 'table', PerturbationTable(arm=self.arm, further=lack_columns(self.arm))
+            self,
+            'table',
+            PerturbationTable(arm=self.arm, further=lack_columns(self.settings, self.arm)),
         )
         object.__setattr__(self, 'unknowns', unknowns_of(self.arm, self.settings))
 
@@ -512,10 +514,12 @@ class Fusion:
         moved = move_belief(self.unknowns, belief, stamp_ns, scale, pressed)
         if not belief.touched:
             return moved
-        seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
+        seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
         force_walk = min(belief.walk, self.settings.contact_walk)
         walk = np.array([force_walk, self.settings.place_walk])
-        return widen(moved, CONTACT, walk * math.sqrt(seconds))
+        grown = np.zeros((moved.mean.size, 2))
+        grown[CONTACT] = np.diag(walk * math.sqrt(seconds))
+        return replace(moved, root=freeze(np.hstack([moved.root, grown])))
 
     def after_frame(
         self, state: FusionState, shown_ns: int, update: FrameUpdate, wrench: WrenchReading | None
@@ -555,11 +559,14 @@ class Fusion:
         """Estimate shape and force at a pressure: the belief moved to its stamp."""
         stamp_ns = instant.stamp_ns
         belief = state.belief or first_belief(self.unknowns, self.settings, stamp_ns)
+        unseen = np.zeros((belief.mean.size, 0))
         wrench, age = self.wrench_at(state, stamp_ns)
         inputs = self.inputs_at(instant, wrench)
         if belief.stamp_ns != stamp_ns or not belief.frames:
             pressed = abs(instant.chamber - belief.chamber)
+            columns = belief.root.shape[1]
             belief = self.move(belief, stamp_ns, pressed if math.isfinite(pressed) else 0.0)
+            unseen = belief.root[:, columns:]
             belief = with_noise(belief, inputs.moment_std, inputs.chamber_std)
         if wrench is not None and wrench.stamp_ns != state.wrench_used_ns:
             belief = self.with_wrench(belief, wrench, age, instant.gauge)
@@ -583,7 +590,7 @@ class Fusion:
         position = self.position_of(belief, bent, inputs)
         if position.reason:
             return state, refuse(stamp_ns, position.reason, position.sentence)
-        estimate = self.shape_estimate(belief, bent, inputs, position, stamp_ns, mode)
+        estimate = self.shape_estimate(belief, unseen, bent, inputs, position, stamp_ns, mode)
         if isinstance(estimate, Refusal):
             return state, estimate
         estimate = replace(
@@ -658,20 +665,27 @@ class Fusion:
     def shape_estimate(
         self,
         belief: Belief,
+        unseen: Array,
         bent: BentArm,
         inputs: FrameInputs,
         position: DomainPosition,
         stamp_ns: int,
         mode: Mode,
     ) -> ShapeEstimate | Refusal:
-        """Return the shape with the errors that the belief carries into it, to second order."""
+        """Return the shape with the errors that the belief carries into it, to second order.
+
+        unseen (unknowns, errors): what has moved since the last frame.
+        """
         sensitivity = bent.linearize()
         noise = self.causes_root(belief, inputs, sensitivity, bent.contact)
         seen: SeenShape | None = None
         if mode is Mode.PREDICTION:
             noise = with_extrapolation_error(noise, position)
         else:
-            seen = self.seen_shape()
+            causes = causes_with_contact(
+                causes_of(self.unknowns, inputs), sensitivity, bent.contact
+            )
+            seen = self.seen_shape(causes @ unseen, sensitivity)
         errors = propagate_errors(sensitivity, noise, self.arclength, seen)
         largest = math.inf
         if errors is not None:
@@ -707,11 +721,15 @@ class Fusion:
             second_order=errors.second_order,
         )
 
-    def seen_shape(self) -> SeenShape:
-        """Return where the camera sees the shape, and how well."""
+    def seen_shape(self, unseen: Array, sensitivity: Sensitivity) -> SeenShape:
+        """Return where the camera saw the shape, and how well it still says where it is.
+
+        unseen (causes, errors): what has moved since.
+        """
         noise, places = self.arm.sensors, self.arm.target_arclength
         std = math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
-        return SeenShape(arclength=places, std=np.full(places.size, std))
+        moved = np.tensordot(unseen.T, sensitivity.stations(places)[:, :2], axes=1)
+        return SeenShape(arclength=places, std=np.sqrt(std**2 + np.sum(moved**2, axis=0)))
 
     def causes_root(
         self,

@@ -24,6 +24,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import STIFFNESS
 
 MOST_CERTAIN = 1.0 - 1e-9  # share of an innovation that one error can be
 
@@ -103,13 +104,13 @@ def span_of(arm: Arm) -> tuple[float, float]:
     return (low, high) if low < high else arm.table_range
 
 
-def lack_columns(arm: Arm) -> tuple[dict[str, float], ...]:
+def lack_columns(settings: FusionSettings, arm: Arm) -> tuple[dict[str, float], ...]:
     """Return what one unit of each further error of the law moves, by dotted path.
 
-    An intrinsic curvature off by what the whole range of pressure does to it, while the moment law
-    stays that of the pressure.
+    First an intrinsic curvature off by what the whole range of pressure does to it, while the
+    moment law stays that of the pressure; then a stiffness off by a share of it.
     """
-    table = arm.intrinsic_curvature
+    table, law = arm.intrinsic_curvature, arm.moment_law
     low, high = (table.at(pressure, table.arclength) for pressure in span_of(arm))
     field = table.curvature[0] if len(table.pressure) == 1 else high - low
     curvature = {
@@ -117,4 +118,9 @@ def lack_columns(arm: Arm) -> tuple[dict[str, float], ...]:
         for row in range(len(table.pressure))
         for place, value in enumerate(field)
     }
-    return (curvature,)
+    stiffness: dict[str, float] = {}
+    for name in (item for item in STIFFNESS if hasattr(law, item)):
+        for place, value in np.ndenumerate(np.asarray(getattr(law, name))):
+            path = '.'.join(('moment_law', name, *map(str, place)))
+            stiffness[path] = settings.lack_stiffness * float(value)
+    return curvature, stiffness

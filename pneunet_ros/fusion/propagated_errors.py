@@ -27,7 +27,7 @@ class PropagatedErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeenShape:
-    """Where along an arm (places,) m its shape was measured, and one sigma (m) of that, each."""
+    """Where along an arm (places,) m its shape was measured, and its std (2, places) m."""
 
     arclength: Array
     std: Array

@@ -25,6 +25,9 @@ class FusionSettings:
         'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',
         unit='of the range',
     )
+    lack_stiffness: float = tuning(
+        0.5, 'share of the stiffness that is missing with all of the range; invented'
+    )
     lack_time: float = tuning(
         60.0, 'time in which frames told of its size count no more', unit='s'
     )
