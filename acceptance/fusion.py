@@ -62,6 +62,7 @@ PERIOD = 2.0 / RATE  # s, of frames
 IN_95 = float(chi2.ppf(0.95, 2))
 BEYOND = 4.0**2  # 4 sigma; of 10 000 errors of two coordinates 3 lie further
 LONG, PARTS = 1800.0, 6  # s; parts of a long recording that are looked at one by one
+LONG_RATE = 5.0  # Hz; the lab keeps no more of half an hour
 LIGHT = 0.02  # N, below which a share of the force means nothing
 SURE = 0.05  # of the force: sigma of one that counts
 PRESSED = 10e3  # Pa
@@ -141,7 +142,11 @@ GOALS = {
 
 
 def recording_of(
-    seed: int, which: int, way: Way = WAYS['no wrench'], duration: float = 40.0
+    seed: int,
+    which: int,
+    way: Way = WAYS['no wrench'],
+    duration: float = 40.0,
+    rate: float = RATE,
 ) -> LabRecording:
     """Return one of the recordings of a rig, with dots and camera of its own."""
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
@@ -160,7 +165,7 @@ def recording_of(
                 force_y=(0.0, way.aside),
             ),
             noise=dataclasses.replace(scenario.noise, jitter_std=0.0),
-            rates=Rates(pressure=RATE, wrench=RATE, frames=RATE),
+            rates=Rates(pressure=rate, wrench=rate, frames=rate),
         )
     )
 
@@ -300,7 +305,7 @@ def model_of(seed: int) -> Arm:
 def long_run(seed: int, name: str) -> Array:
     """Fuse half an hour of a rig in one way: (PARTS, instants, COLUMNS)."""
     way = WAYS[name]
-    recording = recording_of(seed, 0, way, duration=LONG)
+    recording = recording_of(seed, 0, way, duration=LONG, rate=LONG_RATE)
     rows = fuse(Fusion(arm=model_of(seed)), recording, way, 100 * seed)
     return rows[: len(rows) // PARTS * PARTS].reshape(PARTS, -1, len(COLUMNS))
 

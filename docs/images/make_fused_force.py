@@ -81,7 +81,8 @@ def main() -> None:
             for row in range(2):
                 panel = axes[row * len(DAY) + column]
                 draw_errors(
-                    panel, time, MILLI * force[:, row], MILLI * std[:, row], markersize=2.5, markeredgewidth=0.0,
+                    panel, time, MILLI * force[:, row], MILLI * std[:, row],
+                    markersize=2.5, markeredgewidth=0.0,
                     color=FIRST, ecolor=f'{FIRST}55', label='estimated, with 2 sigma',
                 )  # fmt: skip
                 if read.size:
