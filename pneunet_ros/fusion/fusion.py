@@ -517,9 +517,7 @@ class Fusion:
         seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
         force_walk = min(belief.walk, self.settings.contact_walk)
         walk = np.array([force_walk, self.settings.place_walk])
-        grown = np.zeros((moved.mean.size, 2))
-        grown[CONTACT] = np.diag(walk * math.sqrt(seconds))
-        return replace(moved, root=freeze(np.hstack([moved.root, grown])))
+        return widen(moved, CONTACT, walk * math.sqrt(seconds))
 
     def after_frame(
         self, state: FusionState, shown_ns: int, update: FrameUpdate, wrench: WrenchReading | None
@@ -677,14 +675,13 @@ class Fusion:
         unseen (unknowns, errors): what has moved since the last frame.
         """
         sensitivity = bent.linearize()
-        noise = self.causes_root(belief, inputs, sensitivity, bent.contact)
+        causes = causes_of(self.unknowns, inputs)
+        causes = causes_with_contact(causes, sensitivity, bent.contact)
+        noise = np.ascontiguousarray(np.linalg.qr((causes @ belief.root).T, mode='r'))
         seen: SeenShape | None = None
         if mode is Mode.PREDICTION:
             noise = with_extrapolation_error(noise, position)
         else:
-            causes = causes_with_contact(
-                causes_of(self.unknowns, inputs), sensitivity, bent.contact
-            )
             seen = self.seen_shape(causes @ unseen, sensitivity)
         errors = propagate_errors(sensitivity, noise, self.arclength, seen)
         largest = math.inf
@@ -730,18 +727,6 @@ class Fusion:
         std = math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
         moved = np.tensordot(unseen.T, sensitivity.stations(places)[:, :2], axes=1)
         return SeenShape(arclength=places, std=np.sqrt(std**2 + np.sum(moved**2, axis=0)))
-
-    def causes_root(
-        self,
-        belief: Belief,
-        inputs: FrameInputs,
-        sensitivity: Sensitivity,
-        contact: PartLoad | None,
-    ) -> Array:
-        """Return the noise input matrix (sources, causes) of a belief."""
-        causes = causes_of(self.unknowns, inputs)
-        noise = causes_with_contact(causes, sensitivity, contact) @ belief.root
-        return np.ascontiguousarray(np.linalg.qr(noise.T, mode='r'))
 
     def known_force(
         self, belief: Belief, position: DomainPosition, ambiguous: bool
