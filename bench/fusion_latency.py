@@ -1,10 +1,10 @@
 """Latency of the node `fusion`: from a frame of targets to the fused tip, over DDS.
 
-A recording is played at its own pace: each frame is sent just before the pressure reading that
-follows it, and the time counts from the frame to the `fused/tip` of that reading. As in
-`latency.py` a node that answers a pressure with a constant pose (`bare`) tells how much of it is
-the machine's. There is no force sensor, which is the slower case. The target is for a machine with
-nothing else to do.
+A recording of the virtual lab is played at its own pace: each frame is sent just before the
+pressure reading that follows it, and the time counts from the frame to the `fused/tip` of that
+reading. As in `latency.py` a node that answers a pressure with a constant pose (`bare`) tells how
+much of it is the machine's. There is no force sensor, which is the slower case. The target is for
+a machine with nothing else to do.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import contextlib
 import json
 import os
 from pathlib import Path
+import subprocess
 import sys
 import tempfile
 import time
@@ -22,10 +23,11 @@ import time
 from latency import CHECKOUT, NAMESPACE, running_node
 import numpy as np
 
-RECORDING = CHECKOUT / 'bags' / 'lab_day' / 'heldout.mcap'
+MODEL = CHECKOUT / 'config' / 'lab_arm.yaml'  # of the arm that is simulated
+SCENARIO = 'random_mix'
 TARGET_ABOVE_MS = 6.0  # p99 above that of a bare node
 WARM_UP = 2.0  # s at the beginning that are not counted
-NODE = ['-m', 'pneunet_ros.nodes.fusion']
+NODE = ['-m', 'pneunet_ros.nodes.fusion', '--ros-args', '-p', f'model_file:={MODEL}']
 BARE_NODE = [__file__, '--bare-node']
 
 
@@ -108,10 +110,12 @@ class Player:
                 raise SystemExit('the node did not come')
             self.executor.spin_once(timeout_sec=0.05)
 
-    def play(self) -> None:
-        """Send the recording, and listen in between."""
+    def play(self, path: Path, seconds: float) -> None:
+        """Send the beginning of a recording, and listen in between."""
         begin = time.perf_counter()
-        for since, stamp, pressure, frame in turns(RECORDING):
+        for since, stamp, pressure, frame in turns(path):
+            if since > WARM_UP + seconds:
+                break
             while (left := begin + since - time.perf_counter()) > 0.0:
                 self.executor.spin_once(timeout_sec=left)
             if frame is not None:
@@ -131,12 +135,12 @@ class Player:
         rclpy.shutdown()
 
 
-def measure(what: list[str]) -> dict[str, float]:
-    """Play the recording to a node."""
+def measure(what: list[str], path: Path, seconds: float) -> dict[str, float]:
+    """Play a recording to a node."""
     with running_node(what):
         player = Player()
         player.connect()
-        player.play()
+        player.play(path, seconds)
         player.close()
     latency = np.array(list(player.latency.values()))
     p50, p99 = np.percentile(latency, [50, 99])
@@ -151,6 +155,7 @@ def measure(what: list[str]) -> dict[str, float]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=20.0, help='how long (default: 20)')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     parser.add_argument('--bare-node', action='store_true', help=argparse.SUPPRESS)
     options, _ = parser.parse_known_args()
@@ -159,9 +164,15 @@ def main() -> int:
         return 0
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 101 + 1))
-    with tempfile.TemporaryDirectory() as log:
-        os.environ['ROS_LOG_DIR'] = log
-        results = {name: measure(what) for name, what in (('bare', BARE_NODE), ('fusion', NODE))}
+    with tempfile.TemporaryDirectory() as scratch:
+        os.environ['ROS_LOG_DIR'] = scratch
+        path = Path(scratch) / 'played.mcap'
+        simulate = [sys.executable, '-m', 'pneunet_ros.cli', 'simulate', SCENARIO]
+        subprocess.run([*simulate, '--output', str(path)], check=True, capture_output=True)
+        results = {
+            name: measure(what, path, options.seconds)
+            for name, what in (('bare', BARE_NODE), ('fusion', NODE))
+        }
     load = os.getloadavg()[0]
     if options.json:
         print(json.dumps(results | {'target_p99_above_ms': TARGET_ABOVE_MS, 'load': load}))

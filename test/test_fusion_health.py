@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.fusion.contact import Contact
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState, RunningNis
@@ -26,13 +27,14 @@ from pneunet_ros.nodes.ros_types import RCLPY_TYPES, serialize  # noqa: E402
 FUSION = Fusion(arm=paper_arm())
 
 
-def fused(mode=Mode.FUSED, ambiguous=False, force=(0.1, 0.05), wrench_age=None):
+def fused(mode=Mode.FUSED, ambiguous=False, force=(0.1, 0.05), wrench_age=None, contact=None):
     known = not ambiguous
     return FusedEstimate(
         estimate=replace(random_estimate(3), wrench_age=wrench_age, warnings=()),
         mode=mode,
         force=np.array(force if known else (np.nan, np.nan)),
         force_covariance=np.eye(2) * (1e-6 if known else np.nan),
+        contact=contact,
         pressure_bias=10.0,
         pressure_bias_std=20.0,
         ambiguous=ambiguous,
@@ -49,11 +51,27 @@ def report_of(outcome, state=None, at=100.1, now=100.2):
     return health.report(state or FusionState(), FUSION, now)
 
 
+def contact(ambiguous):
+    return Contact(
+        x=0.07,
+        y=0.03,
+        arclength=0.067,
+        std_arclength=2e-3,
+        force=0.012,
+        std_force=1e-3,
+        log_odds=7.0,
+        correlation=0.5,
+        ambiguous=ambiguous,
+    )
+
+
 @pytest.mark.parametrize(
     ('outcome', 'level', 'words', 'values'),
     [
         (fused(), Level.OK, 'targets and pressure', {'mode': 'fused', 'determined': 'F1, F2'}),
         (fused(force=(np.nan, 0.1)), Level.OK, 'estimating at', {'determined': 'F2'}),
+        (fused(contact=contact(False)), Level.OK, '', {'contact': '0.012 N at 0.067 m'}),
+        (fused(contact=contact(True)), Level.OK, '', {'contact': 'ambiguous'}),
         (
             fused(Mode.CAMERA_ONLY),
             Level.WARN,

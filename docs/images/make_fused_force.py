@@ -18,8 +18,7 @@ from pneunet_ros.messages.builders import nanoseconds
 from pneunet_ros.messages.point_cloud import cloud_points
 from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.reports.style import (
-    draw_band,
-    draw_dots,
+    draw_errors,
     FIRST,
     legend,
     MEASURED,
@@ -81,15 +80,15 @@ def main() -> None:
             time = (stamp - stamp[0]) / NANOSECONDS_PER_SECOND
             for row in range(2):
                 panel = axes[row * len(DAY) + column]
-                draw_band(panel, time, MILLI * force[:, row], MILLI * std[:, row], FIRST)
-                draw_dots(
-                    panel, time, MILLI * force[:, row], 2.5, color=FIRST,
-                    label='estimated, with 2 sigma',
+                draw_errors(
+                    panel, time, MILLI * force[:, row], MILLI * std[:, row],
+                    markersize=2.5, markeredgewidth=0.0,
+                    color=FIRST, ecolor=f'{FIRST}55', label='estimated, with 2 sigma',
                 )  # fmt: skip
                 if read.size:
                     at = (read[:, 0] - stamp[0]) / NANOSECONDS_PER_SECOND
                     panel.plot(
-                        at, MILLI * read[:, 1 + row], color=MEASURED, linewidth=0.8,
+                        at, MILLI * read[:, 1 + row], color=MEASURED, linewidth=0.8, zorder=5,
                         label='read by the force sensor',
                     )  # fmt: skip
                 if row == 0:

@@ -514,7 +514,7 @@ class Fusion:
         moved = move_belief(self.unknowns, belief, stamp_ns, scale, pressed)
         if not belief.touched:
             return moved
-        seconds = max(seconds_between(belief.stamp_ns, stamp_ns), 0.0)
+        seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
         force_walk = min(belief.walk, self.settings.contact_walk)
         walk = np.array([force_walk, self.settings.place_walk])
         return widen(moved, CONTACT, walk * math.sqrt(seconds))

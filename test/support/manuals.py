@@ -80,6 +80,9 @@ def _assigned(node: ast.Assign) -> Iterator[ast.expr]:
 
 
 def _words(place: ast.expr) -> Iterator[str]:
+    if isinstance(place, ast.IfExp):
+        yield from _words(place.body)
+        yield from _words(place.orelse)
     if isinstance(place, ast.Constant) and REASON.fullmatch(str(place.value)):
         yield place.value
 

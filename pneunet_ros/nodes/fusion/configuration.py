@@ -29,6 +29,10 @@ class NodeSettings:
     use_wrench: bool = setting(
         True, 'read end_wrench where there is one; false: as if there were no force sensor'
     )
+    free_tip: bool = setting(
+        FUSION.free_tip,
+        'nothing ever pushes at the tip: end_wrench is not read, contacts are told',
+    )
     centerline_rate: float = quantity(
         30.0,
         unit='Hz',
@@ -64,6 +68,7 @@ class NodeSettings:
         """The numbers by which readings and targets are fused."""
         return replace(
             FUSION,
+            free_tip=self.free_tip,
             target_timeout=self.target_timeout,
             largest_tip_std=self.largest_tip_std,
             determined=self.determined,
@@ -72,7 +77,7 @@ class NodeSettings:
 
 PARAMETERS = ParameterTable(
     owners=(NodeSettings, EstimatorSettings),
-    read_only=frozenset({'frame_id', 'stations', 'use_wrench'}),
+    read_only=frozenset({'frame_id', 'free_tip', 'stations', 'use_wrench'}),
     # A wrench is used where there is a fresh one, and targets are what it lives on.
     left_out=frozenset({'wrench_required', 'watch_targets', 'watch_time'}),
 )

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.fusion.contact import Contact
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState, RunningNis
@@ -19,7 +20,7 @@ from pneunet_ros.nodes.health import (
     texts,
 )
 
-AMBIGUOUS = 'two tip forces explain the targets: no force is published'
+AMBIGUOUS = 'two loads explain the targets: no force is published'
 
 
 class FusionHealth(InputHealth):
@@ -109,6 +110,7 @@ class FusionHealth(InputHealth):
             'force_judged': None if last is None else force_judged(wrench_age is not None),
             'ambiguous': None if last is None else last.ambiguous,
             'determined': None if last is None else determined_words(last),
+            'contact': None if last is None else contact_words(last.contact),
             'pressure_bias_pa': None if last is None else last.pressure_bias,
             'pressure_bias_std_pa': None if last is None else last.pressure_bias_std,
             'extrapolated': None if last is None else last.estimate.shape.extrapolated,
@@ -144,3 +146,12 @@ def determined_words(outcome: FusedEstimate) -> str:
         if not math.isnan(value)
     ]
     return ', '.join(known) or 'none'
+
+
+def contact_words(contact: Contact | None) -> str:
+    """Return what is known of a contact along the arm."""
+    if contact is None:
+        return 'none'
+    if contact.ambiguous:
+        return 'ambiguous'
+    return f'{contact.force:.3g} N at {contact.arclength:.3g} m'

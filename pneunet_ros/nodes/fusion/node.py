@@ -65,7 +65,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
         # Of messages that are all there, the executor takes that of the first subscription: the
         # pressure makes the estimate, and so it comes last.
         for sensor in (END_WRENCH, TARGETS, PRESSURE):
-            if sensor is not END_WRENCH or node.use_wrench:
+            if sensor is not END_WRENCH or (node.use_wrench and not node.free_tip):
                 take = partial(self.take, sensor, topics[sensor.name])
                 subscription(self, sensor.type, sensor.name, take, input_qos())
         self.tell_ready()
