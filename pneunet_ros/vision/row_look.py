@@ -34,6 +34,7 @@ from pneunet_ros.vision.ellipse_fit import (
     BEHIND,
     PLATEAU,
     PLATEAU_STD,
+    SHAPE_STD,
     WIDTH,
     WIDTH_STD,
 )
@@ -51,6 +52,7 @@ class RowLookSettings:
     least_area: float = tuning(
         0.985, 'of a whole blob, over that by its neighbors', source='measured'
     )
+    differ: float = tuning(2.0, 'sizes of neighbors from each other', unit='one sigma')
     least_std: float = tuning(0.0015, 'one sigma of size and shape, at least', unit='radius')
     blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px')
     smear_std: float = tuning(0.15, 'of the way during an exposure, one sigma at least', unit='px')
@@ -88,12 +90,13 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
 
     table (targets, COLUMNS), NaN where one is not seen. Axes, smear and plateau are on a
     line over the nearest neighbors whose edges are whole; how far these are off it is how well it
-    tells. NaN for a target that has too few. One that is smaller than its neighbors say, as a
+    tells. NaN for a target that has too few. One that is smaller by more than sizes differ, as a
     finger covers a bit of it, tells nothing.
     """
     whole = table[:, EXACT] >= settings.exact
     first = _looks_of(table, places, whole, settings)
-    smaller = whole & (share_of_area(table, first) < settings.least_area)
+    least = settings.least_area - settings.differ * 2.0 * first[:, SHAPE_STD]
+    smaller = whole & (share_of_area(table, first) < least)
     return _looks_of(table, places, whole & ~smaller, settings) if smaller.any() else first
 
 
