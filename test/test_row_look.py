@@ -38,6 +38,7 @@ from pneunet_ros.vision.row_look import (
     part_stds,
     ROW_LOOK,
     share_of_area,
+    whole_targets,
 )
 import pytest
 
@@ -100,6 +101,9 @@ def test_too_few_whole_neighbors_tell_nothing():
         (LEVEL, 195.0, np.nan, True),
         (U, np.nan, 1.0, True),
         (BEYOND, 0.2, 0.92, False),
+        (BLUR, 1.2, 0.92, True),
+        (BLUR, 1.5, 0.92, False),
+        (STD, 0.9, 0.92, False),
     ],
 )
 def test_a_part_must_look_as_its_neighbors_do(column, value, share, believed):
@@ -114,9 +118,29 @@ def test_a_part_must_look_as_its_neighbors_do(column, value, share, believed):
 def test_a_part_that_moves_along_what_covers_it_is_less_sure():
     table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
     table[:, STD] = 0.02
-    assert part_stds(table) == pytest.approx(np.full(COUNT, 0.02))
+    expected = looks_of_neighbors(table, table[:, :2])
+    assert part_stds(table, expected) == pytest.approx(np.full(COUNT, 0.02))
     table[:, SMEAR] = [3.0, 4.0]
-    assert part_stds(table) == pytest.approx(np.hypot(0.02, ROW_LOOK.part_error * 5.0))
+    error = np.hypot(0.02, ROW_LOOK.part_error * 25.0 / 5.0)
+    assert part_stds(table, expected) == pytest.approx(np.full(COUNT, error))
+
+
+def test_a_part_of_another_level_or_blur_than_neighbors_is_less_sure():
+    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
+    table[:, STD] = 0.02
+    expected = looks_of_neighbors(table, table[:, :2])
+    table[3, LEVEL] -= 4.0 * ROW_LOOK.level_std * 170.0
+    table[4, BLUR] += 3.0 * ROW_LOOK.blur_std
+    assert part_stds(table, expected)[2:6] == pytest.approx([0.02, 0.08, 0.06, 0.02])
+
+
+def test_a_target_of_which_a_bit_is_covered_tells_nothing_of_its_neighbors():
+    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
+    table[7, [MINOR, AREA]] *= 0.95
+    expected = looks_of_neighbors(table, table[:, :2])
+    assert np.delete(expected[:, AXIS_YY], 7) == pytest.approx(5.0)
+    assert expected[:, SHAPE_STD] == pytest.approx(ROW_LOOK.least_std)
+    assert not whole_targets(table, expected)[7]
 
 
 def test_neighbors_tell_how_far_a_target_moves_while_the_shutter_is_open():

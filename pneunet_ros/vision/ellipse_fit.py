@@ -93,7 +93,7 @@ class EllipseSettings:
         source='measured',
     )
     smear_error: float = tuning(
-        0.0022,
+        0.003,
         'of the center, for backgrounds that move along',
         unit='way^2 / radius',
         source='measured',

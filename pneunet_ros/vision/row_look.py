@@ -27,7 +27,17 @@ from pneunet_ros.vision.centroid import (
     SMEAR,
     STD,
 )
-from pneunet_ros.vision.ellipse_fit import AXIS_XX, AXIS_XY, AXIS_YY, BEHIND, PLATEAU, PLATEAU_STD
+from pneunet_ros.vision.ellipse_fit import (
+    AXIS_XX,
+    AXIS_XY,
+    AXIS_YY,
+    BEHIND,
+    PLATEAU,
+    PLATEAU_STD,
+    SHAPE_STD,
+    WIDTH,
+    WIDTH_STD,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +52,7 @@ class RowLookSettings:
     least_area: float = tuning(
         0.985, 'of a whole blob, over that by its neighbors', source='measured'
     )
+    differ: float = tuning(2.0, 'sizes of neighbors from each other', unit='one sigma')
     least_std: float = tuning(0.0015, 'one sigma of size and shape, at least', unit='radius')
     blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px')
     smear_std: float = tuning(0.15, 'of the way during an exposure, one sigma at least', unit='px')
@@ -57,8 +68,14 @@ class RowLookSettings:
     worse: float = tuning(5.0, 'error of a doubtful part, over that of the others')
     beyond: float = tuning(0.15, 'share of the edge that lies outside of the outline, at most')
     part_error: float = tuning(
-        0.05, 'of a part that moves along what covers it', unit='radius', source='measured'
+        0.007,
+        'of a part that moves along what covers it',
+        unit='way^2 / radius',
+        source='measured: films of acceptance/composed_pictures.py',
     )
+    unsure: float = tuning(0.15, 'error of the center of a part, at most', unit='radius')
+    blur: float = tuning(0.5, 'blur of a part off that of neighbors, at most', unit='px')
+    blur_moved: float = tuning(0.4, 'the same, added where it moves by a radius', unit='px')
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
     level: float = tuning(0.15, 'a target brighter or darker than neighbors', unit='contrast')
     level_moved: float = tuning(0.1, 'the same, added where it moves by a radius', unit='contrast')
@@ -73,9 +90,19 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
 
     table (targets, COLUMNS), NaN where one is not seen. Axes, smear and plateau are on a
     line over the nearest neighbors whose edges are whole; how far these are off it is how well it
-    tells. NaN for a target that has too few.
+    tells. NaN for a target that has too few. One that is smaller by more than sizes differ, as a
+    finger covers a bit of it, tells nothing.
     """
-    whole = np.flatnonzero(table[:, EXACT] >= settings.exact)
+    whole = table[:, EXACT] >= settings.exact
+    first = _looks_of(table, places, whole, settings)
+    least = settings.least_area - settings.differ * 2.0 * first[:, SHAPE_STD]
+    smaller = whole & (share_of_area(table, first) < least)
+    return _looks_of(table, places, whole & ~smaller, settings) if smaller.any() else first
+
+
+def _looks_of(table: Array, places: Array, tell: Mask, settings: RowLookSettings) -> Array:
+    """Return how targets look by those neighbors that tell (targets,)."""
+    whole = np.flatnonzero(tell)
     away = (whole - np.arange(len(table))[:, None]).astype(np.float64)
     distance = np.where(away == 0.0, np.inf, np.abs(away))
     nearest = np.argsort(distance, axis=1, kind='stable')[:, : settings.neighbors]
@@ -122,6 +149,15 @@ def _lines_at(away: Array, values: Array, known: Mask) -> tuple[Array, Array]:
     return at_middle - middle * slope, larger * square_off / np.maximum(count - 2, 1)
 
 
+def whole_targets(table: Array, expected: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
+    """Whether targets are seen whole (targets,): by their edges, and as large as neighbors say.
+
+    expected: as `looks_of_neighbors`.
+    """
+    large = share_of_area(table, expected) >= settings.least_area
+    return np.asarray((table[:, EXACT] >= settings.exact) & large)
+
+
 def share_of_area(table: Array, expected: Array) -> Array:
     """Return how large targets are over how large their neighbors say they are (targets,).
 
@@ -139,24 +175,33 @@ def believable_parts(
     expected: as `looks_of_neighbors`; share: as `share_of_area`. What covers a target is of
     another grey, and has an edge of its own; it takes from the target, and never adds to it.
     """
-    off = np.abs(found[:, LEVEL] - expected[:, PLATEAU])
-    allowed = settings.level + settings.level_moved * _moved(found)
+    off, moved = np.abs(found[:, LEVEL] - expected[:, PLATEAU]), _moved(found)
+    allowed = settings.level + settings.level_moved * moved
     alike = off <= allowed * (expected[:, PLATEAU] - expected[:, BEHIND])
+    blurred = np.abs(found[:, BLUR] - expected[:, WIDTH])
+    alike &= blurred <= settings.blur + settings.blur_moved * moved
     edge = (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
     within = found[:, BEYOND] <= settings.beyond
     size = share_of_area(found, expected)
     sized = (size >= settings.size) & (size <= 1.0 / settings.size)
-    return np.asarray(alike & edge & within & sized & (found[:, FILLED] >= settings.filled))
+    sure = found[:, STD] <= settings.unsure * np.sqrt(found[:, AREA] / math.pi)
+    return np.asarray(alike & edge & within & sized & sure & (found[:, FILLED] >= settings.filled))
 
 
-def part_stds(found: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
+def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
     """Return the standard errors of the centers of targets of which a part was found, px.
 
-    found (targets, COLUMNS). Where a target moves along the edge that covers it while the shutter
-    is open, its own edge and that one look alike, and the outline fits between them.
+    found (targets, COLUMNS); expected: as `looks_of_neighbors`. Where a target moves along the
+    edge that covers it while the shutter is open, its own edge and that one look alike, and the
+    outline fits between them. One whose level or blur is further off than neighbors allow for is
+    not what is drawn: the error of the fit is larger by as many times.
     """
-    radius = np.sqrt(found[:, AREA] / math.pi)
-    return np.asarray(np.hypot(found[:, STD], settings.part_error * radius * _moved(found)))
+    way = np.sum(found[:, SMEAR] ** 2, axis=1)
+    along = settings.part_error * way / np.sqrt(found[:, AREA] / math.pi)
+    level = np.abs(found[:, LEVEL] - expected[:, PLATEAU]) / expected[:, PLATEAU_STD]
+    blur = np.abs(found[:, BLUR] - expected[:, WIDTH]) / expected[:, WIDTH_STD]
+    misfit = np.maximum(np.maximum(level, blur), 1.0)
+    return np.asarray(np.hypot(misfit * found[:, STD], along))
 
 
 def _moved(table: Array) -> Array:

@@ -23,7 +23,6 @@ from pneunet_ros.vision.centroid import (
     axes_of,
     BLUR,
     COLUMNS,
-    EXACT,
     MAJOR,
     MINOR,
     outlines,
@@ -53,6 +52,7 @@ from pneunet_ros.vision.row_look import (
     looks_of_neighbors,
     part_stds,
     share_of_area,
+    whole_targets,
 )
 from pneunet_ros.vision.settings import VisionSettings
 from pneunet_ros.vision.working_plane import Plane
@@ -183,11 +183,11 @@ def with_partial(
     )
     expected = looks_of_neighbors(row.table, places, settings)
     share = share_of_area(row.table, expected)
-    partial = ~((row.table[:, EXACT] >= settings.exact) & (share >= settings.least_area))
+    partial = ~whole_targets(row.table, expected, settings)
     asked = np.flatnonzero(partial)
     found = np.full_like(row.table, np.nan)
     found[asked] = blobs_at(view.image, expected[asked], view.appearance)
-    found[:, STD] = part_stds(found, settings)
+    found[:, STD] = part_stds(found, expected, settings)
     radius = np.sqrt(usual / math.pi)
     believed = np.hypot(*(found[:, :2] - places).T) <= settings.moved * radius
     believed &= believable_parts(found, expected, share, settings)
@@ -195,11 +195,13 @@ def with_partial(
         # What was not seen before must be on the row: a finger nail is as bright and as large.
         worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
         believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
-    if not believed.any():
+    # What is neither whole nor a part of what its neighbors are is something else.
+    other = partial & ~believed & np.isfinite(share)
+    if not (believed | other).any():
         return row
     table = np.where(believed[:, None], found, row.table)
-    more = gate_row(view, table, usual, last, believed)
-    return more if more.seen >= row.seen else row
+    table[other] = np.nan
+    return gate_row(view, table, usual, last, believed)
 
 
 def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> Mask:

@@ -28,7 +28,7 @@ class RowTrackerSettings:
     off_along: float = tuning(0.1, 'off their place by stretch, more with each', unit='spacing')
     off_aside: float = tuning(0.5, 'off their place by bending, more with each', unit='spacing')
     smear_std: float = tuning(0.3, 'way while the shutter is open, one sigma of it')
-    first_exposure: float = tuning(0.05, 'open shutter, of which nothing is known', unit='frame')
+    first_exposure: float = tuning(0.25, 'open shutter, of which nothing is known', unit='frame')
     least_exposure: float = tuning(0.03, 'open shutter, at least', unit='frame')
     most_exposure: float = tuning(1.0, 'the same, at most', unit='frame', source='convention')
     least_way: float = tuning(
