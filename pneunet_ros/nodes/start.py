@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from importlib import import_module
 from importlib.util import find_spec
-import os
 import sys
 
-from pneunet_ros.core.executor import THREADS
 from pneunet_ros.core.kernel_cache import answer_first, compile_meanwhile
 from pneunet_ros.nodes.signals import end_at_signal, refuse_signals
 
@@ -35,8 +33,6 @@ def start(*names: str, usage: str = '', arguments: list[str] | None = None) -> i
     """
     arguments = sys.argv if arguments is None else arguments
     end_at_signal()
-    for name in THREADS:  # matrices are small here: more threads would only wait for each other
-        os.environ.setdefault(name, '1')
     if find_spec('rclpy') is None:
         print(f'{names[0]}: {WITHOUT_ROS}', file=sys.stderr)
         return WRONG
