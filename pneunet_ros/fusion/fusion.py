@@ -715,7 +715,7 @@ class Fusion:
             warnings=tuple(notes),
             position=position,
             noise=freeze(noise),
-            second_order=errors.second_order,
+            curved=errors.second_order,
         )
 
     def seen_shape(self, unseen: Array, sensitivity: Sensitivity) -> SeenShape:
