@@ -23,6 +23,7 @@ from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.offline.fuse import (
     fusion_steps,
     fusion_topics,
@@ -83,6 +84,7 @@ def run_fusion(arguments: Namespace) -> int:
         'nis': None if last is None else last.nis,
         'nis_limit': None if last is None else last.nis_limit,
         'beyond_noise': tally.beyond,
+        'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'settings': settings_used(fusion.settings),
         'seconds': time.perf_counter() - begun,
         'sentences': list(recording.sentences),
@@ -134,13 +136,20 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
                 f'{millimeters(touch.arclength):.1f} +- {millimeters(touch.std_arclength):.1f} mm',
             )
     console.print(table)
+    sentences = summary['sentences']
+    assert isinstance(sentences, list)
     if tally.beyond:
-        console.print(
-            f'note: in {tally.beyond} estimates targets were further from the fused shape than '
-            'noise explains: run pneunet diagnose'
-        )
+        sentences = [
+            *sentences,
+            f'in {tally.beyond} estimates targets were further from the fused shape than noise '
+            'explains: run pneunet diagnose',
+        ]
+    if summary['std_leaves_out']:
+        sentences = [*sentences, summary['std_leaves_out']]
     if summary['last_refusal']:
-        console.print(f'note: last rejected reading: {summary["last_refusal"]}')
+        sentences = [*sentences, f'last rejected reading: {summary["last_refusal"]}']
+    for sentence in sentences:
+        console.print(f'note: {sentence}')
     if summary['output'] is None:
         console.print('Nothing written; --output OUT.mcap writes inputs and all fused topics.')
     else:
