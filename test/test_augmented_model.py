@@ -44,6 +44,22 @@ def test_errors_of_the_fit_and_of_the_law_add_in_squares():
     assert found.parameters['width'].std == pytest.approx(math.hypot(30.0, 50.0))
 
 
+def test_each_of_two_effects_takes_up_what_the_law_of_the_other_misses():
+    one, other = asked('hysteresis'), asked('camera_scale')
+    numbers = np.concatenate(
+        [
+            one.numbers(EFFECTS['hysteresis'](width=1000.0)),
+            other.numbers(EFFECTS['camera_scale'](factor=1.02)),
+        ]
+    )
+    fit: Any = SimpleNamespace(
+        hypotheses=(one, other), numbers=numbers, covariance=np.zeros((numbers.size,) * 2)
+    )
+    found = {effect.name: effect.parameters for effect in describe_effects(fit, {})}
+    assert found['hysteresis']['width'].std == pytest.approx(math.sqrt(2.0) * 50.0)
+    assert found['camera_scale']['factor'].std == pytest.approx(math.sqrt(2.0) * 0.001)
+
+
 def test_no_law_is_taken_for_exact():
     assert Effect.law_error > 0.0
     assert all(0.0 < kind.law_error < 0.5 for kind in EFFECTS.values())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+import math
 
 import numpy as np
 from pneunet_ros.calibration.low_rank import low_rank
@@ -79,9 +80,12 @@ def free_numbers(refit: Refit) -> list[tuple[str, Coordinate, float]]:
 def describe_effects(refit: Refit, probability: Mapping[str, float]) -> tuple[NamedEffect, ...]:
     """Return the effects with their parameters and errors, the most probable first.
 
-    The error of a parameter has that of its law in it, relative to what is not neutral.
+    The error of a parameter has that of its law in it, relative to what is not neutral. Where
+    several effects act, each also takes up what the plain laws of the others miss: as much again
+    of each.
     """
-    law_errors = {item.name: item.kind.law_error for item in refit.hypotheses}
+    together = math.sqrt(len(refit.hypotheses))
+    law_errors = {item.name: together * item.kind.law_error for item in refit.hypotheses}
     parameters: dict[str, dict[str, Estimated]] = {}
     stds = np.sqrt(np.diag(refit.covariance))
     for (name, item, number), std in zip(free_numbers(refit), stds, strict=True):
