@@ -62,6 +62,7 @@ def main() -> None:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     node = SoftWall()
+    node.get_logger().info('a soft wall stands in the way')
     try:
         rclpy.spin(node, SingleThreadedExecutor())
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -185,7 +185,8 @@ def test_residuals_of_a_fit_without_what_is_missing():
     forces = np.concatenate(
         [np.hypot(*run.force.T) for run in found.linearization.runs[: len(TRAINING)]]
     )
-    assert frames.axes['force'] == pytest.approx(forces)
+    # What acted is on a line through the readings, which differ from it by their noise.
+    assert frames.axes['force'] == pytest.approx(forces, rel=0.02, abs=1e-3)
     assert 'grows with the force' in describe_misfit(frames)
     known = fitted('load_offset', 'load_offset')
     left = collect_frames(known)

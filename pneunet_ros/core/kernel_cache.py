@@ -152,8 +152,6 @@ def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
     while not kernels_kept() and (being_compiled() or (process and process.poll() is None)):
         on_wait()
         time.sleep(LOOK_AGAIN)
-    if process is not None:
-        process.wait()  # it has written the last kernel, and is about to end
 
 
 def start_compiling() -> subprocess.Popen[bytes]:

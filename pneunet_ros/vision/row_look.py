@@ -52,7 +52,7 @@ class RowLookSettings:
     least_area: float = tuning(
         0.985, 'of a whole blob, over that by its neighbors', source='measured'
     )
-    differ: float = tuning(2.0, 'sizes of neighbors from each other', unit='one sigma')
+    differ: float = tuning(3.0, 'sizes of neighbors from each other', unit='one sigma')
     least_std: float = tuning(0.0015, 'one sigma of size and shape, at least', unit='radius')
     blur_std: float = tuning(0.1, 'one sigma of the blur', unit='px')
     smear_std: float = tuning(0.15, 'of the way during an exposure, one sigma at least', unit='px')
@@ -95,8 +95,7 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
     """
     whole = table[:, EXACT] >= settings.exact
     first = _looks_of(table, places, whole, settings)
-    least = settings.least_area - settings.differ * 2.0 * first[:, SHAPE_STD]
-    smaller = whole & (share_of_area(table, first) < least)
+    smaller = whole & (share_of_area(table, first) < _least_share(first, settings))
     return _looks_of(table, places, whole & ~smaller, settings) if smaller.any() else first
 
 
@@ -154,8 +153,13 @@ def whole_targets(table: Array, expected: Array, settings: RowLookSettings = ROW
 
     expected: as `looks_of_neighbors`.
     """
-    large = share_of_area(table, expected) >= settings.least_area
+    large = share_of_area(table, expected) >= _least_share(expected, settings)
     return np.asarray((table[:, EXACT] >= settings.exact) & large)
+
+
+def _least_share(expected: Array, settings: RowLookSettings) -> Array:
+    """Return the least area of whole targets over that by neighbors, which differ themselves."""
+    return settings.least_area - settings.differ * 2.0 * expected[:, SHAPE_STD]
 
 
 def share_of_area(table: Array, expected: Array) -> Array:

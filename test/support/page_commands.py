@@ -39,7 +39,13 @@ BLOCK = re.compile(
 COMMAND = re.compile(r'^\$ ((?:.*\\\n)*.*)\n', re.MULTILINE)
 FILE_NAME = re.compile(r'# \S+/\S+\.py\n')  # a file to be made: test_extending makes it
 NUMBER = re.compile(r'(?<![\w.])-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?')
-NODES = ('pneunet-estimator', 'pneunet-tracker', 'pneunet-virtual-arm', 'pneunet-stack')
+NODES = (
+    'pneunet-estimator',
+    'pneunet-tracker',
+    'pneunet-fusion',
+    'pneunet-virtual-arm',
+    'pneunet-stack',
+)
 RUN_KINDS = ('sh', 'console', 'python')
 START_TIMEOUT = 240.0  # s; kernels may have to be compiled
 COMMAND_TIMEOUT = 1800.0  # s; nothing takes that long, but a machine may be busy
@@ -209,7 +215,7 @@ def run_nodes(lines: list[str], folder: Path) -> None:
             output = folder / f'node_{place}.txt'
             with output.open('w') as stream:
                 process = subprocess.Popen(
-                    ['bash', '-c', f'exec {command or line}'],
+                    ['bash', '-c', f'exec {command or line.removesuffix("&")}'],
                     cwd=folder,
                     env=environment(),
                     stdout=stream,
