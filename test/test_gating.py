@@ -96,6 +96,13 @@ def test_a_target_starts_about_as_large_as_most():
     assert np.isnan(initial_area(np.full(3, np.nan))).all()
 
 
+def test_dots_painted_by_hand_start_with_sizes_of_their_own():
+    uneven = np.array([80.0, 110.0, 70.0, 95.0, 60.0, 105.0, 85.0, 65.0])
+    assert initial_area(uneven) == pytest.approx(uneven)
+    covered = np.array([80.0, 81.0, 40.0, 82.0, 79.0, 80.0, 81.0, 80.0])
+    assert initial_area(covered)[2] > 60.0
+
+
 @pytest.mark.parametrize(
     ('area', 'elongation', 'alike'),
     [(1.0, 1.1, True), (0.75, 1.1, False), (1.4, 1.1, False), (1.1, 1.8, False)],
