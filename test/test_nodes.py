@@ -591,7 +591,7 @@ def test_readings_that_a_busy_node_loses_are_counted_and_said(tmp_path, lonely_p
         lonely_peer.barrier()
         before = int(status_value(lonely_peer, LOST) or 0)
         node.process.send_signal(signal.SIGSTOP)
-        for _ in range(300):
+        for _ in range(5000):
             lonely_peer.pressures.publish(FluidPressure(fluid_pressure=1e4))
         time.sleep(0.5)
         node.process.send_signal(signal.SIGCONT)

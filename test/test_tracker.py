@@ -302,10 +302,10 @@ def test_the_same_picture_gives_the_same_answer():
 
 
 def test_a_row_that_cannot_be_followed_is_no_arm_at_rest():
-    """Every other dot is much larger: a straight row at the right distances, but no arm's."""
+    """Every other dot is more than twice as large: a row at the right distances, but no arm's."""
     film = Film()
     x = ARM.target_arclength
-    radius = np.where(np.arange(TARGETS) % 2, 0.0014, 0.0010)
+    radius = np.where(np.arange(TARGETS) % 2, 0.0018, 0.0008)
     dots = Dots(x=x, y=np.zeros(TARGETS), radius=radius)
     grey, _ = film.renderer.render(FrameState(dots=dots), film.rng)
     reasons = [film.show(grey).reason for _ in range(REST + 1)]
