@@ -3,7 +3,7 @@
     python acceptance/contact.py [--quick] [--json] [--rigs N] [--recordings N] [--first N]
                                  [--keep FOLDER] [--workers N]
 
-A rig is an arm of the virtual lab, its model calibrated from six recordings, as in `fusion.py`. In
+A rig is an arm of the virtual lab, its model calibrated from six recordings (`rigs.py`). In
 each recording something pushes at one place, along the normal, from one moment to another, while
 pressure and tip force go through random mixes; the truth is that of the lab. Ways: with a force
 sensor at the tip, with nothing at the tip and the fusion knowing that (`free_tip`), and with an
@@ -14,15 +14,9 @@ its weight, and a weak chamber. Exit code 1 where a goal is missed.
 
 from __future__ import annotations
 
-import argparse
-from concurrent.futures import ProcessPoolExecutor
 import dataclasses
-import json
 import math
-import multiprocessing
 import os
-from pathlib import Path
-import platform
 import sys
 import time
 
@@ -30,13 +24,10 @@ if __name__ == '__main__':  # not where a test imports this: its processes would
     os.environ.setdefault('OMP_NUM_THREADS', '1')
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-from fusion import FIRST_SEED, model_of
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
+from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.share import share_path
-from pneunet_ros.files.json_text import plain
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.estimate import FusedEstimate
 from pneunet_ros.fusion.fusion import Fusion
@@ -47,12 +38,12 @@ from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.outside_effects import LabPush
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.scenario import Changes
-from pneunet_ros.lab.sensors import LabNoise, Rates
+from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.arm import Arm
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
+from rigs import missed_goals, read_sensors, rig_command, run_bench, sightings_of, wrench_of
 
 RATE = 10.0  # Hz, of frames and readings
 FORCES = 8e-3, 60e-3  # N, of pushes, evenly in their logarithm
@@ -131,36 +122,20 @@ def recording_of(seed: int, which: int, way: str, what: str) -> LabRecording:
 
 def fuse(fusion: Fusion, recording: LabRecording, way: str, seed: int) -> Array:
     """Fuse a recording in one way, and set it beside the truth: COLUMNS, a row per frame."""
-    truth, noise, random = recording.truth, LabNoise(), np.random.default_rng([seed, 13])
-    size = np.array([noise.force_std, noise.force_std, noise.moment_std, noise.pressure_std])
-    true = np.column_stack([truth.force, truth.moment, truth.pressure])
-    read = true + size * random.standard_normal(true.shape)
+    truth, read = recording.truth, read_sensors(recording, np.random.default_rng([seed, 13]))
     state, rows = FusionState(), np.full((truth.time.size, len(COLUMNS)), np.nan)
-    nothing = np.full(recording.x.shape[1], np.nan)
-    names = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
     pushes = [item for item in recording.scenario.effects if isinstance(item, LabPush)]
     rows[:, 0] = sum((push.force_at(truth.time) for push in pushes), np.zeros(truth.time.size))
     rows[:, 1] = sum(push.place for push in pushes) * recording.scenario.arm.length
     for instant, stamp in enumerate(recording.stamp_ns.tolist()):
-        force_x, force_y, moment, pressure = read[instant].tolist()
         if way == 'wrench':
-            wrench = WrenchReading(
-                stamp_ns=stamp,
-                force_x=force_x,
-                force_y=force_y,
-                moment=moment,
-                frame_id=BASE_FRAME,
-            )
-            state, _ = fusion.step(state, wrench)
-        seen = TargetSightings(
-            stamp_ns=stamp,
-            x=recording.x[instant],
-            y=recording.y[instant],
-            **dict.fromkeys(names, nothing),
-        )
+            state, _ = fusion.step(state, wrench_of(stamp, read[instant]))
+        seen = sightings_of(stamp, recording.x[instant], recording.y[instant])
         begun = time.process_time()
         state, _ = fusion.step(state, seen)
-        state, fused = fusion.step(state, PressureReading(stamp_ns=stamp, pressure=pressure))
+        state, fused = fusion.step(
+            state, PressureReading(stamp_ns=stamp, pressure=float(read[instant, 3]))
+        )
         rows[instant, -1] = time.process_time() - begun
         if isinstance(fused, FusedEstimate):
             rows[instant, 2:-1] = row_of(fused)
@@ -180,23 +155,6 @@ def row_of(fused: FusedEstimate) -> list[float]:
         contact.log_odds,
         float(contact.ambiguous),
     ]
-
-
-def one_rig(work: tuple[int, int, Path | None]) -> dict[str, Array]:
-    """Calibrate a rig and fuse its recordings: rows of each, by case.
-
-    What is kept of an earlier run in a folder is read, and nothing is computed.
-    """
-    seed, recordings, folder = work
-    kept = None if folder is None else folder / f'contact_{seed}_{recordings}.npz'
-    if kept is not None and kept.exists():
-        with np.load(kept) as rows:
-            return dict(rows)
-    found = try_model(model_of(seed), seed, recordings)
-    if kept is not None:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(kept, **found)
-    return found
 
 
 def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
@@ -220,12 +178,7 @@ def summary_of(rigs: list[dict[str, Array]]) -> dict:
         name: numbers_of(np.concatenate([rig[name] for rig in rigs]))
         for name in (f'{way} {what}' for way, what in CASES)
     }
-    missed = [
-        f'{case}: {what} = {cases[case][what]:.4g}, wanted {low:g} to {high:g}'
-        for (case, what), (low, high) in GOALS.items()
-        if not low <= cases[case][what] <= high
-    ]
-    return {'cases': cases, 'missed': missed}
+    return {'cases': cases, 'missed': missed_goals(cases, GOALS)}
 
 
 def numbers_of(recordings: Array) -> dict:
@@ -314,41 +267,8 @@ def show(summary: dict, title: str) -> None:
 
 def main() -> int:
     """Run and print."""
-    command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    command.add_argument('--quick', action='store_true', help='one rig, four recordings')
-    command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--rigs', type=int, default=5, help='how many (default: 5)')
-    command.add_argument('--recordings', type=int, default=8, help='of each (default: 8)')
-    command.add_argument(
-        '--first', type=int, default=FIRST_SEED, help=f'first seed (default: {FIRST_SEED})'
-    )
-    command.add_argument('--keep', type=Path, help='folder of rigs that are done already')
-    command.add_argument('--workers', type=int, default=1, help='processes (default: 1)')
-    arguments = command.parse_args()
-    count, recordings = (1, 4) if arguments.quick else (arguments.rigs, arguments.recordings)
-    seeds = range(arguments.first, arguments.first + count)
-    work = [(seed, recordings, arguments.keep) for seed in seeds]
-    context = multiprocessing.get_context('spawn')
-    begun = time.perf_counter()
-    with ProcessPoolExecutor(arguments.workers, mp_context=context) as pool:
-        rigs = list(
-            track(
-                pool.map(one_rig, work),
-                total=len(work),
-                console=Console(stderr=True),
-                disable=arguments.json,
-            )
-        )
-    summary = summary_of(rigs)
-    if arguments.json:
-        machine = {'machine': platform.machine(), 'python': platform.python_version()}
-        seconds = time.perf_counter() - begun
-        size = {'rigs': count, 'recordings': recordings, 'seconds': seconds}
-        result = {'bench': 'contact', **machine, **size, **summary}
-        print(json.dumps(plain(result), allow_nan=False))
-    else:
-        show(summary, f'Contact, {count} rigs, {recordings} recordings of each')
-    return 1 if summary['missed'] else 0
+    arguments = rig_command(__doc__.splitlines()[0], recordings=8).parse_args()
+    return run_bench('contact', arguments, try_model, summary_of, show)
 
 
 if __name__ == '__main__':

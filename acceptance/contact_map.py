@@ -20,7 +20,6 @@ if __name__ == '__main__':
     os.environ.setdefault('OMP_NUM_THREADS', '1')
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-from fusion import FIRST_SEED, model_of
 import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.core.arrays import Array, freeze
@@ -33,6 +32,7 @@ from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.model.arm import Arm
 from rich.console import Console
 from rich.table import Table
+from rigs import FIRST_SEED, model_of
 
 PUSH = 0.02  # N
 PLACES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)  # s / l

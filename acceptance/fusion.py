@@ -14,31 +14,19 @@ missed.
 
 from __future__ import annotations
 
-import argparse
-from concurrent.futures import ProcessPoolExecutor
 import dataclasses
-import json
 import math
-import multiprocessing
 import os
-from pathlib import Path
-import platform
 import sys
-import time
 
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
     os.environ.setdefault('OMP_NUM_THREADS', '1')
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
-from calibration import LOADED, record, UNLOADED
 import numpy as np
-from pneunet_ros import load_model
-from pneunet_ros.calibration.calibration import calibrate
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.frames import BASE_FRAME
-from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
+from pneunet_ros.core.readings import PressureReading
 from pneunet_ros.core.share import share_path
-from pneunet_ros.files.json_text import plain
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import FORCE
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
@@ -48,15 +36,22 @@ from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabHysteresis
 from pneunet_ros.lab.lab_recording import LabRecording, LabTruth
 from pneunet_ros.lab.protocols import RandomMix
-from pneunet_ros.lab.sensors import LabNoise, Rates
+from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.arm import Arm
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
+from rigs import (
+    missed_goals,
+    model_of,
+    read_sensors,
+    rig_command,
+    run_bench,
+    sightings_of,
+    wrench_of,
+)
 from scipy.stats import chi2
 
-FIRST_SEED = 5000
 RATE = 20.0  # Hz, of readings; every second instant is a frame
 PERIOD = 2.0 / RATE  # s, of frames
 IN_95 = float(chi2.ppf(0.95, 2))
@@ -206,30 +201,17 @@ def right_modes(way: Way, time: float, fusion: Fusion) -> set[Mode]:
 
 def fuse(fusion: Fusion, recording: LabRecording, way: Way, seed: int) -> Array:
     """Fuse a recording in one way, and compare with the truth: COLUMNS, a row per instant."""
-    truth, noise, random = recording.truth, LabNoise(), np.random.default_rng([seed, 13])
-    size = np.array([noise.force_std, noise.force_std, noise.moment_std, noise.pressure_std])
-    true = np.column_stack([truth.force, truth.moment, truth.pressure])
-    read = true + size * random.standard_normal(true.shape)
+    truth, random = recording.truth, np.random.default_rng([seed, 13])
+    read = read_sensors(recording, random)
     state, rows = FusionState(), np.full((truth.time.size, len(COLUMNS)), np.nan)
-    nothing = np.full(recording.x.shape[1], np.nan)
-    names = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
     for instant, stamp in enumerate(recording.stamp_ns.tolist()):
-        force_x, force_y, moment, pressure = read[instant].tolist()
-        time, events = float(truth.time[instant]), []
+        time, pressure, events = float(truth.time[instant]), float(read[instant, 3]), []
         if way.wrench and not is_lost(way, NO_WRENCH, time):
-            wrench = WrenchReading(
-                stamp_ns=stamp,
-                force_x=force_x,
-                force_y=force_y,
-                moment=moment,
-                frame_id=BASE_FRAME,
-            )
-            events.append(wrench)
+            events.append(wrench_of(stamp, read[instant]))
         if instant % 2 == 0 and not is_lost(way, LOST['targets'], time):
             x = hide(way, recording.x[instant], random)
             y = np.where(np.isfinite(x), recording.y[instant], np.nan)
-            seen = TargetSightings(stamp_ns=stamp, x=x, y=y, **dict.fromkeys(names, nothing))
-            events.append(seen)
+            events.append(sightings_of(stamp, x, y))
         if not is_lost(way, LOST['pressure'], time):
             events.append(PressureReading(stamp_ns=stamp, pressure=pressure))
         for event in events:
@@ -276,32 +258,6 @@ def row_of(fused: FusedEstimate, tip: Array, force: Array, pressure: float) -> l
     ]
 
 
-def one_rig(work: tuple[int, int, Path | None]) -> dict[str, Array]:
-    """Calibrate a rig and fuse its recordings: per way (recordings, instants, COLUMNS).
-
-    What is kept of an earlier run in a folder is read, and nothing is computed.
-    """
-    seed, recordings, folder = work
-    kept = None if folder is None else folder / f'rig_{seed}_{recordings}.npz'
-    if kept is not None and kept.exists():
-        with np.load(kept) as rows:
-            return dict(rows)
-    found = try_model(model_of(seed), seed, recordings)
-    if kept is not None:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(kept, **found)
-    return found
-
-
-def model_of(seed: int) -> Arm:
-    """Return the model of a rig, calibrated."""
-    runs, scenario = record(seed)
-    frame = load_model(share_path('config/paper_arm.yaml'))
-    frame = dataclasses.replace(frame, target_arclength=scenario.arm.targets)
-    unloaded, loaded = [runs[name] for name in UNLOADED], [runs[name] for name in LOADED]
-    return calibrate(unloaded, loaded, frame, compare=False).arm
-
-
 def long_run(seed: int, name: str) -> Array:
     """Fuse half an hour of a rig in one way: (PARTS, instants, COLUMNS)."""
     way = WAYS[name]
@@ -327,13 +283,7 @@ def try_model(arm: Arm, seed: int, recordings: int) -> dict[str, Array]:
 def summary_of(rigs: list[dict[str, Array]]) -> dict:
     """Return what each way came to, and which goals are missed."""
     ways = {way: numbers_of(np.concatenate([rig[way] for rig in rigs])) for way in rigs[0]}
-    missed = [
-        f'{way}: {what} = {ways[way][what]:.4g}, wanted {low:g} to {high:g}'
-        for (way, what), (low, high) in GOALS.items()
-        if way in ways
-        if not low <= ways[way][what] <= high
-    ]
-    return {'ways': ways, 'missed': missed}
+    return {'ways': ways, 'missed': missed_goals(ways, GOALS)}
 
 
 def part_numbers(rows: Array) -> dict:
@@ -429,46 +379,14 @@ def show(summary: dict, title: str) -> None:
 
 def main() -> int:
     """Run and print."""
-    command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    command.add_argument('--quick', action='store_true', help='one rig, four recordings')
-    command.add_argument('--json', action='store_true', help='print one JSON object')
-    command.add_argument('--rigs', type=int, default=5, help='how many (default: 5)')
-    command.add_argument('--recordings', type=int, default=20, help='of each (default: 20)')
-    command.add_argument(
-        '--first', type=int, default=FIRST_SEED, help=f'first seed (default: {FIRST_SEED})'
-    )
+    command = rig_command(__doc__.splitlines()[0], recordings=20)
     command.add_argument('--long', choices=list(WAYS), help='half an hour in one way, by parts')
-    command.add_argument('--keep', type=Path, help='folder of rigs that are done already')
-    command.add_argument('--workers', type=int, default=1, help='processes (default: 1)')
     arguments = command.parse_args()
-    count, recordings = (1, 4) if arguments.quick else (arguments.rigs, arguments.recordings)
     if arguments.long:
         rows = long_run(arguments.first, arguments.long)
         show({'ways': part_numbers(rows)}, f'Half an hour: {arguments.long}')
         return 0
-    seeds = range(arguments.first, arguments.first + count)
-    work = [(seed, recordings, arguments.keep) for seed in seeds]
-    context = multiprocessing.get_context('spawn')
-    begun = time.perf_counter()
-    with ProcessPoolExecutor(arguments.workers, mp_context=context) as pool:
-        rigs = list(
-            track(
-                pool.map(one_rig, work),
-                total=len(work),
-                console=Console(stderr=True),
-                disable=arguments.json,
-            )
-        )
-    summary = summary_of(rigs)
-    if arguments.json:
-        machine = {'machine': platform.machine(), 'python': platform.python_version()}
-        seconds = time.perf_counter() - begun
-        size = {'rigs': count, 'recordings': recordings, 'seconds': seconds}
-        result = {'bench': 'fusion', **machine, **size, **summary}
-        print(json.dumps(plain(result), allow_nan=False))
-    else:
-        show(summary, f'Fusion, {count} rigs, {recordings} recordings of each')
-    return 1 if summary['missed'] else 0
+    return run_bench('fusion', arguments, try_model, summary_of, show)
 
 
 if __name__ == '__main__':
