@@ -26,7 +26,7 @@ MOVED = RANDOM.standard_normal((6, 2)) * [30.0, 5.0]  # what two errors move, of
 OTHER = np.diag([1.0, 2.0, 0.5, 1.0, 1.0, 3.0])  # the covariance of all else
 
 
-def told(innovation, assumed):
+def information_of(innovation, assumed):
     """Return what a frame says of the scale: H^T S^-1 v and H^T S^-1 H."""
     covariance = OTHER + assumed**2 * MOVED @ MOVED.T
     solved = np.linalg.solve(covariance, np.column_stack([innovation, MOVED]))
@@ -38,7 +38,7 @@ def after(frames, seconds=0.0, assumed=0.016):
     weights = first_weights(FUSION)
     growth = LackGrowth(scale=assumed, grown=np.ones(2), seconds=seconds)
     for innovation in frames:
-        weights = weights_after(FUSION, weights, growth, told(innovation, assumed))
+        weights = weights_after(FUSION, weights, growth, information_of(innovation, assumed))
     return weights
 
 

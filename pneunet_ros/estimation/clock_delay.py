@@ -49,12 +49,12 @@ class ClockDelaySettings:
         unit='range of pressure',
     )
     law: float = tuning(0.1, 'error of what plays change in the delay: no arm has just these')
-    told: float = tuning(
+    distinct: float = tuning(
         0.1,
         'share of what a delay does to the motion that no play does as well, at least',
         source='measured: 0.00 to 0.09 where pressure goes round one loop, else 0.10 to 0.95',
     )
-    law_reach: float = tuning(0.5, 'in which the delay without plays is looked for', unit='s')
+    law_range: float = tuning(0.5, 'in which the delay without plays is looked for', unit='s')
     relaxations: tuple[float, ...] = tuning((1.0, 3.0, 10.0, 30.0), 'time constants', unit='s')
     ridge: float = tuning(1e-7, 'for columns that are hardly told apart', unit='variance')
     blocks: int = tuning(16, 'of the film, of which each is left out once', unit='number')
@@ -71,8 +71,8 @@ class ClockDelay:
     """A delay between two clocks, from their first frame and first reading on.
 
     delay, std (s): a frame shows the arm of its time minus delay, with one standard error;
-    explained: share of the motion that pressure and load explain with it; frames: how many told;
-    frame_period (s). trouble: why the data cannot tell, empty where they do.
+    explained: share of the motion that pressure and load explain with it; frames: how many were
+    used; frame_period (s). trouble: why the data cannot tell, empty where they do.
     """
 
     delay: float
@@ -104,7 +104,7 @@ def estimate_delay(
     frame_time: Array,
     motion: Array,
     reading_time: Array,
-    drive: Array,
+    inputs: Array,
     settings: ClockDelaySettings = CLOCK_DELAY,
 ) -> ClockDelay:
     """Return by how much the film's clock is ahead of that of the readings.
@@ -117,7 +117,7 @@ def estimate_delay(
         frame_time: (frames,) s, increasing.
         motion: (frames, coordinates) m of the targets, NaN where one was not seen.
         reading_time: (readings,) s, increasing.
-        drive: (readings, 1 + loads) pressure in Pa, then forces that change in N.
+        inputs: (readings, 1 + loads) pressure in Pa, then forces that change in N.
         settings: the numbers that decide.
 
     Returns:
@@ -126,29 +126,27 @@ def estimate_delay(
     """
     period = float(np.median(np.diff(frame_time))) if len(frame_time) > 1 else math.inf
     scores, kept = motion_components(motion, settings)
-    undetermined = ClockDelay(
+    unknown = ClockDelay(
         delay=math.nan, std=math.inf, explained=0.0, frames=kept.size, frame_period=period
     )
-    trouble = _too_little(scores, period, reading_time, drive, settings)
+    trouble = _too_little(scores, period, reading_time, inputs, settings)
     if trouble:
-        return replace(undetermined, trouble=trouble)
+        return replace(unknown, trouble=trouble)
     without, *fits = (
-        DelayFit(frame_time[kept], scores, reading_time, drive, period, plays, settings)
+        DelayFit(frame_time[kept], scores, reading_time, inputs, period, plays, settings)
         for plays in (NO_PLAYS, *settings.plays)
     )
     candidates = fits[0].candidates()
     if not candidates:
-        return replace(
-            undetermined, trouble='too few frames that show the targets lie in the table'
-        )
+        return replace(unknown, trouble='too few frames that show the targets lie in the table')
     best, *rivals = candidates
-    reach = settings.apart * period
-    delays = [best, *(fit.refine(best, reach) for fit in fits[1:])]
-    changed = float(np.mean(delays)) - without.refine(best, max(reach, settings.law_reach))
+    within = settings.apart * period
+    delays = [best, *(fit.refine(best, within) for fit in fits[1:])]
+    changed = float(np.mean(delays)) - without.refine(best, max(within, settings.law_range))
     details = [fit.details(delay) for fit, delay in zip(fits, delays, strict=True)]
     reading_period = float(np.median(np.diff(reading_time)))
     clock = replace(
-        undetermined,
+        unknown,
         delay=float(np.mean(delays)),
         std=math.hypot(
             max(detail.std for detail in details),
@@ -160,7 +158,7 @@ def estimate_delay(
         frames=details[0].frames,
     )
     trouble = _cannot_tell(clock, fits[0], rivals, details[0].rate, settings)
-    if not trouble and np.mean([detail.told for detail in details]) < settings.told:
+    if not trouble and np.mean([detail.distinct for detail in details]) < settings.distinct:
         trouble = (
             'the pressure goes the same way again and again, where hysteresis looks like a delay: '
             'a quick step or two would tell'
@@ -169,13 +167,13 @@ def estimate_delay(
 
 
 def _too_little(
-    scores: Array, period: float, reading_time: Array, drive: Array, settings: ClockDelaySettings
+    scores: Array, period: float, reading_time: Array, inputs: Array, settings: ClockDelaySettings
 ) -> str:
     """Say why there is nothing to find a delay in; empty where there is."""
     frames, fewest = len(scores), settings.fewest_frames
     if frames < fewest:
         return f'{frames} frames show the targets, and {fewest} are needed'
-    if len(reading_time) < 3 or not np.any(np.ptp(drive, axis=0) > 0.0):
+    if len(reading_time) < 3 or not np.any(np.ptp(inputs, axis=0) > 0.0):
         return 'neither pressure nor load changes in the table'
     span = float(reading_time[-1] - reading_time[0])
     if span < fewest * period:
@@ -237,12 +235,12 @@ def motion_components(motion: Array, settings: ClockDelaySettings) -> tuple[Arra
 class FitDetails:
     """Standard error (s) of one fit, the share of the motion that it explains, its frames.
 
-    told: share of what a delay does to the motion that no other column does. rate: of the motion
-    (1/s), its mean in shares of its range.
+    distinct: share of what a delay does to the motion that no other column does. rate: of the
+    motion (1/s), its mean in shares of its range.
     """
 
     std: float
-    told: float
+    distinct: float
     rate: float
     explained: float
     frames: int
@@ -256,7 +254,7 @@ class DelayFit:
         time: Array,
         scores: Array,
         reading_time: Array,
-        drive: Array,
+        inputs: Array,
         period: float,
         plays: Plays,
         settings: ClockDelaySettings,
@@ -266,7 +264,7 @@ class DelayFit:
         step = max(period / settings.cells, span / settings.largest_grid)
         self.grid = np.arange(reading_time[0], reading_time[-1], step)
         smooth = np.column_stack(
-            [box_average(reading_time, column, self.grid, step) for column in drive.T]
+            [box_average(reading_time, column, self.grid, step) for column in inputs.T]
         )
         self.columns = regressors(smooth, step, plays, settings)
         self.slopes = np.gradient(self.columns, step, axis=0)
@@ -334,17 +332,17 @@ class DelayFit:
         ]
         return sorted(minima, key=self.cost)
 
-    def refine(self, delay: float, reach: float) -> float:
-        """Return the minimum within reach (s) of a delay that another set of plays has found."""
-        around = np.arange(delay - reach, delay + reach, 0.5 * self.period)
+    def refine(self, delay: float, within: float) -> float:
+        """Return the minimum around (within s) a delay that another set of plays has found."""
+        around = np.arange(delay - within, delay + within, 0.5 * self.period)
         best = min((float(other) for other in around), key=self.cost)
         return self.minimum(best, self.period)
 
-    def minimum(self, delay: float, reach: float) -> float:
-        """Return where the residual is smallest within reach (s) of a delay."""
+    def minimum(self, delay: float, within: float) -> float:
+        """Return where the residual is smallest around (within s) a delay."""
         result = minimize_scalar(
             self.cost,
-            bounds=(delay - reach, delay + reach),
+            bounds=(delay - within, delay + within),
             method='bounded',
             options={'xatol': 1e-4 * self.period},
         )
@@ -366,21 +364,22 @@ class DelayFit:
         moved = -(self.rows(self.slopes, at) / scales) @ weights[1:] / noise
         alone = moved - design @ np.linalg.solve(normal, design.T @ moved)
         left_white = left / noise
-        told, without = np.zeros(self.settings.blocks), np.zeros(self.settings.blocks)
-        for which, block in enumerate(np.array_split(np.arange(frames.size), told.size)):
+        count = self.settings.blocks
+        information, without = np.zeros(count), np.zeros(count)
+        for which, block in enumerate(np.array_split(np.arange(frames.size), count)):
             rest = np.setdiff1d(np.arange(frames.size), block, assume_unique=True)
             part = design[rest]
             shadow = np.linalg.solve(self.normal(part), part.T @ moved[rest])
             free = moved[rest] - part @ shadow
-            told[which] = np.sum(alone[block] ** 2)
+            information[which] = np.sum(alone[block] ** 2)
             without[which] = np.sum(free * left_white[rest]) / np.sum(free * moved[rest])
-        jackknife = math.sqrt((told.size - 1) * float(np.var(without)))
-        freedom = max(float(told.sum() ** 2 / np.sum(told**2)) - 1.0, 0.5)
-        widened = 0.5 * float(stdtrit(freedom, 0.97725))
+        jackknife = math.sqrt((count - 1) * float(np.var(without)))
+        dof = max(float(information.sum() ** 2 / np.sum(information**2)) - 1.0, 0.5)
+        widened = 0.5 * float(stdtrit(dof, 0.97725))
         explained = 1.0 - float(np.sum(left**2) / np.sum((scores - scores.mean(axis=0)) ** 2))
         return FitDetails(
             std=jackknife * widened,
-            told=float(told.sum() / np.sum(moved**2)),
+            distinct=float(information.sum() / np.sum(moved**2)),
             rate=float(noise[0] * np.abs(moved[:, 0]).mean() / np.ptp(scores[:, 0])),
             explained=explained,
             frames=frames.size,
@@ -402,13 +401,13 @@ def box_average(time: Array, values: Array, centers: Array, width: float) -> Arr
     return np.asarray((integral(high) - integral(low)) / (high - low))
 
 
-def regressors(drive: Array, step: float, plays: Plays, settings: ClockDelaySettings) -> Array:
+def regressors(inputs: Array, step: float, plays: Plays, settings: ClockDelaySettings) -> Array:
     """Return what the motion may be a sum of, (instants, columns).
 
     Powers of the pressure; how far a play of each width lags, weighted by powers; how far the
     pressure is ahead of each relaxation; powers of every load, and its products with the pressure.
     """
-    pressure = unit_range(drive[:, 0])
+    pressure = unit_range(inputs[:, 0])
     widths, powers = plays
     columns = [chebvander(pressure, settings.powers)[:, 1:]]
     for width in widths:
@@ -418,7 +417,7 @@ def regressors(drive: Array, step: float, plays: Plays, settings: ClockDelaySett
         share = 1.0 - math.exp(-step / constant)
         late, _ = lfilter([share], [1.0, share - 1.0], pressure, zi=[pressure[0] * (1.0 - share)])
         columns.append((late - pressure)[:, None])
-    loads = [unit_range(load) for load in drive[:, 1:].T if np.ptp(load) > 0.0]
+    loads = [unit_range(load) for load in inputs[:, 1:].T if np.ptp(load) > 0.0]
     for load in loads:
         columns.append(load[:, None] * chebvander(pressure, 2))
         columns.append(np.column_stack([load**2, load**2 * pressure, load**3]))
@@ -434,9 +433,9 @@ def unit_range(values: Array) -> Array:
 
 
 def follow_play(values: Array, width: float) -> Array:
-    """Return the answer of a play to values in unit range, its width in their range."""
-    followed, answer = np.empty_like(values), float(values[0])
+    """Return the output of a play for values in unit range, its width in their range."""
+    followed, output = np.empty_like(values), float(values[0])
     for place, value in enumerate(values.tolist()):
-        answer = min(max(answer, value - width), value + width)
-        followed[place] = answer
+        output = min(max(output, value - width), value + width)
+        followed[place] = output
     return followed

@@ -90,7 +90,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
             [scale, scale, high - low],
             np.repeat([noise.drift_std, noise.registration_std], 2),
             np.ones(columns),
-            np.full(len(settings.lag_times), settings.late_share),
+            np.full(len(settings.lag_times), settings.creep_fraction),
             [settings.play_share],
             np.full(2 * targets, noise.placement_std),
             np.zeros(4),

@@ -20,6 +20,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.fusion.belief import Belief, CONTACT, FORCE
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
 from pneunet_ros.fusion.frame_update import excess, Fit, FrameUpdate, leave_out, with_fit
+from pneunet_ros.measurement.predicted_targets import measured_moves
 from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
 
@@ -45,7 +46,7 @@ class Contact:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Weighed:
+class WeighedFrame:
     """What became of a frame, by the hypothesis that is more likely after it.
 
     rival: what is believed by the other one, None where it was dropped; log_odds: of a contact;
@@ -83,7 +84,7 @@ def correlation_with_tip(belief: Belief) -> float:
     return math.sqrt(min(max(float(explained / (contact @ contact)), 0.0), 1.0))
 
 
-def weigh(
+def weigh_hypotheses(
     update: FrameUpdate,
     frame: FrameProblem,
     rival: FrameProblem | None,
@@ -91,16 +92,17 @@ def weigh(
     *,
     elsewhere: bool,
     force_read: bool,
-) -> Weighed:
+) -> WeighedFrame:
     """Return what a frame says by the likelier hypothesis.
 
     update: of the frame by the hypothesis that led; frame: its problem, with all targets that were
     seen; rival: that of the other hypothesis, None where that had been dropped; log_odds and
-    elsewhere: before the frame, as in `Weighed`; force_read: a sensor tells the tip force. Without
-    one a contact force far from zero is no proof: with another tip force there may be none.
+    elsewhere: before the frame, as in `WeighedFrame`; force_read: a sensor tells the tip force.
+    Without one a contact force far from zero is no proof: with another tip force there may be
+    none.
     """
     bound, touched = frame.settings.contact_bound, frame.prior.touched
-    alone = Weighed(
+    alone = WeighedFrame(
         update=update, rival=None, log_odds=bound if touched else -bound, elsewhere=elsewhere
     )
     led = update.fit
@@ -124,13 +126,13 @@ def weigh(
     gain = 0.5 * (evidence_cost(none, seen) - evidence_cost(contact, seen))
     misfit = contact[1].cost / contact[1].trial.residual.size
     log_odds = min(max(log_odds + gain / max(misfit, 1.0), -bound), bound)
-    leads, follows = (contact, none) if log_odds > 0.0 else (none, contact)
-    if leads is not led:
-        update = replace(with_fit(update, leads, leads, seen), ambiguous=False)
+    leading, trailing = (contact, none) if log_odds > 0.0 else (none, contact)
+    if leading is not led:
+        update = replace(with_fit(update, leading, leading, seen), ambiguous=False)
     dropped = abs(log_odds) >= bound or update.belief is None
-    return Weighed(
+    return WeighedFrame(
         update=update,
-        rival=None if dropped else follows[0].posterior(follows[1]),
+        rival=None if dropped else trailing[0].posterior(trailing[1]),
         log_odds=log_odds,
         elsewhere=elsewhere,
     )
@@ -179,9 +181,7 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     """Score a push on each panel; all other unknowns are projected out with their covariance."""
     bent, arm = fit.trial.bent, problem.table.arm
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
-    moved = sensitivity.stations(arm.target_arclength)[LOADS:, :2]
-    if arm.seeing:
-        moved = np.stack(arm.see(moved[:, 0], moved[:, 1]), axis=1)
+    moved = measured_moves(arm, sensitivity)[LOADS:]
     pushes = moved[:, :, problem.used].reshape(place.size, -1) / problem.std
     sides = np.column_stack([pushes.T, fit.innovation])
     solved = np.linalg.solve(fit.covariance, sides)
@@ -225,8 +225,8 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact
     scores = score_pushes(problem, fit)
     if scores.gain.max() < settings.contact_score:
         return None
-    beside = np.concatenate([[0.0], scores.gain, [0.0]])
-    peaks = np.flatnonzero((scores.gain >= beside[:-2]) & (scores.gain >= beside[2:]))
+    padded = np.concatenate([[0.0], scores.gain, [0.0]])
+    peaks = np.flatnonzero((scores.gain >= padded[:-2]) & (scores.gain >= padded[2:]))
     starts = peaks[np.argsort(-scores.gain[peaks])][: settings.contact_starts]
     prior = with_any_contact(problem.prior, problem.unknowns.force_scale, length)
     touched = replace(problem, prior=prior)
@@ -239,9 +239,9 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact
     seen = problem.used.size
     best = min(pressing, key=lambda item: evidence_cost(item, seen))
     most = evidence_cost(best, seen) + settings.rival
-    apart = settings.contact_apart * length
+    distance = settings.contact_apart * length
     elsewhere = any(
-        evidence_cost(item, seen) < most and abs(place_of(item) - place_of(best)) > apart
+        evidence_cost(item, seen) < most and abs(place_of(item) - place_of(best)) > distance
         for item in fits
     )
     return FoundContact(fit=best, elsewhere=elsewhere)

@@ -35,6 +35,7 @@ from pneunet_ros.fusion.belief import (
 )
 from pneunet_ros.fusion.lack import LackGrowth, weights_after
 from pneunet_ros.fusion.settings import FusionSettings
+from pneunet_ros.measurement.disturbances import placement_jacobian
 from pneunet_ros.measurement.gauss_newton import gauss_newton
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import target_jacobian
@@ -228,7 +229,7 @@ class FrameLinearization:
         """The squared whitened residual, of the prior too."""
         return self.trial.cost
 
-    def lack_told(self, growth: LackGrowth) -> tuple[Array, Array]:
+    def lack_information(self, growth: LackGrowth) -> tuple[Array, Array]:
         """Return H^T S^-1 v (errors,) and H^T S^-1 H of what the model may lack, as it moved."""
         moved = self.lacking * growth.grown
         weighed = np.linalg.solve(self.covariance, moved)
@@ -333,11 +334,8 @@ class FrameProblem:
         for axis in range(2):
             response[axis, :, DRIFT.start + axis] = 1.0
             response[axis, :, CAMERA.start + axis] = 1.0
-        cosine, sine = np.cos(bent.shape.theta), np.sin(bent.shape.theta)
-        which = np.arange(targets)
-        along, across = unknowns.along.start + which, unknowns.across.start + which
-        response[0, which, along], response[1, which, along] = cosine, sine
-        response[0, which, across], response[1, which, across] = -sine, cosine
+        painted = slice(unknowns.along.start, unknowns.across.stop)
+        response[:, :, painted] = placement_jacobian(bent.shape.theta)
         seen = response[:, self.used].reshape(-1, self.mean.size)
         jacobian = seen @ self.root / self.std[:, None]
         if not np.abs(jacobian).max() < LIMIT_POINT:
@@ -398,7 +396,7 @@ class FrameProblem:
             root = compress(np.column_stack([root, self.root @ step]))
         weights, growth = self.prior.lack_weights, self.growth
         if growth is not None:
-            weights = weights_after(self.settings, weights, growth, fit.lack_told(growth))
+            weights = weights_after(self.settings, weights, growth, fit.lack_information(growth))
         return Belief(
             stamp_ns=self.prior.stamp_ns,
             mean=freeze(self.mean + self.root @ fit.trial.xi),

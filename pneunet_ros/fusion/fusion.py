@@ -43,7 +43,12 @@ from pneunet_ros.fusion.belief import (
     widen,
     with_noise,
 )
-from pneunet_ros.fusion.contact import Contact, correlation_with_tip, weigh, without_contact
+from pneunet_ros.fusion.contact import (
+    Contact,
+    correlation_with_tip,
+    weigh_hypotheses,
+    without_contact,
+)
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.frame_fit import (
     bend_arm,
@@ -442,7 +447,7 @@ class Fusion:
         )
         rival = None if state.rival is None else self.problem_of(frame, state.rival)
         odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
-        weighed = weigh(
+        weighed = weigh_hypotheses(
             update,
             problem,
             rival,

@@ -54,14 +54,17 @@ def scale_of(settings: FusionSettings, log_weights: Array) -> float:
 
 
 def weights_after(
-    settings: FusionSettings, log_weights: Array, growth: LackGrowth, told: tuple[Array, Array]
+    settings: FusionSettings,
+    log_weights: Array,
+    growth: LackGrowth,
+    information: tuple[Array, Array],
 ) -> Array:
     """Return the log weights after a frame.
 
-    told: H^T S^-1 v (errors,) and H^T S^-1 H (errors, errors) of the moves for a scale of 1, with
-    those assumed in S.
+    information: H^T S^-1 v (errors,) and H^T S^-1 H (errors, errors) of the moves for a scale of
+    1, with those assumed in S.
     """
-    score, precision = told
+    score, precision = information
     assumed = growth.scale
     share, axes = np.linalg.eigh(assumed**2 * precision)
     without = 1.0 / (1.0 - np.clip(share, 0.0, MOST_CERTAIN))  # of S without these errors

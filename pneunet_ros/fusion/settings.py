@@ -35,7 +35,7 @@ class FusionSettings:
         (4.0, 40.0), 'in which a part of the curvature follows that the model lacks', unit='s'
     )
     play: float = tuning(0.06, 'width of a play that the model lacks', unit='of the range')
-    late_share: float = tuning(
+    creep_fraction: float = tuning(
         0.1, 'std of the part of the curvature that comes late, with each time; invented'
     )
     play_share: float = tuning(0.5, 'std of the part of that play; invented')

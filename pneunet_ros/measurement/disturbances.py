@@ -63,15 +63,27 @@ def disturbance_jacobian(run: RecordingData, theta: Array) -> Array:
     theta (frames, targets) rad at the targets.
     """
     frames, targets = theta.shape
-    out = np.zeros((frames, 2, targets, 2 * targets + 2 * PATH_NODES))
-    cosine, sine = np.cos(theta), np.sin(theta)
-    which = np.arange(targets)
-    out[:, 0, which, which], out[:, 1, which, which] = cosine, sine
-    out[:, 0, which, targets + which], out[:, 1, which, targets + which] = -sine, cosine
-    hats = path_weights(run)
     start = 2 * targets
+    out = np.zeros((frames, 2, targets, start + 2 * PATH_NODES))
+    out[..., :start] = placement_jacobian(theta)
+    hats = path_weights(run)
     out[:, 0, :, start : start + PATH_NODES] = hats[:, None]
     out[:, 1, :, start + PATH_NODES :] = hats[:, None]
+    return out
+
+
+def placement_jacobian(theta: Array) -> Array:
+    """Return how measured targets move per painted place, along and across the arm.
+
+    theta (.., targets) rad at the targets; returned (.., 2, targets, 2 targets): x and y, first of
+    all places along.
+    """
+    targets = theta.shape[-1]
+    out = np.zeros((*theta.shape[:-1], 2, targets, 2 * targets))
+    cosine, sine = np.cos(theta), np.sin(theta)
+    which = np.arange(targets)
+    out[..., 0, which, which], out[..., 1, which, which] = cosine, sine
+    out[..., 0, which, targets + which], out[..., 1, which, targets + which] = -sine, cosine
     return out
 
 

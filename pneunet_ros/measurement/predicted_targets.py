@@ -16,6 +16,7 @@ from pneunet_ros.measurement.covariance import chi_squared
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.noise_model import camera_errors, target_stds
 from pneunet_ros.measurement.second_order import SecondOrder
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -72,16 +73,21 @@ def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array
     distorts, which is linear, distorts errors as well, and a column may be of the camera itself.
     """
     arm = table.arm
-    moved = sensitivity.stations(arm.target_arclength)[:, :2]
+    jacobian = measured_moves(arm, sensitivity)
     if not arm.seeing:
-        return moved
+        return jacobian
     true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
-    jacobian = np.stack(arm.see(moved[:, 0], moved[:, 1]), axis=1)
     seen = [np.stack(side.see(true_x, true_y)) for side in table.neighbors]
     columns = len(seen) // 2
     for column, distance in enumerate(table.distance[1:]):
         jacobian[PRESSURE + 1 + column] += (seen[columns + column] - seen[column]) / distance
     return jacobian
+
+
+def measured_moves(arm: Arm, sensitivity: Sensitivity) -> Array:
+    """Return how targets are measured to move by each change of the rod, (changes, 2, targets)."""
+    moved = sensitivity.stations(arm.target_arclength)[:, :2]
+    return np.stack(arm.see(moved[:, 0], moved[:, 1]), axis=1) if arm.seeing else moved
 
 
 def innovation(
