@@ -64,6 +64,15 @@ def test_frames_belong_to_the_pressure_of_their_time(track, source):
     assert (run.reading_stamp_ns[0] - first) * 1e-9 == pytest.approx(DELAY, abs=1e-8)
 
 
+@pytest.mark.parametrize('uneven', [0.05, 0.1])
+def test_dots_painted_by_hand_are_found(tmp_path, capsys, uneven):
+    write_video(tmp_path / 'film.avi', pictures(uneven=uneven))
+    words = [str(tmp_path / 'film.avi'), '--camera-info', 'none', '--json']
+    assert main(['track', *words, '--output', str(tmp_path / 'out.mcap')]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary['seen'] >= 0.99 * TARGETS * summary['explained'] > 0, summary
+
+
 def test_without_forces_nothing_hangs_and_a_known_load_is_no_reading(track):
     bare, _ = read_run(track('film.avi', '--delay', '0.1')[2], TARGETS)
     assert not bare.loaded

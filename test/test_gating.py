@@ -86,21 +86,24 @@ def test_nothing_is_expected_of_a_single_target():
     assert np.count_nonzero(np.isfinite(found[:, 0])) == 1
 
 
+def start_areas(*area, whole=()):
+    """Return how large targets of these areas start; whole: those with all of their edge."""
+    return initial_area(np.array(area), np.isin(np.arange(len(area)), whole))
+
+
 def test_a_target_starts_about_as_large_as_most():
-    first = initial_area(np.array([80.0, np.nan, 30.0, 82.0, 81.0]))
+    first = start_areas(80.0, np.nan, 30.0, 82.0, 81.0)
     assert first[1] == pytest.approx(80.5)
     assert first[2] > 50.0  # it was covered in the first frame, and may come out larger
-    with_glint = initial_area(np.array([80.0, 120.0, 80.0, 80.0]))
-    assert with_glint[1] < 90.0
+    assert start_areas(80.0, 120.0, 80.0, 80.0)[1] < 90.0  # with a glint
     assert first[[0, 3, 4]].tolist() == [80.0, 82.0, 81.0]
-    assert np.isnan(initial_area(np.full(3, np.nan))).all()
+    assert np.isnan(start_areas(np.nan, np.nan, np.nan)).all()
 
 
-def test_dots_painted_by_hand_start_with_sizes_of_their_own():
-    uneven = np.array([80.0, 110.0, 70.0, 95.0, 60.0, 105.0, 85.0, 65.0])
-    assert initial_area(uneven) == pytest.approx(uneven)
-    covered = np.array([80.0, 81.0, 40.0, 82.0, 79.0, 80.0, 81.0, 80.0])
-    assert initial_area(covered)[2] > 60.0
+def test_a_dot_painted_by_hand_whose_edge_is_all_seen_is_as_large_as_it_is():
+    first = start_areas(80.0, 120.0, 50.0, 82.0, 50.0, whole=(0, 1, 2))
+    assert first[[0, 1, 2]].tolist() == [80.0, 120.0, 50.0]
+    assert first[4] > 50.0
 
 
 @pytest.mark.parametrize(
@@ -123,9 +126,9 @@ def test_a_glint_that_hangs_on_to_a_target_shows_when_a_row_is_found(area, alike
     areas[4] *= area
     elongation = np.full(9, 1.02)
     elongation[4] = 1.34  # hardly allowed: the area must tell
-    assert consistent_size(areas, initial_area(areas), elongation).tolist() == [
-        place != 4 or alike for place in range(9)
-    ]
+    assert consistent_size(
+        areas, initial_area(areas, np.zeros(9, np.bool_)), elongation
+    ).tolist() == [place != 4 or alike for place in range(9)]
 
 
 def test_motion_makes_all_longer_and_larger_alike():

@@ -103,9 +103,22 @@ def rows_anywhere(
     rows: list[TargetRow] = []
     for place in order[np.isfinite(costs[order])].tolist():
         row = TargetRow(chosen[place], float(costs[place]))
-        if not any(_same(row, other, settings.alike) for other in rows):
-            rows.append(row)
+        for reading in _readings(row, arclength):
+            if not any(_same(reading, other, settings.alike) for other in rows):
+                rows.append(reading)
     return rows
+
+
+def _readings(row: TargetRow, arclength: Array) -> tuple[TargetRow, ...]:
+    """Return a row, and where its distances are the same from the other end, from there too.
+
+    It is grown by what its last blobs were like, and dots of different sizes may be found from one
+    end alone.
+    """
+    steps = np.diff(arclength)
+    if not np.allclose(steps, steps[::-1]):
+        return (row,)
+    return row, TargetRow(np.ascontiguousarray(row.chosen[::-1]), row.cost)
 
 
 def share_of_blobs(row: TargetRow, other: TargetRow) -> float:

@@ -42,7 +42,6 @@ class GatingSettings:
     smallest: float = tuning(0.7, 'area over what it has been, at least')
     largest: float = tuning(1.6, 'the same, at most')
     first_growth: float = tuning(1.1, 'area over most, of a target not seen before, at most')
-    differ: float = tuning(3.0, 'areas of a row, at most', unit='median difference of logarithms')
     alone_between: float = tuning(0.04, 'a target moves alone, at most', unit='spacing')
     alone_beyond: float = tuning(0.15, 'the same, at the end of what is seen', unit='spacing')
     steps: float = tuning(2.0, 'of neighbors, by which one at the end moved more, at most')
@@ -293,18 +292,16 @@ def _local_median(values: Array, of_few: Array) -> Array:
     return np.where(count > 2, median, of_few)
 
 
-def initial_area(area: Array, gating: GatingSettings = GATING) -> Array:
+def initial_area(area: Array, whole: Mask, gating: GatingSettings = GATING) -> Array:
     """Return how large targets are to be expected after they are found (targets,).
 
-    A target starts no smaller than its neighbors, as it may be covered in part, and hardly larger,
-    as a glint may hang on to it; NaN is one not seen. Sizes may change along the arm, and dots
-    painted by hand differ: as far as most of a row do, each may.
+    area: NaN of one not seen; whole: seen with all of its edge. Such a one is as large as it is,
+    as dots painted by hand differ. Any other starts no smaller than its neighbors, as it may be
+    covered in part, and hardly larger, as a glint may hang on to it.
     """
     known = np.isfinite(area)
     of_few = np.full(area.size, np.median(area[known]) if known.any() else math.nan)
     middle = _local_median(area, of_few)
-    off = np.abs(np.log(area[known] / middle[known]))
-    differ = math.exp(gating.differ * float(np.median(off))) if off.size else 1.0
-    smaller, larger = max(gating.largest_growth, differ), max(gating.first_growth, differ)
-    first: Array = np.clip(area, middle / smaller, larger * middle)
+    first: Array = np.clip(area, middle / gating.largest_growth, gating.first_growth * middle)
+    first = np.where(whole, area, first)
     return np.where(known, first, middle)

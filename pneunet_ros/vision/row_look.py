@@ -93,7 +93,7 @@ def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = 
     tells. NaN for a target that has too few. One that is smaller by more than sizes differ, as a
     finger covers a bit of it, tells nothing.
     """
-    whole = table[:, EXACT] >= settings.exact
+    whole = has_whole_edge(table, settings)
     first = _looks_of(table, places, whole, settings)
     smaller = whole & (share_of_area(table, first) < _least_share(first, settings))
     return _looks_of(table, places, whole & ~smaller, settings) if smaller.any() else first
@@ -154,7 +154,12 @@ def whole_targets(table: Array, expected: Array, settings: RowLookSettings = ROW
     expected: as `looks_of_neighbors`.
     """
     large = share_of_area(table, expected) >= _least_share(expected, settings)
-    return np.asarray((table[:, EXACT] >= settings.exact) & large)
+    return has_whole_edge(table, settings) & large
+
+
+def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
+    """Whether targets (targets, COLUMNS) are seen with all of their edge."""
+    return np.asarray(table[:, EXACT] >= settings.exact)
 
 
 def _least_share(expected: Array, settings: RowLookSettings) -> Array:

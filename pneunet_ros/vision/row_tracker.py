@@ -49,6 +49,7 @@ from pneunet_ros.vision.rest_plane import (
 )
 from pneunet_ros.vision.row_look import (
     believable_parts,
+    has_whole_edge,
     looks_of_neighbors,
     part_stds,
     share_of_area,
@@ -184,6 +185,11 @@ def with_partial(
     expected = looks_of_neighbors(row.table, places, settings)
     share = share_of_area(row.table, expected)
     partial = ~whole_targets(row.table, expected, settings)
+    same = has_whole_edge(row.table, settings) & (
+        row.table[:, AREA] >= settings.least_area * usual
+    )
+    if last is None:  # nothing tells yet how large each is
+        partial &= ~same
     asked = np.flatnonzero(partial)
     found = np.full_like(row.table, np.nan)
     found[asked] = blobs_at(view.image, expected[asked], view.appearance)
@@ -195,8 +201,12 @@ def with_partial(
         # What was not seen before must be on the row: a finger nail is as bright and as large.
         worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
         believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
-    # What is neither whole nor a part of what its neighbors are is something else.
-    other = partial & ~believed & np.isfinite(share)
+    # What is neither as large as it has been, nor a part of what its neighbors are, is something
+    # else.
+    same = has_whole_edge(row.table, settings) & (
+        row.table[:, AREA] >= settings.least_area * usual
+    )
+    other = partial & ~believed & ~same & np.isfinite(share)
     if not (believed | other).any():
         return row
     table = np.where(believed[:, None], found, row.table)
@@ -239,7 +249,7 @@ def row_among(view: View, blobs: Blobs) -> ObservedRow | Failure:
     least = least_seen(targets, vision.association)
     table, chosen = np.full((targets, COLUMNS), np.nan), row.chosen >= 0
     table[chosen] = blobs.table.T[usable[row.chosen[chosen]]]
-    usual = initial_area(table[:, AREA], vision.gating)
+    usual = initial_area(table[:, AREA], has_whole_edge(table, vision.row_look), vision.gating)
     found = with_partial(view, gate_row(view, table, usual), usual)
     if found.seen < least or not is_at_clamp(view, found.points):
         return Failure(
@@ -344,7 +354,11 @@ def start_row(view: View, row: ObservedRow) -> TrackedRow:
         stamp_ns=view.image.stamp_ns - 1,
         pixels=row.table[:, :2],
         velocity=np.zeros((len(row.table), 2)),
-        area=initial_area(row.table[:, AREA], view.vision.gating),
+        area=initial_area(
+            row.table[:, AREA],
+            has_whole_edge(row.table, view.vision.row_look),
+            view.vision.gating,
+        ),
         table=row.table,
         seen=np.zeros(len(row.table), np.bool_),
         spacing=math.nan,

@@ -60,13 +60,19 @@ def place_of(index: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float6
 
 
 @cache
-def pictures(frames: int = FRAMES, hidden: int | None = None) -> tuple[Picture, ...]:
-    """Render the arm, (HEIGHT, WIDTH) grey; `hidden`: a target that is gone in the last frame."""
+def pictures(
+    frames: int = FRAMES, hidden: int | None = None, uneven: float = 0.0
+) -> tuple[Picture, ...]:
+    """Render the arm, (HEIGHT, WIDTH) grey.
+
+    hidden: a target that is gone in the last frame; uneven: how radii of dots scatter, relative.
+    """
     renderer, rng = Renderer(Scene(camera=CAMERA)), np.random.default_rng(5)
+    sizes = 1.0 + uneven * np.random.default_rng(6).standard_normal(ARM.target_arclength.size)
     films = []
     for index in range(frames):
         x, y = place_of(index)
-        radius = np.full(x.size, 0.0011)
+        radius = 0.0011 * sizes
         if hidden is not None and index == frames - 1:
             radius[hidden] = 0.0
         films.append(renderer.render(FrameState(dots=Dots(x=x, y=y, radius=radius)), rng)[0])
