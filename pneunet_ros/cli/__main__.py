@@ -8,6 +8,8 @@ from __future__ import annotations
 import signal
 import sys
 
+from pneunet_ros.core.interrupt import forget_interrupt
+
 INTERRUPTED = 130  # exit code
 
 
@@ -19,6 +21,7 @@ def main() -> int:
         return run()
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one changes nothing
+        forget_interrupt()
         print(f'pneunet: interrupted; {written_sentence()}', file=sys.stderr)
         return INTERRUPTED
 

@@ -7,6 +7,8 @@ import signal
 import sys
 from types import FrameType
 
+from pneunet_ros.core.interrupt import forget_interrupt
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -28,6 +30,7 @@ def refuse_signals() -> None:
     """
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+    forget_interrupt()
 
 
 def signal_came() -> bool:
