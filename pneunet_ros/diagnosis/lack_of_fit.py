@@ -133,9 +133,23 @@ def score_statistic(
     settings: LackOfFitSettings,
 ) -> ScoreStatistic:
     """Return the statistic of fields (frames, 2 targets, n) m in some of the runs."""
+    pairs = zip(runs, fields, strict=True)
+    white = [linearization.blocks[which].white(item) for which, item in pairs]
+    return white_statistic(name, linearization, gaussian, runs, white, seed, settings)
+
+
+def white_statistic(
+    name: str,
+    linearization: Linearization,
+    gaussian: GaussianModel,
+    runs: Sequence[int],
+    white: Sequence[Array],
+    seed: int,
+    settings: LackOfFitSettings = DEFAULTS.lack_of_fit,
+) -> ScoreStatistic:
+    """Return the statistic of whitened columns (rows, n) in some of the runs."""
     blocks = [linearization.blocks[which] for which in runs]
     columns = [gaussian.columns[which] for which in runs]
-    white = [block.white(item) for block, item in zip(blocks, fields, strict=True)]
     residuals = gaussian.best_residuals()
     score = sum(item.T @ residuals[which] for which, item in zip(runs, white, strict=True))
     cross = np.asarray(sum(x.T @ item for x, item in zip(columns, white, strict=True)))

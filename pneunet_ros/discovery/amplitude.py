@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -35,6 +36,12 @@ class Evidence:
         """Return that of some of the columns."""
         return Evidence(
             score=self.score[list(chosen)], information=self.information[np.ix_(chosen, chosen)]
+        )
+
+    def along(self, factors: Array) -> Evidence:
+        """Return that of sums of the columns, with these factors (n, m)."""
+        return Evidence(
+            score=factors.T @ self.score, information=factors.T @ self.information @ factors
         )
 
     def log_gain(self, std: float) -> float:
@@ -110,6 +117,38 @@ class Columns:
         return (
             self.evidence(runs),
             *(self.evidence(tuple(other for other in runs if other != which)) for which in runs),
+        )
+
+
+class FrameColumns:
+    """A field by frames: one column per frame of every run, of which each run has its own.
+
+    Evidence is over all frames of all runs in turn, zero for those of other runs.
+    """
+
+    def __init__(
+        self, projection: Projection, linearization: Linearization, fields: Sequence[Array]
+    ) -> None:
+        self.projection, gaussian = projection, projection.gaussian
+        self.parts: list[tuple[Array, Array, Array]] = []
+        for block, field, columns, residuals in zip(
+            linearization.blocks, fields, gaussian.columns, gaussian.residuals, strict=True
+        ):
+            white = block.white(field[:, :, None] * np.eye(len(field))[:, None, :])
+            self.parts.append((white.T @ white, columns.T @ white, white.T @ residuals))
+        ends = np.cumsum([0, *(len(field) for field in fields)])
+        self.frames = [slice(first, last) for first, last in itertools.pairwise(ends.tolist())]
+
+    def evidence(self, runs: Runs) -> Evidence:
+        """Return score and information in these runs alone."""
+        factor, step = self.projection.of(runs)
+        count, base = self.frames[-1].stop, step.size
+        score, gram, cross = np.zeros(count), np.zeros((count, count)), np.zeros((base, count))
+        for which in runs:
+            own = self.frames[which]
+            gram[own, own], cross[:, own], score[own] = self.parts[which]
+        return Evidence(
+            score=score - cross.T @ step, information=gram - cross.T @ cho_solve(factor, cross)
         )
 
 

@@ -30,13 +30,14 @@ class Cause:
     """A kind at a place, ready for laws.
 
     position (s / l), None where it has none; fields (frames, 2 targets) m per unit of amplitude,
-    per run; terms: names of the columns, covariates first, and scales: of what each is per unit
-    (covariates are scaled to one, sizes in prior units).
+    per run; covariates: that its amplitude may follow; terms: names of the columns, first those of
+    the covariates. A column is that of the kind's prior times a covariate of size one.
     """
 
     kind: Kind
     position: float | None
     fields: tuple[Array, ...]
+    covariates: tuple[Covariate, ...]
     terms: tuple[str, ...]
     columns: Columns
 
@@ -76,7 +77,9 @@ def cause_of(
 
     def fields_with(term: str, amount: float) -> tuple[Array, ...] | None:
         parameters = parameters_of(kind, (term,), by_name)
-        effect = effect_class(effect_source(kind, parameters, '', length=length, play=play))
+        effect = effect_class(
+            effect_source(kind, parameters, '', length=length, play=play, prefix='unit_')
+        )
         values = {parameters[0].name: amount}
         if position is not None:
             values['position'] = position
@@ -102,6 +105,7 @@ def cause_of(
         kind=kind,
         position=position,
         fields=fields,
+        covariates=tuple(followed),
         terms=tuple(names),
         columns=Columns(projection, columns),
     )

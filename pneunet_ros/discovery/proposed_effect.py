@@ -115,6 +115,7 @@ def effect_source(
     *,
     length: float,
     play: float,
+    prefix: str = PREFIX,
 ) -> str:
     """Return the text of the file of a proposed effect.
 
@@ -123,7 +124,7 @@ def effect_source(
     terms = {item.term for item in parameters}
     memory = [term for term in (*TIMES, PLAY) if term in terms]
     place = kind.place if not memory or kind.place == 'actuation' else 'material'
-    name = effect_name(kind)
+    name = prefix + kind.name
     body = [*fields_text(kind, parameters), *memory_text(kind, parameters, memory, play)]
     body += speaking_text(kind, parameters, length)
     text = '\n'.join(
@@ -386,7 +387,7 @@ def without_unused(text: str) -> str:
 def effect_class(source: str) -> type[Effect]:
     """Return the effect that the text of a file declares."""
     space: dict[str, Any] = {'__name__': __name__}
-    exec(compile(source, '<proposed effect>', 'exec'), space)
+    exec(compile(source, '<proposed effect>', 'exec', dont_inherit=True), space)
     found = [
         item
         for item in space.values()

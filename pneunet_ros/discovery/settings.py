@@ -30,6 +30,7 @@ class LawSettings:
     prior_sizes: tuple[float, ...] = tuning(
         (0.01, 0.1, 1.0), 'prior std of coefficients, the best is taken', unit='prior of the kind'
     )
+    rounds: int = tuning(2, 'times that a fitted law is asked what it lacks')
     periods: int = tuning(160, 'periods tried')
     period_cost: float = tuning(
         5.0, 'gain that the search over periods finds by chance', unit='log probability'

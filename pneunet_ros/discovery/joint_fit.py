@@ -1,0 +1,165 @@
+"""A law in the rod: fitted jointly with the base model, as the effect that its file will be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.hypothesis import hypothesis
+from pneunet_ros.diagnosis.refit import refit, Refit
+from pneunet_ros.diagnosis.selection import Selection, Trial
+from pneunet_ros.discovery.covariates import Covariate
+from pneunet_ros.discovery.kinds import Kind
+from pneunet_ros.discovery.law import Law
+from pneunet_ros.discovery.proposed_effect import (
+    effect_class,
+    effect_source,
+    Parameter,
+    parameters_of,
+)
+from pneunet_ros.discovery.search import Search
+from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
+
+POSITION = 'position'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Proposal:
+    """A law as an effect of its own, fitted jointly.
+
+    terms of the law, and the parameters of the effect that belong to them; trial: the fit, with
+    what it leaves; its last hypothesis is this effect.
+    """
+
+    kind: Kind
+    terms: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    trial: Trial
+
+    @property
+    def evidence(self) -> float:
+        """Log probability of every recording predicted from the others, over the base."""
+        return self.trial.record.evidence
+
+    @property
+    def numbers(self) -> Array:
+        """The fitted numbers of this effect, as of its hypothesis."""
+        fit = self.trial.refit
+        return fit.numbers[-fit.hypotheses[-1].size :]
+
+    @property
+    def stds(self) -> Array:
+        """Their standard errors."""
+        return np.asarray(np.sqrt(np.diag(self.trial.refit.covariance))[-self.numbers.size :])
+
+
+class JointFits:
+    """Joint fits of laws on top of a trial."""
+
+    def __init__(
+        self,
+        selection: Selection,
+        first: Trial,
+        base: Trial,
+        search: Search,
+        settings: DiscoverySettings = DISCOVERY,
+    ) -> None:
+        self.selection, self.first, self.base = selection, first, base
+        self.search, self.settings = search, settings
+        self.covariates = {item.name: item for item in search.covariates}
+
+    def propose(self, law: Law) -> Proposal | None:
+        """Fit a law, and go on with terms that it lacks where it is in the rod.
+
+        None where the arm has no shape with it.
+        """
+        kind, terms = law.cause.kind, law.terms
+        proposal = self.fit(kind, terms, self.start(law))
+        for _ in range(self.settings.law.rounds):
+            if proposal is None:
+                return None
+            more = self.missing_terms(proposal)
+            if not more:
+                return proposal
+            numbers = np.insert(proposal.numbers, len(proposal.terms), np.zeros(len(more)))
+            better = self.fit(kind, (*proposal.terms, *more), numbers, proposal.trial.refit)
+            least = proposal.evidence + self.settings.law.least_gain
+            if better is None or better.evidence < least:
+                return proposal
+            proposal = better
+        return proposal
+
+    def start(self, law: Law) -> Array:
+        """Return where the fit of a law begins."""
+        kind = law.cause.kind
+        sizes = [
+            kind.natives[term].prior
+            if term in kind.natives
+            else kind.prior / self.covariates[term].scale
+            for term in law.terms
+        ]
+        numbers = law.coefficients * np.array(sizes)
+        if law.cause.position is None:
+            return np.asarray(numbers)
+        return np.append(numbers, np.log(law.cause.position))
+
+    def fit(
+        self, kind: Kind, terms: tuple[str, ...], numbers: Array, around: Refit | None = None
+    ) -> Proposal | None:
+        """Fit jointly from these numbers until settled."""
+        parameters = parameters_of(kind, terms, self.covariates)
+        source = effect_source(
+            kind,
+            parameters,
+            '',
+            length=self.base.refit.linearization.length,
+            play=self.search.play,
+        )
+        own = hypothesis(effect_class(source))
+        known, settings = self.base.refit, self.selection.settings.refit
+        found = refit(
+            known.linearization if around is None else around.linearization,
+            (*known.hypotheses, own),
+            np.concatenate([known.numbers, numbers]),
+            settings.rounds,
+            settings,
+        )
+        if found is None:
+            return None
+        return Proposal(
+            kind=kind,
+            terms=terms,
+            parameters=parameters,
+            trial=self.selection.test_trial(found, self.first),
+        )
+
+    def missing_terms(self, proposal: Proposal) -> tuple[str, ...]:
+        """Return terms of the kind that the fit with the law still lacks."""
+        room = self.settings.law.most_terms - len(proposal.terms)
+        if room <= 0:
+            return ()
+        position = self.position(proposal)
+        search = Search(proposal.trial.refit, self.settings)
+        law = search.law(proposal.kind, position, search.runs)
+        if law is None:
+            return ()
+        runnable = [
+            term
+            for term in law.terms
+            if term not in proposal.terms
+            and (term in proposal.kind.natives or is_followed(proposal.kind, self.covariates[term]))
+        ]
+        return tuple(runnable[:room])
+
+    def position(self, proposal: Proposal) -> float | None:
+        """Return the place (s / l) of a fitted law, None for what has none."""
+        if proposal.kind.positions is None:
+            return None
+        hypothesis = proposal.trial.refit.hypotheses[-1]
+        return float(getattr(hypothesis.effect(proposal.numbers), POSITION))
+
+
+def is_followed(kind: Kind, covariate: Covariate) -> bool:
+    """Whether an effect of a kind can follow a covariate when it runs."""
+    return covariate.meaning.group in kind.follows
