@@ -19,7 +19,7 @@ from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_st
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
 from pneunet_ros.diagnosis.selection import evidence_margin, is_adequate, Selection, Trial
 from pneunet_ros.discovery.amplitude import FrameColumns, Runs
-from pneunet_ros.discovery.joint_fit import is_followed, JointFits, POSITION, Proposal
+from pneunet_ros.discovery.joint_fit import JointFits, POSITION, Proposal
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.proposed_effect import effect_name, effect_source
 from pneunet_ros.discovery.result import (
@@ -204,8 +204,7 @@ def objections_to(
     p_value = split_p_value(finding.suspect, search, selection.seed)
     if p_value > settings.level:
         found.append(
-            'half of the recordings does not predict it in the other half '
-            f'(p-value {p_value:.2g})'
+            f'half of the recordings does not predict it in the other half (p-value {p_value:.2g})'
         )
     if finding.share < settings.least_share:
         found.append(f'it explains {max(finding.share, 0.0):.0%} of what is left')

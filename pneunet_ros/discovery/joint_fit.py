@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.hypothesis import hypothesis
-from pneunet_ros.diagnosis.refit import refit, Refit
+from pneunet_ros.diagnosis.refit import Refit, refit
 from pneunet_ros.diagnosis.selection import Selection, Trial
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import Kind
@@ -148,7 +148,9 @@ class JointFits:
             term
             for term in law.terms
             if term not in proposal.terms
-            and (term in proposal.kind.natives or is_followed(proposal.kind, self.covariates[term]))
+            and (
+                term in proposal.kind.natives or is_followed(proposal.kind, self.covariates[term])
+            )
         ]
         return tuple(runnable[:room])
 

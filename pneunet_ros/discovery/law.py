@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.discovery.amplitude import (
     Columns,
     columns_of,
@@ -20,7 +21,6 @@ from pneunet_ros.discovery.covariates import CONSTANT, Covariate
 from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.discovery.proposed_effect import effect_class, effect_source, parameters_of
 from pneunet_ros.discovery.settings import DISCOVERY, LawSettings
-from pneunet_ros.diagnosis.refit import Refit
 
 STEP = 1e-3  # of the prior of an amplitude: the size of unit fields
 
@@ -90,7 +90,9 @@ def cause_of(
         return None
     runs = range(len(fields))
     followed = [item for item in covariates if item.meaning.group in (*kind.follows, 'time')]
-    factors = [kind.prior * np.column_stack([item.scaled(which) for item in followed]) for which in runs]
+    factors = [
+        kind.prior * np.column_stack([item.scaled(which) for item in followed]) for which in runs
+    ]
     columns = columns_of(projection, linearization, fields, factors).white
     names = [item.name for item in followed]
     for name, native in kind.natives.items():

@@ -314,7 +314,11 @@ def speaking_text(kind: Kind, parameters: Sequence[Parameter], length: float) ->
             ]
         case 'sense':
             present = present.replace('loads.', 'load.')
-            known = ['        pressure = load.pressure'] if by_pressure or 'pressure *' in present else []
+            known = (
+                ['        pressure = load.pressure']
+                if by_pressure or 'pressure *' in present
+                else []
+            )
             lines += [
                 *method('sense', 'load: Load', 'Return the true load.', 'Load'),
                 *known,

@@ -32,7 +32,9 @@ def swing_sentence(
     kind: Kind, location: Estimated | None, swing: Swing, tied: Sequence[str]
 ) -> str:
     """Say what kind of cause swings by itself, how fast, and that nothing predicts it."""
-    grows = ' and is the larger, the higher the pressure is' if swing.modulation != CONSTANT else ''
+    grows = (
+        ' and is the larger, the higher the pressure is' if swing.modulation != CONSTANT else ''
+    )
     return (
         f'{begin(kind, location)}: the {kind.amplitude} goes by itself, with a period of '
         f'{swing.period:.3g} s{grows} (up to {swing.size * kind.prior:.2g} {kind.unit}).'

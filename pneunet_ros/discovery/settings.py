@@ -47,7 +47,7 @@ class PlaceSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ConfirmationSettings:
+class LawConfirmationSettings:
     """What a law requires to be given."""
 
     level: float = tuning(
@@ -68,7 +68,7 @@ class DiscoverySettings:
     covariates: CovariateSettings = CovariateSettings()
     law: LawSettings = LawSettings()
     place: PlaceSettings = PlaceSettings()
-    confirmation: ConfirmationSettings = ConfirmationSettings()
+    confirmation: LawConfirmationSettings = LawConfirmationSettings()
 
 
 DISCOVERY = DiscoverySettings()
