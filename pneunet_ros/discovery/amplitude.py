@@ -1,9 +1,9 @@
 """How strong a kind of cause would have been, frame by frame, and what of it a law can explain.
 
-With X all unknowns of the base fit and V = 1 + X X^T, a kind at a place has one field per frame:
-what whitened points do per unit of its amplitude, taken through the equilibrium. Score z = E^T V^-1
-r and information C = E^T V^-1 E of its columns say all that the recordings know of it; base,
-placement and camera are refitted in them. Here columns are field times covariate, or field times
+With X all unknowns of the base fit and V = 1 + X X^T, a kind at a place has a field per frame:
+what whitened points do per unit of its amplitude, taken through the equilibrium. The score
+z = E^T V^-1 r and the information C = E^T V^-1 E of its columns say all that the recordings know
+of it; base, placement and camera are refitted in them. Here columns are field times covariate, or field times
 frame, and z and C are of all runs, or of some of them.
 """
 
@@ -56,7 +56,8 @@ class Evidence:
 
     def estimate(self, std: float) -> tuple[Array, Array]:
         """Return coefficients (n,) and their covariance (n, n)."""
-        covariance = np.linalg.inv(self.information + np.eye(self.score.size) / std**2)
+        prior = np.eye(self.score.size) / std**2
+        covariance: Array = np.linalg.inv(self.information + prior)
         return covariance @ self.score, covariance
 
     @property

@@ -102,7 +102,7 @@ def covariates_of(
 def covariate_table(
     linearization: Linearization, which: int, settings: CovariateSettings
 ) -> dict[str, Array]:
-    """Return all covariates of a run, (frames,) in SI; the past is that of readings without noise."""
+    """Return all covariates of a run, (frames,) in SI, of readings without noise."""
     block = linearization.blocks[which]
     run, inputs = linearization.known_inputs.filtered[which].run, block.inputs
     pressure, (f1, f2) = inputs.pressure, inputs.loads[:, :2].T

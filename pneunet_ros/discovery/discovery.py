@@ -14,6 +14,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.confirmation import Confirmer
 from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.evaluation import removed_share
 from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_statistic
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
@@ -162,7 +163,7 @@ def linear_share(suspect: Suspect, base: Trial, search: Search) -> float:
 
 
 def excess_of(base: Trial) -> float:
-    """Return by how much chi squared of the training is above its number, or a test above clean."""
+    """Return by how much chi squared is above its mean, or a test above clean data."""
     runs = base.refit.linearization.training
     squares = sum(base.record.run_chi_squared[:runs]) - sum(base.record.coordinates[:runs])
     return max(float(squares), base.record.excess)
@@ -219,7 +220,8 @@ def objections_to(
 def split_p_value(suspect: Suspect, search: Search, seed: int) -> float:
     """Return how often noise alone confirms as well what half of the recordings says of the other.
 
-    Place, terms and coefficients are those of one half; 1 where neither half says anything.
+    Place, terms and coefficients are those of one half; 1 where neither half says anything. The
+    other half is taken by itself: of a base that both halves fit it would expect the same errors.
     """
     runs = search.runs
     halves = runs[::2], runs[1::2]
@@ -251,9 +253,15 @@ def predicted_p_value(
             (law.cause.columns.white[which][:, places] @ law.coefficients)[:, None]
             for which in tested
         ]
-    statistic = white_statistic(
-        f'split {suspect.kind.name}', linearization, gaussian, tested, white, seed
+    blocks = [linearization.blocks[which] for which in tested]
+    alone = GaussianModel.of(
+        [gaussian.columns[which] for which in tested],
+        [gaussian.residuals[which] for which in tested],
+        gaussian.position,
+        [gaussian.grams[which] for which in tested],
     )
+    name, every = f'split {suspect.kind.name}', range(len(tested))
+    statistic = white_statistic(name, blocks, linearization.size, alone, every, white, seed)
     mean, variance = clean_moments(statistic)
     test = LackOfFit(
         name=statistic.name,

@@ -131,7 +131,7 @@ def effect_source(
         [
             f'"""{wrapped(sentence)}',
             '',
-            'A proposal of `pneunet diagnose`: a law found in recordings, until others confirm it.',
+            'A proposal of `pneunet diagnose`: a law of the recordings that it was found in.',
             '"""',
             '',
             'from dataclasses import dataclass, replace',

@@ -35,6 +35,7 @@ class LawSettings:
     period_cost: float = tuning(
         5.0, 'gain that the search over periods finds by chance', unit='log probability'
     )
+    fewest_cycles: float = tuning(2.5, 'periods in the longest recording, at least')
     fewest_runs: int = tuning(3, 'recordings for a law on time')
 
 

@@ -89,16 +89,16 @@ def find_swing(
 
 
 def possible_periods(seconds: Sequence[Array], settings: LawSettings) -> Array:
-    """Return periods (s) from two and a bit frames to most of the longest recording."""
+    """Return periods (s) from two and a bit frames to what the longest recording repeats."""
     steps = np.concatenate([np.diff(item) for item in seconds if item.size > 1])
     steps = steps[steps > 0.0]
     longest = max(float(np.ptp(item)) for item in seconds)
     if not steps.size or longest <= 0.0:
         return np.zeros(0)
     shortest = 2.2 * float(np.median(steps))
-    if 1.5 * shortest >= longest:
+    if settings.fewest_cycles * shortest >= longest:
         return np.zeros(0)
-    frequencies = np.linspace(1.5 / longest, 1.0 / shortest, settings.periods)
+    frequencies = np.linspace(settings.fewest_cycles / longest, 1.0 / shortest, settings.periods)
     return np.asarray(1.0 / frequencies)
 
 

@@ -17,7 +17,7 @@ MOST_SERIES = 6  # recordings whose amplitude is shown
 
 
 def causes(data: FigureData) -> Picture | None:
-    """Which kind of cause, where on the arm, explains how much."""
+    """Draw which kind of cause, where on the arm, explains how much."""
     found = data.discovery.causes
     if found is None:
         return None
@@ -49,7 +49,7 @@ def causes(data: FigureData) -> Picture | None:
 
 
 def amplitude(data: FigureData) -> Picture | None:
-    """The amplitude of the closest cause in every frame, and by its law."""
+    """Draw the amplitude of the closest cause in every frame, and by its law."""
     series = data.discovery.amplitudes[:MOST_SERIES]
     if not series:
         return None
@@ -86,7 +86,7 @@ def draw_amplitude(axes: Axes, series: AmplitudeSeries) -> None:
 
 
 def discovered_error(data: FigureData) -> Picture | None:
-    """The model error before, with library effects, and with the discovered law."""
+    """Draw the model error before, with library effects, and with the discovered law."""
     evaluation, diagnosis = data.discovery.evaluation, data.diagnosis
     if evaluation is None:
         return None
