@@ -99,6 +99,7 @@ def arm_from_mapping(content: Any) -> Arm:
     covariance, domain = top.get('covariance'), top.get('domain')
     return Arm(
         name=top['name'],
+        divided=(),
         **{
             key: MODEL_FILE.number(value, f'arm.{key}')
             for key, value in arm.items()
