@@ -32,9 +32,9 @@ class Meaning:
 
 
 MEANINGS: dict[str, Meaning] = {
-    CONSTANT: Meaning(group='constant', words='is the same all the time', unit='-'),
-    'p': Meaning(group='pressure', words='grows with the pressure', unit='Pa'),
-    'p^2': Meaning(group='pressure', words='grows with the square of the pressure', unit='Pa^2'),
+    CONSTANT: Meaning(group='constant', words='is constant', unit='-'),
+    'p': Meaning(group='pressure', words='goes with the pressure', unit='Pa'),
+    'p^2': Meaning(group='pressure', words='goes with the square of the pressure', unit='Pa^2'),
     RATE: Meaning(group='past', words='goes with the rate of the pressure', unit='Pa/s'),
     PLAY: Meaning(
         group='past',
@@ -52,11 +52,11 @@ MEANINGS: dict[str, Meaning] = {
     ),
     'F1': Meaning(group='load', words='goes with the end force F1', unit='N'),
     'F2': Meaning(group='load', words='goes with the end force F2', unit='N'),
-    '|F|': Meaning(group='load', words='grows with the size of the end force', unit='N'),
+    '|F|': Meaning(group='load', words='goes with the size of the end force', unit='N'),
     'p F1': Meaning(group='load', words='goes with pressure times end force F1', unit='Pa N'),
     'p F2': Meaning(group='load', words='goes with pressure times end force F2', unit='Pa N'),
     ELAPSED: Meaning(
-        group='time', words='grows with the time since the start of a recording', unit='s'
+        group='time', words='goes with the time since the start of a recording', unit='s'
     ),
 }
 

@@ -14,8 +14,8 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.confirmation import Confirmer
 from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.evaluation import removed_share
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_statistic
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
 from pneunet_ros.diagnosis.selection import evidence_margin, is_adequate, Selection, Trial
@@ -85,8 +85,9 @@ def discover(
     if not suspects:
         notes = ('no kind of cause that was tried predicts recordings that are left out',)
         return Discovery(searched=True, causes=causes, notes=notes, settings=settings)
-    findings = judge(selection, first, base, search, suspects, on_progress)
-    best = max(findings, key=lambda item: item.gain)
+    fits = JointFits(selection, first, base, search, settings)
+    findings = judge(fits, suspects, on_progress)
+    best = shortened(max(findings, key=lambda item: item.gain), fits)
     objections = objections_to(best, selection, first, base, search)
     amplitudes = amplitude_series(search, best)
     if objections:
@@ -130,30 +131,34 @@ def starting_point(investigation: Investigation, settings: DiscoverySettings) ->
     return None
 
 
-def judge(
-    selection: Selection,
-    first: Trial,
-    base: Trial,
-    search: Search,
-    suspects: Sequence[Suspect],
-    on_progress: OnProgress,
-) -> list[Finding]:
+def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress) -> list[Finding]:
     """Fit the best suspects jointly where a model can follow them, and say what they explain."""
-    fits = JointFits(selection, first, base, search, search.settings)
-    count = search.settings.confirmation.finalists
+    count = fits.settings.confirmation.finalists
     findings = []
     for place, suspect in enumerate(suspects[:count]):
         on_progress(f'joint fit of {suspect.kind.name}', place, count)
         proposal = None
         if suspect.law is not None and not suspect.goes_by_itself:
             proposal = fits.propose(suspect.law)
-        if proposal is not None:
-            gain = proposal.evidence - base.record.evidence
-            share = 1.0 - proposal.trial.record.excess / max(base.record.excess, 1e-12)
-        else:
-            gain, share = suspect.left_out_gain, linear_share(suspect, base, search)
-        findings.append(Finding(suspect=suspect, proposal=proposal, gain=gain, share=share))
+        findings.append(finding_of(suspect, proposal, fits))
     return findings
+
+
+def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> Finding:
+    """Return what a suspect comes to, with its joint fit where it has one."""
+    base = fits.base
+    gain, share = suspect.left_out_gain, linear_share(suspect, base, fits.search)
+    if proposal is not None:
+        gain = proposal.evidence - base.record.evidence
+        share = 1.0 - proposal.trial.record.excess / max(base.record.excess, 1e-12)
+    return Finding(suspect=suspect, proposal=proposal, gain=gain, share=share)
+
+
+def shortened(finding: Finding, fits: JointFits) -> Finding:
+    """Return a finding without terms that its law does not need."""
+    if finding.proposal is None:
+        return finding
+    return finding_of(finding.suspect, fits.without_idle_terms(finding.proposal), fits)
 
 
 def linear_share(suspect: Suspect, base: Trial, search: Search) -> float:

@@ -70,24 +70,49 @@ class JointFits:
         self.covariates = {item.name: item for item in search.covariates}
 
     def propose(self, law: Law) -> Proposal | None:
-        """Fit a law, and go on with terms that it lacks where it is in the rod.
+        """Fit a law, and add terms that it lacks where it is in the rod, at its place.
 
         None where the arm has no shape with it.
         """
-        kind, terms = law.cause.kind, law.terms
-        proposal = self.fit(kind, terms, self.start(law))
+        proposal = self.fit(law.cause.kind, law.terms, self.start(law))
         for _ in range(self.settings.law.rounds):
             if proposal is None:
                 return None
-            more = self.missing_terms(proposal)
-            if not more:
-                return proposal
-            numbers = np.insert(proposal.numbers, len(proposal.terms), np.zeros(len(more)))
-            better = self.fit(kind, (*proposal.terms, *more), numbers, proposal.trial.refit)
-            least = proposal.evidence + self.settings.law.least_gain
-            if better is None or better.evidence < least:
-                return proposal
-            proposal = better
+            longer = self.with_missing_terms(proposal)
+            if longer is None:
+                break
+            proposal = longer
+        return proposal
+
+    def with_missing_terms(self, proposal: Proposal) -> Proposal | None:
+        """Return the fit with terms that it lacks; None where they gain too little."""
+        more = self.missing_terms(proposal)
+        if not more:
+            return None
+        numbers = np.insert(proposal.numbers, len(proposal.terms), np.zeros(len(more)))
+        terms = (*proposal.terms, *more)
+        better = self.fit(proposal.kind, terms, numbers, proposal.trial.refit)
+        least = proposal.evidence + self.settings.law.least_gain
+        return None if better is None or better.evidence < least else better
+
+    def without_idle_terms(self, proposal: Proposal) -> Proposal:
+        """Leave out terms without which the recordings are predicted as well.
+
+        Beside a place that is off, or a base that is, a law looks longer than it is.
+        """
+        while len(proposal.terms) > 1:
+            count = len(proposal.terms)
+            ratios = np.abs(proposal.numbers[:count]) / proposal.stds[:count]
+            weakest = int(np.argmin(ratios))
+            if ratios[weakest] > self.settings.law.idle:
+                break
+            terms = (*proposal.terms[:weakest], *proposal.terms[weakest + 1 :])
+            numbers = np.delete(proposal.numbers, weakest)
+            shorter = self.fit(proposal.kind, terms, numbers, proposal.trial.refit)
+            least = proposal.evidence - self.settings.law.least_gain
+            if shorter is None or shorter.evidence < least:
+                break
+            proposal = shorter
         return proposal
 
     def start(self, law: Law) -> Array:

@@ -81,7 +81,7 @@ KINDS: dict[str, Kind] = {
     for kind in (
         Kind(
             name='stretch',
-            subject='the arm is longer than the model says, all along it',
+            subject='the whole arm is stretched',
             amplitude='stretch',
             unit='-',
             prior=0.02,
@@ -117,8 +117,8 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='stiffness',
-            subject='the whole arm is stiffer than the model says',
-            amplitude='share of the stiffness',
+            subject='the stiffness of the whole arm changes',
+            amplitude='share that is added to the stiffness',
             unit='-',
             prior=0.2,
             place='material',
@@ -135,7 +135,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='curvature',
-            subject='the free shape of the whole arm is bent more than the model says',
+            subject='the free shape of the whole arm changes',
             amplitude='curvature',
             unit='1/m',
             prior=1.0,
@@ -145,7 +145,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='bump',
-            subject='a short stretch of the arm is bent more than the model says',
+            subject='the free shape of a short stretch of the arm changes',
             amplitude='curvature',
             unit='1/m',
             prior=5.0,
@@ -157,8 +157,8 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='section_stiffness',
-            subject='a short stretch of the arm is stiffer than the model says',
-            amplitude='share of the stiffness',
+            subject='the stiffness of a short stretch of the arm changes',
+            amplitude='share that is added to the stiffness',
             unit='-',
             prior=0.3,
             place='material',
@@ -250,7 +250,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='camera_scale',
-            subject='the picture is larger than the model says',
+            subject='the scale of the picture is off',
             amplitude='share of the scale',
             unit='-',
             prior=0.01,
@@ -293,7 +293,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='time_offset',
-            subject='the stamps of the camera are late',
+            subject='the stamps of the camera are off',
             amplitude='delay',
             unit='s',
             prior=0.1,

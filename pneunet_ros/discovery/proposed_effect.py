@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import re
 import textwrap
 from typing import Any
 
@@ -15,13 +16,11 @@ from pneunet_ros.discovery.covariates import CONSTANT, Covariate, PLAY, RATE, RA
 from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.effects.effect import Effect
 
-LEAST, MOST = 1e-3, 1e3  # bounds of a parameter: so many times its prior range
+MOST = 1e3  # bounds of a parameter: so many times what is usual
 PREFIX = 'proposed_'
 LINE = 99
-ACTUATE = 'history: History, seconds: float, pressure: float, scale: PressureScale'
-RETURNED = 'tuple[History, float]'
 
-# Name of the parameter of a term; {unit} of the amplitude per unit of the covariate.
+# Name of the parameter of a covariate, and the covariate in a file, by where it is known.
 PARAMETERS = {
     CONSTANT: 'constant',
     'p': 'per_pressure',
@@ -37,16 +36,47 @@ PARAMETERS = {
     'p F1': 'per_pressure_and_force_x',
     'p F2': 'per_pressure_and_force_y',
 }
-# The covariate in the file, by where it is known.
-IN_PRESSURE = {CONSTANT: '', 'p': 'pressure', 'p^2': 'pressure**2'}
-IN_LOADS = {
+PRESENT = {CONSTANT: '', 'p': 'pressure', 'p^2': 'pressure**2'}
+LOADED = {
     'F1': 'loads.force_x',
     'F2': 'loads.force_y',
     '|F|': 'np.hypot(loads.force_x, loads.force_y)',
-    'p F1': 'pressure * loads.force_x',
-    'p F2': 'pressure * loads.force_y',
+    'p F1': 'loads.pressure * loads.force_x',
+    'p F2': 'loads.pressure * loads.force_y',
 }
 TIMES = {RATE: RATE_TIME, 'past 3 s': 3.0, 'past 10 s': 10.0, 'past 30 s': 30.0}
+
+IMPORTS = (
+    ('from dataclasses import dataclass', r'@dataclass'),
+    ('from dataclasses import replace', r'\breplace\('),
+    ('import math', r'\bmath\.'),
+    ('from typing import ClassVar', r'\bClassVar\b'),
+    ('import numpy as np', r'\bnp\.'),
+    ('from pneunet_ros.core.arrays import Array', r'\bArray\b'),
+    ('from pneunet_ros.core.units import quantity', r'\bquantity\('),
+    *(
+        (f'from pneunet_ros.effects.effect import {name}', rf'\b{name}\b')
+        for name in ('Effect', 'History', 'Load', 'Loads', 'Part', 'Place', 'PressureScale')
+    ),
+    ('from pneunet_ros.effects.effect import Terms', r'\bTerms\b'),
+)
+FILE = '''\
+"""{sentence}
+
+A proposal of `pneunet diagnose`: a law of the recordings that it was found in.
+"""
+
+{imports}
+{functions}
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class {class_name}(Effect):
+    """{about}."""
+
+    name: ClassVar[str] = {name!r}
+    place: ClassVar[Place] = {place!r}
+    meaning: ClassVar[str] = {meaning!r}
+{body}'''
 FOLLOW = '''
 
 def follow(mean: float, before: float, pressure: float, seconds: float, time: float) -> float:
@@ -56,11 +86,79 @@ def follow(mean: float, before: float, pressure: float, seconds: float, time: fl
     behind = time * (pressure - before) / seconds
     return pressure - behind + (mean - before + behind) * math.exp(-seconds / time)
 '''
+FIELD = """\
+    {name}: float = quantity(
+        {default!r},
+        unit={unit!r},
+        meaning={meaning!r},
+        bounds=({low!r}, {high!r}),
+        prior=({first!r}, {last!r}),
+        source={source!r},{shape}
+    )
+"""
+MEMORY = '''
+    def initial(self, pressure: float, scale: PressureScale) -> History:
+        """At rest: the past is this pressure."""
+        return ({at_rest})
+
+    def actuate(
+        self, history: History, seconds: float, pressure: float, scale: PressureScale
+    ) -> tuple[History, float]:
+        """Carry the past along."""
+        before = history[0]
+        history = (
+            pressure,
+            {following},
+        )
+        return history, {chamber}
+'''
+HISTORY_TERMS = '''
+    def history_terms(self, history: Array, scale: PressureScale) -> Terms:
+        """Return what the past adds."""
+        amplitude = {amplitude}
+        return {terms}
+'''
+TERMS = '''
+    def terms(self, pressure: Array) -> Terms:
+        """Return what is added at these pressures."""
+        return {terms}
+'''
+LOAD_TERMS = '''
+    def load_terms(self, loads: Loads) -> Terms:
+        """Return what is added under these loads."""
+        amplitude = {amplitude}
+        return {terms}
+'''
+ACTUATE = '''
+    def actuate(
+        self, history: History, seconds: float, pressure: float, scale: PressureScale
+    ) -> tuple[History, float]:
+        """Return the pressure in the chamber."""
+        return history, pressure + {amplitude}
+'''
+SENSE = '''
+    def sense(self, load: Load) -> Load:
+        """Return the true load."""
+        amplitude = {amplitude}
+        return {code}
+'''
+SEE = '''
+    def see(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return where the points are measured."""
+        amplitude = {amplitude}
+        return {code}
+'''
+FRAME_DELAY = '''
+    @property
+    def frame_delay(self) -> float:
+        """The delay."""
+        return {amplitude}
+'''
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """A parameter of a proposed effect: of which term, and how large it may be (SI)."""
+    """A parameter of a proposed effect: of which term, and how large it usually is (SI)."""
 
     name: str
     term: str
@@ -72,24 +170,22 @@ def parameters_of(
     kind: Kind, terms: Sequence[str], covariates: Mapping[str, Covariate]
 ) -> tuple[Parameter, ...]:
     """Return the parameters of the terms of a law, in order."""
-    found = []
-    for term in terms:
-        if term in kind.natives:
-            native = kind.natives[term]
-            name = 'per_' + '_'.join(
-                word.replace('^2', '_squared') for word in term.split() if word != 'the'
-            )
-            parameter = Parameter(name=name, term=term, unit=native.unit, prior=native.prior)
-        else:
-            covariate = covariates[term]
-            parameter = Parameter(
-                name=PARAMETERS[term],
-                term=term,
-                unit=per_unit(kind.unit, covariate.meaning.unit),
-                prior=float(f'{kind.prior / covariate.scale:.3g}'),
-            )
-        found.append(parameter)
-    return tuple(found)
+    return tuple(parameter_of(kind, term, covariates) for term in terms)
+
+
+def parameter_of(kind: Kind, term: str, covariates: Mapping[str, Covariate]) -> Parameter:
+    """Return the parameter of a term: a covariate, or what comes out of the equilibrium."""
+    if term in kind.natives:
+        native = kind.natives[term]
+        name = 'per_' + term.replace('^2', '_squared').replace(' ', '_')
+        return Parameter(name=name, term=term, unit=native.unit, prior=native.prior)
+    covariate = covariates[term]
+    return Parameter(
+        name=PARAMETERS[term],
+        term=term,
+        unit=per_unit(kind.unit, covariate.meaning.unit),
+        prior=float(f'{kind.prior / covariate.scale:.3g}'),
+    )
 
 
 def per_unit(amplitude: str, covariate: str) -> str:
@@ -121,85 +217,88 @@ def effect_source(
 
     length (m) of the arm; play (Pa): full width of the one behind the side of the play.
     """
-    terms = {item.term for item in parameters}
-    memory = [term for term in (*TIMES, PLAY) if term in terms]
-    place = kind.place if not memory or kind.place == 'actuation' else 'material'
+    memory = [item.term for item in parameters if item.term in (*TIMES, PLAY)]
     name = prefix + kind.name
-    body = [*fields_text(kind, parameters), *memory_text(kind, parameters, memory, play)]
-    body += speaking_text(kind, parameters, length)
-    text = '\n'.join(
+    body = ''.join(
         [
-            f'"""{wrapped(sentence)}',
-            '',
-            'A proposal of `pneunet diagnose`: a law of the recordings that it was found in.',
-            '"""',
-            '',
-            'from dataclasses import dataclass, replace',
-            'import math',
-            'from typing import ClassVar',
-            '',
-            'import numpy as np',
-            'from pneunet_ros.core.arrays import Array',
-            'from pneunet_ros.core.units import quantity',
-            'from pneunet_ros.effects.effect import (',
-            '    Effect,',
-            '    History,',
-            '    Load,',
-            '    Loads,',
-            '    Part,',
-            '    Place,',
-            '    PressureScale,',
-            '    Terms,',
-            ')',
-            FOLLOW.rstrip() if set(TIMES) & terms else '',
-            '',
-            '@dataclass(frozen=True, slots=True, kw_only=True)',
-            f'class {"".join(word.title() for word in name.split("_"))}(Effect):',
-            f'    """{capitalized(kind.subject)}."""',
-            '',
-            f'    name: ClassVar[str] = {name!r}',
-            f'    place: ClassVar[Place] = {place!r}',
-            f'    meaning: ClassVar[str] = {kind.subject!r}',
-            *body,
-            '',
+            *(field_text(kind, item) for item in parameters),
+            position_text(kind),
+            memory_text(kind, parameters, memory, play),
+            present_text(kind, parameters, length),
         ]
     )
-    return without_unused(text)
+    functions = FOLLOW if set(TIMES) & set(memory) else ''
+    wrapped = textwrap.fill(sentence, LINE, initial_indent='   ').lstrip()
+    return FILE.format(
+        sentence=wrapped,
+        imports=imports_text(f'@dataclass Effect ClassVar Place {functions} {body}'),
+        functions=functions,
+        class_name=''.join(word.title() for word in name.split('_')),
+        about=kind.subject[:1].upper() + kind.subject[1:],
+        name=name,
+        place='material' if memory and kind.place == 'mechanics' else kind.place,
+        meaning=kind.subject,
+        body=body,
+    )
 
 
-def fields_text(kind: Kind, parameters: Sequence[Parameter]) -> list[str]:
-    """Return the declarations of the parameters."""
-    lines = []
-    for item in parameters:
-        native = kind.natives.get(item.term)
-        meaning = native.words if native else f'{kind.amplitude} per covariate: {item.term}'
-        if item.term == CONSTANT:
-            meaning = f'{kind.amplitude}, the same all the time'
-        low = 0.0 if native and native.one_sided else -1.0
-        lines += [
-            f'    {item.name}: float = quantity(',
-            '        0.0,',
-            f'        unit={item.unit!r},',
-            f'        meaning={meaning!r},',
-            f'        bounds=({low * MOST * item.prior!r}, {MOST * item.prior!r}),',
-            f'        prior=({2.0 * low * item.prior!r}, {2.0 * item.prior!r}),',
-            "        source='prior: invented, twice the usual size of this kind of cause',",
-            '    )',
-        ]
-    if kind.positions is not None:
-        first, last = kind.positions
-        lines += [
-            '    position: float = quantity(',
-            '        0.5,',
-            "        unit='-',",
-            "        meaning='where it acts, s / l; any where nothing acts',",
-            f'        bounds=({first!r}, {last!r}),',
-            f'        prior=({first!r}, {last!r}),',
-            "        source='prior: anywhere on the arm',",
-            '        shape=True,',
-            '    )',
-        ]
-    return lines
+def imports_text(used: str) -> str:
+    """Return the imports that a text needs, those of a module on one line."""
+    lines: list[str] = []
+    for line, pattern in IMPORTS:
+        if not re.search(pattern, used):
+            continue
+        module, _, name = line.partition(' import ')
+        if lines and name and lines[-1].startswith(f'{module} import '):
+            lines[-1] += f', {name}'
+        else:
+            lines.append(line)
+    text = '\n'.join(lines)
+    head, separator, names = text.rpartition('effects.effect import ')
+    if len(names) + len('from pneunet_ros.effects.effect import ') > LINE:
+        names = '(\n    ' + names.replace(', ', ',\n    ') + ',\n)'
+    first = text.split('\nimport numpy')[0].split('\nfrom pneunet_ros')[0]
+    return f'{first}\n\n{(head + separator + names)[len(first) + 1 :]}'
+
+
+def field_text(kind: Kind, item: Parameter) -> str:
+    """Return the declaration of a parameter."""
+    native = kind.natives.get(item.term)
+    meaning = f'{kind.amplitude} per covariate: {item.term}'
+    if item.term == CONSTANT:
+        meaning = f'{kind.amplitude}, the same all the time'
+    low = 0.0 if native is not None and native.one_sided else -1.0
+    return FIELD.format(
+        name=item.name,
+        default=0.0,
+        unit=item.unit,
+        meaning=meaning,
+        low=low * MOST * item.prior,
+        high=MOST * item.prior,
+        first=2.0 * low * item.prior,
+        last=2.0 * item.prior,
+        source='prior: invented, twice what is usual of this kind of cause',
+        shape='',
+    )
+
+
+def position_text(kind: Kind) -> str:
+    """Return the declaration of the place, empty where a kind has none."""
+    if kind.positions is None:
+        return ''
+    low, high = kind.positions
+    return FIELD.format(
+        name='position',
+        default=0.5,
+        unit='-',
+        meaning='middle of the part on which it acts, s / l; any where nothing acts',
+        low=low,
+        high=high,
+        first=low,
+        last=high,
+        source='prior: anywhere on the arm',
+        shape='\n        shape=True,',
+    )
 
 
 def sum_text(parameters: Sequence[Parameter], expressions: Mapping[str, str]) -> str:
@@ -209,183 +308,84 @@ def sum_text(parameters: Sequence[Parameter], expressions: Mapping[str, str]) ->
         for item in parameters
         if item.term in expressions
     ]
-    return ' + '.join(parts)
+    if len(parts) < 2:
+        return ''.join(parts)
+    lines = '\n            + '.join(parts)
+    return f'(\n            {lines}\n        )'
 
 
-def memory_text(
-    kind: Kind, parameters: Sequence[Parameter], memory: Sequence[str], play: float
-) -> list[str]:
-    """Return the methods that carry the past along, and what it adds."""
-    if not memory:
-        return []
-    following, covariates = [], {}
-    for place, term in enumerate(memory, start=1):
-        if term == PLAY:
-            half = repr(0.5 * play)
-            following.append(f'min(max(past[{place}], pressure - {half}), pressure + {half})')
-            covariates[term] = f'(past[0] - past[{place}]) / {half}'
-        else:
-            time = TIMES[term]
-            following.append(f'follow(past[{place}], past[0], pressure, seconds, {time})')
-            covariates[term] = f'(past[0] - past[{place}])' + (
-                f' / {time}' if term == RATE else ''
-            )
-    amplitude = sum_text(parameters, covariates)
-    lines = [
-        '',
-        '    def initial(self, pressure: float, scale: PressureScale) -> History:',
-        '        """At rest: the past is this pressure."""',
-        f'        return ({", ".join(["pressure"] * (1 + len(memory)))})',
-        *method('actuate', ACTUATE, 'Carry the past along.', RETURNED),
-        '        past = history',
-        '        past = (',
-        '            pressure,',
-        *(f'            {item},' for item in following),
-        '        )',
-        f'        return past, pressure{" + " + amplitude if kind.method == "actuate" else ""}',
-    ]
-    if kind.method == 'terms':
-        amplitude = amplitude.replace('past[', 'history[..., ')
-        lines += [
-            *method(
-                'history_terms',
-                'history: Array, scale: PressureScale',
-                'Return what the past adds.',
-                'Terms',
-            ),
-            f'        return {terms_text(kind, amplitude)}',
-        ]
-    return lines
-
-
-def method(name: str, arguments: str, about: str, returns: str) -> list[str]:
-    """Return the head of a method."""
-    head = f'    def {name}(self, {arguments}) -> {returns}:'
-    if len(head) > LINE:
-        return [
-            '',
-            f'    def {name}(',
-            f'        self, {arguments}',
-            f'    ) -> {returns}:',
-            f'        """{about}"""',
-        ]
-    return ['', head, f'        """{about}"""']
-
-
-def terms_text(kind: Kind, amplitude: str, natives: Mapping[str, str] = {}) -> str:
-    """Return a record of terms with an amplitude, and what comes out of the equilibrium."""
+def terms_text(kind: Kind, amplitude: str, natives: Mapping[str, str] | None = None) -> str:
+    """Return a record of terms as Python; natives: parameter of each that comes by itself."""
     entries = [kind.code.replace('amplitude', amplitude)] if amplitude else []
-    entries += [
-        kind.natives[term].code.replace('coefficient', f'self.{name}')
-        for term, name in natives.items()
-    ]
+    for term, name in (natives or {}).items():
+        entries.append(kind.natives[term].code.replace('coefficient', f'self.{name}'))
     if kind.positions is not None:
         entries.insert(0, f'part=Part.around(self.position, {kind.width!r})')
     return f'Terms({", ".join(entries)})'
 
 
-def speaking_text(kind: Kind, parameters: Sequence[Parameter], length: float) -> list[str]:
+def memory_text(
+    kind: Kind, parameters: Sequence[Parameter], memory: Sequence[str], play: float
+) -> str:
+    """Return the methods that carry the past along, and what it adds."""
+    if not memory:
+        return ''
+    following, covariates = [], {}
+    for place, term in enumerate(memory, start=1):
+        if term == PLAY:
+            half = repr(0.5 * play)
+            following.append(f'min(max(history[{place}], pressure - {half}), pressure + {half})')
+            covariates[term] = f'(history[0] - history[{place}]) / {half}'
+        else:
+            time = TIMES[term]
+            following.append(f'follow(history[{place}], before, pressure, seconds, {time})')
+            covariates[term] = f'(history[0] - history[{place}])'
+            covariates[term] += f' / {time}' if term == RATE else ''
+    amplitude = sum_text(parameters, covariates)
+    chamber = f'pressure + {amplitude}' if kind.method == 'actuate' else 'pressure'
+    text = MEMORY.format(
+        at_rest=', '.join(['pressure'] * (1 + len(memory))),
+        following=',\n            '.join(following),
+        chamber=chamber,
+    )
+    if kind.method == 'terms':
+        amplitude = amplitude.replace('history[', 'history[..., ')
+        text += HISTORY_TERMS.format(amplitude=amplitude, terms=terms_text(kind, 'amplitude'))
+    return text
+
+
+def present_text(kind: Kind, parameters: Sequence[Parameter], length: float) -> str:
     """Return the methods in which the kind speaks of the present."""
-    natives = {item.term: item.name for item in parameters if item.term in kind.natives}
-    by_pressure, by_load = (sum_text(parameters, table) for table in (IN_PRESSURE, IN_LOADS))
-    present = sum_text(parameters, IN_PRESSURE | IN_LOADS)
-    amplitude = f'({present})' if ' ' in present else present
     code = kind.code.replace('{half}', repr(0.5 * length)).replace('\n', '\n        ')
-    lines: list[str] = []
-    if natives or (kind.method == 'terms' and by_pressure):
-        lines += [
-            *method(
-                'terms', 'pressure: Array', 'Return what is added at these pressures.', 'Terms'
-            ),
-            f'        return {terms_text(kind, by_pressure, natives)}',
-        ]
-    if kind.method == 'terms' and by_load:
-        lines += [
-            *method(
-                'load_terms', 'loads: Loads', 'Return what is added under these loads.', 'Terms'
-            ),
-            f'        return {terms_text(kind, by_load.replace("pressure *", "loads.pressure *"))}',
-        ]
-    match kind.method if present else '':
+    if kind.method == 'terms':
+        return present_terms_text(kind, parameters)
+    natives = {item.term: item.name for item in parameters if item.term in kind.natives}
+    native = TERMS.format(terms=terms_text(kind, '', natives)) if natives else ''
+    amplitude = sum_text(parameters, PRESENT | LOADED)
+    if not amplitude:
+        return native
+    match kind.method:
         case 'actuate':
-            lines += [
-                *method('actuate', ACTUATE, 'Return the pressure in the chamber.', RETURNED),
-                f'        return history, pressure + {amplitude}',
-            ]
+            return ACTUATE.format(amplitude=amplitude)
         case 'sense':
-            present = present.replace('loads.', 'load.')
-            known = (
-                ['        pressure = load.pressure']
-                if by_pressure or 'pressure *' in present
-                else []
-            )
-            lines += [
-                *method('sense', 'load: Load', 'Return the true load.', 'Load'),
-                *known,
-                f'        amplitude = {present}',
-                f'        return {code}',
-            ]
+            terms = PRESENT | {'p': 'load.pressure', 'p^2': 'load.pressure**2'} | LOADED
+            amplitude = sum_text(parameters, terms).replace('loads.', 'load.')
+            return SENSE.format(amplitude=amplitude, code=code) + native
         case 'see':
-            lines += [
-                *method(
-                    'see',
-                    'x: Array, y: Array',
-                    'Return where the points are measured.',
-                    'tuple[Array, Array]',
-                ),
-                f'        amplitude = {present}',
-                f'        return {code}',
-            ]
-        case 'frame_delay':
-            head = method('frame_delay', '', 'The delay.', 'float')
-            lines += [
-                '',
-                '    @property',
-                *(line.replace('(self, )', '(self)') for line in head[1:]),
-                f'        return {present}',
-            ]
-    return lines
+            return SEE.format(amplitude=amplitude, code=code)
+    return FRAME_DELAY.format(amplitude=amplitude)
 
 
-def wrapped(sentence: str) -> str:
-    """Return a sentence on lines that a file may have."""
-    return '\n'.join(textwrap.wrap(sentence, LINE - 3))
-
-
-def capitalized(text: str) -> str:
-    """Return a text that begins with a capital."""
-    return text[:1].upper() + text[1:]
-
-
-def without_unused(text: str) -> str:
-    """Return the text of a file without imports that it does not use."""
-    head, body = text.split('@dataclass', 1)
-    lines = head.split('\n')
-    unused = {
-        'from dataclasses import dataclass, replace': (
-            'replace(',
-            'from dataclasses import dataclass',
-        ),
-        'import math': ('math.', None),
-        'import numpy as np': ('np.', None),
-        'from pneunet_ros.core.arrays import Array': ('Array', None),
-        '    History,': ('History', None),
-        '    Load,': ('-> Load:', None),
-        '    Loads,': ('Loads', None),
-        '    Part,': ('Part.', None),
-        '    PressureScale,': ('PressureScale', None),
-        '    Terms,': ('Terms', None),
-    }
-    functions = head.split(')\n', 1)[-1]
-    kept = []
-    for line in lines:
-        word, instead = unused.get(line, ('', None))
-        if word and word not in body and word not in functions:
-            if instead is None:
-                continue
-            line = instead
-        kept.append(line)
-    return '\n'.join(kept) + '@dataclass' + body
+def present_terms_text(kind: Kind, parameters: Sequence[Parameter]) -> str:
+    """Return the methods of a kind that changes the record of the rod."""
+    natives = {item.term: item.name for item in parameters if item.term in kind.natives}
+    text, amplitude = '', sum_text(parameters, PRESENT)
+    if amplitude or natives:
+        text += TERMS.format(terms=terms_text(kind, amplitude, natives))
+    loaded = sum_text(parameters, LOADED)
+    if loaded:
+        text += LOAD_TERMS.format(amplitude=loaded, terms=terms_text(kind, 'amplitude'))
+    return text
 
 
 def effect_class(source: str) -> type[Effect]:

@@ -30,6 +30,7 @@ class LawSettings:
     prior_sizes: tuple[float, ...] = tuning(
         (0.01, 0.1, 1.0), 'prior std of coefficients, the best is taken', unit='prior of the kind'
     )
+    idle: float = tuning(3.0, 'size of a term that may be left out', unit='its std')
     rounds: int = tuning(2, 'times that a fitted law is asked what it lacks')
     periods: int = tuning(160, 'periods tried')
     period_cost: float = tuning(

@@ -66,7 +66,8 @@ def write_diagnosis(
 
     frame: the model that was given; training, held_out: the runs as given to the diagnosis;
     provenance: `inputs` (file, sha256 and role of each) and `versions`; discovery: what was found
-    beyond the library; units: of the axes of figures. The folder must not exist; `files.atomic.atomic_output` makes it appear as a whole.
+    beyond the library; units: of the axes of figures. The folder must not exist;
+    `files.atomic.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
     data = FigureData(
