@@ -3,8 +3,8 @@
 With X all unknowns of the base fit and V = 1 + X X^T, a kind at a place has a field per frame:
 what whitened points do per unit of its amplitude, taken through the equilibrium. The score
 z = E^T V^-1 r and the information C = E^T V^-1 E of its columns say all that the recordings know
-of it; base, placement and camera are refitted in them. Here columns are field times covariate, or field times
-frame, and z and C are of all runs, or of some of them.
+of it; base, placement and camera are refitted in them. Here columns are field times covariate, or
+field times frame, and z and C are of all runs, or of some of them.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Evidence:
     def estimate(self, std: float) -> tuple[Array, Array]:
         """Return coefficients (n,) and their covariance (n, n)."""
         prior = np.eye(self.score.size) / std**2
-        covariance: Array = np.linalg.inv(self.information + prior)
+        covariance = np.asarray(np.linalg.inv(self.information + prior), np.float64)
         return covariance @ self.score, covariance
 
     @property

@@ -62,7 +62,12 @@ def find_swing(
                 gain = part.log_gain(std)
                 if best is None or gain > best[0]:
                     best = gain, period, modulation, std
-    if best is None or best[0] < settings.period_cost:
+    free = max(
+        everything.along(prior * np.eye(everything.score.size)).log_gain(std)
+        for std in settings.prior_sizes
+    )
+    # What swings is described better by that than by an amplitude of its own in every frame.
+    if best is None or best[0] < max(free, 0.0) + settings.period_cost:
         return None
     _, period, modulation, std = best
     sizes = [prior * np.abs(by_name[modulation].scaled(which)) for which in every_run]
