@@ -22,14 +22,13 @@ class Native:
     """A covariate that comes out of the equilibrium itself, so that no amplitude can follow it.
 
     code: what it gives to `Terms`, with `coefficient`; words as of a covariate; unit and prior std
-    (SI) of the coefficient; one_sided: it is never negative.
+    (SI) of the coefficient, which is never negative.
     """
 
     code: str
     words: str
     unit: str
     prior: float
-    one_sided: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -238,15 +237,16 @@ KINDS: dict[str, Kind] = {
             place='sensing',
             method='sense',
             code='replace(load, moment=load.moment + amplitude)',
-            natives={
-                'force across the tip': Native(
-                    code='load_offset=coefficient',
-                    words='grows with the end force along the arm (it acts beside the centerline)',
-                    unit='m',
-                    prior=0.006,
-                    one_sided=False,
-                )
-            },
+        ),
+        Kind(
+            name='load_beside',
+            subject='the end load acts beside the centerline',
+            amplitude='distance',
+            unit='m',
+            prior=0.006,
+            place='mechanics',
+            method='terms',
+            code='load_offset=amplitude',
         ),
         Kind(
             name='camera_scale',

@@ -263,11 +263,10 @@ def imports_text(used: str) -> str:
 
 def field_text(kind: Kind, item: Parameter) -> str:
     """Return the declaration of a parameter."""
-    native = kind.natives.get(item.term)
     meaning = f'{kind.amplitude} per covariate: {item.term}'
     if item.term == CONSTANT:
         meaning = f'{kind.amplitude}, the same all the time'
-    low = 0.0 if native is not None and native.one_sided else -1.0
+    low = 0.0 if item.term in kind.natives else -1.0
     return FIELD.format(
         name=item.name,
         default=0.0,
@@ -359,18 +358,16 @@ def present_text(kind: Kind, parameters: Sequence[Parameter], length: float) -> 
     code = kind.code.replace('{half}', repr(0.5 * length)).replace('\n', '\n        ')
     if kind.method == 'terms':
         return present_terms_text(kind, parameters)
-    natives = {item.term: item.name for item in parameters if item.term in kind.natives}
-    native = TERMS.format(terms=terms_text(kind, '', natives)) if natives else ''
     amplitude = sum_text(parameters, PRESENT | LOADED)
     if not amplitude:
-        return native
+        return ''
     match kind.method:
         case 'actuate':
             return ACTUATE.format(amplitude=amplitude)
         case 'sense':
             terms = PRESENT | {'p': 'load.pressure', 'p^2': 'load.pressure**2'} | LOADED
             amplitude = sum_text(parameters, terms).replace('loads.', 'load.')
-            return SENSE.format(amplitude=amplitude, code=code) + native
+            return SENSE.format(amplitude=amplitude, code=code)
         case 'see':
             return SEE.format(amplitude=amplitude, code=code)
     return FRAME_DELAY.format(amplitude=amplitude)
