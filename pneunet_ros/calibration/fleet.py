@@ -7,8 +7,9 @@ together; how far the furthest of alike arms would be is simulated with the same
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,7 @@ class FleetSettings:
     )
     draws: int = tuning(400, 'simulated fleets behind the threshold')
     fewest: int = tuning(12, 'arms that know a number, below which it is not compared')
+    shown: int = tuning(2, 'arms that know a number, below which it is not shown')
     reached: float = tuning(0.75, 'share of the arms that reach the pressure of the comparison')
     shrunk: float = tuning(0.1, 'taken off correlations by medians, which few arms tell badly')
     counted: float = tuning(
@@ -39,6 +41,9 @@ class FleetSettings:
     turns: int = tuning(6, 'of center and scatter by medians')
     rounds: int = tuning(20, 'of the most probable center and scatter')
     halvings: int = tuning(40, 'of the interval in which the scatter is looked for')
+    even: float = tuning(
+        1e-4, 'spread of the curvature along an arm that counts as none', unit='curvature'
+    )
     stations: int = tuning(101, 'along the arm, for means over it')
 
 
@@ -69,28 +74,14 @@ class ArmNumbers:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class OddArm:
-    """An arm that differs from the others.
-
-    p_value: how often the furthest of as many alike arms is as far; number: in which it differs
-    most, deviation: by how many standard deviations there, scatter and error bar together.
-    """
-
-    name: str
-    p_value: float
-    number: ArmNumber
-    deviation: float
-    sentence: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fleet:
     """Arms side by side.
 
-    numbers (n,) that are compared; values and stds (arms, n), NaN where an arm does not know one;
-    center and scatter (n,): what arms of this kind have in common, and by how much they differ
-    beyond their error bars; p_values (arms,) of each arm's distance, NaN where it has no number.
-    odd: the arms that differ, the furthest first; sentence: the same in words.
+    pressure (Pa) of the comparison; numbers (n,) that several arms know; values and stds (arms,
+    n), NaN where an arm does not know one; center and scatter (n,): what alike arms have in
+    common, and by how much they differ beyond their error bars. p_values (arms,): how often the
+    furthest of as many alike arms is as far off, NaN where an arm is not compared; log_chance
+    (arms,): the same of this arm alone, for their order.
     """
 
     names: tuple[str, ...]
@@ -101,9 +92,51 @@ class Fleet:
     center: Array
     scatter: Array
     p_values: Array
-    odd: tuple[OddArm, ...]
-    sentence: str
-    settings: FleetSettings = field(default=FLEET)
+    log_chance: Array
+    settings: FleetSettings = FLEET
+
+    @property
+    def odd(self) -> tuple[int, ...]:
+        """Places of the arms that are not like the others, the furthest first."""
+        order = np.argsort(self.log_chance, kind='stable').tolist()
+        return tuple(place for place in order if self.p_values[place] <= self.settings.level)
+
+    @property
+    def deviations(self) -> Array:
+        """By how many standard deviations each number is off, scatter and error bar together."""
+        return np.asarray((self.values - self.center) / np.hypot(self.scatter, self.stds))
+
+    @property
+    def sentence(self) -> str:
+        """Who is odd, or that nobody is, or can be called so."""
+        compared = int(np.count_nonzero(np.isfinite(self.p_values)))
+        if not compared:
+            return (
+                f'No arm is called odd: that takes {self.settings.fewest} arms with a number in '
+                'common.'
+            )
+        if not self.odd:
+            furthest = int(np.nanargmin(self.p_values))
+            return (
+                f'No arm is odd: of {compared} alike arms the furthest would be as far off as '
+                f'{self.names[furthest]} with probability {self.p_values[furthest]:.2g}.'
+            )
+        count = f'{len(self.odd)} of {compared} arms {"is" if len(self.odd) == 1 else "are"} odd'
+        return f'{count}: {"; ".join(map(self.describe, self.odd))}.'
+
+    def describe(self, arm: int) -> str:
+        """Say in which number an arm differs most from the others."""
+        which = int(np.nanargmax(np.abs(self.deviations[arm])))
+        number = self.numbers[which]
+        unit = '' if number.unit == '-' else f' {number.unit}'
+        sentence = (
+            f'{self.names[arm]}: {number.meaning} is {self.values[arm, which]:.4g} ± '
+            f'{self.stds[arm, which]:.2g}{unit}, the others have {self.center[which]:.4g} ± '
+            f'{self.scatter[which]:.2g}{unit}'
+        )
+        if abs(self.deviations[arm, which]) < norm.isf(0.5 * self.settings.level):
+            sentence += ' (no number of it is unusual alone, but all of them together are)'
+        return sentence
 
 
 def compared_pressure(arms: Sequence[Arm], settings: FleetSettings = FLEET) -> float:
@@ -171,7 +204,8 @@ def evaluate(
         add('turning_at_half', f'turning angle {half}', 'rad', turning(0.5 * pressure, share))
     if pressure <= high:
         add('turning', f'turning angle {at}', 'rad', turning(pressure, share))
-        if np.any(np.ptp(curvature.curvature, axis=1)):
+        table = curvature.curvature
+        if np.ptp(table, axis=1).max() > settings.even * np.abs(table).max():
             meaning = f'turning angle of the outer half {at}'
             add('turning_of_outer_half', meaning, 'rad', turning(pressure, outer))
     if loaded and low <= 0.5 * pressure <= high:
@@ -209,61 +243,37 @@ def compare_arms(
         settings: the numbers by which it is decided.
 
     Returns:
-        The arms side by side. A number is compared where enough arms know it.
+        The arms side by side. A number is compared where enough arms know it; center and scatter
+        of the others are medians.
 
     """
-    counts: dict[ArmNumber, int] = {}
-    for item in arms.values():
-        for number in item.values:
-            counts[number] = counts.get(number, 0) + 1
-    numbers = tuple(number for number, count in counts.items() if count >= settings.fewest)
+    counts = Counter(number for item in arms.values() for number in item.values)
+    numbers = tuple(number for number, count in counts.items() if count >= settings.shown)
     values, covariance = table(list(arms.values()), numbers)
     stds = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     stds = np.where(np.isfinite(values), stds, np.nan)
-    if not numbers:
-        return Fleet(
-            names=tuple(arms),
-            pressure=pressure,
-            numbers=(),
-            values=values,
-            stds=stds,
-            center=np.zeros(0),
-            scatter=np.zeros(0),
-            p_values=np.full(len(arms), np.nan),
-            odd=(),
-            sentence=(
-                f'Nothing is compared: fewer than {settings.fewest} arms have a number in common.'
-            ),
-            settings=settings,
-        )
-    center, scatter, chance = distances(values[None], covariance, settings)
-    furthest = simulate_furthest(values, covariance, center[0], scatter[0], seed, settings)
-    known = np.isfinite(chance[0])
-    p_values = np.full(len(arms), np.nan)
-    below = np.searchsorted(np.sort(furthest), chance[0][known], side='right')
-    p_values[known] = (1.0 + below) / (1.0 + furthest.size)
-    deviations = (values - center[0]) / np.sqrt(np.diagonal(scatter[0]) + stds**2)
-    fleet_scatter = np.sqrt(np.diagonal(scatter[0]))
-    names = list(arms)
-    odd = tuple(
-        describe_odd(
-            names[place], p_values[place], place, numbers, values, stds, center[0],
-            fleet_scatter, deviations,
-        )
-        for place in np.argsort(chance[0], kind='stable').tolist()
-        if p_values[place] <= settings.level
-    )  # fmt: skip
+    center, scatter = np.zeros(len(numbers)), np.zeros(len(numbers))
+    p_values, chance = np.full((2, len(arms)), np.nan)
+    if numbers:
+        ((center,), (scatter,)) = center_and_scatter(values[None], stds**2, settings)
+    compared = [which for which, item in enumerate(numbers) if counts[item] >= settings.fewest]
+    if compared:
+        some, errors = values[:, compared], covariance[:, compared][:, :, compared]
+        ((middle,), (whole,), (chance,)) = distances(some[None], errors, settings)
+        furthest = np.sort(simulate_furthest(some, errors, middle, whole, seed, settings))
+        below = np.searchsorted(furthest, chance, side='right')
+        p_values = np.where(np.isnan(chance), np.nan, (1.0 + below) / (1.0 + furthest.size))
+        center[compared], scatter[compared] = middle, np.sqrt(np.diagonal(whole))
     return Fleet(
-        names=tuple(names),
+        names=tuple(arms),
         pressure=pressure,
         numbers=numbers,
         values=values,
         stds=stds,
-        center=center[0],
-        scatter=fleet_scatter,
+        center=center,
+        scatter=scatter,
         p_values=p_values,
-        odd=odd,
-        sentence=describe_fleet(odd, names, p_values, settings),
+        log_chance=chance,
         settings=settings,
     )
 
@@ -359,7 +369,8 @@ def next_estimate(
     pull = np.einsum('daij,daj->dai', precision, deviation)
     arms = counted.sum(axis=1)[:, None, None]
     spread = (np.einsum('dai,daj->dij', pull, pull) - total) / arms
-    return center, scatter + scatter @ spread @ scatter
+    scatter = scatter + scatter @ spread @ scatter
+    return center, 0.5 * (scatter + scatter.swapaxes(1, 2))
 
 
 def robust_start(
@@ -461,46 +472,3 @@ def simulate_furthest(
 def rescued(covariance: Array) -> Array:
     """Return a covariance that has a Cholesky factor, whatever the last digits of it."""
     return np.asarray(covariance + 1e-9 * np.diag(np.diag(covariance)))
-
-
-def describe_odd(
-    name: str,
-    p_value: float,
-    place: int,
-    numbers: Sequence[ArmNumber],
-    values: Array,
-    stds: Array,
-    center: Array,
-    scatter: Array,
-    deviations: Array,
-) -> OddArm:
-    """Say in which number an arm differs most."""
-    which = int(np.nanargmax(np.abs(deviations[place])))
-    number, deviation = numbers[which], float(deviations[place, which])
-    unit = '' if number.unit == '-' else f' {number.unit}'
-    sentence = (
-        f'{name}: {number.meaning} is {values[place, which]:.4g} ± '
-        f'{stds[place, which]:.2g}{unit}, '
-        f'the others have {center[which]:.4g} ± {scatter[which]:.2g}{unit}'
-    )
-    usual = float(norm.isf(0.5 * p_value))
-    if abs(deviation) < usual:
-        sentence += '; no number of it is unusual alone, but they do not go together as elsewhere'
-    return OddArm(
-        name=name, p_value=float(p_value), number=number, deviation=deviation, sentence=sentence
-    )
-
-
-def describe_fleet(
-    odd: Sequence[OddArm], names: Sequence[str], p_values: Array, settings: FleetSettings
-) -> str:
-    """Say who is odd, or that nobody is."""
-    compared = int(np.count_nonzero(np.isfinite(p_values)))
-    if not odd:
-        furthest = names[int(np.nanargmin(p_values))]
-        return (
-            f'No arm is odd: of {compared} alike arms the furthest would be as far off as '
-            f'{furthest} with probability {np.nanmin(p_values):.2g}.'
-        )
-    count = f'{len(odd)} of {compared} arms {"is" if len(odd) == 1 else "are"} odd'
-    return f'{count}: {"; ".join(item.sentence for item in odd)}.'

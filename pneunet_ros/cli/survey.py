@@ -267,7 +267,7 @@ def show(data: SurveyData, kept: int, output: Path) -> None:
     """Print what a survey came to."""
     console = output_console()
     table = Table(title=f'{len(data.arms)} arms, {kept} of them done before')
-    for column in ('arm', 'missing', 'before (mm)', 'after (mm)', 'as alike'):
+    for column in ('arm', 'missing', 'before (mm)', 'after (mm)', 'p as alike'):
         table.add_column(column, justify='left' if column in ('arm', 'missing') else 'right')
     for item in data.arms:
         if item.failed:

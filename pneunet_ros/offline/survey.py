@@ -323,7 +323,8 @@ def work_together(
         except BrokenExecutor:  # found out while giving it work
             suspects += running.values()
         finally:
-            executor.shutdown(wait=False, cancel_futures=True)
+            for future in running:
+                future.cancel()
     return suspects, list(left)
 
 

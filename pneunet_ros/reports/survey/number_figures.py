@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import numpy as np
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import BAND_SIGMAS, FIRST, GREY, panels, SECOND, short
@@ -9,6 +11,7 @@ from pneunet_ros.reports.survey.survey_data import SurveyData
 
 COLUMNS = 4  # numbers beside each other
 ROW_HEIGHT = 0.19  # inches an arm
+TITLE = 30  # letters a line
 
 
 def numbers(data: SurveyData) -> Picture | None:
@@ -37,7 +40,8 @@ def numbers(data: SurveyData) -> Picture | None:
                 linewidth=1.0,
             )
         unit = '' if number.unit == '-' else f' ({number.unit})'
-        panel.set_title(f'{number.meaning}{unit}', fontsize=9, wrap=True)
+        title = '\n'.join(textwrap.wrap(number.meaning.replace('.', ' ') + unit, TITLE))
+        panel.set_title(title.replace('_', ' '), fontsize=8)
         panel.set_ylim(-0.8, len(fleet.names) - 0.2)
         first = which % columns == 0
         panel.set_yticks(places, [short(name) for name in fleet.names] if first else [])

@@ -106,6 +106,7 @@ def survey_content(data: SurveyData, provenance: Mapping[str, Any]) -> dict[str,
                         'value': fleet.values[place, which],
                         'std': fleet.stds[place, which],
                         'unit': number.unit,
+                        'deviation': fleet.deviations[place, which],
                     }
                     for which, number in enumerate(fleet.numbers)
                 },
@@ -118,13 +119,11 @@ def survey_content(data: SurveyData, provenance: Mapping[str, Any]) -> dict[str,
             'sentence': fleet.sentence,
             'odd': [
                 {
-                    'name': item.name,
-                    'p_value': item.p_value,
-                    'number': item.number.name,
-                    'deviation': item.deviation,
-                    'sentence': item.sentence,
+                    'name': fleet.names[place],
+                    'p_value': fleet.p_values[place],
+                    'sentence': fleet.describe(place),
                 }
-                for item in fleet.odd
+                for place in fleet.odd
             ],
             'answers': data.answer_counts(),
             'effects': data.effect_counts(),

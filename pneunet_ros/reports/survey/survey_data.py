@@ -71,7 +71,7 @@ class SurveyData:
     @property
     def odd(self) -> frozenset[str]:
         """Names of the odd arms."""
-        return frozenset(item.name for item in self.fleet.odd)
+        return frozenset(self.fleet.names[place] for place in self.fleet.odd)
 
     def effect_counts(self) -> dict[str, int]:
         """Return in how many arms each effect was named, the most frequent first."""
