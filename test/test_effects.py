@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import fields, FrozenInstanceError, replace
 import json
 import math
 from typing import NamedTuple
@@ -17,13 +17,14 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.camera_rotation import CameraRotation
 from pneunet_ros.effects.camera_scale import CameraScale
 from pneunet_ros.effects.creep import Creep
-from pneunet_ros.effects.effect import Effect, Load, PressureScale
+from pneunet_ros.effects.effect import Effect, Load, Loads, PressureScale, Terms
 from pneunet_ros.effects.force_misalignment import ForceMisalignment
 from pneunet_ros.effects.hysteresis import Hysteresis
 from pneunet_ros.effects.pressure_gain import PressureGain
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.effects.pressure_offset import PressureOffset
 from pneunet_ros.effects.softening import Softening
+from pneunet_ros.effects.user_effects import breach
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
@@ -61,15 +62,6 @@ CONTRACT = {
     'camera_rotation': {'angle': 'rad'},
     'camera_delay': {'delay': 's'},
 }
-
-# What an effect may implement, by the place it declares.
-MAY_DEFINE = {
-    'sensing': {'sense', 'see', 'frame_delay'},
-    'actuation': {'initial', 'actuate', 'in_play', 'history_terms'},
-    'material': {'terms', 'initial', 'actuate', 'history_terms'},
-    'mechanics': {'terms'},
-}
-METHODS = set().union(*MAY_DEFINE.values())
 
 
 class Parameter(NamedTuple):
@@ -127,7 +119,11 @@ estimated_parameter = pytest.mark.parametrize(
 # ---- what an effect declares -------------------------------------------------------------------
 
 
-@every_effect
+@pytest.mark.parametrize(
+    'effect',
+    [item for item in EFFECTS.values() if item.__module__.startswith('pneunet_ros.effects.')],
+    ids=lambda item: item.name,
+)
 def test_names_and_units_are_those_of_the_contract(effect):
     declared = {item.name: item.metadata['unit'] for item in quantities(effect)}
     assert declared == CONTRACT[effect.name]
@@ -135,10 +131,7 @@ def test_names_and_units_are_those_of_the_contract(effect):
 
 @every_effect
 def test_an_effect_acts_in_its_place_and_nowhere_else(effect):
-    defined = METHODS & set(vars(effect))
-    assert defined
-    assert defined <= MAY_DEFINE[effect.place]
-    assert effect.meaning
+    assert not breach(effect)
     assert effect.__doc__
 
 
@@ -227,6 +220,26 @@ def estimates(arm):
 @pytest.fixture(scope='module')
 def base_estimates():
     return estimates(paper_arm())
+
+
+@every_effect
+def test_a_neutral_effect_adds_nothing(effect):
+    neutral, pressure = effect(), np.array([5e3, 40e3])
+    loads = Loads(
+        pressure=pressure,
+        force_x=np.array([0.1, 0.2]),
+        force_y=np.array([0.0, 0.1]),
+        moment=np.array([1e-3, 0.0]),
+    )
+    history, _ = neutral.actuate(neutral.initial(10e3, SCALE), 0.1, 30e3, SCALE)
+    for terms in (
+        neutral.terms(pressure),
+        neutral.load_terms(loads),
+        neutral.history_terms(np.array(history), SCALE),
+    ):
+        for item in fields(Terms):
+            if item.name not in ('part', 'row_weights'):
+                assert np.all(getattr(terms, item.name) == item.default), item.name
 
 
 @every_effect
@@ -333,6 +346,8 @@ def test_an_effect_does_not_change_what_it_is_given(effect):
     past = np.array(effect.actuate(history, 0.1, 20e3, SCALE)[0])
     past.flags.writeable = False
     assert same_values(effect.terms(pressure), effect.terms(pressure))
+    loads = Loads(pressure=pressure, force_x=pressure, force_y=pressure, moment=pressure)
+    assert same_values(effect.load_terms(loads), effect.load_terms(loads))
     assert same_values(effect.history_terms(past, SCALE), effect.history_terms(past, SCALE))
     assert effect.sense(load) == effect.sense(load)
     np.testing.assert_array_equal(effect.see(pressure, pressure), effect.see(pressure, pressure))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 import platform
 import time
@@ -18,6 +19,7 @@ from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.cli.simulate import seed
 from pneunet_ros.cli.verb import (
     add_dimensionless,
+    add_effects_path,
     add_json,
     add_overwrite,
     DONE,
@@ -35,6 +37,7 @@ from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 from pneunet_ros.offline.calibration_files import inputs_of
@@ -104,7 +107,6 @@ def options(parser: ArgumentParser) -> None:
         '--without',
         nargs='+',
         default=[],
-        choices=list(EFFECTS),
         metavar='EFFECT',
         help='effects of the library that are not considered, as if it did not have them',
     )
@@ -116,6 +118,7 @@ def options(parser: ArgumentParser) -> None:
     add_dimensionless(parser, 'draw the figures of the report')
     add_overwrite(parser)
     add_experiments(parser)
+    add_effects_path(parser)
     add_json(parser)
 
 
@@ -138,7 +141,7 @@ def run(arguments: Namespace) -> int:
         read = read_experiments((arguments.train, arguments.heldout), frame, arguments, bar)
         training, held_out = (list(group) for group in read.groups)
         on_progress = progress_of(bar)
-        with executor_for(arguments.scheduler) as executor:
+        with executor_for(arguments.scheduler, arguments.effects_path) as executor:
             investigation = investigate(
                 frame,
                 training,
@@ -181,13 +184,27 @@ def run(arguments: Namespace) -> int:
 
 def settings_without(names: Sequence[str]) -> DiagnosisSettings:
     """Return the settings of a diagnosis that does not consider some effects."""
+    for name in names:
+        if name not in EFFECTS:
+            raise RequestError(
+                f'--without names an effect {name} that there is not; known here: '
+                f'{", ".join(EFFECTS)}'
+            )
     withheld = replace(DEFAULTS.hypothesis, withheld=tuple(sorted(names)))
     return replace(DEFAULTS, hypothesis=withheld)
 
 
-def executor_for(scheduler: str | None) -> AbstractContextManager[Executor | None]:
-    """Return where clean data are simulated: here, as it takes less than starting a process."""
-    return nullcontext() if scheduler is None else open_executor(scheduler=scheduler)
+def executor_for(
+    scheduler: str | None, effects_path: Path | None = None
+) -> AbstractContextManager[Executor | None]:
+    """Return where clean data are simulated: here, as it takes less than starting a process.
+
+    The workers of a cluster read the effects of a user from the same path.
+    """
+    if scheduler is None:
+        return nullcontext()
+    prepare = None if effects_path is None else partial(add_effects, effects_path.resolve())
+    return open_executor(scheduler=scheduler, prepare=prepare)
 
 
 def check_distinct(inputs: list[dict[str, str]]) -> None:

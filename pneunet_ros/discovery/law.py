@@ -78,7 +78,7 @@ def cause_of(
     def fields_with(term: str, amount: float) -> tuple[Array, ...] | None:
         parameters = parameters_of(kind, (term,), by_name)
         effect = effect_class(
-            effect_source(kind, parameters, '', length=length, play=play, prefix='unit_')
+            effect_source(kind, parameters, '', length=length, play=play, name=f'unit_{kind.name}')
         )
         values = {parameters[0].name: amount}
         if position is not None:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import itertools
 import re
 import textwrap
 from typing import Any
 
 from pneunet_ros.discovery.covariates import CONSTANT, Covariate, PLAY, RATE, RATE_TIME
 from pneunet_ros.discovery.kinds import Kind
+from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 
 MOST = 1e3  # bounds of a parameter: so many times what is usual
@@ -200,8 +202,12 @@ def per_unit(amplitude: str, covariate: str) -> str:
 
 
 def effect_name(kind: Kind) -> str:
-    """Return the name of the proposed effect of a kind."""
-    return PREFIX + kind.name
+    """Return the name of the proposed effect of a kind, beside those that a user has loaded."""
+    name = PREFIX + kind.name
+    count = itertools.count(2)
+    while name in EFFECTS:
+        name = f'{PREFIX}{kind.name}_{next(count)}'
+    return name
 
 
 def effect_source(
@@ -211,14 +217,15 @@ def effect_source(
     *,
     length: float,
     play: float,
-    prefix: str = PREFIX,
+    name: str = '',
 ) -> str:
     """Return the text of the file of a proposed effect.
 
-    length (m) of the arm; play (Pa): full width of the one behind the side of the play.
+    length (m) of the arm; play (Pa): full width of the one behind the side of the play; name:
+    that of the effect, by default the one of a proposal.
     """
     memory = [item.term for item in parameters if item.term in (*TIMES, PLAY)]
-    name = prefix + kind.name
+    name = name or effect_name(kind)
     body = ''.join(
         [
             *(field_text(kind, item) for item in parameters),

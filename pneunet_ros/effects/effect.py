@@ -17,6 +17,8 @@ material    initial, actuate,             what a past of its own adds to that la
             history_terms
 mechanics   terms, load_terms             strain, compliances, line load, a push on a part, where
                                           the load acts
+mechanics   initial, actuate,             what a past of its own adds to these
+            history_terms
 =========== ============================= ====================================================
 
 `Terms` is the record of all that can be added to the rod, along all of it or on a part; the solver
@@ -49,6 +51,14 @@ from pneunet_ros.solver.columns import (
 )
 
 Place = Literal['sensing', 'actuation', 'material', 'mechanics']
+# What an effect may implement, by the place it declares.
+DEFINES: dict[Place, frozenset[str]] = {
+    'sensing': frozenset({'sense', 'see', 'frame_delay'}),
+    'actuation': frozenset({'initial', 'actuate', 'in_play', 'history_terms'}),
+    'material': frozenset({'terms', 'load_terms', 'initial', 'actuate', 'history_terms'}),
+    'mechanics': frozenset({'terms', 'load_terms', 'initial', 'actuate', 'history_terms'}),
+}
+METHODS = frozenset().union(*DEFINES.values())
 History = tuple[float, ...]
 NOTHING, UNITY = 0.0, 1.0  # what a term is that was not given
 
