@@ -209,7 +209,7 @@ def main() -> None:
     arguments = command.parse_args()
     rows: list[Row] = []
     if arguments.output is not None and arguments.output.exists():
-        rows = [json.loads(line) for line in arguments.output.read_text().splitlines()]
+        rows = [json.loads(line) for line in arguments.output.read_text().splitlines() if line]
     done = {(row['block'], row['name'], row['step'], row['seed']) for row in rows}
     for item in wanted(arguments):
         if item in done:
@@ -219,7 +219,7 @@ def main() -> None:
         rows.append({'block': block, 'name': name, 'step': step, 'seed': seed, **row})
         if arguments.output is not None:
             with arguments.output.open('a') as file:
-                file.write(json_text(rows[-1]) + '\n')
+                file.write(json_text(rows[-1]))
     summary = summary_of(rows)
     if arguments.json:
         sys.stdout.write(json_text({'bench': 'discovery_trials', **summary}))
