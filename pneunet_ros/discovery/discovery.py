@@ -49,6 +49,11 @@ class Finding:
     gain: float
     share: float
 
+    @property
+    def explains(self) -> bool:
+        """Whether its joint fit leaves no more than the law of an effect may."""
+        return self.proposal is not None and self.proposal.trial.record.adequate
+
 
 def discover(
     investigation: Investigation,
@@ -87,7 +92,7 @@ def discover(
         return Discovery(searched=True, causes=causes, notes=notes, settings=settings)
     fits = JointFits(selection, first, base, search, settings)
     findings = judge(fits, suspects, on_progress)
-    best = shortened(max(findings, key=lambda item: item.gain), fits)
+    best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
     objections = objections_to(best, selection, first, base, search)
     amplitudes = amplitude_series(search, best)
     if objections:
@@ -132,16 +137,34 @@ def starting_point(investigation: Investigation, settings: DiscoverySettings) ->
 
 
 def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress) -> list[Finding]:
-    """Fit the best suspects jointly where a model can follow them, and say what they explain."""
-    count = fits.settings.confirmation.finalists
-    findings = []
-    for place, suspect in enumerate(suspects[:count]):
-        on_progress(f'joint fit of {suspect.kind.name}', place, count)
+    """Fit the best suspects jointly where a model can follow them, and say what they explain.
+
+    Where none of them leaves as little as a law may, the calibration has bent itself so far that
+    their order means little: then more of them are fitted, and also as constants.
+    """
+    settings, findings = fits.settings.confirmation, []
+    for place, suspect in enumerate(suspects[: settings.finalists]):
+        on_progress(f'joint fit of {suspect.kind.name}', place, settings.finalists)
         proposal = None
         if suspect.law is not None and not suspect.goes_by_itself:
             proposal = fits.propose(suspect.law)
         findings.append(finding_of(suspect, proposal, fits))
-    return findings
+    if suspects[0].goes_by_itself or any(item.explains for item in findings):
+        return findings
+    again = []
+    for place, suspect in enumerate(suspects[: settings.more_finalists]):
+        on_progress(f'joint fit of {suspect.kind.name}', place, settings.more_finalists)
+        known = findings[place] if place < len(findings) else finding_of(suspect, None, fits)
+        if suspect.goes_by_itself:
+            again.append(known)
+            continue
+        proposals = [known.proposal, fits.propose_constant(suspect.kind)]
+        if place >= len(findings) and suspect.law is not None:
+            proposals[0] = fits.propose(suspect.law)
+        fitted = [item for item in proposals if item is not None]
+        best = max(fitted, key=lambda item: item.evidence, default=None)
+        again.append(finding_of(suspect, best, fits))
+    return again
 
 
 def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> Finding:
@@ -155,10 +178,16 @@ def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> 
 
 
 def shortened(finding: Finding, fits: JointFits) -> Finding:
-    """Return a finding without terms that its law does not need."""
+    """Return a finding without terms that its law does not need, as a constant if that does."""
     if finding.proposal is None:
         return finding
-    return finding_of(finding.suspect, fits.without_idle_terms(finding.proposal), fits)
+    shorter = fits.without_idle_terms(finding.proposal)
+    if len(shorter.terms) > 1:
+        constant = fits.propose_constant(finding.suspect.kind)
+        margin = fits.settings.law.least_gain * (len(shorter.terms) - 1)
+        if constant is not None and constant.evidence > shorter.evidence - margin:
+            shorter = fits.without_idle_terms(constant)
+    return finding_of(finding.suspect, shorter, fits)
 
 
 def linear_share(suspect: Suspect, base: Trial, search: Search) -> float:
@@ -217,6 +246,11 @@ def objections_to(
     if base is not first and finding.gain < settings.beside_named * base.record.evidence:
         found.append('it may be what the law of the named effect leaves out')
     if finding.proposal is not None:
+        if not finding.explains:
+            worst = min(finding.proposal.trial.record.tests, key=lambda item: item.p_value)
+            found.append(
+                f'it leaves more than a law may (p-value {worst.p_value:.1g} of {worst.name})'
+            )
         confirmer = Confirmer.of(selection, first.record)
         found += confirmer.held_out_objections(finding.proposal.trial.record)
     return tuple(found)

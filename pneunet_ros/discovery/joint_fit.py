@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.hypothesis import hypothesis
+from pneunet_ros.diagnosis.hypothesis import Hypothesis, hypothesis
 from pneunet_ros.diagnosis.refit import Refit, refit
 from pneunet_ros.diagnosis.selection import Selection, Trial
-from pneunet_ros.discovery.covariates import Covariate
+from pneunet_ros.discovery.covariates import CONSTANT, Covariate
 from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.discovery.law import Law
 from pneunet_ros.discovery.proposed_effect import (
@@ -74,7 +74,33 @@ class JointFits:
 
         None where the arm has no shape with it.
         """
-        proposal = self.fit(law.cause.kind, law.terms, self.start(law))
+        return self.lengthened(self.fit(law.cause.kind, law.terms, self.start(law)))
+
+    def propose_constant(self, kind: Kind) -> Proposal | None:
+        """Fit a constant amplitude, and add terms that it lacks where it is in the rod.
+
+        A calibration bends itself towards a cause, and towards a constant one most: what is left
+        of it then looks like a law. Its place is held at first, from place to place.
+        """
+        if CONSTANT not in self.covariates or 'constant' not in kind.follows:
+            return None
+        start = np.zeros(1)
+        if kind.positions is None:
+            return self.lengthened(self.fit(kind, (CONSTANT,), start))
+        low, high = kind.positions
+        steps = np.arange(self.settings.place.held) + 0.5
+        best: Proposal | None = None
+        for share in (steps / steps.size).tolist():
+            position = low + share * (high - low)
+            held = self.fit(kind, (CONSTANT,), np.append(start, np.log(position)), held=True)
+            if held is not None and (best is None or held.evidence > best.evidence):
+                best = held
+        if best is None:
+            return None
+        return self.lengthened(self.fit(kind, best.terms, best.numbers, best.trial.refit))
+
+    def lengthened(self, proposal: Proposal | None) -> Proposal | None:
+        """Return a fit with the terms that it lacks, as long as they gain enough."""
         for _ in range(self.settings.law.rounds):
             if proposal is None:
                 return None
@@ -130,9 +156,15 @@ class JointFits:
         return np.append(numbers, np.log(law.cause.position))
 
     def fit(
-        self, kind: Kind, terms: tuple[str, ...], numbers: Array, around: Refit | None = None
+        self,
+        kind: Kind,
+        terms: tuple[str, ...],
+        numbers: Array,
+        around: Refit | None = None,
+        *,
+        held: bool = False,
     ) -> Proposal | None:
-        """Fit jointly from these numbers until settled."""
+        """Fit jointly from these numbers until settled; held: the place stays where it begins."""
         parameters = parameters_of(kind, terms, self.covariates)
         source = effect_source(
             kind,
@@ -142,6 +174,8 @@ class JointFits:
             play=self.search.play,
         )
         own = hypothesis(effect_class(source))
+        if held:
+            own = with_held_position(own, float(numbers[-1]))
         known, settings = self.base.refit, self.selection.settings.refit
         found = refit(
             known.linearization if around is None else around.linearization,
@@ -185,6 +219,12 @@ class JointFits:
             return None
         hypothesis = proposal.trial.refit.hypotheses[-1]
         return float(getattr(hypothesis.effect(proposal.numbers), POSITION))
+
+
+def with_held_position(free: Hypothesis, number: float) -> Hypothesis:
+    """Return a hypothesis whose place, the last of its numbers, cannot move."""
+    position = replace(free.coordinates[-1], low=number, high=number)
+    return replace(free, coordinates=(*free.coordinates[:-1], position))
 
 
 def is_followed(kind: Kind, covariate: Covariate) -> bool:

@@ -46,6 +46,7 @@ class PlaceSettings:
 
     grid: int = tuning(9, 'places tried along the arm')
     rounds: int = tuning(3, 'halvings of the distance between places')
+    held: int = tuning(4, 'places at which a constant cause is fitted before its place is free')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +59,7 @@ class LawConfirmationSettings:
     least_share: float = tuning(0.3, 'share of what is left that a law explains at least')
     tied: float = tuning(4.0, 'difference that tells two kinds apart', unit='log probability')
     finalists: int = tuning(3, 'kinds that are fitted jointly')
+    more_finalists: int = tuning(6, 'the same where none of them leaves what a law may')
     beside_named: float = tuning(
         0.1, 'gain of a law beside a named effect, at least', unit='evidence of that effect'
     )
