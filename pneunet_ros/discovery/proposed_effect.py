@@ -28,7 +28,7 @@ PARAMETERS = {
     'p': 'per_pressure',
     'p^2': 'per_squared_pressure',
     RATE: 'per_pressure_rate',
-    PLAY: 'in_play',
+    PLAY: 'per_side_of_play',
     'past 3 s': 'per_pressure_of_three_seconds',
     'past 10 s': 'per_pressure_of_ten_seconds',
     'past 30 s': 'per_pressure_of_half_a_minute',
@@ -123,7 +123,7 @@ HISTORY_TERMS = '''
 TERMS = '''
     def terms(self, pressure: Array) -> Terms:
         """Return what is added at these pressures."""
-        return {terms}
+{first}        return {terms}
 '''
 LOAD_TERMS = '''
     def load_terms(self, loads: Loads) -> Terms:
@@ -385,7 +385,9 @@ def present_terms_text(kind: Kind, parameters: Sequence[Parameter]) -> str:
     natives = {item.term: item.name for item in parameters if item.term in kind.natives}
     text, amplitude = '', sum_text(parameters, PRESENT)
     if amplitude or natives:
-        text += TERMS.format(terms=terms_text(kind, amplitude, natives))
+        first = f'        amplitude = {amplitude}\n' if amplitude else ''
+        own = terms_text(kind, 'amplitude' if amplitude else '', natives)
+        text += TERMS.format(first=first, terms=own)
     loaded = sum_text(parameters, LOADED)
     if loaded:
         text += LOAD_TERMS.format(amplitude=loaded, terms=terms_text(kind, 'amplitude'))
