@@ -82,11 +82,13 @@ def test_each_term_and_all_of_them_together_keep_the_contract_of_effects(kind):
 def test_a_neutral_proposal_is_the_base_model_and_a_likely_one_is_not(kind):
     force = 0.12, 0.05
     base = solve(paper_arm(), 30e3, force, 1e-4)
+    neutral = solve(
+        paper_arm((effect_class(source_of(kind, all_terms(kind)))(),)), 30e3, force, 1e-4
+    )
+    assert same_values(neutral.x, base.x)
+    assert same_values(neutral.y, base.y)
     for term in all_terms(kind):
         effect = effect_class(source_of(kind, (term,)))
-        neutral = solve(paper_arm((effect(),)), 30e3, force, 1e-4)
-        assert same_values(neutral.x, base.x)
-        assert same_values(neutral.y, base.y)
         at_rest = term in MEANINGS and MEANINGS[term].group == 'past'
         if kind.method in ('see', 'frame_delay') or at_rest:
             continue
@@ -130,6 +132,7 @@ def chambers(effect: Effect, run: RecordingData) -> np.ndarray:
     ('term', 'covariate'),
     [
         (PLAY, lambda run: side_of_play(run, PLAY_WIDTH)),
+        ('side of a wide play', lambda run: side_of_play(run, 2.0 * PLAY_WIDTH)),
         (RATE, lambda run: ahead_of_past(run, RATE_TIME) / RATE_TIME),
         ('past 3 s', lambda run: ahead_of_past(run, 3.0)),
         ('past 30 s', lambda run: ahead_of_past(run, 30.0)),
