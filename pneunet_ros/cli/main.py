@@ -78,6 +78,12 @@ VERBS = (
         'first',
     ),
     Verb(
+        'survey',
+        'check, calibrate and diagnose each of many arms; show them side by side on one page',
+        'pneunet_ros.cli.survey',
+        'first',
+    ),
+    Verb(
         'compare',
         'measure the distance of two recordings, or of an estimate and a truth',
         'pneunet_ros.cli.compare',
