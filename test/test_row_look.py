@@ -94,8 +94,8 @@ def test_too_few_whole_neighbors_tell_nothing():
     ('column', 'value', 'share', 'believed'),
     [
         (SEEN, 0.65, np.nan, True),
-        (SEEN, 0.55, np.nan, False),
-        (SEEN, 0.55, 0.92, True),
+        (SEEN, 0.5, np.nan, False),
+        (SEEN, 0.5, 0.92, True),
         (FILLED, 0.4, 0.92, False),
         (LEVEL, 150.0, 0.92, False),
         (LEVEL, 195.0, np.nan, True),
@@ -123,6 +123,17 @@ def test_a_part_that_moves_along_what_covers_it_is_less_sure():
     table[:, SMEAR] = [3.0, 4.0]
     error = np.hypot(0.02, ROW_LOOK.part_error * 25.0 / 5.0)
     assert part_stds(table, expected) == pytest.approx(np.full(COUNT, error))
+
+
+def test_a_part_that_moves_may_be_less_sure():
+    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
+    table[:, STD] = 1.1
+    expected = looks_of_neighbors(table, table[:, :2])
+    assert not believable_parts(table, expected, np.ones(COUNT)).any()
+    table[:, SMEAR] = [3.0, 4.0]
+    assert believable_parts(table, expected, np.ones(COUNT)).all()
+    table[:, STD] = 1.4
+    assert not believable_parts(table, expected, np.ones(COUNT)).any()
 
 
 def test_a_part_of_another_level_or_blur_than_neighbors_is_less_sure():

@@ -59,7 +59,9 @@ class RowLookSettings:
     level_std: float = tuning(0.03, 'of the plateau, one sigma at least', unit='contrast')
     whole: float = tuning(0.87, 'area of a target seen in great part, over that by its neighbors')
     seen: float = tuning(
-        0.6, 'share of the visible edge that shows a target of which less is seen'
+        0.55,
+        'share of the visible edge that shows a target of which less is seen',
+        source='measured: films of acceptance/composed_pictures.py, 0.56 of a cut tip that moves',
     )
     appeared: float = tuning(
         0.25, 'the same, off where the row is, of a doubtful one', unit='radius'
@@ -74,6 +76,9 @@ class RowLookSettings:
         source='measured: films of acceptance/composed_pictures.py',
     )
     unsure: float = tuning(0.15, 'error of the center of a part, at most', unit='radius')
+    unsure_moved: float = tuning(
+        0.1, 'the same, added where it moves by a radius', unit='radius', source='invented'
+    )
     blur: float = tuning(0.5, 'blur of a part off that of neighbors, at most', unit='px')
     blur_moved: float = tuning(0.4, 'the same, added where it moves by a radius', unit='px')
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
@@ -185,6 +190,7 @@ def believable_parts(
     another grey, and has an edge of its own; it takes from the target, and never adds to it.
     """
     off, moved = np.abs(found[:, LEVEL] - expected[:, PLATEAU]), _moved(found)
+    unsure = settings.unsure + settings.unsure_moved * moved
     allowed = settings.level + settings.level_moved * moved
     alike = off <= allowed * (expected[:, PLATEAU] - expected[:, BEHIND])
     blurred = np.abs(found[:, BLUR] - expected[:, WIDTH])
@@ -193,7 +199,7 @@ def believable_parts(
     within = found[:, BEYOND] <= settings.beyond
     size = share_of_area(found, expected)
     sized = (size >= settings.size) & (size <= 1.0 / settings.size)
-    sure = found[:, STD] <= settings.unsure * np.sqrt(found[:, AREA] / math.pi)
+    sure = found[:, STD] <= unsure * np.sqrt(found[:, AREA] / math.pi)
     return np.asarray(alike & edge & within & sized & sure & (found[:, FILLED] >= settings.filled))
 
 

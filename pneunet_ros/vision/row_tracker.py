@@ -179,10 +179,8 @@ def with_partial(
     settings = view.vision.row_look
     if row.seen <= settings.fewest:
         return row
-    places = np.where(
-        np.isnan(row.table[:, :2]), expected_pixels(view, row.points), row.table[:, :2]
-    )
-    expected = looks_of_neighbors(row.table, places, settings)
+    starts = _places_by_neighbors(view, row, last)
+    expected = looks_of_neighbors(row.table, starts[0], settings)
     share = share_of_area(row.table, expected)
     partial = ~whole_targets(row.table, expected, settings)
     same = has_whole_edge(row.table, settings) & (
@@ -190,28 +188,72 @@ def with_partial(
     )
     if last is None:  # nothing tells yet how large each is
         partial &= ~same
-    asked = np.flatnonzero(partial)
-    found = np.full_like(row.table, np.nan)
-    found[asked] = blobs_at(view.image, expected[asked], view.appearance)
-    found[:, STD] = part_stds(found, expected, settings)
-    radius = np.sqrt(usual / math.pi)
-    believed = np.hypot(*(found[:, :2] - places).T) <= settings.moved * radius
-    believed &= believable_parts(found, expected, share, settings)
-    if last is not None:
-        # What was not seen before must be on the row: a finger nail is as bright and as large.
-        worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
-        believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
+    found, believed = np.full_like(row.table, np.nan), np.zeros_like(partial)
+    for places in starts:
+        part = _parts_at(view, row, usual, partial & np.isfinite(places[:, 0]), places, last)
+        better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
+        found[better] = part[better]
+        believed |= better
     # What is neither as large as it has been, nor a part of what its neighbors are, is something
     # else.
-    same = has_whole_edge(row.table, settings) & (
-        row.table[:, AREA] >= settings.least_area * usual
-    )
     other = partial & ~believed & ~same & np.isfinite(share)
     if not (believed | other).any():
         return row
     table = np.where(believed[:, None], found, row.table)
     table[other] = np.nan
     return gate_row(view, table, usual, last, believed)
+
+
+def _parts_at(
+    view: View,
+    row: ObservedRow,
+    usual: Array,
+    partial: Mask,
+    places: Array,
+    last: TrackedRow | None,
+) -> Array:
+    """Return the targets that are what their neighbors are, as far as they are seen.
+
+    partial (targets,): which are looked at; places (targets, 2) px: where. Rows (targets,
+    columns), NaN where there is none to be believed.
+    """
+    settings = view.vision.row_look
+    expected = looks_of_neighbors(row.table, places, settings)
+    found = np.full_like(row.table, np.nan)
+    found[partial] = blobs_at(view.image, expected[partial], view.appearance)
+    found[:, STD] = part_stds(found, expected, settings)
+    off = np.hypot(*(found[:, :2] - places).T)
+    believed = off <= settings.moved * np.sqrt(usual / math.pi)
+    believed &= believable_parts(found, expected, share_of_area(row.table, expected), settings)
+    if last is not None:
+        # What was not seen before must be on the row: a finger nail is as bright and as large.
+        worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
+        believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
+    found[~believed] = np.nan
+    return found
+
+
+def _places_by_neighbors(
+    view: View, row: ObservedRow, last: TrackedRow | None
+) -> tuple[Array, ...]:
+    """Return where targets are, or may be by those next to them, (targets, 2) px each.
+
+    One that is not seen is where the row leads, which tells little beyond a gap; or, if it was
+    seen in the last row, where its motion leads and the others are off theirs (NaN of all others).
+    """
+    seen = np.isfinite(row.table[:, U])
+    on_row = np.where(seen[:, None], row.table[:, :2], expected_pixels(view, row.points))
+    if last is None:
+        return (on_row,)
+    lost, both = last.seen & ~seen, last.seen & seen
+    if not (lost.any() and both.any()):
+        return (on_row,)
+    predicted = last.predict(view.image.stamp_ns, view.vision.row_tracker.longest_prediction)
+    moved, off = np.full_like(predicted, np.nan), (row.table[:, :2] - predicted)[both]
+    for axis in range(2):
+        more = np.interp(view.arclength[lost], view.arclength[both], off[:, axis])
+        moved[lost, axis] = predicted[lost, axis] + more
+    return on_row, moved
 
 
 def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> Mask:
@@ -382,8 +424,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     if both.any():
         seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
         moved = (pixels[both] - last.pixels[both]) / seconds
-        for axis in range(2):
-            velocity[:, axis] = np.interp(arclength, arclength[both], moved[:, axis])
+        velocity = velocity_along_row(moved, arclength, both, view.vision.row_look.neighbors)
         exposure = exposure_of(row.table[both], moved, seconds, last.exposure, view.vision)
     steps = np.hypot(*np.diff(pixels, axis=0).T)
     known = steps[np.isfinite(steps)]
@@ -398,6 +439,28 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         spacing=float(np.median(known)) if known.size else math.nan,
         exposure=exposure,
     )
+
+
+def velocity_along_row(moved: Array, arclength: Array, known: Mask, neighbors: int) -> Array:
+    """Return how all targets move, (targets, 2) px/s, by those of which it is known.
+
+    moved (known, 2) px/s. Between two of them it changes evenly; beyond the last ones it goes on
+    as along so many neighbors: the end of an arm moves faster than what is before it.
+    """
+    velocity, places = np.empty((len(arclength), 2)), arclength[known]
+    for axis in range(2):
+        velocity[:, axis] = np.interp(arclength, places, moved[:, axis])
+    if len(places) < neighbors:
+        return velocity
+    for beyond, near in (
+        (arclength < places[0], slice(neighbors)),
+        (arclength > places[-1], slice(-neighbors, None)),
+    ):
+        away = places[near] - places[near].mean()
+        slope = away @ (moved[near] - moved[near].mean(axis=0)) / (away @ away)
+        end = np.clip(arclength[beyond], places[0], places[-1])
+        velocity[beyond] += (arclength[beyond] - end)[:, None] * slope
+    return velocity
 
 
 def exposure_of(
