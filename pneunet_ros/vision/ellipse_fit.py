@@ -36,9 +36,9 @@ Mask = npt.NDArray[np.bool_]
 # open, px (forward or backward: a picture does not tell); grey levels of plateau and background.
 CENTER_U, CENTER_V, AXIS_XX, AXIS_XY, AXIS_YY, WIDTH, SMEAR_U, SMEAR_V = range(8)
 PLATEAU, BEHIND = 8, 9
-# Only before: how well its size and shape (of its radius), blur and way (px) and plateau are
-# known, one sigma; infinite of a plateau that is not known.
-SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD = range(10, 14)
+# Only before: how well its shape (of its radius), blur and way (px), plateau and size (of its
+# radius) are known, one sigma; infinite of a plateau that is not known.
+SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD, SIZE_STD = range(10, 15)
 # Only after: std of the center px; share near the ellipse of the edge that can be seen, and share
 # exactly on it of all the edge; share of what is within that is as bright as it is drawn; share of
 # all the edge that is clearly outside of the ellipse.
@@ -561,7 +561,8 @@ def _with_expectations(
     """
     now, start = fit.now[going], starts[going]
     std, off = np.full((len(going), UNKNOWNS), math.inf), np.zeros((len(going), UNKNOWNS))
-    std[:, 2:5], off[:, 2:5] = start[:, [SHAPE_STD]], fit.shape[going]
+    std[:, 2], std[:, 3:5] = start[:, SIZE_STD], start[:, [SHAPE_STD]]
+    off[:, 2:5] = fit.shape[going]
     std[:, 5], off[:, 5] = start[:, WIDTH_STD], now[:, WIDTH] - start[:, WIDTH]
     std[:, 6:8] = start[:, [SMEAR_STD]]
     off[:, 6:8] = now[:, [SMEAR_U, SMEAR_V]] - start[:, [SMEAR_U, SMEAR_V]]

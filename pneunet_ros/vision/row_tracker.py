@@ -31,6 +31,7 @@ from pneunet_ros.vision.centroid import (
     U,
     V,
 )
+from pneunet_ros.vision.ellipse_fit import CENTER_U, CENTER_V
 from pneunet_ros.vision.gating import (
     consistent_motion,
     consistent_size,
@@ -66,6 +67,7 @@ class TrackedRow:
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
     area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
     looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
+    sized (targets,): whether its area is its own, as it was whole when the row was found;
     spacing: distance of neighbors, px; exposure: how long the shutter seems to be open, s,
     0 where nothing is known of it.
     """
@@ -76,6 +78,7 @@ class TrackedRow:
     area: Array
     table: Array
     seen: Mask
+    sized: Mask
     spacing: float
     exposure: float
 
@@ -180,7 +183,8 @@ def with_partial(
     if row.seen <= settings.fewest:
         return row
     starts = _places_by_neighbors(view, row, last)
-    expected = looks_of_neighbors(row.table, starts[0], settings)
+    own = np.full(len(usual), np.nan) if last is None else np.where(last.sized, usual, np.nan)
+    expected = looks_of_neighbors(row.table, starts[0], own, settings)
     share = share_of_area(row.table, expected)
     partial = ~whole_targets(row.table, expected, settings)
     same = has_whole_edge(row.table, settings) & (
@@ -190,7 +194,8 @@ def with_partial(
         partial &= ~same
     found, believed = np.full_like(row.table, np.nan), np.zeros_like(partial)
     for places in starts:
-        part = _parts_at(view, row, usual, partial & np.isfinite(places[:, 0]), places, last)
+        expected[:, [CENTER_U, CENTER_V]] = places
+        part = _parts_at(view, row, usual, partial & np.isfinite(places[:, 0]), expected, last)
         better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
         found[better] = part[better]
         believed |= better
@@ -209,20 +214,19 @@ def _parts_at(
     row: ObservedRow,
     usual: Array,
     partial: Mask,
-    places: Array,
+    expected: Array,
     last: TrackedRow | None,
 ) -> Array:
     """Return the targets that are what their neighbors are, as far as they are seen.
 
-    partial (targets,): which are looked at; places (targets, 2) px: where. Rows (targets,
-    columns), NaN where there is none to be believed.
+    partial (targets,): which are looked at; expected: where, and as `looks_of_neighbors`. Rows
+    (targets, columns), NaN where there is none to be believed.
     """
     settings = view.vision.row_look
-    expected = looks_of_neighbors(row.table, places, settings)
     found = np.full_like(row.table, np.nan)
     found[partial] = blobs_at(view.image, expected[partial], view.appearance)
     found[:, STD] = part_stds(found, expected, settings)
-    off = np.hypot(*(found[:, :2] - places).T)
+    off = np.hypot(*(found[:, :2] - expected[:, [CENTER_U, CENTER_V]]).T)
     believed = off <= settings.moved * np.sqrt(usual / math.pi)
     believed &= believable_parts(found, expected, share_of_area(row.table, expected), settings)
     if last is not None:
@@ -392,17 +396,15 @@ def candidate_blobs(view: View) -> Blobs | Failure:
 
 def start_row(view: View, row: ObservedRow) -> TrackedRow:
     """Return a row that was found from nothing as the next frame needs it."""
+    whole = has_whole_edge(row.table, view.vision.row_look)
     nowhere = TrackedRow(
         stamp_ns=view.image.stamp_ns - 1,
         pixels=row.table[:, :2],
         velocity=np.zeros((len(row.table), 2)),
-        area=initial_area(
-            row.table[:, AREA],
-            has_whole_edge(row.table, view.vision.row_look),
-            view.vision.gating,
-        ),
+        area=initial_area(row.table[:, AREA], whole, view.vision.gating),
         table=row.table,
         seen=np.zeros(len(row.table), np.bool_),
+        sized=whole,
         spacing=math.nan,
         exposure=0.0,
     )
@@ -436,6 +438,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         area=area,
         table=looked,
         seen=seen,
+        sized=last.sized,
         spacing=float(np.median(known)) if known.size else math.nan,
         exposure=exposure,
     )
