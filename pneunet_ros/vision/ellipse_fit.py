@@ -50,6 +50,7 @@ FITTED = 15
 MOMENTS = ((2, 0.5), (3, 1.3), (5, 3.2), (9, 6.5), (13, 13.0))
 QUANTIZATION = 1.0 / 12.0  # variance of a grey level that has been rounded
 PEAK = 1.0 / math.sqrt(2.0 * math.pi)  # of the normal density
+PRODUCT = 512  # pixels in a product of matrices: more than 700 wake the threads of OpenBLAS
 TOGETHER = 1 << 15  # pixels of ellipses that are fitted side by side: what a cache holds
 SIGMA = 1.4826  # standard deviation over the median of what is off, of Gaussian noise
 
@@ -515,13 +516,26 @@ def _linearize_alike(
     part = rims.share * columns[EDGE]
     factors[UNKNOWNS + 1 + first, line] = columns[EDGE] - part
     factors[UNKNOWNS + 1 + (first + 1) % size[1], line] = part
-    pieces = rims.pieces(going)
-    products = np.array([columns[:, piece] @ factors[:, piece].T for piece in pieces])
+    products = np.array([_product(columns, factors, piece) for piece in rims.pieces(going)])
     sums.products[lines] = products[:, : UNKNOWNS + 1, : UNKNOWNS + 1]
     sums.weights[lines] = np.bincount(rims.owner, weight, len(now))[going]
     sums.behind[lines] = behind[going]
     sums.edges[lines] = products[:, :, UNKNOWNS + 1 :].transpose(0, 2, 1)
     sums.covered[places[near]] = covered
+
+
+def _product(columns: Array, factors: Array, piece: slice) -> Array:
+    """Return the sums over a piece of the pixels of products of columns with factors.
+
+    By and by: threads for products that small cost a thousand times what they gain where a
+    processor is busy.
+    """
+    first, last = piece.start, piece.stop
+    total = np.zeros((len(columns), len(factors)))
+    for begin in range(first, last, PRODUCT):
+        some = slice(begin, min(begin + PRODUCT, last))
+        total += columns[:, some] @ factors[:, some].T
+    return total
 
 
 def _model_error(ellipses: Array, height: Array, settings: EllipseSettings) -> Array:

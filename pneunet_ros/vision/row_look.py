@@ -196,13 +196,20 @@ def whole_targets(table: Array, expected: Array, settings: RowLookSettings = ROW
 def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
     """Whether targets (targets, COLUMNS) are seen with all of their edge.
 
-    An edge is on an outline as far as that is known: one that is known far worse than others are
-    does not tell.
+    An edge is on an outline as far as that is known: one that is known far worse than others are,
+    and than its motion says, does not tell.
     """
     error = table[:, STD]
     known = np.isfinite(error)
     usual = np.median(error[known]) if known.any() else math.nan
-    return np.asarray((table[:, EXACT] >= settings.exact) & (error <= settings.unclear * usual))
+    most = settings.unclear * usual + _error_along(table, settings)
+    return np.asarray((table[:, EXACT] >= settings.exact) & (error <= most))
+
+
+def _error_along(table: Array, settings: RowLookSettings) -> Array:
+    """Return how far what is behind targets moves their centers at most, as they move, px."""
+    way = np.sum(table[:, SMEAR] ** 2, axis=1)
+    return np.asarray(settings.part_error * way / np.sqrt(table[:, AREA] / math.pi))
 
 
 def _least_share(expected: Array, settings: RowLookSettings) -> Array:
@@ -252,10 +259,8 @@ def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOO
     smaller one fits as well. One whose level or blur is further off than neighbors allow for is
     not what is drawn: the error of the fit is larger by as many times.
     """
-    way = np.sum(found[:, SMEAR] ** 2, axis=1)
-    radius = np.sqrt(found[:, AREA] / math.pi)
-    along = settings.part_error * way / radius
-    size = settings.size_error * expected[:, SIZE_STD] * radius
+    along = _error_along(found, settings)
+    size = settings.size_error * expected[:, SIZE_STD] * np.sqrt(found[:, AREA] / math.pi)
     level = np.abs(found[:, LEVEL] - expected[:, PLATEAU]) / expected[:, PLATEAU_STD]
     blur = np.abs(found[:, BLUR] - expected[:, WIDTH]) / expected[:, WIDTH_STD]
     misfit = np.maximum(np.maximum(level, blur), 1.0)
