@@ -85,6 +85,9 @@ class EllipseSettings:
     )
     plain: float = tuning(0.3, 'inside of a blob, darker than it is drawn at most', unit='height')
     on_edge: float = tuning(0.03, 'distance of an edge that is on the outline', unit='px')
+    on_edge_share: float = tuning(
+        0.006, 'the same, at least', unit='radius', source='measured: 15 px, edges blurred by 2 px'
+    )
     near_edge: float = tuning(0.12, 'distance of an edge that is near the outline', unit='px')
     near_edge_share: float = tuning(0.02, 'the same, added', unit='radius')
     uneven: float = tuning(
@@ -673,7 +676,8 @@ def _results(
     seen = np.count_nonzero(clear & (np.abs(edges) < near + 2.0 * stds), axis=1)
     enough = told >= settings.told * settings.sectors
     fitted[:, NEAR_EDGE] = np.where(enough, seen / np.maximum(told, 1), 0.0)
-    on_edge = clear & (np.abs(edges) < settings.on_edge + 2.0 * stds)
+    on = np.maximum(settings.on_edge, settings.on_edge_share * _radius(fitted))[:, None]
+    on_edge = clear & (np.abs(edges) < on + 2.0 * stds)
     fitted[:, ON_EDGE] = np.count_nonzero(on_edge, axis=1) / settings.sectors
     outside = clear & (edges > near + 2.0 * stds)
     fitted[:, OUTSIDE] = np.count_nonzero(outside, axis=1) / settings.sectors

@@ -204,6 +204,12 @@ def row_at_rest(
         )
     if clamp_pixel is None:
         best = min(rows, key=lambda row: float(pixels[row.chosen[0], 0]))
+        if _is_upright(best, rows, pixels, vision):
+            return Failure(
+                reason='several_rows',
+                sentence=f'the row of {count} targets is upright, and none of its ends is the '
+                'left one: give clamp_pixel',
+            )
     off = bow(points[best.chosen[best.chosen >= 0]])
     if off > straightness:
         return Failure(
@@ -214,6 +220,16 @@ def row_at_rest(
             f'{CurvedRestPlane.method}',
         )
     return best
+
+
+def _is_upright(
+    best: TargetRow, rows: list[TargetRow], pixels: Array, vision: VisionSettings
+) -> bool:
+    """Whether a row can be read from either end, and neither is clearly the left one."""
+    first, last = best.chosen[[0, -1]].tolist()
+    across, down = np.abs(pixels[last] - pixels[first]).tolist()
+    turned = any(row.chosen[0] == last for row in rows)
+    return turned and across < vision.rest_plane.upright * math.hypot(across, down)
 
 
 def regular_rows(
