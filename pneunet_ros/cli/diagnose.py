@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 import platform
 import time
@@ -16,6 +17,7 @@ from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.cli.simulate import seed
 from pneunet_ros.cli.verb import (
     add_dimensionless,
+    add_effects_path,
     add_json,
     add_overwrite,
     DONE,
@@ -30,6 +32,7 @@ from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.diagnosis import diagnose
 from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
+from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 from pneunet_ros.offline.calibration_files import inputs_of
@@ -101,6 +104,7 @@ def options(parser: ArgumentParser) -> None:
     add_dimensionless(parser, 'draw the figures of the report')
     add_overwrite(parser)
     add_experiments(parser)
+    add_effects_path(parser)
     add_json(parser)
 
 
@@ -123,7 +127,7 @@ def run(arguments: Namespace) -> int:
         read = read_experiments((arguments.train, arguments.heldout), frame, arguments, bar)
         training, held_out = (list(group) for group in read.groups)
         on_progress = progress_of(bar)
-        with executor_for(arguments.scheduler) as executor:
+        with executor_for(arguments.scheduler, arguments.effects_path) as executor:
             found = diagnose(
                 frame,
                 training,
@@ -160,9 +164,17 @@ def run(arguments: Namespace) -> int:
     return DONE if found.answer in CLEAR else NEGATIVE
 
 
-def executor_for(scheduler: str | None) -> AbstractContextManager[Executor | None]:
-    """Return where clean data are simulated: here, as it takes less than starting a process."""
-    return nullcontext() if scheduler is None else open_executor(scheduler=scheduler)
+def executor_for(
+    scheduler: str | None, effects_path: Path | None = None
+) -> AbstractContextManager[Executor | None]:
+    """Return where clean data are simulated: here, as it takes less than starting a process.
+
+    The workers of a cluster read the effects of a user from the same path.
+    """
+    if scheduler is None:
+        return nullcontext()
+    prepare = None if effects_path is None else partial(add_effects, effects_path.resolve())
+    return open_executor(scheduler=scheduler, prepare=prepare)
 
 
 def check_distinct(inputs: list[dict[str, str]]) -> None:

@@ -78,6 +78,12 @@ VERBS = (
         'first',
     ),
     Verb(
+        'survey',
+        'check, calibrate and diagnose each of many arms; show them side by side on one page',
+        'pneunet_ros.cli.survey',
+        'first',
+    ),
+    Verb(
         'compare',
         'measure the distance of two recordings, or of an estimate and a truth',
         'pneunet_ros.cli.compare',
@@ -174,6 +180,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser(words).parse_args([without_exponent(word) for word in words])
     try:
         see_to_kernels(given)
+        if getattr(given, 'effects_path', None) is not None:
+            from pneunet_ros.effects.user_effects import add_effects
+
+            add_effects(given.effects_path)
         code: int = given.run(given)
         sys.stdout.flush()
         return code

@@ -1,0 +1,474 @@
+"""Many calibrated arms side by side: their numbers at one pressure, and which arm is the odd one.
+
+Arms of a kind differ: what they share is a center and a scatter, both robust, so that odd arms do
+not hide themselves. How far an arm is from the center is counted by scatter and error bars
+together; how far the furthest of alike arms would be is simulated with the same error bars.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.units import quantities
+from pneunet_ros.model.arm import Arm
+from scipy.stats import chi2, norm
+
+MEDIAN_SQUARE = float(chi2.ppf(0.5, 1))  # median of the square of a standard normal number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetSettings:
+    """When an arm is called odd."""
+
+    level: float = tuning(
+        0.01, 'chance that one of a fleet of alike arms is called odd', source='convention'
+    )
+    draws: int = tuning(400, 'simulated fleets behind the threshold')
+    fewest: int = tuning(12, 'arms that know a number, below which it is not compared')
+    shown: int = tuning(2, 'arms that know a number, below which it is not shown')
+    reached: float = tuning(0.75, 'share of the arms that reach the pressure of the comparison')
+    shrunk: float = tuning(0.1, 'taken off correlations by medians, which few arms tell badly')
+    counted: float = tuning(
+        0.01, 'probability of a distance, below which an arm does not count', source='convention'
+    )
+    least: float = tuning(0.3, 'scatter to begin with, at least', unit='error bar')
+    turns: int = tuning(6, 'of center and scatter by medians')
+    rounds: int = tuning(20, 'of the most probable center and scatter')
+    halvings: int = tuning(40, 'of the interval in which the scatter is looked for')
+    even: float = tuning(
+        1e-4, 'spread of the curvature along an arm that counts as none', unit='curvature'
+    )
+    stations: int = tuning(101, 'along the arm, for means over it')
+
+
+FLEET = FleetSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmNumber:
+    """A number by which arms are compared: dotted name, meaning with its pressure, and unit."""
+
+    name: str
+    meaning: str
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmNumbers:
+    """What is compared of one arm: values by name, and their covariance in the same order."""
+
+    values: Mapping[ArmNumber, float]
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        """Check the size of the covariance."""
+        object.__setattr__(
+            self, 'covariance', frozen_array(self.covariance, (len(self.values),) * 2)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fleet:
+    """Arms side by side.
+
+    pressure (Pa) of the comparison; numbers (n,) that several arms know; values and stds (arms,
+    n), NaN where an arm does not know one; center and scatter (n,): what alike arms have in
+    common, and by how much they differ beyond their error bars. p_values (arms,): how often the
+    furthest of as many alike arms is as far off, NaN where an arm is not compared; log_chance
+    (arms,): the same of this arm alone, for their order.
+    """
+
+    names: tuple[str, ...]
+    pressure: float
+    numbers: tuple[ArmNumber, ...]
+    values: Array
+    stds: Array
+    center: Array
+    scatter: Array
+    p_values: Array
+    log_chance: Array
+    settings: FleetSettings = FLEET
+
+    @property
+    def odd(self) -> tuple[int, ...]:
+        """Places of the arms that are not like the others, the furthest first."""
+        order = np.argsort(self.log_chance, kind='stable').tolist()
+        return tuple(place for place in order if self.p_values[place] <= self.settings.level)
+
+    @property
+    def deviations(self) -> Array:
+        """By how many standard deviations each number is off, scatter and error bar together."""
+        return np.asarray((self.values - self.center) / np.hypot(self.scatter, self.stds))
+
+    @property
+    def sentence(self) -> str:
+        """Who is odd, or that nobody is, or can be called so."""
+        compared = int(np.count_nonzero(np.isfinite(self.p_values)))
+        if not compared:
+            return (
+                f'No arm is called odd: that takes {self.settings.fewest} arms with a number in '
+                'common.'
+            )
+        if not self.odd:
+            furthest = int(np.nanargmin(self.p_values))
+            return (
+                f'No arm is odd: of {compared} alike arms the furthest would be as far off as '
+                f'{self.names[furthest]} with probability {self.p_values[furthest]:.2g}.'
+            )
+        count = f'{len(self.odd)} of {compared} arms {"is" if len(self.odd) == 1 else "are"} odd'
+        return f'{count}: {"; ".join(map(self.describe, self.odd))}.'
+
+    def describe(self, arm: int) -> str:
+        """Say in which number an arm differs most from the others."""
+        which = int(np.nanargmax(np.abs(self.deviations[arm])))
+        number = self.numbers[which]
+        unit = '' if number.unit == '-' else f' {number.unit}'
+        sentence = (
+            f'{self.names[arm]}: {number.meaning} is {self.values[arm, which]:.4g} ± '
+            f'{self.stds[arm, which]:.2g}{unit}, the others have {self.center[which]:.4g} ± '
+            f'{self.scatter[which]:.2g}{unit}'
+        )
+        if abs(self.deviations[arm, which]) < norm.isf(0.5 * self.settings.level):
+            sentence += ' (no number of it is unusual alone, but all of them together are)'
+        return sentence
+
+
+def compared_pressure(arms: Sequence[Arm], settings: FleetSettings = FLEET) -> float:
+    """Return the pressure (Pa) at which arms are compared: the highest that most of them reach."""
+    tops = sorted((arm.pressure_range[1] for arm in arms), reverse=True)
+    return tops[max(int(np.ceil(settings.reached * len(tops))) - 1, 0)]
+
+
+def arm_numbers(
+    arm: Arm, pressure: float, *, loaded: bool, settings: FleetSettings = FLEET
+) -> ArmNumbers:
+    """Return what is compared of a calibrated arm, with the error bars of its model file.
+
+    Args:
+        arm: the arm, with the covariance of its model.
+        pressure: gauge, Pa; what needs a higher one than the arm was calibrated to is left out.
+        loaded: whether it was calibrated under loads, so that its stiffness is its own.
+        settings: the numbers by which fleets are compared.
+
+    Returns:
+        Turning angle of the unloaded arm at no, half and all of the pressure, what of it is in the
+        outer half where the curvature may vary along the arm, the bending stiffness of the arm as
+        a whole at half of the pressure, and the parameters of its effects.
+
+    """
+    values = evaluate(arm, pressure, loaded, settings)
+    columns = [] if arm.covariance is None else arm.covariance.columns()
+    moves = np.zeros((len(values), len(columns)))
+    for place, column in enumerate(columns):
+        sides = [
+            evaluate(
+                arm.with_changes({name: side * size for name, size in column.items()}),
+                pressure,
+                loaded,
+                settings,
+            )
+            for side in (-0.5, 0.5)
+        ]
+        moves[:, place] = [sides[1][number] - sides[0][number] for number in values]
+    return ArmNumbers(values=values, covariance=moves @ moves.T)
+
+
+def evaluate(
+    arm: Arm, pressure: float, loaded: bool, settings: FleetSettings
+) -> dict[ArmNumber, float]:
+    """Return the numbers of an arm by name."""
+    low, high = arm.pressure_range
+    curvature = arm.intrinsic_curvature
+    at = f'at {1e-3 * pressure:.4g} kPa'
+    half = f'at {0.5e-3 * pressure:.4g} kPa'
+    share = np.linspace(0.0, 1.0, settings.stations)
+    outer = np.linspace(0.5, 1.0, settings.stations)
+    found: dict[ArmNumber, float] = {}
+
+    def add(name: str, meaning: str, unit: str, value: float) -> None:
+        found[ArmNumber(name=name, meaning=meaning, unit=unit)] = value
+
+    def turning(where: float, places: Array) -> float:
+        along = curvature.at(where, places)
+        return float(arm.length * np.ptp(places) * np.trapezoid(along, dx=1 / (along.size - 1)))
+
+    if low <= 0.0:
+        add('turning_at_rest', 'turning angle without pressure', 'rad', turning(0.0, share))
+    if low <= 0.5 * pressure <= high:
+        add('turning_at_half', f'turning angle {half}', 'rad', turning(0.5 * pressure, share))
+    if pressure <= high:
+        add('turning', f'turning angle {at}', 'rad', turning(pressure, share))
+        table = curvature.curvature
+        if np.ptp(table, axis=1).max() > settings.even * np.abs(table).max():
+            meaning = f'turning angle of the outer half {at}'
+            add('turning_of_outer_half', meaning, 'rad', turning(pressure, outer))
+    if loaded and low <= 0.5 * pressure <= high:
+        value = mean_stiffness(arm, 0.5 * pressure)
+        add('bending_stiffness', f'bending stiffness EI of the whole arm {half}', 'N m^2', value)
+    for effect in arm.effects:
+        for item in quantities(effect):
+            name = f'{effect.name}.{item.name}'
+            add(name, name, item.metadata['unit'], float(getattr(effect, item.name)))
+    return found
+
+
+def mean_stiffness(arm: Arm, pressure: float) -> float:
+    """Return the bending stiffness (N m^2) of the arm as a whole: its sections in series."""
+    law = arm.moment_law
+    known = np.clip([pressure], *law.pressure_range)
+    (sections,) = law.sections(known, arm.length, arm.weight)
+    lengths = np.diff([*sections[:, 0], arm.length])
+    return float(arm.length / np.sum(lengths / sections[:, 1]))
+
+
+def compare_arms(
+    arms: Mapping[str, ArmNumbers],
+    pressure: float,
+    *,
+    seed: int = 0,
+    settings: FleetSettings = FLEET,
+) -> Fleet:
+    """Find center and scatter of a fleet, and the arms that are not of it.
+
+    Args:
+        arms: the numbers of each arm by its name.
+        pressure: at which they are, Pa.
+        seed: of the simulated fleets.
+        settings: the numbers by which it is decided.
+
+    Returns:
+        The arms side by side. A number is compared where enough arms know it; center and scatter
+        of the others are medians.
+
+    """
+    counts = Counter(number for item in arms.values() for number in item.values)
+    numbers = tuple(number for number, count in counts.items() if count >= settings.shown)
+    values, covariance = table(list(arms.values()), numbers)
+    stds = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    stds = np.where(np.isfinite(values), stds, np.nan)
+    center, scatter = np.zeros(len(numbers)), np.zeros(len(numbers))
+    p_values, chance = np.full((2, len(arms)), np.nan)
+    if numbers:
+        ((center,), (scatter,)) = center_and_scatter(values[None], stds**2, settings)
+    compared = [which for which, item in enumerate(numbers) if counts[item] >= settings.fewest]
+    if compared:
+        some, errors = values[:, compared], covariance[:, compared][:, :, compared]
+        ((middle,), (whole,), (chance,)) = distances(some[None], errors, settings)
+        furthest = np.sort(simulate_furthest(some, errors, middle, whole, seed, settings))
+        below = np.searchsorted(furthest, chance, side='right')
+        p_values = np.where(np.isnan(chance), np.nan, (1.0 + below) / (1.0 + furthest.size))
+        center[compared], scatter[compared] = middle, np.sqrt(np.diagonal(whole))
+    return Fleet(
+        names=tuple(arms),
+        pressure=pressure,
+        numbers=numbers,
+        values=values,
+        stds=stds,
+        center=center,
+        scatter=scatter,
+        p_values=p_values,
+        log_chance=chance,
+        settings=settings,
+    )
+
+
+def table(arms: Sequence[ArmNumbers], numbers: Sequence[ArmNumber]) -> tuple[Array, Array]:
+    """Return values (arms, n) and covariances (arms, n, n), NaN and zero where not known."""
+    values = np.full((len(arms), len(numbers)), np.nan)
+    covariance = np.zeros((len(arms), len(numbers), len(numbers)))
+    for row, arm in enumerate(arms):
+        places = {number: place for place, number in enumerate(arm.values)}
+        here = [place for place, number in enumerate(numbers) if number in places]
+        there = [places[numbers[place]] for place in here]
+        values[row, here] = [arm.values[numbers[place]] for place in here]
+        covariance[row][np.ix_(here, here)] = arm.covariance[np.ix_(there, there)]
+    # Of numbers that are alike to the last digit, and have no error, a distance is still one.
+    floor = (1e-9 * np.nanmax(np.abs(values), axis=0, initial=0.0)) ** 2 + 1e-300
+    return values, covariance + np.diag(floor)
+
+
+def distances(
+    values: Array, covariance: Array, settings: FleetSettings = FLEET
+) -> tuple[Array, Array, Array]:
+    """Return center, scatter and how probable each arm's distance is, for many fleets at once.
+
+    A robust start says which arms may be counted; of those, center and scatter are the most
+    probable ones.
+
+    Args:
+        values: (fleets, arms, n), NaN where an arm does not know a number.
+        covariance: of the error bars (arms, n, n), the same in every fleet.
+        settings: the numbers by which fleets are compared.
+
+    Returns:
+        center (fleets, n); scatter (fleets, n, n), the covariance of alike arms beyond their error
+        bars; log probability (fleets, arms) that one of them is as far off, NaN where it knows
+        nothing.
+
+    """
+    center, scatter = robust_start(values, covariance, settings)
+    chance = log_chance(values, covariance, center, scatter)
+    half = np.nanmedian(chance, axis=1, keepdims=True)
+    counted = chance >= np.minimum(np.log(settings.counted), half)  # NaN is not
+    for _ in range(settings.rounds):
+        center, scatter = next_estimate(values, covariance, center, scatter, counted)
+    return center, scatter, log_chance(values, covariance, center, scatter)
+
+
+def log_chance(values: Array, covariance: Array, center: Array, scatter: Array) -> Array:
+    """Return the log probability (fleets, arms) that an alike arm is as far from the center."""
+    deviation, precision = deviations_and_precision(values, covariance, center, scatter)
+    squares = np.einsum('dai,daij,daj->da', deviation, precision, deviation)
+    freedom = np.isfinite(values).sum(axis=2)
+    chance = chi2.logsf(squares, np.maximum(freedom, 1))
+    return np.where(freedom > 0, chance, np.nan)
+
+
+def deviations_and_precision(
+    values: Array, covariance: Array, center: Array, scatter: Array
+) -> tuple[Array, Array]:
+    """Return what an arm is off (fleets, arms, n), and the inverse covariance of it.
+
+    Both are zero where an arm does not know a number.
+    """
+    known = np.isfinite(values)
+    both = known[..., :, None] & known[..., None, :]
+    total = np.where(both, scatter[:, None] + covariance, np.eye(values.shape[2]))
+    scale = np.sqrt(np.diagonal(total, axis1=2, axis2=3))
+    scale = scale[..., :, None] * scale[..., None, :]
+    whole = total / scale + 1e-9 * np.eye(values.shape[2])  # to be inverted, whatever it is
+    precision = np.where(both, np.linalg.inv(whole) / scale, 0.0)
+    return np.where(known, values - center[:, None], 0.0), precision
+
+
+def next_estimate(
+    values: Array, covariance: Array, center: Array, scatter: Array, counted: npt.NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return center and scatter after one round of expectation and maximization.
+
+    counted (fleets, arms): which arms are.
+    """
+    deviation, precision = deviations_and_precision(values, covariance, center, scatter)
+    precision = precision * counted[..., None, None]
+    step = np.einsum('daij,daj->di', precision, deviation)
+    total = precision.sum(axis=1)
+    unknown = np.diagonal(total, axis1=1, axis2=2) == 0.0  # by all arms that count
+    center = (
+        center
+        + np.linalg.solve(total + unknown[..., None] * np.eye(step.shape[1]), step[..., None])[
+            ..., 0
+        ]
+    )
+    deviation = np.where(np.isfinite(values), values - center[:, None], 0.0)
+    pull = np.einsum('daij,daj->dai', precision, deviation)
+    arms = counted.sum(axis=1)[:, None, None]
+    spread = (np.einsum('dai,daj->dij', pull, pull) - total) / arms
+    scatter = scatter + scatter @ spread @ scatter
+    return center, 0.5 * (scatter + scatter.swapaxes(1, 2))
+
+
+def robust_start(
+    values: Array, covariance: Array, settings: FleetSettings = FLEET
+) -> tuple[Array, Array]:
+    """Return center (fleets, n) and scatter (fleets, n, n) by medians.
+
+    Correlations are those of Gnanadesikan and Kettenring (1972).
+    """
+    variances = np.diagonal(covariance, axis1=1, axis2=2)
+    center, width = center_and_scatter(values, variances, settings)
+    deviation = values - center[:, None]
+    correlation = robust_correlation(deviation / np.sqrt(width[:, None] ** 2 + variances))
+    correlation = (1.0 - settings.shrunk) * correlation
+    correlation = correlation + settings.shrunk * np.eye(values.shape[2])
+    # A scatter of zero would stay zero: medians of few arms are not that sure of it.
+    width = np.sqrt(width**2 + settings.least**2 * np.nanmedian(variances, axis=0))
+    return center, width[:, :, None] * correlation * width[:, None, :]
+
+
+def center_and_scatter(
+    values: Array, variances: Array, settings: FleetSettings = FLEET
+) -> tuple[Array, Array]:
+    """Return the median of each number and its scatter beyond the error bars, (fleets, n) each.
+
+    The scatter is what brings the median of the squared deviations, each over scatter and error
+    bar together, to that of a standard normal number; zero where error bars are enough.
+    """
+    center = np.nanmedian(values, axis=1)
+    square = np.zeros_like(center)
+    for _ in range(settings.turns):
+        weights = np.where(np.isfinite(values), 1.0 / (square[:, None] + variances), 0.0)
+        center = weighted_median(values, np.sqrt(weights))
+        deviation = (values - center[:, None]) ** 2
+        low = np.zeros_like(center)
+        high = np.nanmax(deviation, axis=1) / MEDIAN_SQUARE
+        for _ in range(settings.halvings):
+            square = 0.5 * (low + high)
+            median = np.nanmedian(deviation / (square[:, None] + variances), axis=1)
+            low = np.where(median > MEDIAN_SQUARE, square, low)
+            high = np.where(median > MEDIAN_SQUARE, high, square)
+        enough = np.nanmedian(deviation / variances, axis=1) <= MEDIAN_SQUARE
+        square = np.where(enough, 0.0, square)
+    return center, np.sqrt(square)
+
+
+def weighted_median(values: Array, weights: Array) -> Array:
+    """Return the weighted median over arms, (fleets, n); NaN has no weight."""
+    order = np.argsort(values, axis=1)
+    sums = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
+    place = np.argmax(sums >= 0.5 * sums[:, -1:], axis=1)
+    ranked = np.take_along_axis(values, order, axis=1)
+    return np.take_along_axis(ranked, place[:, None], axis=1)[:, 0]
+
+
+def robust_correlation(standardized: Array) -> Array:
+    """Return correlations (fleets, n, n) by the spread of sums and differences of numbers."""
+    count = standardized.shape[2]
+    out = np.tile(np.eye(count), (standardized.shape[0], 1, 1))
+    for first in range(count):
+        for second in range(first):
+            a, b = standardized[..., first], standardized[..., second]
+            both = np.isfinite(a) & np.isfinite(b)
+            if np.count_nonzero(both[0]) < 3:
+                continue
+            together, apart = (
+                np.nanmedian(np.abs(np.where(both, side, np.nan)), axis=1) ** 2
+                for side in (a + b, a - b)
+            )
+            value = (together - apart) / np.maximum(together + apart, 1e-300)
+            out[:, first, second] = out[:, second, first] = value
+    sizes, vectors = np.linalg.eigh(out)
+    out = np.einsum('dij,dj,dkj->dik', vectors, np.maximum(sizes, 0.0), vectors)
+    scale = np.sqrt(np.maximum(np.diagonal(out, axis1=1, axis2=2), 1e-12))
+    return np.asarray(out / (scale[:, :, None] * scale[:, None, :]))
+
+
+def simulate_furthest(
+    values: Array,
+    covariance: Array,
+    center: Array,
+    scatter: Array,
+    seed: int,
+    settings: FleetSettings = FLEET,
+) -> Array:
+    """Return the log probability of the furthest arm in each of many fleets of alike arms.
+
+    The fleets have the arms, error bars and missing numbers of this one, and go through the same
+    estimate of center and scatter: of few arms one is further off than chi squared says.
+    """
+    random = np.random.default_rng([seed, values.shape[0]])
+    roots = [np.linalg.cholesky(rescued(one + scatter)) for one in covariance]
+    normal = random.standard_normal((settings.draws, *values.shape))
+    drawn = center + np.einsum('aij,daj->dai', np.array(roots), normal)
+    drawn = np.where(np.isfinite(values), drawn, np.nan)
+    return np.asarray(np.nanmin(distances(drawn, covariance, settings)[2], axis=1))
+
+
+def rescued(covariance: Array) -> Array:
+    """Return a covariance that has a Cholesky factor, whatever the last digits of it."""
+    return np.asarray(covariance + 1e-9 * np.diag(np.diag(covariance)))

@@ -1,0 +1,151 @@
+"""One arm of a survey: check its recordings, calibrate, diagnose; all as files, in memory.
+
+It may run in another process or on another machine, so nothing is written here that is to stay.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from pneunet_ros.calibration.calibration import calibrate
+from pneunet_ros.cli.calibrate import provenance_of
+from pneunet_ros.cli.diagnose import versions
+from pneunet_ros.cli.experiments import read_experiments
+from pneunet_ros.cli.verb import progress_bar, settings_of, topics_of
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.diagnosis.result import UnsettledDiagnosis
+from pneunet_ros.files.json_text import json_text
+from pneunet_ros.files.model_file import load_model, model_hash, save_model
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.offline.calibration_files import described_arm, save_knowledge
+from pneunet_ros.offline.check import check_recording, CheckRequest
+from pneunet_ros.offline.survey import Files, FleetArm
+from pneunet_ros.reports.diagnosis.files import MODEL, write_diagnosis, write_unsettled
+
+CALIBRATED, FOUND = 'calibrated.yaml', 'found.json'
+Runs = Sequence[RecordingData]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurveyRequest:
+    """What was asked of every arm: `--static`, `--topic`, the sensor settings, and the seed."""
+
+    static: bool
+    topic: tuple[str, ...]
+    sensors: dict[str, Any]
+    seed: int
+
+    def arguments(self, unloaded: Sequence[Path]) -> Namespace:
+        """Return it as `calibrate` and `diagnose` are asked."""
+        return Namespace(
+            static=self.static,
+            topic=self.topic,
+            unloaded=unloaded,
+            end_load=[],
+            earlier=None,
+            **self.sensors,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurveyWork:
+    """The work on an arm: an object, so that it can be sent to where it is done."""
+
+    request: SurveyRequest
+
+    def __call__(self, arm: FleetArm) -> Files:
+        """Return the files of an arm as `calibrate` and `diagnose` write them, and what was found.
+
+        Raises PneunetError where a recording, the calibration or the diagnosis fails.
+        """
+        frame = load_model(arm.arm)
+        checks = self.check(arm, frame)
+        with TemporaryDirectory() as place, progress_bar(shown=False) as bar:
+            asked, of_heldout = (
+                self.request.arguments(some) for some in (arm.roles['unloaded'], ())
+            )
+            read = read_experiments(
+                (arm.roles['unloaded'], arm.roles['loaded']), frame, asked, bar
+            )
+            kept = read_experiments((arm.roles['heldout'],), frame, of_heldout, bar)
+            folder = Path(place) / 'arm'
+            found = self.calibrate_and_diagnose(arm, frame, (*read.groups, *kept.groups), folder)
+            notes = [*read.sentences, *kept.left_out, *found['notes']]
+            found |= {
+                'checks': checks,
+                'notes': [*(f'not used: {x}' for x in arm.ignored), *notes],
+            }
+            (folder / FOUND).write_text(json_text(found), encoding='utf-8')
+            return {item.name: item.read_bytes() for item in sorted(folder.iterdir())}
+
+    def check(self, arm: FleetArm, frame: Arm) -> list[dict[str, Any]]:
+        """Return what `pneunet check` says of each recording, in short."""
+        asked = self.request.arguments(())
+        request = CheckRequest(
+            arm=frame,
+            settings=settings_of(asked),
+            overrides=topics_of(asked.topic, [sensor.name for sensor in SENSORS]),
+        )
+        found = [check_recording(path, request) for path in arm.recordings]
+        return [
+            {
+                'file': item['recording'].name,
+                'seconds': item['seconds'],
+                'uses': [name for name, use in item['uses'].items() if use['usable']],
+                'sentences': item['sentences'],
+            }
+            for item in found
+        ]
+
+    def calibrate_and_diagnose(
+        self, arm: FleetArm, frame: Arm, groups: tuple[Runs, ...], folder: Path
+    ) -> dict[str, Any]:
+        """Write the files of both into a new folder; return what the survey makes use of."""
+        unloaded, loaded, held_out = groups
+        calibration = calibrate(unloaded, loaded, frame, compare=False)
+        if not calibration.joint.converged:
+            raise ModelError(f'the calibration did not settle: {calibration.joint.status}')
+        asked = Namespace(arm=arm.arm, earlier=None)
+        roles = {'unloaded': unloaded, 'loaded': loaded}
+        origin = provenance_of(asked, calibration, roles)
+        model = described_arm(calibration, arm.name, frame, origin)
+        diagnosis = diagnose(model, [*unloaded, *loaded], held_out, seed=self.request.seed)
+        inputs = [
+            ('training', (*arm.roles['unloaded'], *arm.roles['loaded'])),
+            ('heldout', arm.roles['heldout']),
+        ]
+        provenance = {
+            'model': {'file': CALIBRATED, 'content_sha256': model_hash(model)},
+            'inputs': inputs,
+            'versions': versions(),
+        }
+        if isinstance(diagnosis, UnsettledDiagnosis):
+            content = write_unsettled(diagnosis, folder, frame=model, provenance=provenance)
+        else:
+            content = write_diagnosis(
+                diagnosis,
+                folder,
+                frame=model,
+                training=[*unloaded, *loaded],
+                held_out=held_out,
+                provenance=provenance,
+            )
+        save_model(model, folder / CALIBRATED)
+        save_knowledge(calibration.posterior, folder / CALIBRATED, overwrite=False)
+        wanted = ('answer', 'sentence', 'effects', 'alternatives', 'gap', 'detectable')
+        settled = not isinstance(diagnosis, UnsettledDiagnosis)
+        return {
+            **{name: content[name] for name in wanted},
+            'model': MODEL if settled else CALIBRATED,
+            'loaded': bool(loaded),
+            'target_std': calibration.noise.noise.target_std,
+            'notes': [*calibration.notes, *content['notes']],
+        }

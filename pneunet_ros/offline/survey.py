@@ -1,0 +1,335 @@
+"""A fleet on the disk: which recordings each arm has, what is done already, and the work on it.
+
+Nothing here knows what the work on an arm is: a function that takes an arm of the fleet and
+returns files. It may run in processes of this machine or on a cluster.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, FIRST_COMPLETED, Future, wait
+from contextlib import AbstractContextManager
+import csv
+from dataclasses import dataclass
+from fnmatch import fnmatch
+import glob
+import hashlib
+import itertools
+import json
+from pathlib import Path
+import shlex
+from typing import Any
+
+from pneunet_ros.core.errors import PneunetError, RecordingError, RequestError
+from pneunet_ros.core.printable import printable
+from pneunet_ros.files.atomic import atomic_output
+from pneunet_ros.files.json_text import json_text
+from pneunet_ros.files.regular_file import open_regular
+from pneunet_ros.offline.calibration_files import inputs_of
+
+ROLES = ('unloaded', 'loaded', 'heldout')
+ARM = 'arm.yaml'
+COLUMNS = ('name', 'arm', *ROLES)
+ARMS, ROW = 'arms', 'arm.json'  # folder of all arms in the output, and the row of one in its own
+MOST_BYTES = 10_000_000  # of a table of arms
+
+Files = Mapping[str, bytes]  # by name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetArm:
+    """An arm of a fleet: its name, its arm file, and its recordings by their role, one of `ROLES`.
+
+    ignored: recordings in its folder whose name says nothing of their role.
+    """
+
+    name: str
+    arm: Path
+    roles: Mapping[str, tuple[Path, ...]]
+    ignored: tuple[str, ...] = ()
+
+    @property
+    def recordings(self) -> tuple[Path, ...]:
+        """All of them."""
+        return tuple(itertools.chain(*(self.roles[role] for role in ROLES)))
+
+
+def read_fleet(source: Path, arm: Path) -> tuple[FleetArm, ...]:
+    """Return the arms of a fleet.
+
+    Args:
+        source: a folder with a folder per arm, or a CSV table with a row per arm.
+        arm: the arm file of those that have none of their own.
+
+    Returns:
+        The arms, in the order of their names in a folder, of its rows in a table.
+
+    Raises:
+        RequestError: there is no arm, or the table is not as it must be.
+
+    """
+    if not source.exists():
+        raise RequestError(f'{source} does not exist: give a folder of arms, or a table of them')
+    fleet = fleet_of_folder(source, arm) if source.is_dir() else fleet_of_table(source, arm)
+    if not fleet:
+        raise RequestError(
+            f'{source} holds no arm: an arm is a folder with recordings whose names begin with '
+            f'{", ".join(ROLES)}'
+        )
+    return fleet
+
+
+def fleet_of_folder(folder: Path, arm: Path) -> tuple[FleetArm, ...]:
+    """Return the arms of a folder: every folder in it with an arm file or recordings of a role."""
+    shared = folder / ARM
+    found = []
+    for place in sorted(folder.iterdir()):
+        if not place.is_dir() or place.name.startswith('.'):
+            continue
+        roles = {role: recordings_of(place, role) for role in ROLES}
+        own = place / ARM
+        if not any(roles.values()) and not own.is_file():
+            continue
+        known = {path for paths in roles.values() for path in paths}
+        others = [item for item in recordings_in(place) if item not in known]
+        found.append(
+            FleetArm(
+                name=place.name,
+                arm=next((file for file in (own, shared) if file.is_file()), arm),
+                ignored=tuple(printable(item.name) for item in others),
+                roles=roles,
+            )
+        )
+    return tuple(found)
+
+
+def recordings_of(folder: Path, role: str) -> tuple[Path, ...]:
+    """Return the recordings of a role: those whose name begins with it, or its folder's name."""
+    found: list[Path] = []
+    for place in sorted(folder.iterdir()):
+        if not place.name.startswith(role):
+            continue
+        if is_recording(place):
+            found.append(place)
+        elif place.is_dir():
+            found += recordings_in(place)
+    return tuple(found)
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """Return the recordings that stand in a folder."""
+    return [place for place in sorted(folder.iterdir()) if is_recording(place)]
+
+
+def is_recording(place: Path) -> bool:
+    """Whether this is an MCAP file, or a rosbag2 folder."""
+    return (place / 'metadata.yaml').is_file() if place.is_dir() else place.suffix == '.mcap'
+
+
+def fleet_of_table(table: Path, arm: Path) -> tuple[FleetArm, ...]:
+    """Return the arms of a table: paths relative to it, as in a shell, patterns too."""
+    found, names = [], set()
+    for line, row in rows_of(table):
+        name = row['name']
+        if not name or name in ('.', '..') or '/' in name or printable(name) != name:
+            raise RequestError(f'{table}, line {line}: {name!r} cannot be the name of a folder')
+        if name in names:
+            raise RequestError(f'{table}, line {line}: there are two arms called {name}')
+        names.add(name)
+        try:
+            roles = {role: expanded(row.get(role, ''), table.parent) for role in ROLES}
+        except ValueError as error:
+            raise RequestError(f'{table}, line {line}: {error}') from error
+        own = row.get('arm', '')
+        found.append(FleetArm(name=name, arm=table.parent / own if own else arm, roles=roles))
+    return tuple(found)
+
+
+def rows_of(table: Path) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield the rows of a table of arms with their lines."""
+    try:
+        with open_regular(table) as stream:
+            text = stream.read(MOST_BYTES + 1).decode('utf-8-sig')
+    except (OSError, UnicodeDecodeError) as error:
+        raise RequestError(f'{table} cannot be read as a table of arms: {error}') from error
+    if len(text) > MOST_BYTES:
+        raise RequestError(
+            f'{table} has more than {MOST_BYTES // 10**6} MB: it is no table of arms'
+        )
+    reader = csv.DictReader(text.splitlines(), strict=True, skipinitialspace=True)
+    names = [str(name).strip() for name in reader.fieldnames or ()]
+    reader.fieldnames = names
+    if 'name' not in names or not set(names) <= set(COLUMNS):
+        raise RequestError(
+            f'{table}: the columns of a table of arms are {", ".join(COLUMNS)}, name at least; '
+            f'it has {", ".join(names[: len(COLUMNS) + 3]) or "none"}'
+        )
+    try:
+        for row in reader:
+            if None in row or None in row.values():
+                raise RequestError(f'{table}, line {reader.line_num}: not a cell per column')
+            yield reader.line_num, {key: value.strip() for key, value in row.items()}
+    except csv.Error as error:
+        raise RequestError(f'{table}, line {reader.line_num}: {error}') from error
+
+
+def expanded(cell: str, folder: Path) -> tuple[Path, ...]:
+    """Return the recordings of a cell: names apart by blanks, in quotes where they have some."""
+    found: list[Path] = []
+    for word in shlex.split(cell):
+        matches = sorted(glob.glob(str(folder / word)))
+        found += [Path(match) for match in matches] or [folder / word]
+    return tuple(found)
+
+
+def arm_key(arm: FleetArm, decided: Mapping[str, Any]) -> tuple[str, list[dict[str, str]]]:
+    """Return what tells one piece of work from another, and the recordings with their hashes.
+
+    decided: all else that the outcome depends on. RecordingError where a file cannot be read.
+    """
+    inputs = inputs_of([(role, arm.roles[role]) for role in ROLES])
+    try:
+        with open_regular(arm.arm) as stream:
+            model = hashlib.sha256(stream.read()).hexdigest()
+    except OSError as error:
+        raise RecordingError(f'{arm.arm} cannot be read: {error.strerror}') from error
+    content = json_text({'arm': model, 'inputs': inputs, 'decided': decided})
+    return hashlib.sha256(content.encode()).hexdigest(), inputs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurveyFolder:
+    """The output of a survey: a folder per arm that is done, each whole or not there."""
+
+    path: Path
+    overwrite: bool
+
+    def check(self, pages: Sequence[str]) -> None:
+        """Refuse a place that holds anything else; pages: patterns of the files beside arms."""
+        if self.path.exists() and not self.path.is_dir():
+            raise RecordingError(f'{self.path} is a file, and a folder is to be written')
+        for place in sorted(self.path.iterdir()) if self.path.is_dir() else ():
+            if place.name != ARMS and not any(fnmatch(place.name, name) for name in pages):
+                raise RecordingError(
+                    f'{self.path} holds {place.name}, which no survey has written: choose '
+                    'another folder'
+                )
+
+    def folder(self, name: str) -> Path:
+        """Return the folder of an arm."""
+        return self.path / ARMS / name
+
+    def kept(self, name: str, key: str) -> dict[str, Any] | None:
+        """Return the row of an arm that is done; None where it is still to be done.
+
+        Raises RecordingError where it was done with other recordings, arm file or options, unless
+        outputs may be replaced. Where it failed with others it is simply done again.
+        """
+        row = self.row(name)
+        if row is None:
+            return None
+        if row.get('key') == key:
+            return row
+        if row.get('failed') or self.overwrite:
+            return None
+        raise RecordingError(
+            f'{self.folder(name)} was made from other recordings, another arm file, other options '
+            'or by another version: choose another --output, or pass --overwrite to do this arm '
+            'again'
+        )
+
+    def row(self, name: str) -> dict[str, Any] | None:
+        """Return what is written of an arm, None where nothing is."""
+        file = self.folder(name) / ROW
+        try:
+            content = json.loads(file.read_text(encoding='utf-8'))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise RecordingError(f'{file} is damaged: remove its folder ({error})') from error
+        if not isinstance(content, dict):
+            raise RecordingError(f'{file} is damaged: remove its folder')
+        return content
+
+    def write(self, name: str, files: Files, row: Mapping[str, Any]) -> None:
+        """Write the files of an arm and its row; what was there of an earlier one is gone."""
+        earlier = self.folder(name)
+        there = [item.name for item in earlier.iterdir()] if earlier.is_dir() else []
+        with atomic_output(earlier, overwrite=True, replaceable=there) as folder:
+            folder.mkdir()
+            for file, content in files.items():
+                (folder / file).write_bytes(content)
+            (folder / ROW).write_text(json_text(row, indent=1), encoding='utf-8')
+
+
+Outcome = tuple[FleetArm, Files | Exception]
+Work = Callable[[FleetArm], Files]
+OpenWorkers = Callable[[], AbstractContextManager[Executor]]
+
+
+def work_on_fleet(
+    arms: Sequence[FleetArm], work: Work, open_workers: OpenWorkers, at_once: int
+) -> Iterator[Outcome]:
+    """Yield what came of each arm, as they are done.
+
+    A process that dies takes all others of its pool with it, so those that ran then are done again
+    one by one: the arm whose process dies alone is the one, and the others go on.
+
+    Args:
+        arms: of the fleet.
+        work: what is done to each; it must be picklable.
+        open_workers: gives new workers.
+        at_once: how many arms are given out.
+
+    Yields:
+        The arm, and its files, or the exception that it ended with.
+
+    """
+    left = list(arms)
+    while left:
+        suspects, left = yield from work_together(left, work, open_workers, at_once)
+        for arm in suspects:
+            died, _ = yield from work_together([arm], work, open_workers, 1)
+            for one in died:
+                why = 'the process that worked on it died, as where memory runs out'
+                yield one, ChildProcessError(why)
+
+
+def work_together(
+    arms: Sequence[FleetArm], work: Work, open_workers: OpenWorkers, at_once: int
+) -> Generator[Outcome, None, tuple[list[FleetArm], list[FleetArm]]]:
+    """Yield what came of arms, until all are done or a process dies.
+
+    Returns the arms that ran when it did, and those that were not begun.
+    """
+    left, suspects = deque(arms), list[FleetArm]()
+    running: dict[Future[Files], FleetArm] = {}
+    with open_workers() as executor:
+        try:
+            while running or (left and not suspects):
+                while left and not suspects and len(running) < at_once:
+                    running[executor.submit(work, left[0])] = left[0]
+                    left.popleft()
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    arm, error = running.pop(future), future.exception()
+                    if isinstance(error, BrokenExecutor):
+                        suspects.append(arm)
+                    elif error is not None and not isinstance(error, Exception):
+                        raise error
+                    else:
+                        yield arm, future.result() if error is None else error
+        except BrokenExecutor:  # found out while giving it work
+            suspects += running.values()
+        finally:
+            for future in running:
+                future.cancel()
+    return suspects, list(left)
+
+
+def sentence_of(error: Exception) -> str:
+    """Say what an arm ended with: a sentence of ours as it is, any other with its kind."""
+    if isinstance(error, (PneunetError, ChildProcessError)):
+        return str(error)
+    return f'{type(error).__name__}: {" ".join(str(error).split())}'

@@ -1,0 +1,58 @@
+"""Which effect each arm lacked, and the model error before and after it was added."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.style import FIRST, GREY, legend, panels, SECOND, short, THIRD
+from pneunet_ros.reports.survey.number_figures import ROW_HEIGHT
+from pneunet_ros.reports.survey.survey_data import SurveyData
+
+ANSWER_MARKS = {'none': '·', 'unknown': '?', 'unobservable': '∅'}
+
+
+def effects(data: SurveyData) -> Picture | None:
+    """Effects against arms, and beside them the model error."""
+    arms = [item for item in data.done if item.errors is not None]
+    if not arms:
+        return None
+    names = sorted({name for item in arms for name in (*item.effects, *item.alternatives)})
+    figure, (matrix, gap) = panels(2, height=1.8 + ROW_HEIGHT * len(arms))
+    places = np.arange(len(arms))[::-1]
+    for row, item in zip(places.tolist(), arms, strict=True):
+        fill = THIRD if item.answer == 'named' else 'white'
+        for name in (*item.effects, *item.alternatives):
+            place = names.index(name)
+            matrix.plot(place, row, 's', markersize=6.5, color=THIRD, markerfacecolor=fill)
+        if mark := ANSWER_MARKS.get(item.answer):
+            matrix.text(len(names), row, mark, ha='center', va='center', fontsize=9)
+        before, after = (millimeters(error) for error in item.errors or ())
+        gap.plot([before, after], [row, row], color='0.75', linewidth=1.2, zorder=1)
+        gap.plot(before, row, 'o', color=SECOND, markersize=4)
+        gap.plot(after, row, 'o', color=FIRST, markersize=4)
+    matrix.set_xticks(range(len(names) + 1), [*names, 'no name'], rotation=30, ha='right')
+    matrix.set_xlim(-0.6, len(names) + 0.6)
+    matrix.set_title('(a) what was missing')
+    for panel in (matrix, gap):
+        panel.set_ylim(-0.8, len(arms) - 0.2)
+        panel.tick_params(labelsize=8)
+    matrix.set_yticks(places, [short(item.name) for item in arms], fontsize=7)
+    gap.set_yticks(places, [''] * len(arms))
+    gap.set_xscale('log')
+    gap.set(title='(b) model error, rms per coordinate', xlabel='mm, logarithmic')
+    gap.plot([], [], 'o', color=SECOND, label='before')
+    gap.plot([], [], 'o', color=FIRST, label='after')
+    legend(gap, loc='best')
+    for label, item in zip(matrix.get_yticklabels(), arms, strict=True):
+        label.set_color(SECOND if item.name in data.odd else GREY)
+    where = 'held-out' if all(item.held_out for item in arms) else 'held-out or else training'
+    return picture(
+        '02_effects',
+        'What was missing, and what it was worth',
+        '(a) Filled: named. Empty: one of several that the recordings cannot tell apart. A dot: '
+        'nothing is missing that these recordings could show; ?: something is, and it has no name '
+        'in the library; ∅: these recordings could not have shown any effect. '
+        f'(b) on {where} recordings.',
+        figure,
+    )

@@ -1,0 +1,61 @@
+"""The numbers of all arms side by side, with error bars."""
+
+from __future__ import annotations
+
+import textwrap
+
+import numpy as np
+from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.style import BAND_SIGMAS, FIRST, GREY, panels, SECOND, short
+from pneunet_ros.reports.survey.survey_data import SurveyData
+
+COLUMNS = 4  # numbers beside each other
+ROW_HEIGHT = 0.19  # inches an arm
+TITLE = 30  # letters a line
+
+
+def numbers(data: SurveyData) -> Picture | None:
+    """Every number that is compared, arm by arm."""
+    fleet = data.fleet
+    if not fleet.numbers:
+        return None
+    columns = min(COLUMNS, len(fleet.numbers))
+    rows = -(-len(fleet.numbers) // columns)
+    height = rows * (1.2 + ROW_HEIGHT * len(fleet.names))
+    figure, axes = panels(columns, rows=rows, height=height)
+    places = np.arange(len(fleet.names))[::-1]
+    for which, (panel, number) in enumerate(zip(axes, fleet.numbers, strict=False)):
+        center, scatter = float(fleet.center[which]), BAND_SIGMAS * float(fleet.scatter[which])
+        panel.axvspan(center - scatter, center + scatter, color=FIRST, alpha=0.12, linewidth=0)
+        panel.axvline(center, color=FIRST, linewidth=1.0)
+        for arm, row in enumerate(places.tolist()):
+            odd = fleet.names[arm] in data.odd
+            panel.errorbar(
+                fleet.values[arm, which],
+                row,
+                xerr=BAND_SIGMAS * fleet.stds[arm, which],
+                fmt='D' if odd else 'o',
+                color=SECOND if odd else GREY,
+                markersize=4.5 if odd else 3.5,
+                linewidth=1.0,
+            )
+        unit = '' if number.unit == '-' else f' ({number.unit})'
+        title = '\n'.join(textwrap.wrap(number.meaning.replace('.', ' ') + unit, TITLE))
+        panel.set_title(title.replace('_', ' '), fontsize=8)
+        panel.set_ylim(-0.8, len(fleet.names) - 0.2)
+        first = which % columns == 0
+        panel.set_yticks(places, [short(name) for name in fleet.names] if first else [])
+        panel.tick_params(labelsize=7)
+        for label, name in zip(panel.get_yticklabels(), fleet.names, strict=False):
+            if name in data.odd:
+                label.set_color(SECOND)
+    for panel in axes[len(fleet.numbers) :]:
+        panel.set_visible(False)
+    return picture(
+        '01_numbers',
+        'The same numbers of every arm',
+        'Bars are two standard errors. Line and band: center of the fleet, and two standard '
+        'deviations of how alike arms differ beyond their error bars. Red diamonds: odd arms, by '
+        'all numbers together; an arm may be odd where no single number is.',
+        figure,
+    )

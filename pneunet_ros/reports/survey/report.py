@@ -1,0 +1,146 @@
+"""The page of a survey, its pictures, and what stands in `survey.json`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pneunet_ros.core.settings import settings_used
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.files.json_text import plain
+from pneunet_ros.reports.calibration.tables import flat
+from pneunet_ros.reports.figure import Figures, Pictures
+from pneunet_ros.reports.page import render_page
+from pneunet_ros.reports.survey.effect_figures import effects
+from pneunet_ros.reports.survey.number_figures import numbers
+from pneunet_ros.reports.survey.shape_figures import shapes
+from pneunet_ros.reports.survey.survey_data import SurveyData, SurveyedArm
+
+TEMPLATE = 'survey_report.html.jinja'
+NUMBERS, PAGE = 'survey.json', 'survey.html'
+REPLACEABLE = (NUMBERS, PAGE, 'figure_*.png')
+FIGURES: Figures[SurveyData] = {'numbers': (numbers,), 'effects': (effects,), 'shapes': (shapes,)}
+
+
+def survey_page(data: SurveyData, pictures: Pictures, provenance: Mapping[str, Any]) -> str:
+    """Return the page, pictures inside; arms link to their own reports beside it."""
+    return render_page(
+        TEMPLATE,
+        data=data,
+        fleet=data.fleet,
+        effects=effects_sentence(data),
+        rare=rare_sentences(data),
+        failed=[item for item in data.arms if item.failed],
+        rows=[arm_row(item, data) for item in data.done],
+        pressure=f'{kilopascals(data.fleet.pressure):.4g} kPa',
+        pictures=pictures,
+        provenance=flat(provenance),
+    )
+
+
+def survey_sentences(data: SurveyData) -> list[str]:
+    """Return what a survey came to: the odd arm, the effects, and what failed."""
+    failed = [item for item in data.arms if item.failed]
+    return [
+        data.fleet.sentence,
+        effects_sentence(data),
+        *rare_sentences(data),
+        *(f'{item.name} failed: {item.failed}' for item in failed),
+    ]
+
+
+def effects_sentence(data: SurveyData) -> str:
+    """Say which effect was missing in how many arms, and how often there was no name."""
+    done = len(data.done)
+    counts = data.effect_counts()
+    named = ', '.join(f'{name} in {count}' for name, count in counts.items())
+    answers = {name: count for name, count in data.answer_counts().items() if name != 'named'}
+    others = ', '.join(f'{name} {count}' for name, count in answers.items())
+    said = f'Named as missing, of {done} arms: {named}'
+    if not named:
+        said = f'In none of {done} arms an effect was named as missing'
+    return f'{said}{f"; other answers: {others}" if others else ""}.'
+
+
+def rare_sentences(data: SurveyData) -> list[str]:
+    """Say who has an effect that most arms have not."""
+    return [
+        f'{name} is in {", ".join(arms)} only; in {data.could_show(name)} of the other '
+        f'{len(data.done) - len(arms)} it could have been seen.'
+        for name, arms in data.rare_effects().items()
+    ]
+
+
+def arm_row(arm: SurveyedArm, data: SurveyData) -> dict[str, Any]:
+    """Return the row of an arm in the table of the page."""
+    place = data.fleet.names.index(arm.name)
+    chance = data.fleet.p_values[place]
+    errors = arm.errors
+    said = ' + '.join(arm.effects) or arm.answer
+    return {
+        'name': arm.name,
+        'link': f'{arm.folder}/report.html',
+        'odd': arm.name in data.odd,
+        'said': ' or '.join([said, *arm.alternatives]),
+        'answer': arm.answer,
+        'before': '-' if errors is None else f'{millimeters(errors[0]):.3f}',
+        'after': '-' if errors is None else f'{millimeters(errors[1]):.3f}',
+        'held_out': 'held out' if arm.held_out else 'training',
+        'distance': '-' if chance != chance else f'{chance:.2g}',
+        'notes': len(arm.found['notes']),
+    }
+
+
+def survey_content(data: SurveyData, provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of `survey.json`; see docs/survey.md."""
+    fleet = data.fleet
+    places = {name: row for row, name in enumerate(fleet.names)}
+    arms = []
+    for item in data.arms:
+        row: dict[str, Any] = {'name': item.name, 'folder': item.folder, 'failed': item.failed}
+        if not item.failed:
+            place = places[item.name]
+            row |= dict(item.found) | {
+                'numbers': {
+                    number.name: {
+                        'value': fleet.values[place, which],
+                        'std': fleet.stds[place, which],
+                        'unit': number.unit,
+                        'deviation': fleet.deviations[place, which],
+                    }
+                    for which, number in enumerate(fleet.numbers)
+                },
+                'p_value': fleet.p_values[place],
+            }
+        arms.append(row)
+    content: dict[str, Any] = plain(
+        {
+            'source': data.source,
+            'sentence': fleet.sentence,
+            'odd': [
+                {
+                    'name': fleet.names[place],
+                    'p_value': fleet.p_values[place],
+                    'sentence': fleet.describe(place),
+                }
+                for place in fleet.odd
+            ],
+            'answers': data.answer_counts(),
+            'effects': data.effect_counts(),
+            'pressure': fleet.pressure,
+            'numbers': [
+                {
+                    'name': number.name,
+                    'meaning': number.meaning,
+                    'unit': number.unit,
+                    'center': fleet.center[which],
+                    'scatter': fleet.scatter[which],
+                }
+                for which, number in enumerate(fleet.numbers)
+            ],
+            'arms': arms,
+            'settings': settings_used(fleet.settings),
+            **provenance,
+        }
+    )
+    return content

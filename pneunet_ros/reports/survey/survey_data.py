@@ -1,0 +1,100 @@
+"""What a survey came to: every arm of a fleet, and the fleet as a whole."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pneunet_ros.calibration.fleet import Fleet
+from pneunet_ros.model.arm import Arm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurveyedArm:
+    """An arm that is done, or one that failed.
+
+    failed: why, in a sentence, empty where it did not. found: what calibration and diagnosis came
+    to, with the keys of `diagnosis.json`, `loaded`, `target_std`, `checks` and `notes`; arm: its
+    model with what was missing. Both are empty where it failed. folder: of its files, relative to
+    the page.
+    """
+
+    name: str
+    folder: str
+    failed: str
+    found: Mapping[str, Any]
+    arm: Arm | None
+
+    @property
+    def answer(self) -> str:
+        """The answer of the diagnosis."""
+        return str(self.found.get('answer', 'failed'))
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects that were added."""
+        return tuple(item['name'] for item in self.found.get('effects', ()))
+
+    @property
+    def alternatives(self) -> tuple[str, ...]:
+        """Names of those that cannot be told from them."""
+        return tuple(self.found.get('alternatives', ()))
+
+    @property
+    def errors(self) -> tuple[float, float] | None:
+        """Model error (m rms) before and after: held-out recordings where there are any."""
+        gap = self.found.get('gap') or {}
+        errors = gap.get('heldout') or gap.get('training')
+        return None if errors is None else (errors['before']['rms_m'], errors['after']['rms_m'])
+
+    @property
+    def held_out(self) -> bool:
+        """Whether the model error is that of held-out recordings."""
+        return bool((self.found.get('gap') or {}).get('heldout'))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurveyData:
+    """All arms in their order, and the fleet of those that were calibrated."""
+
+    source: str
+    arms: tuple[SurveyedArm, ...]
+    fleet: Fleet
+
+    @property
+    def done(self) -> tuple[SurveyedArm, ...]:
+        """The arms that did not fail."""
+        return tuple(item for item in self.arms if not item.failed)
+
+    @property
+    def odd(self) -> frozenset[str]:
+        """Names of the odd arms."""
+        return frozenset(self.fleet.names[place] for place in self.fleet.odd)
+
+    def effect_counts(self) -> dict[str, int]:
+        """Return in how many arms each effect was named, the most frequent first."""
+        named = [item for item in self.done if item.answer == 'named']
+        return dict(Counter(name for item in named for name in item.effects).most_common())
+
+    def answer_counts(self) -> dict[str, int]:
+        """Return how often each answer was given."""
+        return dict(Counter(item.answer for item in self.done).most_common())
+
+    def rare_effects(self) -> dict[str, list[str]]:
+        """Return effects that fewer than half of the arms have, with the arms that have them."""
+        counts = self.effect_counts()
+        return {
+            name: [item.name for item in self.done if name in item.effects]
+            for name, count in counts.items()
+            if 2 * count < len(self.done)
+        }
+
+    def could_show(self, effect: str) -> int:
+        """Return in how many of the arms without an effect it could have been seen."""
+        return sum(
+            bool(item.found['detectable'].get(effect, {}).get('observable'))
+            for item in self.done
+            if effect not in item.effects
+        )
