@@ -184,8 +184,8 @@ def row_at_rest(
         return Failure(
             reason='no_row',
             sentence=f'no row of {count} targets at their distances among {len(points)} '
-            'areas: is the whole arm in view, straight, and are target_arclength, grey_band and '
-            'area right?',
+            'areas: is the whole arm in view, straight, are its targets alike in size, and are '
+            'target_arclength, grey_band and area right?',
         )
     if clamp_pixel is not None:
         rows = _rows_from(clamp_pixel, rows, pixels, vision)
