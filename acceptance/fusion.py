@@ -31,6 +31,7 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import FORCE
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabHysteresis
@@ -98,6 +99,7 @@ WAYS = {
     'hysteresis, wrench': Way(lacking=HYSTERESIS, wrench=True),
     'straight': Way(top=5e3, aside=0.01),
     'lost and back': Way(wrench=True, lost=True),
+    'lost, no wrench': Way(lost=True),
 }
 # s, in which a sensor is lost, and those of them in which the wrench is as well
 LOST = {'targets': ((8.0, 11.0), (24.0, 25.0)), 'pressure': ((14.0, 18.0),)}
@@ -133,6 +135,8 @@ GOALS = {
     ('straight', 'withheld'): (0.99, 1.0),
     ('lost and back', 'mode_right'): (1.0, 1.0),
     ('lost and back', 'beyond_4_sigma'): (0.0, 1e-3),
+    ('lost, no wrench', 'mode_right'): (1.0, 1.0),
+    ('lost, no wrench', 'beyond_4_sigma'): (0.0, 1e-3),
 }
 
 
@@ -307,6 +311,7 @@ def numbers_of(rows: Array) -> dict:
     later = between[..., COLUMNS.index('tip')], between[..., COLUMNS.index('tip_nees')]
     withheld = rows[..., COLUMNS.index('withheld')][rows[..., COLUMNS.index('astray')] > 0.0]
     both = rows[..., [COLUMNS.index('tip_nees'), COLUMNS.index('force_nees')]]
+    late = rows[rows[..., COLUMNS.index('age')] > FUSION.target_timeout]
     return {
         'frames': int(np.isfinite(column['tip']).sum()),
         'ambiguous': float(np.nanmean(column['ambiguous'])),
@@ -327,6 +332,9 @@ def numbers_of(rows: Array) -> dict:
         'withheld': float(np.mean(withheld)) if withheld.size else 1.0,
         'mode_right': float(np.nanmean(rows[..., COLUMNS.index('mode')])),
         'beyond_4_sigma': float(np.mean(both[known(both)] > BEYOND)),
+        'predicted': len(late),
+        'predicted_tip_rms': float(np.sqrt(np.mean(late[:, 0] ** 2))) if len(late) else math.nan,
+        'predicted_tip_covered': covered(late[:, COLUMNS.index('tip_nees')]),
     }
 
 
@@ -362,6 +370,9 @@ def show(summary: dict, title: str) -> None:
         ('beyond 4 sigma', 'beyond_4_sigma', '.5f'),
         ('between: tip median mm', 'between_tip_median', '.3f'),
         ('covered', 'between_tip_covered', '.3f'),
+        ('predicted', 'predicted', 'd'),
+        ('tip: rms mm', 'predicted_tip_rms', '.3f'),
+        ('covered', 'predicted_tip_covered', '.3f'),
     )
     for heading, _, _ in shown:
         table.add_column(heading)
@@ -371,7 +382,7 @@ def show(summary: dict, title: str) -> None:
             value = numbers[name] * (1e3 if name.endswith(('tip_rms', 'tip_median')) else 1.0)
             cells.append(format(value, form))
         table.add_row(*cells)
-    console = Console(width=150)
+    console = Console(width=170)
     console.print(table)
     if 'missed' in summary:
         console.print('\n'.join(summary['missed'] or ['all goals reached']))

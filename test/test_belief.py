@@ -16,9 +16,9 @@ from pneunet_ros.fusion.belief import (
     move_belief,
     take_measurement,
     unknowns_of,
-    walk_after,
     widen,
     with_noise,
+    with_walk,
 )
 from pneunet_ros.fusion.settings import FUSION
 import pytest
@@ -112,12 +112,28 @@ def test_noise_is_new_in_every_reading():
 
 
 def test_the_walk_rises_at_once_and_falls_slowly():
-    start = replace(believed(), root=1e-6 * believed().root, walk=1e-3)
+    start = replace(believed(), root=1e-6 * believed().root, walk=1e-3, usual_walk=1e-3)
     after = replace(start, stamp_ns=start.stamp_ns + SECOND // 10)
     jumped = replace(after, mean=start.mean + np.eye(start.mean.size)[0] * 0.02)
-    assert walk_after(FUSION, start, jumped) == pytest.approx(0.02 / np.sqrt(0.1), rel=0.01)
+    assert with_walk(FUSION, start, jumped).walk == pytest.approx(0.02 / np.sqrt(0.1), rel=0.01)
     moving = replace(start, walk=0.05)
     share = np.exp(-0.1 / FUSION.walk_time)
-    assert walk_after(FUSION, moving, after) == pytest.approx(0.05 * np.sqrt(share), rel=0.01)
+    assert with_walk(FUSION, moving, after).walk == pytest.approx(0.05 * np.sqrt(share), rel=0.01)
     noisy = replace(start, root=1e2 * believed().root, walk=0.05)
-    assert walk_after(FUSION, noisy, replace(noisy, stamp_ns=after.stamp_ns)) < 0.05
+    assert with_walk(FUSION, noisy, replace(noisy, stamp_ns=after.stamp_ns)).walk < 0.05
+
+
+def test_a_force_that_moved_now_and_then_is_not_held_for_certain():
+    belief = replace(believed(), root=1e-6 * believed().root, frames=1)
+    random, force = np.random.default_rng(3), 0.0
+    for frame in range(1, 1201):
+        force += 0.05 * random.standard_normal() if frame % 40 == 0 else 0.0
+        after = replace(
+            belief,
+            stamp_ns=belief.stamp_ns + SECOND // 10,
+            mean=np.eye(belief.mean.size)[0] * force,
+        )
+        belief = with_walk(FUSION, belief, after)
+    # Jumps of 50 mN every four seconds are, on average, a walk of 25 mN/sqrt(s) in one direction.
+    assert belief.usual_walk == pytest.approx(0.025 / np.sqrt(2.0), rel=0.5)
+    assert belief.walk >= belief.usual_walk > 10.0 * FUSION.least_walk

@@ -119,7 +119,8 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
 class Belief:
     """What is believed at a stamp: mean (n,), root (n, m) with root root^T the covariance.
 
-    walk (N/sqrt(s)): of the forces, as they moved lately; lack_weights (scales,): of the sizes of
+    walk (N/sqrt(s)): of the forces, as they moved lately; usual_walk: of the tip force, as it did
+    on average; lack_weights (scales,): of the sizes of
     what the model lacks, log; chamber: the pressure (Pa) as read, NaN where it was not; solution:
     the rod there, None before the first; frames: how many have been used.
     """
@@ -128,6 +129,7 @@ class Belief:
     mean: Array
     root: Array
     walk: float
+    usual_walk: float
     lack_weights: Array
     chamber: float = math.nan
     solution: SolverNodes | None = None
@@ -158,6 +160,7 @@ def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) ->
         mean=mean,
         root=freeze(np.diag(std)),
         walk=settings.force_walk,
+        usual_walk=settings.force_walk,
         lack_weights=weights,
     )
 
@@ -228,23 +231,28 @@ def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief
     return widen(known, slice(-2, None), np.array([moment_std, pressure_std]))
 
 
-def walk_after(settings: FusionSettings, before: Belief, after: Belief) -> float:
-    """Return the random walk of forces (N/sqrt(s)), at the tip and of a contact, after a frame.
+def with_walk(settings: FusionSettings, before: Belief, after: Belief) -> Belief:
+    """Return the belief after a frame, with the random walk of the forces that it tells.
 
     before, after: the beliefs at the last frame and at this one, which are all but independent in
     the forces. What their two variances leave of a change is walk. It rises at once and falls
-    in `walk_time`.
+    in `walk_time`, but not below the walk of the tip force as it was on average.
     """
     seconds = seconds_between(before.stamp_ns, after.stamp_ns)
     if not before.frames or seconds <= 0.0:
-        return before.walk
+        return replace(after, walk=before.walk, usual_walk=before.usual_walk)
     change = np.square(after.mean[FORCES] - before.mean[FORCES])
     explained = np.sum(before.root[FORCES] ** 2, axis=1) + np.sum(after.root[FORCES] ** 2, axis=1)
-    least, most = settings.least_walk**2, settings.largest_walk**2
-    found = min(max(float(np.max(change - explained)) / seconds, least), most)
-    rises = found > before.walk**2
-    share = 1.0 if rises else 1.0 - math.exp(-seconds / settings.walk_time)
-    return math.sqrt(before.walk**2 + share * (found - before.walk**2))
+    found = (change - explained) / seconds
+    tip = slice(FORCE.start, FORCE.stop)
+    average = float(np.average(found[tip], weights=explained[tip] ** -2.0))
+    share = -math.expm1(-seconds / settings.usual_time)
+    usual = before.usual_walk**2 + share * (average - before.usual_walk**2)
+    usual = min(max(usual, settings.least_walk**2), settings.largest_walk**2)
+    recent = min(max(float(np.max(found)), usual), settings.largest_walk**2)
+    share = 1.0 if recent > before.walk**2 else -math.expm1(-seconds / settings.walk_time)
+    walk = before.walk**2 + share * (recent - before.walk**2)
+    return replace(after, walk=math.sqrt(walk), usual_walk=math.sqrt(usual))
 
 
 def take_measurement(belief: Belief, response: Array, value: Array, std: Array) -> Belief:

@@ -402,6 +402,7 @@ class FrameProblem:
             mean=freeze(self.mean + self.root @ fit.trial.xi),
             root=freeze(np.ascontiguousarray(root)),
             walk=self.prior.walk,
+            usual_walk=self.prior.usual_walk,
             lack_weights=weights,
             chamber=math.nan if growth is None else self.inputs.chamber,
             solution=fit.trial.bent.solution,

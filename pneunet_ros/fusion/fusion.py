@@ -39,9 +39,9 @@ from pneunet_ros.fusion.belief import (
     take_measurement,
     Unknowns,
     unknowns_of,
-    walk_after,
     widen,
     with_noise,
+    with_walk,
 )
 from pneunet_ros.fusion.contact import (
     Contact,
@@ -457,8 +457,7 @@ class Fusion:
         )
         update = weighed.update
         if update.belief is not None:
-            walk = walk_after(self.settings, before, update.belief)
-            update = replace(update, belief=replace(update.belief, walk=walk))
+            update = replace(update, belief=with_walk(self.settings, before, update.belief))
         state = replace(
             state,
             rival=weighed.rival,

@@ -17,6 +17,7 @@ class FusionSettings:
     least_walk: float = tuning(5e-4, 'random walk of a force that rests', unit='N/sqrt(s)')
     largest_walk: float = tuning(0.3, 'random walk of a force, at most', unit='N/sqrt(s)')
     walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
+    usual_time: float = tuning(30.0, 'time over which the walk of the force is averaged', unit='s')
     force_gate: float = tuning(
         6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
     )
