@@ -1,9 +1,9 @@
 """The next recording: record, diagnose, see what is still possible, choose, until there is a name.
 
-What is still possible are the effects of the library, each alone, and that nothing is missing;
-how probable each is comes from the diagnosis so far. Of all experiments in the safe set the next
-is the one with the largest expected divergence between them per second (Box and Hill, 1967, with
-the covariance of all recordings).
+What is still possible are the effects of the library, each on top of what is named so far, and
+that nothing more is missing; how probable each is comes from the diagnosis so far. Of all
+experiments in the safe set the next is the one with the largest expected divergence between them
+per second (Box and Hill, 1967, with the covariance of all recordings).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, Experime
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 
-NOTHING = 'nothing'  # the rival that nothing is missing
+NOTHING = 'nothing'  # the rival that nothing is missing, beside what is named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,18 +226,20 @@ def explore(
 
 
 def rival_probabilities(found: Investigation) -> dict[str, float]:
-    """Return what is still possible: how probable each effect alone is, and that none is missing.
+    """Return what is still possible: how probable each effect is, and that none is missing.
 
-    Of an effect that was fitted by its evidence; else by its score, as if points were linear in
-    it. What no recording could have shown so far is as probable as nothing.
+    Each on top of what is named, alone where nothing is. Of an effect that was fitted by its
+    evidence; else by its score, as if points were linear in it. What no recording could have shown
+    so far is as probable as nothing.
     """
-    selection, base = found.selection, found.base
-    if selection is None or base is None:
+    selection, trial = found.selection, found.trial
+    if selection is None or trial is None:
         return {}
     logs = {NOTHING: 0.0}
-    for item in selection.score_candidates(base):
-        fitted = selection.tried.get(frozenset([item.name]))
-        logs[item.name] = linear_evidence(item) if fitted is None else fitted.evidence
+    for item in selection.score_candidates(trial):
+        fitted = selection.tried.get(frozenset([*trial.names, item.name]))
+        known = trial.record.evidence
+        logs[item.name] = linear_evidence(item) if fitted is None else fitted.evidence - known
     values = np.array(list(logs.values()))
     settings = selection.settings.selection
     sharpness = settings.least_evidence / evidence_margin(float(values.max()), settings)
@@ -292,18 +294,17 @@ def ranked_choices(
     diagnosis_settings: DiagnosisSettings = DEFAULTS,
 ) -> list[Choice]:
     """Return all experiments with what they are worth, the best first."""
-    if found.selection is None or found.base is None:
+    if found.selection is None or found.trial is None:
         return []
     items = tuple(experiments())
     design = replace(diagnosis_settings.experiment_design, frames=settings.frames)
-    linearization = linearize_experiments(found.base.refit, items, safe, design)
-    candidates = [
-        item for item in found.selection.score_candidates(found.base) if item.name in rivals
-    ]
+    refit = found.trial.refit
+    linearization = linearize_experiments(refit, items, safe, design)
+    candidates = found.selection.score_candidates(found.trial)
     tried = (
         None
         if linearization is None
-        else informations(linearization, found.base.refit, candidates, diagnosis_settings)
+        else informations(linearization, refit, candidates, diagnosis_settings)
     )
     if tried is None:
         return []
