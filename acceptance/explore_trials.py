@@ -162,13 +162,12 @@ def main() -> None:
     command.add_argument('--trials', type=int, default=60)
     command.add_argument('--first', type=int, default=1)
     command.add_argument('--fixed', action='store_true')
-    command.add_argument('--fewest', type=int, default=EXPLORATION.fewest)
     command.add_argument('--most', type=int, default=EXPLORATION.recordings)
     arguments = command.parse_args()
     known = arguments.file.read_text().splitlines() if arguments.file.exists() else []
     rows = [json.loads(line) for line in known]
     done = {row['key'] for row in rows}
-    settings = replace(EXPLORATION, fewest=arguments.fewest, recordings=arguments.most)
+    settings = replace(EXPLORATION, recordings=arguments.most)
     for seed in range(arguments.first, arguments.first + arguments.trials):
         if f'{seed}{"/fixed" if arguments.fixed else ""}' in done:
             continue

@@ -36,7 +36,8 @@ from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.calibration_files import inputs_of
-from pneunet_ros.offline.simulated_arm import corners_of, scenario_of_model, SimulatedArm
+from pneunet_ros.offline.live_arm import LiveArm
+from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.reports.diagnosis.files import write_diagnosis
 from pneunet_ros.reports.exploration.report import (
@@ -67,6 +68,12 @@ def options(parser: ArgumentParser) -> None:
         metavar='SCENARIO|MODEL',
         help='record in the virtual lab: the arm of a scenario file or of a shipped scenario, or '
         'a model file, whose arm and effects the lab takes over',
+    )
+    source.add_argument(
+        '--live',
+        action='store_true',
+        help='lead a live arm by the topics pressure_command and force_command, such as the '
+        'virtual arm; where nobody takes force_command, say what to hang on and wait',
     )
     source.add_argument(
         '--by-hand',
@@ -189,6 +196,8 @@ def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
         return SimulatedArm(scenario=simulated_scenario(arguments, model)).record
     if arguments.effect or arguments.arm_seed:
         raise RequestError('--effect and --arm-seed are of --simulated arms')
+    if arguments.live:
+        return LiveArm().record
     return wait_for_recording
 
 
@@ -214,13 +223,10 @@ def simulated_scenario(arguments: Namespace, model: Arm) -> Scenario:
 
 def wait_for_recording(experiment: Experiment, safe: SafeSet, path: Path) -> None:
     """Say what to do to the arm, and wait until its recording is there."""
-    corners = corners_of(experiment, safe)
     print(f'\nRecord next, {experiment.seconds:g} s: {experiment.words}.')
     print('  s      kPa    F1 (N)  F2 (N)')
-    for time_s, pressure, x, y in zip(
-        corners.time, corners.pressure, corners.force_x, corners.force_y, strict=True
-    ):
-        print(f'  {time_s:5.1f}  {kilopascals(pressure):5.1f}  {x:6.3f}  {y:6.3f}')
+    for seconds, pressure, x, y in safe.corners(experiment).tolist():
+        print(f'  {seconds:5.1f}  {kilopascals(pressure):5.1f}  {x:6.3f}  {y:6.3f}')
     while not path.exists():
         print(f'Put it at {path}, then press Enter (Ctrl-C ends): ', end='', flush=True)
         if not sys.stdin.readline():

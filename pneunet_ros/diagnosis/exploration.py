@@ -40,7 +40,7 @@ class ExplorationSettings:
     """When a search for the next recording ends, and how it chooses."""
 
     recordings: int = tuning(8, 'recordings at most: the fixed protocol of the lab has as many')
-    fewest: int = tuning(2, 'recordings before a name counts: one alone cannot be left out')
+    stays: int = tuning(2, 'rounds in a row with the same name, so that a new one tests it')
     enough: float = tuning(
         8.0, 'divergence of two rivals, above which more is no gain', unit='log probability'
     )
@@ -74,6 +74,12 @@ class SafeSet:
         loads = np.zeros((0, 2)) if arm.domain is None else arm.domain.end_load[:, :2]
         force = float(np.hypot(*loads.T).max()) if loads.size else usual_force
         return cls(low=max(low, 0.0), high=high, force=force or usual_force)
+
+    def corners(self, experiment: Experiment) -> Array:
+        """Return the corners (k, 4) of an experiment: time s, pressure Pa, F1 and F2 N."""
+        time, share, x, y = np.array(experiment.corners, dtype=np.float64).T
+        pressure = self.low + (self.high - self.low) * share
+        return np.column_stack([time, pressure, self.force * x, self.force * y])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,13 +204,14 @@ def explore(
         diagnosis_settings: those of the diagnosis.
 
     Yields:
-        Every round, the last one with the answer. It ends at a name that a second recording
-        could have refuted, or where nothing is missing that any experiment would still show.
+        Every round, the last one with the answer. It ends at a name that stayed when a recording
+        came that had no part in it, or when the budget is used up.
 
     """
     runs: list[RecordingData] = []
     choice = Choice(experiment=BEGINNING, seconds=BEGINNING.seconds, rate=0.0, divergence={})
     before: Diagnosis | None = None
+    names: list[frozenset[str]] = []
     while len(runs) < settings.recordings:
         on_progress(f'recording {len(runs) + 1}: {choice.experiment.words}', 0, 0)
         run = record(choice.experiment, safe, len(runs))
@@ -216,13 +223,22 @@ def explore(
         rivals = rival_probabilities(found)
         yield Round(choice=choice, run=run, found=found, rivals=rivals, predicted=predicted)
         before = found.diagnosis if isinstance(found.diagnosis, Diagnosis) else before
-        if found.diagnosis.answer == 'named' and len(runs) >= settings.fewest:
+        names.append(named_effects(found))
+        if names[-1] and len(names) >= settings.stays and len({*names[-settings.stays :]}) == 1:
             return
         on_progress('the next recording', 0, 0)
         if in_order:
             choice = choice_in_order(len(runs))
         else:
             choice = next_choice(found, rivals, safe, len(runs), settings, diagnosis_settings)
+
+
+def named_effects(found: Investigation) -> frozenset[str]:
+    """Return the names of the effects that are named; none where the answer is another one."""
+    diagnosis = found.diagnosis
+    if not isinstance(diagnosis, Diagnosis) or diagnosis.answer != 'named':
+        return frozenset()
+    return frozenset(item.name for item in diagnosis.effects)
 
 
 def rival_probabilities(found: Investigation) -> dict[str, float]:

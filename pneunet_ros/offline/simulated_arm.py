@@ -56,14 +56,8 @@ class SimulatedArm:
 
 def corners_of(experiment: Experiment, safe: SafeSet) -> Corners:
     """Return an experiment as the lab's protocol, within the safe set."""
-    time, share, x, y = np.array(experiment.corners, dtype=np.float64).T
-    return Corners(
-        duration=experiment.seconds,
-        time=tuple(time.tolist()),
-        pressure=tuple((safe.low + (safe.high - safe.low) * share).tolist()),
-        force_x=tuple((safe.force * x).tolist()),
-        force_y=tuple((safe.force * y).tolist()),
-    )
+    time, pressure, x, y = (tuple(column) for column in safe.corners(experiment).T.tolist())
+    return Corners(duration=experiment.seconds, time=time, pressure=pressure, force_x=x, force_y=y)
 
 
 def scenario_of_model(arm: Arm) -> Scenario:
