@@ -27,7 +27,7 @@ from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.score_test import Candidate
-from pneunet_ros.diagnosis.selection import evidence_margin
+from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, ExperimentDesignSettings
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
@@ -41,9 +41,6 @@ class ExplorationSettings:
 
     recordings: int = tuning(8, 'recordings at most: the fixed protocol of the lab has as many')
     stays: int = tuning(2, 'rounds in a row with the same name, so that a new one tests it')
-    enough: float = tuning(
-        8.0, 'divergence of two rivals, above which more is no gain', unit='log probability'
-    )
     frames: int = tuning(30, 'frames of an experiment that is tried out')
     between: float = tuning(2.0, 'pause between recordings', unit='s')
 
@@ -125,11 +122,12 @@ class Round:
         return found if isinstance(found, Diagnosis) else None
 
 
+# It leaves the upper pressures to later ones: what a first loading does is seen but once.
 BEGINNING = Experiment(
-    words='without a load, a fast step up and down, then slow ramps, with holds',
+    words='without a load, a fast step up and down, then slow ramps, to 60 % of the pressure',
     corners=(
-        (0, 0, 0, 0), (2, 0, 0, 0), (2.6, 0.9, 0, 0), (10, 0.9, 0, 0), (10.6, 0.3, 0, 0),
-        (17, 0.3, 0, 0), (26, 1.0, 0, 0), (29, 1.0, 0, 0), (38, 0, 0, 0), (40, 0, 0, 0),
+        (0, 0, 0, 0), (2, 0, 0, 0), (2.6, 0.55, 0, 0), (10, 0.55, 0, 0), (10.6, 0.2, 0, 0),
+        (17, 0.2, 0, 0), (26, 0.6, 0, 0), (29, 0.6, 0, 0), (38, 0, 0, 0), (40, 0, 0, 0),
     ),
 )  # fmt: skip
 DIRECTIONS = (
@@ -241,6 +239,33 @@ def named_effects(found: Investigation) -> frozenset[str]:
     return frozenset(item.name for item in diagnosis.effects)
 
 
+def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
+    """Return every effect that may be missing beside those of a trial.
+
+    Those that the recordings so far could not show at all stand in the middle of where they are
+    tried, with no information.
+    """
+    scored = selection.score_candidates(trial)
+    known = {*trial.names, *(item.name for item in scored)}
+    unseen = []
+    for item in selection.hypotheses:
+        if item.name not in known:
+            starts = item.starts()
+            which, tried = starts[len(starts) // 2]
+            unseen.append(
+                Candidate(
+                    hypothesis=item,
+                    which=which,
+                    tried=tried,
+                    gain=0.0,
+                    start=tried,
+                    information=0.0,
+                    direction=(),
+                )
+            )
+    return [*scored, *unseen]
+
+
 def rival_probabilities(found: Investigation) -> dict[str, float]:
     """Return what is still possible: how probable each effect is, and that none is missing.
 
@@ -252,7 +277,7 @@ def rival_probabilities(found: Investigation) -> dict[str, float]:
     if selection is None or trial is None:
         return {}
     logs = {NOTHING: 0.0}
-    for item in selection.score_candidates(trial):
+    for item in rival_candidates(selection, trial):
         fitted = selection.tried.get(frozenset([*trial.names, item.name]))
         known = trial.record.evidence
         logs[item.name] = linear_evidence(item) if fitted is None else fitted.evidence - known
@@ -316,7 +341,7 @@ def ranked_choices(
     design = replace(diagnosis_settings.experiment_design, frames=settings.frames)
     refit = found.trial.refit
     linearization = linearize_experiments(refit, items, safe, design)
-    candidates = found.selection.score_candidates(found.trial)
+    candidates = rival_candidates(found.selection, found.trial)
     tried = (
         None
         if linearization is None
@@ -332,7 +357,7 @@ def ranked_choices(
         gained = np.maximum(separations(inner) - separations(known), 0.0)
         divergence = pair_divergences(names, squares, gained)
         weighted = {
-            (one, other): rivals[one] * rivals[other] * min(value, settings.enough)
+            (one, other): rivals[one] * rivals[other] * value
             for (one, other), value in divergence.items()
         }
         choices.append(
@@ -422,14 +447,16 @@ def pair_divergences(
 ) -> dict[tuple[str, str], float]:
     """Return the expected divergence of every two rivals, in log probability.
 
+    The sizes of effects are not known: integrated over them, chi squared c that is expected of an
+    effect diverges by log(1 + c) / 2 from what lacks it (Lindley, 1956). Of two effects either may
+    be the true one.
+
     squares (n,): expected square of each size; gained (n, n + 1): chi squared per square of size
-    that an experiment adds, as of `separations`. Of two effects either may be the true one.
+    that an experiment adds, as of `separations`.
     """
-    found = {
-        (name, NOTHING): 0.5 * float(squares[place] * gained[place, -1])
-        for place, name in enumerate(names)
-    }
+    worth = 0.5 * np.log1p(squares[:, None] * gained)
+    found = {(name, NOTHING): float(worth[place, -1]) for place, name in enumerate(names)}
     for one, other in itertools.combinations(range(len(names)), 2):
-        both = squares[one] * gained[one, other] + squares[other] * gained[other, one]
-        found[names[one], names[other]] = 0.25 * float(both)
+        both = 0.5 * (worth[one, other] + worth[other, one])
+        found[names[one], names[other]] = float(both)
     return found

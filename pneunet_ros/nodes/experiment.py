@@ -114,9 +114,11 @@ def run_experiment(node: ExperimentNode, path: Path) -> None:
             spin(PERIOD)
         return ready()
 
-    for name in (PRESSURE.name, TARGETS.name):
-        if not waited(lambda name=name: node.counts[name] > 0):
-            raise RequestError(f'nothing comes on /pneunet/{name}: is the arm there?')
+    if not waited(lambda: min(node.counts[PRESSURE.name], node.counts[TARGETS.name]) > 0):
+        raise RequestError(
+            f'nothing comes on /pneunet/{PRESSURE.name} or /pneunet/{TARGETS.name}: is the arm '
+            'there, and a tracker?'
+        )
     loaded = bool(np.any(node.corners[:, 2:]))
     if not waited(lambda: node.pressures.get_subscription_count() > 0):
         raise RequestError('nobody takes /pneunet/pressure_command: no valve to command')
