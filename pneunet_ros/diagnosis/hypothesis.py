@@ -192,7 +192,8 @@ def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
 def hypotheses(
     without: tuple[str, ...] = (), settings: HypothesisSettings = DEFAULTS.hypothesis
 ) -> tuple[Hypothesis, ...]:
-    """Return all effects of the table as hypotheses, without those of the given names."""
+    """Return all effects of the table as hypotheses, without these and what is withheld."""
+    left_out = {*without, *settings.withheld}
     return tuple(
-        hypothesis(kind, settings) for name, kind in EFFECTS.items() if name not in without
+        hypothesis(kind, settings) for name, kind in EFFECTS.items() if name not in left_out
     )
