@@ -78,6 +78,12 @@ VERBS = (
         'first',
     ),
     Verb(
+        'explore',
+        'record, diagnose and choose the next recording until the missing effect has a name',
+        'pneunet_ros.cli.explore',
+        'first',
+    ),
+    Verb(
         'survey',
         'check, calibrate and diagnose each of many arms; show them side by side on one page',
         'pneunet_ros.cli.survey',

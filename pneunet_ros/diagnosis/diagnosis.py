@@ -66,6 +66,21 @@ class Verdict:
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Investigation:
+    """A diagnosis, and what it rests on, for who goes on from there.
+
+    selection: all that was tried; base: the fit of the model without any further effect; trial:
+    the model of the answer; recordings: training and held out. None where nothing settled.
+    """
+
+    diagnosis: Diagnosis | UnsettledDiagnosis
+    selection: Selection | None = None
+    base: Trial | None = None
+    trial: Trial | None = None
+    recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]] = ((), ())
+
+
 def diagnose(
     model: Arm,
     training: Sequence[RecordingData],
@@ -102,6 +117,28 @@ def diagnose(
         ModelError: the model has no shape in most of the recordings.
 
     """
+    return investigate(
+        model,
+        training,
+        held_out,
+        seed=seed,
+        executor=executor,
+        on_progress=on_progress,
+        settings=settings,
+    ).diagnosis
+
+
+def investigate(
+    model: Arm,
+    training: Sequence[RecordingData],
+    held_out: Sequence[RecordingData],
+    *,
+    seed: int = 0,
+    executor: Executor | None = None,
+    on_progress: OnProgress = say_nothing,
+    settings: DiagnosisSettings = DEFAULTS,
+) -> Investigation:
+    """Diagnose as `diagnose` does; return the diagnosis with all fits it rests on."""
     notes = notes_on_tip_pose((*training, *held_out))
     training, held_out = (
         [run.without_tip_pose() for run in runs] for runs in (training, held_out)
@@ -120,14 +157,21 @@ def diagnose(
     )
     first = selection.fit_base()
     if not is_settled(first.refit, settings):
-        return unsettled(seed, notes, settings)
+        return Investigation(diagnosis=unsettled(seed, notes, settings))
     best = selection.fit_rivals(first, selection.select_forward(first))
     candidates = selection.score_candidates(first)
     detectable = detection_limits(asked, candidates, settings.score_test)
     verdict = decide(selection, first, best, detectable)
     on_progress('evaluation before and after', 0, 0)
     notes = (*verdict.notes, *notes_on_time(selection, recordings[0]), *notes)
-    return conclude(selection, first, best, replace(verdict, notes=notes), detectable, recordings)
+    verdict = replace(verdict, notes=notes)
+    return Investigation(
+        diagnosis=conclude(selection, first, best, verdict, detectable, recordings),
+        selection=selection,
+        base=first,
+        trial=verdict.trial,
+        recordings=recordings,
+    )
 
 
 def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:

@@ -24,6 +24,16 @@ class Experiment:
     words: str
     corners: tuple[tuple[float, ...], ...]
 
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        return float(self.corners[-1][0])
+
+    @property
+    def loaded(self) -> bool:
+        """Whether anything is hung on the arm."""
+        return any(x or y for _, _, x, y in self.corners)
+
     def recording(
         self,
         pressure_range: tuple[float, float],

@@ -151,8 +151,6 @@ def breach(effect: Any) -> str:
             return f'{where}: the default {item.default} is not within the bounds [{low}, {high}]'
         if not (low <= first < last <= high and math.isfinite(first) and math.isfinite(last)):
             return f'{where} needs a prior of two finite numbers within the bounds, increasing'
-        if item.metadata['shape'] and first <= 0.0:
-            return f'{where} is a shape: its prior must be positive'
     methods = METHODS & set(vars(effect))
     if not methods:
         return f'does nothing: it must have one of {", ".join(sorted(DEFINES[place]))}'

@@ -233,7 +233,33 @@ class RandomMix(Protocol):
         return timeline(legs, loaded=loaded)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Corners(Protocol):
+    """Any course: pressure and force at given times, joined by straight lines."""
+
+    kind: ClassVar[str] = 'corners'
+    time: Row = (0.0, 20.0, 40.0)  # from 0 to `duration`, rising, s
+    pressure: Row = (0.0, 55e3, 0.0)  # at each time, Pa
+    force_x: Row = (0.0, 0.0, 0.0)  # at each time, N
+    force_y: Row = (0.0, 0.0, 0.0)  # at each time, N
+
+    def timeline(self) -> Timeline:
+        """Return the course."""
+        if len({len(getattr(self, name)) for name in self.lists()}) > 1:
+            raise RequestError('protocol: time, pressure and forces must be of equal length')
+        steps = np.diff(self.time)
+        if self.time[0] != 0.0 or np.any(steps <= 0.0) or self.time[-1] != self.duration:
+            raise RequestError('protocol.time must rise from 0 to duration')
+        force = np.column_stack([self.force_x, self.force_y])
+        return Timeline(
+            time=np.array(self.time),
+            pressure=np.array(self.pressure),
+            force=force,
+            loaded=bool(force.any()),
+        )
+
+
 PROTOCOLS: dict[str, type[Protocol]] = {
     protocol.kind: protocol
-    for protocol in (SlowRamp, Staircase, DeadWeights, ForceSweeps, Strings, RandomMix)
+    for protocol in (SlowRamp, Staircase, DeadWeights, ForceSweeps, Strings, RandomMix, Corners)
 }

@@ -123,7 +123,14 @@ class Arm:
         if len(set(names)) != len(names):
             raise ModelError(f'an effect is given twice: {", ".join(names)}')
         order = list(EFFECTS)
-        effects = tuple(sorted(self.effects, key=lambda effect: order.index(effect.name)))
+        effects = tuple(
+            sorted(
+                self.effects,
+                key=lambda effect: (
+                    order.index(effect.name) if effect.name in order else len(order)
+                ),
+            )
+        )
         object.__setattr__(self, 'target_arclength', targets)
         object.__setattr__(self, 'effects', effects)
         for place, method in (

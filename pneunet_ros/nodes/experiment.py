@@ -1,0 +1,175 @@
+"""One experiment on a live arm: commands a course of pressure and force, and records the readings.
+
+    python -m pneunet_ros.nodes.experiment RECORDING.mcap < corners.json [--ros-args ...]
+
+The corners are rows of time (s), pressure (Pa), F1 and F2 (N), joined by straight lines. Commands
+go to `pressure_command` and `force_command`, as the virtual arm takes them; recorded are
+`pressure`, `end_wrench` and `targets`. Where nobody takes `force_command` it says what to hang on
+the arm, and waits for somebody to press Enter. At the end the arm is vented and without a load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+from pathlib import Path
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import PneunetError, RecordingError, RequestError
+from pneunet_ros.core.frames import BASE_FRAME
+from pneunet_ros.core.printable import printable
+from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS, TARGETS
+from pneunet_ros.nodes.ros_types import RCLPY_TYPES
+from pneunet_ros.nodes.signals import end_at_signal
+from pneunet_ros.nodes.topics import input_qos, output_qos, publisher
+from pneunet_ros.recordings.recording_writer import RecordingWriter, write_recording
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+
+PERIOD = 0.02  # s, between commands
+PATIENCE = 30.0  # s, to wait for readings, and for somebody who takes commands
+REST = 3.0  # s at the first corner, before the recording begins
+DEPTH = 200  # messages that may wait
+DONE, WRONG_REQUEST = 0, 2
+
+
+class ExperimentNode(Node):
+    """Leads a live arm along corners (k, 4): time s, pressure Pa, F1 and F2 N."""
+
+    def __init__(self, corners: Array) -> None:
+        """Open the topics."""
+        super().__init__('experiment', namespace='/pneunet')
+        self.corners = corners
+        self.writer: RecordingWriter | None = None
+        self.topics: dict[str, Any] = {}
+        self.counts = dict.fromkeys((PRESSURE.name, END_WRENCH.name, TARGETS.name), 0)
+        self.pressures = publisher(self, PRESSURE.type, 'pressure_command', output_qos())
+        self.forces = publisher(self, END_WRENCH.type, 'force_command', output_qos())
+        qos = input_qos()
+        qos.depth = DEPTH
+        for sensor in SENSORS:
+            if sensor.name in self.counts:
+                kind = RCLPY_TYPES(sensor.type)
+                self.create_subscription(kind, sensor.name, self.take(sensor.name), qos, raw=True)
+
+    def take(self, name: str) -> Callable[[bytes], None]:
+        """Return what keeps a message of a topic."""
+
+        def keep(raw: bytes) -> None:
+            self.counts[name] += 1
+            if self.writer is not None:
+                stamp_ns = self.get_clock().now().nanoseconds
+                self.writer.write_raw(self.topics[name], stamp_ns, bytes(raw))
+
+        return keep
+
+    def command(self, seconds: float) -> None:
+        """Command what the course has at a time."""
+        time_s, *columns = self.corners.T
+        pressure, x, y = (float(np.interp(seconds, time_s, values)) for values in columns)
+        self.send(pressure, x, y)
+
+    def send(self, pressure: float, force_x: float, force_y: float) -> None:
+        """Command a pressure (Pa) and a force (N)."""
+        stamp_ns = self.get_clock().now().nanoseconds
+        values = np.array([force_x, force_y, 0.0])
+        self.forces.publish(END_WRENCH.message(stamp_ns, values, BASE_FRAME, RCLPY_TYPES))
+        row = np.array([pressure])
+        self.pressures.publish(PRESSURE.message(stamp_ns, row, BASE_FRAME, RCLPY_TYPES))
+
+    def record_into(self, writer: RecordingWriter | None) -> None:
+        """Keep messages in a recording from now on; None: no more."""
+        if writer is not None:
+            types = {sensor.name: sensor.type for sensor in SENSORS}
+            self.topics = {
+                name: writer.add(f'/pneunet/{name}', types[name]) for name in self.counts
+            }
+            self.counts = dict.fromkeys(self.counts, 0)
+        self.writer = writer
+
+
+def run_experiment(node: ExperimentNode, path: Path) -> None:
+    """Wait for the arm, lead it along the course, and write the recording."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def spin(seconds: float, step: Callable[[float], None] = lambda _: None) -> None:
+        begun = time.monotonic()
+        due = begun
+        while (now := time.monotonic()) < begun + seconds:
+            if now >= due:
+                step(now - begun)
+                due += PERIOD
+            executor.spin_once(timeout_sec=max(due - time.monotonic(), 0.0))
+
+    def waited(ready: Callable[[], bool]) -> bool:
+        end = time.monotonic() + PATIENCE
+        while not ready() and time.monotonic() < end:
+            spin(PERIOD)
+        return ready()
+
+    if not waited(lambda: min(node.counts[PRESSURE.name], node.counts[TARGETS.name]) > 0):
+        raise RequestError(
+            f'nothing comes on /pneunet/{PRESSURE.name} or /pneunet/{TARGETS.name}: is the arm '
+            'there, and a tracker?'
+        )
+    loaded = bool(np.any(node.corners[:, 2:]))
+    if not waited(lambda: node.pressures.get_subscription_count() > 0):
+        raise RequestError('nobody takes /pneunet/pressure_command: no valve to command')
+    if loaded and node.forces.get_subscription_count() == 0:
+        ask_for_load(node.corners)
+    spin(REST, lambda _: node.command(0.0))
+    with write_recording(path) as writer:
+        node.record_into(writer)
+        spin(float(node.corners[-1, 0]), node.command)
+        node.record_into(None)
+        for name, count in node.counts.items():
+            if not count and (loaded or name != END_WRENCH.name):
+                raise RecordingError(f'nothing came on /pneunet/{name} during the experiment')
+    node.send(0.0, 0.0, 0.0)
+    spin(5 * PERIOD)
+
+
+def ask_for_load(corners: Array) -> None:
+    """Say what to hang on, and wait."""
+    print('Nobody takes /pneunet/force_command. Pull at the free end by hand or by weights:')
+    print('  s      F1 (N)  F2 (N)')
+    for seconds, _, x, y in corners.tolist():
+        print(f'  {seconds:5.1f}  {x:6.3f}  {y:6.3f}')
+    print(f'The clock starts {REST:g} s after Enter: ', end='', flush=True)
+    with open('/dev/tty', encoding='utf-8') as terminal:
+        terminal.readline()
+
+
+def main() -> int:
+    """Run the experiment of stdin; returns the exit code."""
+    end_at_signal()
+    try:
+        corners = np.array(json.load(sys.stdin), dtype=np.float64)
+        rclpy.init(args=sys.argv)
+        (path,) = remove_ros_args(sys.argv)[1:]
+        node = ExperimentNode(corners)
+        try:
+            run_experiment(node, Path(path))
+        finally:
+            if rclpy.ok():
+                node.send(0.0, 0.0, 0.0)  # also where something went wrong
+            node.destroy_node()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 130
+    except (PneunetError, ValueError, OSError) as error:
+        print(printable(str(error)), file=sys.stderr)
+        return WRONG_REQUEST
+    finally:
+        rclpy.try_shutdown()
+    return DONE
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""A live arm on which experiments are made: each by a process of its own, which has ROS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+import json
+from pathlib import Path
+import subprocess
+import sys
+
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.diagnosis.exploration import SafeSet
+
+NODE = 'pneunet_ros.nodes.experiment'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveArm:
+    """The arm that listens to `pressure_command` and `force_command`; options: of ROS."""
+
+    options: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse where there is no ROS."""
+        if find_spec('rclpy') is None:
+            raise RequestError(
+                "--live needs ROS 2: source it, or pip install 'pneunet_ros[ros]'; without it, "
+                '--by-hand says what to record'
+            )
+
+    def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:
+        """Lead the arm through an experiment and write its recording."""
+        corners = safe.corners(experiment)
+        command = [sys.executable, '-m', NODE, str(path), *self.options]
+        done = subprocess.run(
+            command,
+            input=json.dumps(corners.tolist()),
+            text=True,
+            stderr=subprocess.PIPE,
+            check=False,
+        )
+        if done.returncode:
+            why = done.stderr.strip().splitlines() or ['it ended without a word']
+            raise RequestError(f'the experiment failed: {why[-1]}')

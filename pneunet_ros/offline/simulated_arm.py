@@ -1,0 +1,105 @@
+"""An arm of the virtual lab on which experiments are made one after the other, as files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.polynomial import legendre
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import quantities
+from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.diagnosis.exploration import EXPLORATION, ExplorationSettings, SafeSet
+from pneunet_ros.lab.lab_arm import LabArm
+from pneunet_ros.lab.lab_recording import LabMemory
+from pneunet_ros.lab.protocols import Corners
+from pneunet_ros.lab.scenario import Scenario
+from pneunet_ros.lab.sensors import LabNoise
+from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
+from pneunet_ros.recordings.lab_files import write_lab
+
+PLACES, DEGREE = 201, 12  # at which a model's curvature is read, and of the polynomials
+SENSORS_OF_LAB = (
+    'pressure_std',
+    'force_std',
+    'moment_std',
+    'target_std',
+    'placement_std',
+    'registration_std',
+    'drift_std',
+)
+
+
+@dataclass(slots=True, kw_only=True)
+class SimulatedArm:
+    """The arm of a scenario, which remembers what was done to it; its protocol is not used."""
+
+    scenario: Scenario
+    settings: ExplorationSettings = EXPLORATION
+    memory: LabMemory | None = None
+
+    def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:
+        """Write the recording of an experiment, and the truth beside it."""
+        start = self.scenario.start
+        if self.memory is not None:
+            start = self.memory.time + self.settings.between
+        scenario = replace(
+            self.scenario, name=path.stem, start=start, protocol=corners_of(experiment, safe)
+        )
+        recording = simulate(scenario, self.memory)
+        self.memory = recording.memory
+        write_lab(recording, path, overwrite=False, on_progress=lambda: None)
+
+
+def corners_of(experiment: Experiment, safe: SafeSet) -> Corners:
+    """Return an experiment as the lab's protocol, within the safe set."""
+    time, pressure, x, y = (tuple(column) for column in safe.corners(experiment).T.tolist())
+    return Corners(duration=experiment.seconds, time=time, pressure=pressure, force_x=x, force_y=y)
+
+
+def scenario_of_model(arm: Arm) -> Scenario:
+    """Return a model as an arm of the virtual lab, which shares no solver with it.
+
+    Curvature along the arm becomes a sum of Legendre polynomials. RequestError where the lab has
+    no such arm: another moment law than `piecewise_linear` or `linear`, or an effect of its own.
+    """
+    law = arm.moment_law
+    low, high = arm.pressure_range
+    if isinstance(law, PiecewiseLinearLaw):
+        law_pressure, split, rigidity = law.pressure, law.split, law.rigidity
+    elif isinstance(law, LinearLaw):
+        law_pressure, split = np.array([low, high]), np.full(2, 0.5)
+        alpha = law.bending_stiffness / (arm.weight * arm.length**2)
+        rigidity = np.full((2, 2), alpha)
+    else:
+        raise RequestError(
+            f'{arm.name}: the virtual lab has no arm with the moment law {law.kind}'
+        )
+    table = arm.intrinsic_curvature
+    along = np.linspace(0.0, 1.0, PLACES)
+    curves = np.array([table.at(float(pressure), along) for pressure in table.pressure])
+    degree = min(DEGREE, 2 * table.arclength.size)
+    modes = legendre.legfit(2.0 * along - 1.0, curves.T, degree).T
+    lab_arm = LabArm(
+        name=arm.name,
+        length=arm.length,
+        weight=arm.weight,
+        tip_cap=arm.tip_cap,
+        clamp_angle=arm.clamp_angle,
+        targets=arm.target_arclength,
+        curvature_pressure=table.pressure,
+        modes=modes,
+        law_pressure=law_pressure,
+        split=split,
+        rigidity=rigidity,
+    )
+    noise = LabNoise(**{name: getattr(arm.sensors, name) for name in SENSORS_OF_LAB})
+    scenario = Scenario(name=arm.name, arm=lab_arm, protocol=Corners(), noise=noise)
+    effects = {
+        item.name: {number.name: getattr(item, number.name) for number in quantities(item)}
+        for item in arm.effects
+    }
+    return scenario.with_effects(effects)

@@ -1,0 +1,150 @@
+"""What an exploration came to, round by round: numbers, a picture, a page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.diagnosis.exploration import NOTHING, Round, SafeSet
+from pneunet_ros.files.json_text import plain
+from pneunet_ros.reports.calibration.tables import flat
+from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.page import render_page
+from pneunet_ros.reports.style import FIRST, GREY, legend, panels, SECOND, THIRD
+
+TEMPLATE = 'exploration_report.html.jinja'
+SHOWN = 5  # rivals with a line of their own
+COLORS = (FIRST, SECOND, THIRD, '#8a5fb0', '#b08a2e')
+
+
+def exploration_page(rounds: Sequence[Round], safe: SafeSet, provenance: Mapping[str, Any]) -> str:
+    """Return the page after so many rounds, its picture inside."""
+    return render_page(
+        TEMPLATE,
+        sentence=last_sentence(rounds),
+        safe=safe_sentence(safe),
+        rows=[round_row(place, item) for place, item in enumerate(rounds, start=1)],
+        pictures=[gap_picture(rounds)],
+        provenance=flat(provenance),
+    )
+
+
+def last_sentence(rounds: Sequence[Round]) -> str:
+    """Say what is known after the last round."""
+    count = f'after {len(rounds)} recording{"" if len(rounds) == 1 else "s"}'
+    return f'{rounds[-1].found.diagnosis.sentence} ({count})'
+
+
+def safe_sentence(safe: SafeSet) -> str:
+    """Say within what experiments stay."""
+    low, high = kilopascals(safe.low), kilopascals(safe.high)
+    return f'{low:g} to {high:g} kPa, with at most {safe.force:.3g} N at the free end'
+
+
+def round_row(number: int, item: Round) -> dict[str, str]:
+    """Return the row of a round in the table of the page, and in the terminal."""
+    diagnosis = item.diagnosis
+    sides = () if diagnosis is None else (diagnosis.before, diagnosis.after)
+    before, after = [f'{millimeters(side.rms):.3f}' for side in sides] or ('-', '-')
+    rivals = sorted(item.rivals.items(), key=lambda pair: -pair[1])[:3]
+    return {
+        'number': str(number),
+        'recorded': item.choice.experiment.words,
+        'why': item.choice.words,
+        'answer': answer_of(item),
+        'before': before,
+        'after': after,
+        'predicted': '-' if item.predicted is None else f'{millimeters(item.predicted):.3f}',
+        'rivals': ', '.join(f'{name} {value:.2g}' for name, value in rivals),
+    }
+
+
+def answer_of(item: Round) -> str:
+    """Return the answer of a round, with the names of effects."""
+    found = item.found.diagnosis
+    diagnosis = item.diagnosis
+    names = '' if diagnosis is None else ' + '.join(effect.name for effect in diagnosis.effects)
+    others = () if diagnosis is None else diagnosis.alternatives
+    return ' or '.join([f'{found.answer}{f": {names}" if names else ""}', *others])
+
+
+def gap_picture(rounds: Sequence[Round]) -> Picture:
+    """Draw the gap and what is still possible over the rounds."""
+    figure, (gap, chance) = panels(2, height=4.2)
+    number = np.arange(1, len(rounds) + 1)
+    known = [item.diagnosis for item in rounds]
+    before = [millimeters(item.before.rms) if item else np.nan for item in known]
+    after = [millimeters(item.after.rms) if item else np.nan for item in known]
+    floors = [millimeters(item.noise_floor) if item else np.nan for item in known]
+    predicted = [millimeters(item.predicted or np.nan) for item in rounds]
+    gap.plot(number, before, 's--', color=SECOND, label='all so far, model as given, refitted')
+    gap.plot(number, after, 'o-', color=FIRST, label='all so far, with what is missing')
+    gap.plot(number, predicted, 'D:', color=GREY, label='the new one, by the model before it')
+    gap.plot(number, floors, '-', color='0.75', label='noise alone')
+    gap.set(title='(a) the gap', xlabel='recording', ylabel='rms per coordinate (mm)')
+    gap.set_ylim(bottom=0.0)
+    names = sorted(
+        {name for item in rounds for name in item.rivals},
+        key=lambda name: -max(item.rivals.get(name, 0.0) for item in rounds[-2:]),
+    )[:SHOWN]
+    for name, color in zip(names, COLORS, strict=False):
+        values = [item.rivals.get(name, np.nan) for item in rounds]
+        label = 'nothing more is missing' if name == NOTHING else name
+        chance.plot(number, values, 'o-', color=color, label=label)
+    chance.set(title='(b) what is still possible', xlabel='recording', ylabel='probability')
+    chance.set_ylim(-0.03, 1.03)
+    for panel in (gap, chance):
+        panel.set_xticks(number)
+        legend(panel, loc='best')
+    return picture(
+        'gap',
+        'How the gap shrinks, recording by recording',
+        '(a) Errors of predicted targets. Red: the best that the given kind of model can do; '
+        'blue: with the effect that is named so far; diamonds: the newest recording as the model '
+        'of the round before predicts it, which knew nothing of it. (b) How probable it is that '
+        'an effect is missing beside what is named, or that nothing is; the likeliest ones.',
+        figure,
+    )
+
+
+def exploration_content(
+    rounds: Sequence[Round], safe: SafeSet, provenance: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the content of `exploration.json`; see docs/explore.md."""
+    rows = []
+    for item in rounds:
+        found, diagnosis = item.found.diagnosis, item.diagnosis
+        best = sorted(item.choice.divergence.items(), key=lambda pair: -pair[1])[:SHOWN]
+        rows.append(
+            {
+                'recording': item.run.name,
+                'recorded': item.choice.experiment.words,
+                'seconds': item.choice.seconds,
+                'divergence_per_second': item.choice.rate,
+                'divergence': [{'rivals': pair, 'expected': value} for pair, value in best],
+                'answer': found.answer,
+                'sentence': found.sentence,
+                'effects': [] if diagnosis is None else [e.name for e in diagnosis.effects],
+                'alternatives': () if diagnosis is None else diagnosis.alternatives,
+                'rivals': item.rivals,
+                'rms_before_m': None if diagnosis is None else diagnosis.before.rms,
+                'rms_after_m': None if diagnosis is None else diagnosis.after.rms,
+                'rms_predicted_m': item.predicted,
+                'noise_floor_m': None if diagnosis is None else diagnosis.noise_floor,
+                'notes': found.notes,
+            }
+        )
+    last = rounds[-1].found.diagnosis
+    content: dict[str, Any] = plain(
+        {
+            'answer': last.answer,
+            'sentence': last.sentence,
+            'recordings': len(rounds),
+            'safe': {'pressure': [safe.low, safe.high], 'force': safe.force},
+            'rounds': rows,
+            **provenance,
+        }
+    )
+    return content
