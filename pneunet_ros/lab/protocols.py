@@ -238,10 +238,10 @@ class Corners(Protocol):
     """Any course: pressure and force at given shares of the time, joined by straight lines."""
 
     kind: ClassVar[str] = 'corners'
-    share: Row = (0.0, 0.25, 0.5, 1.0)  # of `duration`, rising from 0 to 1
-    pressure: Row = (0.0, 0.0, 55e3, 0.0)  # at each of them, Pa
-    force_x: Row = (0.0, 0.2, 0.2, 0.0)  # at each of them, N
-    force_y: Row = (0.0, 0.0, 0.0, 0.0)  # at each of them, N
+    share: Row = (0.0, 0.1, 0.3, 0.6, 1.0)  # of `duration`, rising from 0 to 1
+    pressure: Row = (0.0, 0.0, 0.0, 55e3, 0.0)  # at each of them, Pa
+    force_x: Row = (0.0, 0.0, 0.2, 0.2, 0.0)  # at each of them, N
+    force_y: Row = (0.0, 0.0, 0.0, 0.0, 0.0)  # at each of them, N
 
     def timeline(self) -> Timeline:
         """Return the course."""
