@@ -5,10 +5,10 @@
 
 Each film has an arm of 23 dots of 5 px radius, at 1280 x 720, in front of a photograph; the arm
 rests for eight frames and then bends. It is seen as it is, blurred by motion, compressed
-(JPEG 70), under a light that flickers by 15 %, and with a hand reaching over it; `combined` has
-JPEG and flicker together. The last dot is cut by the end of the body. Scored are all frames after
-the five of the rest. Exit code 1 where a goal of GOALS is missed. `--films` writes what was seen
-as pictures, one in ten frames.
+(JPEG 70), under a light that flickers by 15 %, with a hand reaching over it, and with dots painted
+by hand, whose radii scatter by 10 % (`uneven`); `combined` has JPEG and flicker together. The last
+dot is cut by the end of the body. Scored are all frames after the five of the rest. Exit code 1
+where a goal of GOALS is missed. `--films` writes what was seen as pictures, one in ten frames.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ DISTURBED = {
     'jpeg': frozenset({'jpeg'}),
     'flicker': frozenset({'flicker'}),
     'hand': frozenset({'hand'}),
+    'uneven': frozenset({'uneven'}),
     'combined': frozenset({'jpeg', 'flicker'}),
 }
 GOALS = {'found_share': 0.99, 'tip_found_share': 0.99, 'false': 0, 'swapped': 0, 'rms_px': 0.1}

@@ -9,19 +9,16 @@ a machine with nothing else to do.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
-import contextlib
 import json
 import os
 from pathlib import Path
 import subprocess
 import sys
-import tempfile
 import time
 
-from latency import CHECKOUT, NAMESPACE, running_node
 import numpy as np
+from over_dds import bench_options, CHECKOUT, NAMESPACE, own_domain, running_node
 
 MODEL = CHECKOUT / 'config' / 'lab_arm.yaml'  # of the arm that is simulated
 SCENARIO = 'random_mix'
@@ -31,15 +28,13 @@ NODE = ['-m', 'pneunet_ros.nodes.fusion', '--ros-args', '-p', f'model_file:={MOD
 BARE_NODE = [__file__, '--bare-node']
 
 
-def bare_node() -> None:
-    """Answer every pressure with a pose, and take frames as well."""
+def bare_node():
+    """Make a node that answers every pressure with a pose, and takes frames as well."""
     from geometry_msgs.msg import PoseWithCovarianceStamped
     import rclpy
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import FluidPressure, PointCloud2
 
-    rclpy.init()
     node = rclpy.create_node('fusion')
     tips = node.create_publisher(PoseWithCovarianceStamped, 'fused/tip', 10)
     tip = PoseWithCovarianceStamped()
@@ -51,8 +46,7 @@ def bare_node() -> None:
     qos = qos_profile_sensor_data
     node.create_subscription(PointCloud2, 'targets', lambda message: None, qos)
     node.create_subscription(FluidPressure, 'pressure', answer, qos)
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(node, SingleThreadedExecutor())
+    return node
 
 
 def turns(path: Path) -> Iterator[tuple[float, tuple[int, int], bytes, bytes | None]]:
@@ -154,19 +148,11 @@ def measure(what: list[str], path: Path, seconds: float) -> dict[str, float]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = bench_options(__doc__.splitlines()[0], bare_node)
     parser.add_argument('--seconds', type=float, default=20.0, help='how long (default: 20)')
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
-    parser.add_argument('--bare-node', action='store_true', help=argparse.SUPPRESS)
-    options, _ = parser.parse_known_args()
-    if options.bare_node:
-        bare_node()
-        return 0
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 101 + 1))
-    with tempfile.TemporaryDirectory() as scratch:
-        os.environ['ROS_LOG_DIR'] = scratch
-        path = Path(scratch) / 'played.mcap'
+    options = parser.parse_args()
+    with own_domain() as folder:
+        path = folder / 'played.mcap'
         simulate = [sys.executable, '-m', 'pneunet_ros.cli', 'simulate', SCENARIO]
         subprocess.run([*simulate, '--output', str(path)], check=True, capture_output=True)
         results = {

@@ -10,59 +10,42 @@ is told, and that of the differences within a round.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 import contextlib
-from contextlib import contextmanager
 import json
 import math
 import os
-from pathlib import Path
-import signal
-import subprocess
 import sys
-import tempfile
 import time
 
 import numpy as np
+from over_dds import bench_options, cpu_seconds, own_domain, running_node
 
-CHECKOUT = Path(__file__).resolve().parent.parent
 TARGETS_MS = {'p50_ms': 0.6, 'p99_ms': 1.0}  # above those of the bare node
 WARM_UP = 0.5  # s at the beginning of a round that are not counted
 NODES = {'bare': [__file__, '--bare-node'], 'estimator': ['-m', 'pneunet_ros.nodes.estimator']}
 STATIONS, POINT_BYTES = 57, 72  # size of the message `shape`
 
 
-@contextmanager
-def running_node(name: str) -> Iterator[Controller]:
-    """Start a node in a namespace of its name, connect to it, and end it by SIGINT."""
-    process = subprocess.Popen(
-        [sys.executable, *NODES[name], '--ros-args', '-r', f'__ns:=/{name}'],
-        cwd=CHECKOUT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
+@contextlib.contextmanager
+def connected_node(name: str) -> Iterator[Controller]:
+    """Start a node in a namespace of its name, and connect to it."""
+    with running_node(NODES[name], f'/{name}') as process:
         controller = Controller(f'/{name}', process.pid)
         controller.connect()
         yield controller
         controller.close()
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(10)
 
 
-def bare_node() -> None:
-    """Answer every pressure with a message as large as a shape, and take wrenches as well."""
+def bare_node():
+    """Make a node that answers every pressure with a message as large as a shape."""
     from array import array
 
     from geometry_msgs.msg import WrenchStamped
     import rclpy
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import FluidPressure, PointCloud2
 
-    rclpy.init()
     node = rclpy.create_node('estimator')
     shapes = node.create_publisher(PointCloud2, 'shape', 10)
     shape = PointCloud2(data=array('B', bytes(STATIONS * POINT_BYTES)))
@@ -74,14 +57,7 @@ def bare_node() -> None:
     qos = qos_profile_sensor_data
     node.create_subscription(WrenchStamped, 'end_wrench', lambda message: None, qos)
     node.create_subscription(FluidPressure, 'pressure', answer, qos)
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(node, SingleThreadedExecutor())
-
-
-def cpu_seconds(pid: int) -> float:
-    """Processor time a process has used, all its threads."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    return node
 
 
 class Controller:
@@ -187,7 +163,7 @@ def compare(rounds: int, seconds: float, rate: float) -> dict[str, dict[str, flo
     """Let the nodes have readings in turn, and sum up."""
     found: dict[str, list[dict[str, float]]] = {name: [] for name in NODES}
     with contextlib.ExitStack() as stack:
-        controllers = {name: stack.enter_context(running_node(name)) for name in NODES}
+        controllers = {name: stack.enter_context(connected_node(name)) for name in NODES}
         for _ in range(rounds):
             for name, controller in controllers.items():
                 found[name].append(controller.measure(seconds, rate))
@@ -198,20 +174,12 @@ def compare(rounds: int, seconds: float, rate: float) -> dict[str, dict[str, flo
 def main() -> int:
     import rclpy
 
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = bench_options(__doc__.splitlines()[0], bare_node)
     parser.add_argument('--rounds', type=int, default=6, help='of each node (default: 6)')
     parser.add_argument('--seconds', type=float, default=4.0, help='of a round (default: 4)')
     parser.add_argument('--rate', type=float, default=100.0, help='readings per s (default: 100)')
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
-    parser.add_argument('--bare-node', action='store_true', help=argparse.SUPPRESS)
-    options, _ = parser.parse_known_args()
-    if options.bare_node:
-        bare_node()
-        return 0
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 101 + 1))
-    with tempfile.TemporaryDirectory() as log:
-        os.environ['ROS_LOG_DIR'] = log
+    options = parser.parse_args()
+    with own_domain():
         rclpy.init()
         results = compare(options.rounds, options.seconds, options.rate)
         rclpy.shutdown()

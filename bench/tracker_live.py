@@ -12,21 +12,18 @@ answers with a constant message (`bare`).
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 from collections.abc import Iterator
-import contextlib
 import json
 import os
 from pathlib import Path
 import struct
 import sys
-import tempfile
 import time
 
 import cv2
-from latency import cpu_seconds, NAMESPACE, running_node
 import numpy as np
+from over_dds import bench_options, cpu_seconds, NAMESPACE, own_domain, running_node
 from pneunet_ros import load_model
 from pneunet_ros.core.share import share_path
 
@@ -54,15 +51,13 @@ def message_type(transport: str):
     return CompressedImage, 'image_raw/compressed'
 
 
-def bare_node() -> None:
-    """Answer every image with a message as large as `targets`."""
+def bare_node():
+    """Make a node that answers every image with a message as large as `targets`."""
     from array import array
 
     import rclpy
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
     from sensor_msgs.msg import CameraInfo, PointCloud2
 
-    rclpy.init()
     node = rclpy.create_node('tracker')
     transport = node.declare_parameter('image_transport', 'raw').value
     targets = node.create_publisher(PointCloud2, 'targets', 10)
@@ -74,8 +69,7 @@ def bare_node() -> None:
 
     node.create_subscription(CameraInfo, 'camera_info', lambda message: None, 10)
     node.create_subscription(*message_type(transport), answer, 10)
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(node, SingleThreadedExecutor())
+    return node
 
 
 class Film:
@@ -256,21 +250,13 @@ def verdict(camera: Camera) -> dict[str, float]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = bench_options(__doc__.splitlines()[0], bare_node)
     parser.add_argument('--seconds', type=float, default=20.0, help='how long each (default: 20)')
     parser.add_argument('--rate', type=float, default=60.0, help='images per s (default: 60)')
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
-    parser.add_argument('--bare-node', action='store_true', help=argparse.SUPPRESS)
-    options, _ = parser.parse_known_args()
-    if options.bare_node:
-        bare_node()
-        return 0
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 101 + 1))
+    options = parser.parse_args()
     arm = load_model(share_path('config/paper_arm.yaml'))
     film = Film(View(arm, 3, FRAMES, size=SIZE, hidden=False))
-    with tempfile.TemporaryDirectory() as log:
-        os.environ['ROS_LOG_DIR'] = log
+    with own_domain():
         results = {
             transport: {
                 name: measure(what, film, transport, options.seconds, options.rate)

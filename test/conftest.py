@@ -57,12 +57,20 @@ LENGTHY = """
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Let the test of the pages put into them what their commands print."""
+    """Let pages be rewritten by what their commands print, and effects of a user be tested."""
+    parser.addoption('--effects-path', help='folder of effect files, for test_effects.py')
     parser.addoption('--rewrite', action='store_true', help='rewrite outputs shown on pages')
 
 
-def pytest_configure() -> None:
-    """Refuse a name in LENGTHY that is no file: one that was renamed would count as quick."""
+def pytest_configure(config: pytest.Config) -> None:
+    """Add the effects of a user to the table, and refuse a name in LENGTHY that is no file.
+
+    One that was renamed would count as quick.
+    """
+    if config.getoption('--effects-path'):
+        from pneunet_ros.effects.user_effects import add_effects
+
+        add_effects(config.getoption('--effects-path'))
     here = Path(__file__).parent
     gone = [name for name in LENGTHY.split() if not (here / f'test_{name}.py').is_file()]
     assert not gone, f'LENGTHY in test/conftest.py names what is gone: {", ".join(gone)}'

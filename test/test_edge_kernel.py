@@ -21,16 +21,30 @@ def test_the_normal_distribution_is_exact():
     assert density == pytest.approx(np.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi), abs=1e-11)
 
 
-@pytest.mark.parametrize('way', [(0.0, 0.0), (1.0, 0.3), (-2.0, 1.5), (0.0, 5.0), (8.0, -4.0)])
-def test_compiled_and_numpy_fits_are_the_same(way, monkeypatch):
+@pytest.mark.parametrize(
+    ('way', 'radius'),
+    [
+        ((0.0, 0.0), 5.0),
+        ((1.0, 0.3), 5.0),
+        ((-2.0, 1.5), 5.0),
+        ((0.0, 5.0), 5.0),
+        ((8.0, -4.0), 5.0),
+        ((0.0, 0.0), 25.0),  # of more pixels than numpy multiplies at once
+    ],
+)
+def test_compiled_and_numpy_fits_are_the_same(way, radius, monkeypatch):
     random = np.random.default_rng(2)
-    dot = draw_dot((41, 41), (20.3, 19.8), 5.0, blur=0.8, streak=abs(way[0]))
-    dots = np.concatenate([dot, draw_dot((41, 41), (20.0, 20.0), 4.0, blur=0.8)], axis=1)
+    middle = 4.0 * radius
+    side = round(2.0 * middle) + 1
+    near = (middle + 0.3, middle - 0.2)
+    dot = draw_dot((side, side), near, radius, blur=0.8, streak=abs(way[0]))
+    other = draw_dot((side, side), (middle, middle), 4.0, blur=0.8)
+    dots = np.concatenate([dot, other], axis=1)
     grey = np.clip(dots + 3.0 * random.standard_normal(dots.shape), 0, 255).astype(np.uint8)
     one = np.ones(2)
     starts = outlines(
-        np.array([[20.0, 20.0], [61.0, 20.0]]),
-        np.array([[4.8, 0.1, 4.9], [4.1, 0.0, 4.0]]),
+        np.array([[middle, middle], [middle + side, middle]]),
+        np.array([[radius - 0.2, 0.1, radius - 0.1], [4.1, 0.0, 4.0]]),
         0.9 * one,
         np.array([way, (0.0, 0.0)]),
         (0.3 * one, 0.3, one),

@@ -37,7 +37,6 @@ from support.example_arms import (
     TABLE_1,
     two_sections,
 )
-from support.perturbations import join_perturbations
 from support.random_rods import random_case
 
 FIELDS = ('x', 'y', 'theta', 'curvature', 'intrinsic_curvature', 'moment')
@@ -335,7 +334,7 @@ def test_the_stations_change_as_moved_panels_and_nodes_do(arm):
     names = [f'moment_law.rigidity.{row}.0' for row in range(len(arm.moment_law.pressure))]
     sides = (arm.with_changes(dict.fromkeys(names, sign * 1e-3)) for sign in (-1, 1))
     before, after = (side.rods(np.array([45e3])) for side in sides)
-    change = join_perturbations(change, Perturbation.between(before, after, 2e-3))
+    change = change.followed_by(Perturbation.between(before, after, 2e-3))
     found = linearize_shape(shape.solution, rods, change)
     at = np.delete(shape.arclength, 14)  # the joint of two panels, which moves with l1
     for cause, changes in enumerate(found.stations(at)):

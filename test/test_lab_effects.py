@@ -46,6 +46,9 @@ SIZES = {
     'load_offset': {'offset': 0.006},
     'camera_scale': {'factor': 1.03},
     'camera_rotation': {'angle': 0.03},
+    'contact': {'force': -0.03, 'arclength': 0.7},
+    'camera_tilt': {'tilt_x': 0.4, 'tilt_y': -0.3, 'middle_x': 0.06, 'middle_y': 0.02},
+    'lens_distortion': {'radial': -10.0, 'middle_x': 0.05, 'middle_y': 0.01},
 }
 CLOSE = 2e-6  # m; 3e-7 of it is the error of a chain of 448 elements
 
@@ -81,7 +84,7 @@ def modelled(recording, effects):
         history, chamber = arm.actuate(history, seconds_between(before, stamp), load.pressure)
         before = stamp
         if index in frames:
-            rods = arm.rods(np.array([chamber]), history)
+            rods = arm.rods(np.array([chamber]), history, load.row)
             shape = solve_rod(arm, rods, load, start, arm.target_arclength)
             assert shape.converged
             start = shape.solution

@@ -63,17 +63,6 @@ def test_they_are_none_of_the_model_and_scenarios_know_them():
     assert [effect.name for effect in model.effects] == ['gravity']
 
 
-def test_a_lens_moves_points_from_the_middle_with_the_cube_of_their_distance():
-    bare, _ = seen(LOADED)
-    bent, _ = seen(LOADED, lab_effect('lens_distortion', {'radial': -0.02}))
-    away, moved = bare - [0.056, 0.0], bent - bare
-    distance = np.hypot(*np.moveaxis(away, -1, 0))
-    assert np.hypot(*np.moveaxis(moved, -1, 0)) == pytest.approx(
-        0.02 * distance**3 / 0.056**2, rel=1e-9, abs=1e-15
-    )
-    assert np.sum(moved * away, axis=-1).max() <= 0.0  # barrel: towards the middle
-
-
 def test_a_base_slips_once_as_a_whole():
     bare, truth = seen(LOADED)
     slip = {'slip_x': 1e-3, 'slip_y': -2e-3, 'moment': 0.25}

@@ -10,13 +10,10 @@ from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.scenario import lab_effect, Scenario
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
-from pneunet_ros.model.equilibrium import linearize_shape, solve_rod
+from pneunet_ros.model.equilibrium import headings, linearize_shape, solve_rod
 from pneunet_ros.model.part_load import (
-    cut_sections,
-    heading_at,
     PartLoad,
     pushed_on_panels,
-    turning_with_arm,
     with_part_changes,
     with_part_load,
 )
@@ -51,20 +48,10 @@ LOAD = Load(pressure=30e3, force_x=0.12, force_y=0.05)
 
 
 def solved(force, place, load=LOAD, start=None):
-    """Return rods and changes without the push, the push along the normal, and the shape."""
+    """Return rods and changes without the push, the push, and the shape."""
     rods, changes = TABLE.at(load.pressure)
-    shape = solve_rod(ARM, rods, load, start, ARM.target_arclength)
-    push = PartLoad(
-        force=force, place=place, heading=heading_at(shape.solution, place), width=WIDTH
-    )
-    for _ in range(30):
-        shape = solve_rod(
-            ARM, with_part_load(rods, push), load, shape.solution, ARM.target_arclength
-        )
-        heading = heading_at(shape.solution, place)
-        if abs(heading - push.heading) < 1e-12:
-            break
-        push = replace(push, heading=heading)
+    push = PartLoad(force=force, place=place, width=WIDTH)
+    shape = solve_rod(ARM, with_part_load(rods, push), load, start, ARM.target_arclength)
     return rods, changes, push, shape
 
 
@@ -93,8 +80,6 @@ def test_force_place_and_tip_force_move_it_as_differences_say():
     pushed = with_part_load(rods, push)
     sensitivity = linearize_shape(shape.solution, pushed, with_part_changes(rods, changes, push))
     moved = sensitivity.stations(ARM.target_arclength)[:, :2]
-    turning = turning_with_arm(sensitivity, push)
-    moved = moved[:-1] + turning[:, None, None] * moved[-1]
 
     def places(**changed):
         at = {'force': force, 'place': place} | changed
@@ -113,14 +98,16 @@ def test_force_place_and_tip_force_move_it_as_differences_say():
 def test_a_part_over_the_end_of_a_section_carries_all_of_its_force():
     rods, _ = TABLE.at(LOAD.pressure)
     split = float(rods.sections[0, 1, START])
-    push = PartLoad(force=0.03, place=split + 0.3 * WIDTH, heading=0.2, width=WIDTH)
-    cuts = cut_sections(rods.sections[0], push)
-    starts = with_part_load(rods, push).sections[0, :, START]
-    assert cuts.owner.tolist() == [0, 0, 1, 1]
-    assert starts == pytest.approx([0.0, push.place - 1e-3, split, push.place + 1e-3])
-    nodes = solve_rod(ARM, with_part_load(rods, push), LOAD, None, ARM.target_arclength).solution
-    at_clamp = nodes.panels[0, 6:8]  # force at the start of the first panel
-    assert at_clamp - [LOAD.force_x, LOAD.force_y] == pytest.approx(0.03 * np.array(push.normal()))
+    push = PartLoad(force=0.03, place=split + 0.3 * WIDTH, width=WIDTH)
+    pushed = with_part_load(rods, push)
+    assert pushed.sections[0, :, START] == pytest.approx(
+        [0.0, push.place - 1e-3, split, push.place + 1e-3]
+    )
+    shape = solve_rod(ARM, pushed, LOAD, None, ARM.target_arclength)
+    (heading,) = headings(shape.solution, pushed)
+    at_clamp = shape.solution.panels[0, 6:8]  # force at the start of the first panel
+    normal = np.array([-np.sin(heading), np.cos(heading)])
+    assert at_clamp - [LOAD.force_x, LOAD.force_y] == pytest.approx(0.03 * normal)
 
 
 def test_a_push_on_a_panel_is_a_part_load_of_its_length():
@@ -130,10 +117,10 @@ def test_a_push_on_a_panel_is_a_part_load_of_its_length():
     moved = sensitivity.stations(ARM.target_arclength)[:, :2]
     panel = places.size // 2
     length = float(shape.solution.panels[panel, 0])
-    heading = float(shape.solution.nodes[panel, 1:5].mean())
-    push = PartLoad(force=0.0, place=float(places[panel]), heading=heading, width=length)
+    push = PartLoad(force=0.0, place=float(places[panel]), width=length)
     cut = with_part_load(rods, push)
     same = solve_rod(ARM, cut, LOAD, shape.solution, ARM.target_arclength)
     whole = linearize_shape(same.solution, cut, with_part_changes(rods, changes, push))
-    by_force = whole.stations(ARM.target_arclength)[-3, :2]
-    assert np.abs(moved[3 + panel] - by_force).max() < 1e-6 * np.abs(by_force).max()
+    by_force = whole.stations(ARM.target_arclength)[-2, :2]
+    # Its normal is that of the mean angle on the panel, not the one in the middle.
+    assert np.abs(moved[3 + panel] - by_force).max() < 1e-3 * np.abs(by_force).max()

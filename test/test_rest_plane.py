@@ -194,3 +194,13 @@ def test_an_arm_bent_at_rest_gives_scale_along_its_arc_and_frame_at_its_clamp(tu
     expected = arc(25.0, 5.0) * [1.0, -1.0]  # y is up where the image goes down
     expected[5] = np.nan
     assert np.nanmax(np.hypot(*(back - expected).T)) < 2e-5
+
+
+@pytest.mark.parametrize('turn', [0.5 * np.pi, 1.45, -1.65])
+def test_an_upright_row_has_no_left_end(turn):
+    mixture, row = view(turn)
+    result = found(mixture)
+    assert isinstance(result, Failure)
+    assert result.reason == 'several_rows' and 'clamp_pixel' in result.sentence
+    told = found(mixture, clamp_pixel=tuple(FOCAL * row[0] + ORIGIN))
+    assert mixture.named(told.chosen).tolist() == TARGETS.tolist()

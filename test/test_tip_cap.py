@@ -92,7 +92,7 @@ def test_targets_on_the_cap_lie_on_its_straight_line():
 def test_without_a_cap_nothing_changes_and_with_one_the_file_says_so(tmp_path):
     plain = paper_arm()
     assert plain.reach == plain.length
-    assert plain.with_cap(plain.table.rotation) is plain.table.rotation
+    assert plain.on_knots(plain.table.rotation) is plain.table.rotation
     arm = capped()
     save_model(arm, tmp_path / 'arm.yaml')
     assert load_model(tmp_path / 'arm.yaml').tip_cap == 0.02

@@ -14,6 +14,7 @@ import numpy as np
 
 SIZES = 6
 RICHNESS = 0.3, 1.0
+MIDDLE = 0.056  # m: half of the length of the arm of the lab
 MISMATCH = 0.003  # of the curvature, in every trial
 
 
@@ -77,6 +78,7 @@ CONFUSABLE = (
     ('hysteresis', 'creep'),
     ('camera_delay', 'pressure_lag'),
 )
+NEWER = 'contact', 'lens_distortion', 'camera_tilt'  # in a block of their own: seeds stay
 NEED_LOADS = 'extensibility', 'stiffening', 'softening', 'load_offset', 'force_misalignment'
 
 Parameters = dict[str, float]
@@ -100,10 +102,14 @@ def hidden_effect(name: str, step: int, random: np.random.Generator) -> Paramete
 
 
 def outside_effect(name: str, random: np.random.Generator) -> Parameters:
-    """Return the parameters of an effect outside the library, of a size that is well visible."""
+    """Return the parameters of an effect outside the library, or newer, that is well visible."""
     sign = float(random.choice([-1.0, 1.0]))
     if name == 'lens_distortion':
-        return {'radial': sign * between(0.006, 0.03, random)}
+        # About the middle of the straight arm; 0.6 to 3 % at its ends.
+        return {
+            'radial': sign * between(0.006, 0.03, random) / MIDDLE**2,
+            'middle_x': MIDDLE,
+        }
     if name == 'touching_peg':
         return {
             'stiffness': between(100.0, 400.0, random),
@@ -121,6 +127,19 @@ def outside_effect(name: str, random: np.random.Generator) -> Parameters:
         return {
             'amplitude': between(0.03, 0.12, random),
             'period': between(1.3, 9.0, random),
+        }
+    if name == 'contact':
+        return {
+            'force': sign * between(0.01, 0.06, random),
+            'arclength': random.uniform(0.3, 0.95),
+        }
+    if name == 'camera_tilt':
+        turn = random.uniform(0.0, 2.0 * math.pi)
+        size = between(0.1, 0.8, random)
+        return {
+            'tilt_x': size * math.cos(turn),
+            'tilt_y': size * math.sin(turn),
+            'middle_x': MIDDLE,
         }
     assert name == 'slipping_base', name
     turn, size = random.uniform(0.0, 2.0 * math.pi), between(5e-4, 3e-3, random)

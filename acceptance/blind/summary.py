@@ -35,6 +35,8 @@ TARGETS = (
     ('confusable', 'wrong', '    wrong name', ''),
     ('outside', 'unknown', 'outside the library: unknown', '>= 0.90'),
     ('outside', 'false_name', '    false name', '<= 0.05'),
+    ('newer', 'right', 'contact, lens, tilt of the camera: right', ''),
+    ('newer', 'wrong', '    wrong name', ''),
     ('unobservable', 'says_so', 'not observable: says so', '>= 0.98'),
     ('rated_nothing', 'any_name', '5 to 50 Hz, nothing hidden: any name', '<= 2 of 200'),
     ('rated_single', 'alone', '    one effect: right name alone', '>= 0.95'),
@@ -118,7 +120,7 @@ def several(pairs: Sequence[Pair]) -> Row:
 
 
 def confusable(pairs: Sequence[Pair]) -> Row:
-    """Score trials with effects that look alike, alone or together."""
+    """Score trials by their names: effects that look alike, alone or together, and newer ones."""
     return {
         'right': rate(exactly(*pair) for pair in pairs),
         'within': rate(within(*pair) and not wrong(*pair) for pair in pairs),
@@ -196,6 +198,7 @@ SCORERS = {
     'pairs': several,
     'confusable': confusable,
     'outside': outside,
+    'newer': confusable,
     'unobservable': unobservable,
     'rated_nothing': nothing,
     'rated_single': single,

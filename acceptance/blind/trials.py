@@ -33,8 +33,10 @@ from blind.hidden import (
     HIDEABLE,
     MISMATCH,
     NEED_LOADS,
+    NEWER,
     outside_effect,
     Parameters,
+    RICHNESS,
     SIZES,
 )
 
@@ -50,6 +52,7 @@ BLOCKS = {
     'pairs': 60,
     'confusable': 60,
     'outside': 60,
+    'newer': 60,
     'unobservable': 50,
     'rated_nothing': 200,
     'rated_single': 2 * 4 * len(HIDEABLE),
@@ -150,6 +153,9 @@ def labelled(block: str, seed: int, random: np.random.Generator) -> Label:
         if name == 'slipping_base':
             count = int(random.integers(2, 5))
             slipping = tuple(sorted(random.choice(8, count, replace=False).tolist()))
+    elif block == 'newer':
+        name = NEWER[place % len(NEWER)]
+        effects[name] = outside_effect(name, random) | {'richness': random.uniform(*RICHNESS)}
     elif block == 'unobservable':
         name = NEED_LOADS[place % len(NEED_LOADS)]
         effects[name] = hidden_effect(name, int(random.integers(2, 6)), random)

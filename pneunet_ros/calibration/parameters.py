@@ -11,7 +11,6 @@ from pneunet_ros.measurement.forward_model import Columns
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
-from pneunet_ros.solver.columns import RIGIDITY
 from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 
@@ -146,14 +145,8 @@ class Parameters:
         if self.law is None:
             return out
         pressure = np.clip(inputs.pressure, *arm.moment_law.pressure_range)
-        base = self.law.law(values[self.cells :]).sections(pressure, arm.length, arm.weight)
-        softened = np.ones_like(base)  # by the effects: the rigidity alone
-        sections = arm.rods(inputs.pressure, inputs.histories).sections[:, : base.shape[1]]
-        softened[:, :, RIGIDITY] = sections[:, :, RIGIDITY] / base[:, :, RIGIDITY]
         slope = self.law.slopes(pressure)
-        for place, (section, column) in enumerate(columns):
-            factor = softened[:, section, column]
-            out[:, 3 + knots + place, self.cells :] = slope[:, place] * factor[:, None]
+        out[:, 3 + knots :, self.cells :] = slope
         return out
 
     def quantities(self) -> tuple[tuple[str, ...], Array]:

@@ -15,6 +15,7 @@ from pneunet_ros.cli.calibrate_summary import numbers_of, show
 from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.cli.verb import (
     add_dimensionless,
+    add_effects_path,
     add_json,
     add_overwrite,
     DONE,
@@ -91,6 +92,7 @@ def options(parser: ArgumentParser) -> None:
     add_dimensionless(parser, 'draw the figures of the report')
     add_overwrite(parser)
     add_experiments(parser)
+    add_effects_path(parser)
     add_json(parser)
 
 

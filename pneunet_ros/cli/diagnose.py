@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 import platform
 import time
@@ -16,6 +19,7 @@ from pneunet_ros.cli.experiments import add_experiments, read_experiments
 from pneunet_ros.cli.simulate import seed
 from pneunet_ros.cli.verb import (
     add_dimensionless,
+    add_effects_path,
     add_json,
     add_overwrite,
     DONE,
@@ -28,8 +32,12 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.executor import open_executor
 from pneunet_ros.core.progress import OnProgress
-from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.diagnosis.diagnosis import investigate
 from pneunet_ros.diagnosis.result import CLEAR, UnsettledDiagnosis
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
+from pneunet_ros.discovery.discovery import discover
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 from pneunet_ros.offline.calibration_files import inputs_of
@@ -44,7 +52,9 @@ def options(parser: ArgumentParser) -> None:
         'Exit codes: 0 the answer is "none" or "named"; 1 done, and the answer is "inseparable", '
         '"unknown" or "unobservable"; 2 request or file was wrong. '
         'A model that cannot be fitted to the recordings is 1, too, and gives no model.yaml. '
-        'Files: report.html, model.yaml (with what was missing), diagnosis.json.'
+        'Files: report.html, model.yaml (with what was missing), diagnosis.json; where a law was '
+        'discovered that the library does not know, model_discovered.yaml and '
+        'effects/proposed_*.py, which `--effects-path DIR/effects` loads.'
     )
     parser.add_argument(
         '--model',
@@ -94,6 +104,13 @@ def options(parser: ArgumentParser) -> None:
         help='of the simulated clean data that set the thresholds (default: 0)',
     )
     parser.add_argument(
+        '--without',
+        nargs='+',
+        default=[],
+        metavar='EFFECT',
+        help='effects of the library that are not considered, as if it did not have them',
+    )
+    parser.add_argument(
         '--scheduler',
         metavar='ADDRESS',
         help='simulate on the Dask cluster of this scheduler (default: here)',
@@ -101,6 +118,7 @@ def options(parser: ArgumentParser) -> None:
     add_dimensionless(parser, 'draw the figures of the report')
     add_overwrite(parser)
     add_experiments(parser)
+    add_effects_path(parser)
     add_json(parser)
 
 
@@ -123,15 +141,18 @@ def run(arguments: Namespace) -> int:
         read = read_experiments((arguments.train, arguments.heldout), frame, arguments, bar)
         training, held_out = (list(group) for group in read.groups)
         on_progress = progress_of(bar)
-        with executor_for(arguments.scheduler) as executor:
-            found = diagnose(
+        with executor_for(arguments.scheduler, arguments.effects_path) as executor:
+            investigation = investigate(
                 frame,
                 training,
                 held_out,
                 seed=arguments.seed,
                 executor=executor,
                 on_progress=on_progress,
+                settings=settings_without(arguments.without),
             )
+            found = investigation.diagnosis
+            discovery = discover(investigation, on_progress=on_progress)
         provenance = {
             'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},
             'inputs': inputs,
@@ -147,6 +168,7 @@ def run(arguments: Namespace) -> int:
                 training=training,
                 held_out=held_out,
                 provenance=provenance,
+                discovery=discovery,
                 on_progress=on_progress,
                 units=units_of(arguments, frame),
             )
@@ -156,13 +178,33 @@ def run(arguments: Namespace) -> int:
     elif isinstance(found, UnsettledDiagnosis):
         show_unsettled(found, read.sentences, arguments.output, output_console())
     else:
-        show(found, read.sentences, arguments.output, output_console())
+        show(found, discovery, read.sentences, arguments.output, output_console())
     return DONE if found.answer in CLEAR else NEGATIVE
 
 
-def executor_for(scheduler: str | None) -> AbstractContextManager[Executor | None]:
-    """Return where clean data are simulated: here, as it takes less than starting a process."""
-    return nullcontext() if scheduler is None else open_executor(scheduler=scheduler)
+def settings_without(names: Sequence[str]) -> DiagnosisSettings:
+    """Return the settings of a diagnosis that does not consider some effects."""
+    for name in names:
+        if name not in EFFECTS:
+            raise RequestError(
+                f'--without names an effect {name} that there is not; known here: '
+                f'{", ".join(EFFECTS)}'
+            )
+    withheld = replace(DEFAULTS.hypothesis, withheld=tuple(sorted(names)))
+    return replace(DEFAULTS, hypothesis=withheld)
+
+
+def executor_for(
+    scheduler: str | None, effects_path: Path | None = None
+) -> AbstractContextManager[Executor | None]:
+    """Return where clean data are simulated: here, as it takes less than starting a process.
+
+    The workers of a cluster read the effects of a user from the same path.
+    """
+    if scheduler is None:
+        return nullcontext()
+    prepare = None if effects_path is None else partial(add_effects, effects_path.resolve())
+    return open_executor(scheduler=scheduler, prepare=prepare)
 
 
 def check_distinct(inputs: list[dict[str, str]]) -> None:

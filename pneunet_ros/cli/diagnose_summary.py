@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
-from pneunet_ros.reports.diagnosis.error_figures import error_sentence
-from pneunet_ros.reports.diagnosis.files import MODEL, NUMBERS, PAGE
+from pneunet_ros.discovery.result import Discovery
+from pneunet_ros.reports.diagnosis.error_figures import discovered_sentence, error_sentence
+from pneunet_ros.reports.diagnosis.files import DISCOVERED_MODEL, MODEL, NUMBERS, PAGE
 from pneunet_ros.reports.diagnosis.tables import (
     ANSWERS,
     detectable_table,
@@ -24,16 +25,26 @@ import rich.table
 from rich.text import Text
 
 
-def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console: Console) -> None:
+def show(
+    diagnosis: Diagnosis,
+    discovery: Discovery,
+    left_out: Sequence[str],
+    directory: Path,
+    console: Console,
+) -> None:
     """Print the answer first, then what it rests on."""
     console.print(Text(diagnosis.sentence, style='bold'))
     console.print(f'({ANSWERS[diagnosis.answer]})')
+    for law in discovery.found:
+        console.print(Text(f'Discovered: {law.sentence}', style='bold'))
     console.print(Text(f'How sure: {diagnosis.certainty}'))
-    console.print(rich_table(error_table(diagnosis), 'Model error'))
+    console.print(rich_table(error_table(diagnosis, discovery), 'Model error'))
     if diagnosis.before.held_out is None:
         console.print('no recording was held out: the model error was not tested on one')
     else:
         console.print(Text(error_sentence(diagnosis)))
+    if discovery.evaluation is not None:
+        console.print(Text(discovered_sentence(diagnosis, discovery)))
     for table, title in (
         (effect_table(diagnosis), 'Added effects'),
         (evidence_table(diagnosis), 'Evidence'),
@@ -49,9 +60,10 @@ def show(diagnosis: Diagnosis, left_out: Sequence[str], directory: Path, console
     console.print(undetectable_sentence(diagnosis))
     if diagnosis.proposal:
         console.print(Text(f'next recording: {diagnosis.proposal}'))
-    for sentence in (*left_out, *diagnosis.notes):
+    for sentence in (*left_out, *diagnosis.notes, *discovery.notes):
         console.print(Text(f'note: {sentence}'))
-    for name in (PAGE, MODEL, NUMBERS):
+    files = [law.effect_file for law in discovery.found if law.effect_file is not None]
+    for name in (PAGE, MODEL, NUMBERS, *([DISCOVERED_MODEL] if files else []), *files):
         console.print(f'wrote {directory / name}')
 
 

@@ -8,10 +8,11 @@ from dataclasses import Field
 import textwrap
 from typing import Any
 
-from pneunet_ros.cli.verb import add_json, DONE, output_console, print_json
+from pneunet_ros.cli.verb import add_effects_path, add_json, DONE, output_console, print_json
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Place
+from pneunet_ros.effects.user_effects import add_installed_effects
 
 WIDTH = 80  # columns
 INDENT = 22  # of what stands beside a name
@@ -25,11 +26,13 @@ PLACES: dict[Place, str] = {
 
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
+    add_effects_path(parser)
     add_json(parser)
 
 
 def run(arguments: Namespace) -> int:
     """Print the table."""
+    add_installed_effects()
     if arguments.json:
         print_json(
             {

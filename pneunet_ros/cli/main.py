@@ -186,6 +186,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser(words).parse_args([without_exponent(word) for word in words])
     try:
         see_to_kernels(given)
+        if getattr(given, 'effects_path', None) is not None:
+            from pneunet_ros.effects.user_effects import add_effects
+
+            add_effects(given.effects_path)
         code: int = given.run(given)
         sys.stdout.flush()
         return code

@@ -85,6 +85,18 @@ def add_model(parser: ArgumentParser) -> None:
         metavar='FILE',
         help="model file, YAML (default: the shipped model of the paper's arm)",
     )
+    add_effects_path(parser)
+
+
+def add_effects_path(parser: ArgumentParser) -> None:
+    """Add the option for effects of a user; `cli.main` adds them before the verb runs."""
+    parser.add_argument(
+        '--effects-path',
+        type=Path,
+        metavar='DIR',
+        help='run the effect files *.py of this folder, which are code, and know their effects '
+        '(default: those of the library and of installed packages)',
+    )
 
 
 def add_dimensionless(parser: ArgumentParser, what: str) -> None:

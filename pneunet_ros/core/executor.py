@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 import multiprocessing
 import os
+from typing import Any
 
 from pneunet_ros.core.errors import RequestError
 
@@ -16,15 +17,21 @@ PATIENCE = 10  # s, to wait for a scheduler
 
 
 @contextmanager
-def open_executor(workers: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
+def open_executor(
+    workers: int | None = None,
+    scheduler: str | None = None,
+    prepare: Callable[[], Any] | None = None,
+) -> Iterator[Executor]:
     """Give an executor: so many processes (None: one per core), or those of a Dask scheduler.
+
+    prepare: a picklable function that every one of them calls first.
 
     What is submitted must be a function of a module, its arguments and results picklable. A
     cluster's workers need this package, in the same version. RequestError where Dask is not
     installed or no scheduler answers at the address.
     """
     if scheduler is not None:
-        with cluster(scheduler) as executor:
+        with cluster(scheduler, prepare) as executor:
             yield executor
         return
     if workers is not None and workers < 1:
@@ -33,7 +40,8 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> I
     os.environ.update(dict.fromkeys(THREADS, '1'))  # new processes read it as they start
     try:
         context = multiprocessing.get_context('spawn')
-        with ProcessPoolExecutor(workers or os.cpu_count() or 1, mp_context=context) as pool:
+        count = workers or os.cpu_count() or 1
+        with ProcessPoolExecutor(count, mp_context=context, initializer=prepare) as pool:
             yield pool
     finally:
         for name, value in before.items():
@@ -44,7 +52,7 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> I
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[Executor]:
+def cluster(address: str, prepare: Callable[[], Any] | None = None) -> Iterator[Executor]:
     """Give the executor of the Dask cluster whose scheduler is at this address."""
     try:
         from distributed import Client
@@ -57,6 +65,8 @@ def cluster(address: str) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         raise RequestError(f'no Dask scheduler answers at {address}: {error}') from error
     with client:
+        if prepare is not None:
+            client.run(prepare)
         executor: Executor = client.get_executor(pure=False)
         with executor:
             yield executor

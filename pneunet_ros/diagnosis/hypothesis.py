@@ -15,7 +15,7 @@ from pneunet_ros.effects.effect import Effect, Load
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coordinate:
-    """A parameter of an effect as a number: a size is 0 where neutral; a shape is a logarithm.
+    """A parameter of an effect as a number: a size is 0 where neutral; a positive shape is a log.
 
     A parameter whose neutral value is infinite is its reciprocal; std: half of the prior range,
     low and high: the bounds, all in the coordinate; bounds: those of the parameter (SI), closed.
@@ -26,6 +26,7 @@ class Coordinate:
     neutral: float
     reciprocal: bool
     shape: bool
+    logarithmic: bool
     std: float
     mean: float
     low: float
@@ -35,7 +36,7 @@ class Coordinate:
     def value(self, coordinate: float) -> float:
         """Return the parameter (SI) at a coordinate, within its bounds to the last bit."""
         coordinate = min(max(coordinate, self.low), self.high)
-        if self.shape:
+        if self.logarithmic:
             value = math.exp(coordinate)
         elif self.reciprocal:
             value = math.inf if coordinate <= 0.0 else 1.0 / coordinate
@@ -45,14 +46,14 @@ class Coordinate:
 
     def of(self, value: float) -> float:
         """Return the coordinate of a parameter."""
-        if self.shape:
+        if self.logarithmic:
             return math.log(value)
         return 1.0 / value if self.reciprocal else value - self.neutral
 
     def slope(self, coordinate: float) -> float:
         """Return how much the parameter changes per coordinate, there."""
         value = self.value(coordinate)
-        if self.shape:
+        if self.logarithmic:
             return value
         return -(value**2) if self.reciprocal else 1.0
 
@@ -159,14 +160,17 @@ def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
     low, high = bounds
     first, last = parameter.metadata['prior']
     reciprocal, shape = math.isinf(neutral), bool(parameter.metadata['shape'])
-    mean = 0.0
-    if shape:
+    mean, logarithmic = 0.0, shape and first > 0.0
+    if logarithmic:
         low = math.log(max(low, first / shape_margin))
         high = math.log(min(high, last * shape_margin))
         mean = 0.5 * (math.log(first) + math.log(last))
         std = 0.5 * (math.log(last) - math.log(first))
     elif reciprocal:
         low, high, std = 1.0 / high, 1.0 / low, 0.5 / first
+    elif shape:
+        low, high = low - neutral, high - neutral
+        mean, std = 0.5 * (first + last) - neutral, 0.5 * (last - first)
     else:
         low, high = low - neutral, high - neutral
         std = 0.5 * max(abs(first - neutral), abs(last - neutral))
@@ -176,6 +180,7 @@ def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
         neutral=neutral,
         reciprocal=reciprocal,
         shape=shape,
+        logarithmic=logarithmic,
         std=std,
         mean=mean,
         low=low,
@@ -187,7 +192,8 @@ def coordinate_of(parameter: Any, shape_margin: float) -> Coordinate:
 def hypotheses(
     without: tuple[str, ...] = (), settings: HypothesisSettings = DEFAULTS.hypothesis
 ) -> tuple[Hypothesis, ...]:
-    """Return all effects of the table as hypotheses, without those of the given names."""
+    """Return all effects of the table as hypotheses, without these and what is withheld."""
+    left_out = {*without, *settings.withheld}
     return tuple(
-        hypothesis(kind, settings) for name, kind in EFFECTS.items() if name not in without
+        hypothesis(kind, settings) for name, kind in EFFECTS.items() if name not in left_out
     )

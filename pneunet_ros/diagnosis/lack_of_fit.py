@@ -14,7 +14,7 @@ import zlib
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
-from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.settings import DEFAULTS, LackOfFitSettings
 from scipy.stats import gamma
 
@@ -133,9 +133,28 @@ def score_statistic(
     settings: LackOfFitSettings,
 ) -> ScoreStatistic:
     """Return the statistic of fields (frames, 2 targets, n) m in some of the runs."""
-    blocks = [linearization.blocks[which] for which in runs]
+    pairs = zip(runs, fields, strict=True)
+    white = [linearization.blocks[which].white(item) for which, item in pairs]
+    blocks, size = linearization.blocks, linearization.size
+    return white_statistic(name, blocks, size, gaussian, runs, white, seed, settings)
+
+
+def white_statistic(
+    name: str,
+    all_blocks: Sequence[LinearizedRun],
+    size: int,
+    gaussian: GaussianModel,
+    runs: Sequence[int],
+    white: Sequence[Array],
+    seed: int,
+    settings: LackOfFitSettings = DEFAULTS.lack_of_fit,
+) -> ScoreStatistic:
+    """Return the statistic of whitened columns (rows, n) in some of the runs.
+
+    all_blocks: those of the problem, run by run; size: unknowns of the base model alone.
+    """
+    blocks = [all_blocks[which] for which in runs]
     columns = [gaussian.columns[which] for which in runs]
-    white = [block.white(item) for block, item in zip(blocks, fields, strict=True)]
     residuals = gaussian.best_residuals()
     score = sum(item.T @ residuals[which] for which, item in zip(runs, white, strict=True))
     cross = np.asarray(sum(x.T @ item for x, item in zip(columns, white, strict=True)))
@@ -145,12 +164,10 @@ def score_statistic(
     seen = variances > settings.least_seen
     basis = axes[:, seen] / np.sqrt(variances[seen])
     # What more placement and camera would do than is expected: their part of the score.
-    size = linearization.size
     placement = sum(
         item.T @ block.base[:, size:] for block, item in zip(blocks, white, strict=True)
     ) - solved.T @ sum(
-        x.T @ block.base[:, size:]
-        for x, block in zip(gaussian.columns, linearization.blocks, strict=True)
+        x.T @ block.base[:, size:] for x, block in zip(gaussian.columns, all_blocks, strict=True)
     )
     disturbances = [(settings.placement_dof, basis.T @ placement)]
     for block, x, item in zip(blocks, columns, white, strict=True):

@@ -59,6 +59,7 @@ class HypothesisSettings:
     shapes: int = tuning(5, 'values of a shape parameter over its prior range')
     shape_margin: float = tuning(10.0, 'factor by which a shape may leave its prior range')
     fewest_in_time: int = tuning(20, 'frames of a recording that may show an effect with memory')
+    withheld: tuple[str, ...] = tuning((), 'effects that are not considered', source='convention')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,13 +9,16 @@ from __future__ import annotations
 from pneunet_ros.effects.camera_delay import CameraDelay
 from pneunet_ros.effects.camera_rotation import CameraRotation
 from pneunet_ros.effects.camera_scale import CameraScale
+from pneunet_ros.effects.camera_tilt import CameraTilt
 from pneunet_ros.effects.clamp_compliance import ClampCompliance
+from pneunet_ros.effects.contact import Contact
 from pneunet_ros.effects.creep import Creep
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.effects.force_misalignment import ForceMisalignment
 from pneunet_ros.effects.gravity import Gravity
 from pneunet_ros.effects.hysteresis import Hysteresis
+from pneunet_ros.effects.lens_distortion import LensDistortion
 from pneunet_ros.effects.load_offset import LoadOffset
 from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.effects.pressure_gain import PressureGain
@@ -32,6 +35,8 @@ EFFECTS: dict[str, type[Effect]] = {
         ForceMisalignment,
         CameraScale,
         CameraRotation,
+        CameraTilt,
+        LensDistortion,
         CameraDelay,
         PressureLag,
         Hysteresis,
@@ -43,5 +48,6 @@ EFFECTS: dict[str, type[Effect]] = {
         Gravity,
         ClampCompliance,
         LoadOffset,
+        Contact,
     )
 }

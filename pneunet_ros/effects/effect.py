@@ -11,15 +11,20 @@ sensing     frame_delay                   when a camera saw what it shows
 actuation   initial, actuate, in_play     pressure at the sensor, with its past, -> chamber
 actuation   history_terms                 what that past adds to the rod, such as a mixture of
                                           rows of the intrinsic curvature
-material    terms                         moment-curvature law: rigidity, offset, cubic term
+material    terms, load_terms             moment-curvature law: rigidity, offset, cubic term,
+                                          intrinsic curvature
 material    initial, actuate,             what a past of its own adds to that law
             history_terms
-mechanics   terms                         strain, compliances, line load, where the load acts
+mechanics   terms, load_terms             strain, compliances, line load, a push on a part, where
+                                          the load acts
+mechanics   initial, actuate,             what a past of its own adds to these
+            history_terms
 =========== ============================= ====================================================
 
-`Terms` is the record of all that can be added to the rod; the solver knows nothing else. A history
-comes in and goes out as a tuple of numbers. The default of every parameter is neutral: an effect
-with all of them does nothing at all.
+`Terms` is the record of all that can be added to the rod, along all of it or on a part; the solver
+knows nothing else. `terms` go with the pressure alone, `load_terms` with pressure and end load. A
+history comes in and goes out as a tuple of numbers. The default of every parameter is neutral: an
+effect with all of them does nothing at all.
 """
 
 from __future__ import annotations
@@ -30,7 +35,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.units import check_quantities
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.units import check_quantities, quantities
 from pneunet_ros.solver.columns import (
     AXIAL_COMPLIANCE,
     CLAMP_ANGLE,
@@ -45,6 +51,14 @@ from pneunet_ros.solver.columns import (
 )
 
 Place = Literal['sensing', 'actuation', 'material', 'mechanics']
+# What an effect may implement, by the place it declares.
+DEFINES: dict[Place, frozenset[str]] = {
+    'sensing': frozenset({'sense', 'see', 'frame_delay'}),
+    'actuation': frozenset({'initial', 'actuate', 'in_play', 'history_terms'}),
+    'material': frozenset({'terms', 'load_terms', 'initial', 'actuate', 'history_terms'}),
+    'mechanics': frozenset({'terms', 'load_terms', 'initial', 'actuate', 'history_terms'}),
+}
+METHODS = frozenset().union(*DEFINES.values())
 History = tuple[float, ...]
 NOTHING, UNITY = 0.0, 1.0  # what a term is that was not given
 
@@ -57,6 +71,47 @@ class Load:
     force_x: float = 0.0
     force_y: float = 0.0
     moment: float = 0.0
+
+    @property
+    def row(self) -> Array:
+        """F1, F2, M as (1, 3)."""
+        return np.array([[self.force_x, self.force_y, self.moment]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Loads:
+    """Pressures in the chamber (Pa) and true end loads (N, N m) in the base frame, (n,) each."""
+
+    pressure: Array
+    force_x: Array
+    force_y: Array
+    moment: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """A part of the soft arm, in s / l: 0 is the clamp, 1 the soft end."""
+
+    start: float
+    end: float
+
+    def __post_init__(self) -> None:
+        """Refuse a part that is empty or not on the arm."""
+        if not 0.0 <= self.start < self.end <= 1.0:
+            raise ModelError(
+                f'a part from {self.start} to {self.end} s / l is not on the arm: '
+                'it must begin and end within 0 and 1, and begin before it ends'
+            )
+
+    @classmethod
+    def around(cls, place: float, width: float) -> Part:
+        """Return the part of this width around a place, less what would lie beyond the arm."""
+        return cls(start=max(place - 0.5 * width, 0.0), end=min(place + 0.5 * width, 1.0))
+
+    @property
+    def middle(self) -> float:
+        """Where its middle is, in s / l."""
+        return 0.5 * (self.start + self.end)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,13 +131,17 @@ class PressureScale:
 class Terms:
     """What an effect adds to the record of the rod; contributions of effects are summed.
 
-    Only rigidity factors multiply. Each term is a number or an array (pressures,); it holds for
-    the whole length. Units: moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -,
-    line loads N/m, clamp_angle rad, clamp_compliance rad/(N m), load_offset m. Where the curvature
-    is not that of the pressure alone, row_share of it is a mixture of the rows of the table of
-    kappa_p0, by row_weights (rows,) or (pressures, rows).
+    Only rigidity factors multiply. Each term is a number or an array (pressures,). Units:
+    moment_offset N m, cubic m^2, axial_compliance 1/N, rest_strain -, line loads N/m, curvature
+    1/m (of the intrinsic one), push N, clamp_angle rad, clamp_compliance rad/(N m), load_offset m.
+    They hold for the whole length, or on a part; those of clamp and load have no part. A push is
+    spread evenly over its part, along the normal (-sin theta, cos theta) that the arm has in the
+    middle of it, whatever its shape. Where the curvature is not that of the pressure alone,
+    row_share of it is a mixture of the rows of the table of kappa_p0, by row_weights (rows,) or
+    (pressures, rows).
     """
 
+    part: Part | None = None
     rigidity_factor: float | Array = UNITY
     moment_offset: float | Array = NOTHING
     cubic: float | Array = NOTHING
@@ -90,16 +149,29 @@ class Terms:
     rest_strain: float | Array = NOTHING
     line_load_x: float | Array = NOTHING
     line_load_y: float | Array = NOTHING
+    curvature: float | Array = NOTHING
+    push: float | Array = NOTHING
     clamp_angle: float | Array = NOTHING
     clamp_compliance: float | Array = NOTHING
     load_offset: float | Array = NOTHING
     row_share: float = NOTHING
     row_weights: Array | None = None
 
-    def add_to(self, sections: Array, clamp: Array) -> None:
-        """Add these terms to records of a rod: sections (n, sections, 8), clamp (n, 3)."""
+    def __post_init__(self) -> None:
+        """Refuse a push that has no place."""
+        if self.push is not NOTHING and self.part is None:
+            raise ModelError('a push needs a part of the arm on which it acts')
+
+    def add_to(self, sections: Array, clamp: Array, inside: Array | None = None) -> None:
+        """Add these terms to records of a rod: sections (n, sections, 8), clamp (n, 3).
+
+        inside (n, sections): 1 for the sections of the part, 0 for others; None: all of them.
+        """
         if self.rigidity_factor is not UNITY:
-            sections[:, :, RIGIDITY] *= across(self.rigidity_factor)
+            factor = across(self.rigidity_factor)
+            if inside is not None:
+                factor = np.where(inside > 0.0, factor, 1.0)
+            sections[:, :, RIGIDITY] *= factor
         for column, term in (
             (MOMENT_OFFSET, self.moment_offset),
             (CUBIC, self.cubic),
@@ -109,7 +181,7 @@ class Terms:
             (LOAD_Y, self.line_load_y),
         ):
             if term is not NOTHING:
-                sections[:, :, column] += across(term)
+                sections[:, :, column] += across(term) if inside is None else across(term) * inside
         for column, term in (
             (CLAMP_ANGLE, self.clamp_angle),
             (CLAMP_COMPLIANCE, self.clamp_compliance),
@@ -183,6 +255,18 @@ class Effect(abc.ABC):
     def terms(self, pressure: Array) -> Terms:
         """Return what the effect adds to the rod at these chamber pressures (n,) Pa."""
         return NO_TERMS
+
+    def load_terms(self, loads: Loads) -> Terms:
+        """Return what it adds under these end loads, beyond `terms`; the loads are true ones."""
+        return NO_TERMS
+
+    @property
+    def is_neutral(self) -> bool:
+        """Whether it does nothing: no parameter that is a size differs from its default."""
+        return all(
+            item.metadata['shape'] or getattr(self, item.name) == item.default
+            for item in quantities(self)
+        )
 
     @classmethod
     def implements(cls, method: str) -> bool:

@@ -119,7 +119,7 @@ class Estimator:
         refusal = refusal or self.forbidden(reading, position, beside)
         if refusal is not None:
             return state.with_reading(reading.stamp_ns, history), refusal
-        rods, changes = self.table.at(chamber, history)
+        rods, changes = self.table.at(chamber, history, load)
         shape = solve_rod(self.arm, rods, load, state.solution, self.arclength)
         solution = shape.solution
         if solution is None:

@@ -243,6 +243,21 @@ def _final_place(
     return final
 
 
+def _is_replaceable(entry: Path, patterns: Iterable[str]) -> bool:
+    """Whether an entry of an output folder is what an earlier run may have written.
+
+    A pattern with a slash is of files in a folder there, which may hold nothing else.
+    """
+    if any(fnmatch(entry.name, pattern) for pattern in patterns):
+        return True
+    inside = [item.partition('/')[2] for item in patterns if item.startswith(f'{entry.name}/')]
+    return (
+        bool(inside)
+        and entry.is_dir()
+        and all(_is_replaceable(item, inside) for item in entry.iterdir())
+    )
+
+
 def _check_place(
     path: str | Path,
     final: Path,
@@ -263,7 +278,7 @@ def _check_place(
         others = [
             entry.name
             for entry in sorted(final.iterdir())
-            if not any(fnmatch(entry.name, pattern) for pattern in replaceable)
+            if not _is_replaceable(entry, replaceable)
         ]
         if others:
             raise RecordingError(

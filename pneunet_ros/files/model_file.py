@@ -15,6 +15,7 @@ from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import quantities
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
+from pneunet_ros.effects.user_effects import add_installed_effects
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.yaml_file import or_default, YamlFile
 from pneunet_ros.model.arm import Arm
@@ -99,6 +100,7 @@ def arm_from_mapping(content: Any) -> Arm:
     covariance, domain = top.get('covariance'), top.get('domain')
     return Arm(
         name=top['name'],
+        divided=(),
         **{
             key: MODEL_FILE.number(value, f'arm.{key}')
             for key, value in arm.items()
@@ -174,6 +176,14 @@ def law_from_mapping(content: Any) -> MomentLaw:
 
 def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
     """Build the effects that the file names, with their parameters."""
+    add_installed_effects()
+    for name in MODEL_FILE.mapping(content, 'effects'):
+        if name not in EFFECTS:
+            raise ModelError(
+                f'unknown key effects.{name}; known here: {", ".join(EFFECTS)}. An effect of your '
+                'own is known where its folder is named: --effects-path DIR, or the parameter '
+                'effects_path of a node'
+            )
     named = MODEL_FILE.block(content, 'effects', tuple(EFFECTS), set(EFFECTS))
     return tuple(
         EFFECTS[name](

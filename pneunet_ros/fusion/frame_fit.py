@@ -11,7 +11,7 @@ Control 38 (1993).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -42,9 +42,7 @@ from pneunet_ros.measurement.predicted_targets import target_jacobian
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import linearize_shape, Sensitivity, solve_rod
 from pneunet_ros.model.part_load import (
-    heading_at,
     PartLoad,
-    turning_with_arm,
     with_part_changes,
     with_part_load,
 )
@@ -54,8 +52,6 @@ from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.solution import SolverNodes
 
-TURNED = 1e-6  # rad, between the normal of the arm and where its contact points
-MOST_TURNS = 4
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 
 Mask = npt.NDArray[np.bool_]
@@ -98,12 +94,12 @@ class BentArm:
     def linearize(self) -> Sensitivity:
         """Return how it answers to loads, pressure and columns of the covariance.
 
-        With a contact also to its force, its place and where it points.
+        With a contact also to its force and its place.
         """
         if self.contact is None:
             return linearize_shape(self.solution, self.rods, self.changes)
         changes = with_part_changes(self.rods, self.changes, self.contact)
-        return linearize_shape(self.solution, self.rods, changes)
+        return linearize_shape(self.solution, with_part_load(self.rods, self.contact), changes)
 
 
 def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
@@ -148,29 +144,15 @@ def bend_arm(
 ) -> BentArm:
     """Solve the rod under what was read, and changes (causes,) of it: `causes_of` the unknowns.
 
-    quick: give up soon where no solution is near. contact: it points along the normal of the arm,
-    whatever its heading.
+    quick: give up soon where no solution is near. contact: it points along the normal of the arm.
     """
     force_x, force_y, moment, error = changes[: PRESSURE + 1].tolist()
     pressure = inputs.chamber + error
-    rods, beside = table.at(pressure, inputs.history)
-    rods = beside.moved(rods, np.concatenate([[0.0], changes[PRESSURE + 1 :]]))
     load = Load(pressure=pressure, force_x=force_x, force_y=force_y, moment=inputs.moment + moment)
-    shape: Shape | None = None
-    if contact is not None and start is None:
-        shape = solve_rod(table.arm, rods, load, None, arclength, quick=quick)
-        start = shape.solution
-    if contact is None or start is None:
-        shape = shape or solve_rod(table.arm, rods, load, start, arclength, quick=quick)
-        return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
-    for _ in range(MOST_TURNS):
-        contact = replace(contact, heading=heading_at(start, contact.place))
-        pushed = with_part_load(rods, contact)
-        shape = solve_rod(table.arm, pushed, load, start, arclength, quick=quick)
-        start = shape.solution
-        if start is None or abs(heading_at(start, contact.place) - contact.heading) < TURNED:
-            break
-    assert shape is not None
+    rods, beside = table.at(pressure, inputs.history, load)
+    rods = beside.moved(rods, np.concatenate([[0.0], changes[PRESSURE + 1 :]]))
+    pushed = rods if contact is None else with_part_load(rods, contact)
+    shape = solve_rod(table.arm, pushed, load, start, arclength, quick=quick)
     return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
 
 
@@ -180,23 +162,19 @@ def contact_of(arm: Arm, settings: FusionSettings, x: Array) -> PartLoad | None:
     low, high = settings.contact_places
     if not low * arm.length <= place <= high * arm.length:
         return None
-    return PartLoad(force=force, place=place, heading=0.0, width=settings.contact_width)
+    return PartLoad(force=force, place=place, width=settings.contact_width)
 
 
-def causes_with_contact(
-    causes: Array, sensitivity: Sensitivity, contact: PartLoad | None
-) -> Array:
+def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:
     """Return what one of each unknown changes of every cause, with those of a contact, if any.
 
-    causes (causes, unknowns): those without it. Force and place of the contact follow, and where
-    it points, which turns with the arm.
+    causes (causes, unknowns): those without it. Force and place of the contact follow.
     """
     if contact is None:
         return causes
     own = np.zeros((2, causes.shape[1]))
     own[:, CONTACT] = np.eye(2)
-    known = np.vstack([causes, own])
-    return np.vstack([known, turning_with_arm(sensitivity, contact) @ known])
+    return np.vstack([causes, own])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -329,7 +307,7 @@ class FrameProblem:
         sensitivity = bent.linearize()
         by_cause = target_jacobian(self.table, sensitivity)
         targets = unknowns.targets
-        causes = causes_with_contact(self.causes, sensitivity, bent.contact)
+        causes = causes_with_contact(self.causes, bent.contact)
         response = (by_cause.reshape(len(by_cause), -1).T @ causes).reshape(2, targets, -1)
         for axis in range(2):
             response[axis, :, DRIFT.start + axis] = 1.0

@@ -680,7 +680,7 @@ class Fusion:
         """
         sensitivity = bent.linearize()
         causes = causes_of(self.unknowns, inputs)
-        causes = causes_with_contact(causes, sensitivity, bent.contact)
+        causes = causes_with_contact(causes, bent.contact)
         noise = np.ascontiguousarray(np.linalg.qr((causes @ belief.root).T, mode='r'))
         seen: SeenShape | None = None
         if mode is Mode.PREDICTION:

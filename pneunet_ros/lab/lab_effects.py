@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import quantity
-from pneunet_ros.lab.chain import Chain
+from pneunet_ros.lab.chain import Chain, Push
 from pneunet_ros.lab.history_kernels import (
     lag_pressure,
     largest_so_far,
@@ -284,6 +284,66 @@ class LabLoadOffset(LabEffect):
         return replace(chain, beside=self.offset, beyond=beyond)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabContact(LabEffect):
+    """A constant push at a place, along the normal there; rich: what pushes gives way in time."""
+
+    name: ClassVar[str] = 'contact'
+    force: float = quantity(0.0, unit='N', bounds=(-1e3, 1e3))
+    arclength: float = quantity(0.6, unit='-', meaning='s / l', bounds=(0.02, 1.0))
+
+    def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
+        """Push."""
+        share = np.linspace(0.0, 1.0, chain.time.size)
+        force = freeze(self.force * (1.0 + 0.3 * self.richness * (1.0 - 2.0 * share)))
+        return replace(chain, push=Push(place=self.arclength * arm.length, force=force))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabCameraTilt(LabEffect):
+    """A camera not square to the plane, by similar triangles; rich: it tilts on.
+
+    The picture is placed by the clamp, as that of a lens is.
+    """
+
+    name: ClassVar[str] = 'camera_tilt'
+    tilt_x: float = quantity(0.0, unit='1/m', bounds=(-10.0, 10.0))
+    tilt_y: float = quantity(0.0, unit='1/m', bounds=(-10.0, 10.0))
+    middle_x: float = quantity(0.05, unit='m', bounds=(-10.0, 10.0))
+    middle_y: float = quantity(0.0, unit='m', bounds=(-10.0, 10.0))
+
+    def see(self, arm: LabArm, points: Array, share: Array) -> Array:
+        """Project: what is further away by a share looks smaller by as much."""
+        middle = np.array([self.middle_x, self.middle_y])
+        away = points - middle
+        nearer = 1.0 + 0.3 * self.richness * (2.0 * share - 1.0)
+        tilt = np.array([self.tilt_x, self.tilt_y])
+        further, at_clamp = (1.0 + nearer[:, None] * (way @ tilt) for way in (away, -middle[None]))
+        moved = away * (1.0 / further - 1.0)[..., None]
+        return freeze(points + (moved + middle * (1.0 / at_clamp - 1.0)[..., None]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabLensDistortion(LabEffect):
+    """A lens bends radially about the middle of the picture; rich: with the fourth power, too."""
+
+    name: ClassVar[str] = 'lens_distortion'
+    radial: float = quantity(0.0, unit='1/m^2', meaning='< 0: barrel', bounds=(-1e4, 1e4))
+    middle_x: float = quantity(0.05, unit='m', bounds=(-10.0, 10.0))
+    middle_y: float = quantity(0.0, unit='m', bounds=(-10.0, 10.0))
+
+    def see(self, arm: LabArm, points: Array, share: Array) -> Array:
+        """Distort; the fourth power is that of half of the arm's length."""
+        middle = np.array([self.middle_x, self.middle_y])
+        moved = [
+            self.radial * squared * (1.0 + self.richness * fourth) * away
+            for away in (points - middle, -middle)
+            for squared in [np.sum(away**2, axis=-1, keepdims=True)]
+            for fourth in [0.3 * (squared / (0.5 * arm.length) ** 2 - 1.0)]
+        ]
+        return freeze(points + (moved[0] - moved[1]))
+
+
 LAB_EFFECTS: dict[str, type[LabEffect]] = {
     effect.name: effect
     for effect in (
@@ -300,8 +360,11 @@ LAB_EFFECTS: dict[str, type[LabEffect]] = {
         LabGravity,
         LabClampCompliance,
         LabLoadOffset,
+        LabContact,
         LabCameraScale,
         LabCameraRotation,
+        LabCameraTilt,
+        LabLensDistortion,
         LabCameraDelay,
     )
 }

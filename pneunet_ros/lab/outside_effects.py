@@ -147,24 +147,6 @@ class LabSlippingBase(LabEffect):
         return freeze(points + slipped * np.array([self.slip_x, self.slip_y]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LabLensDistortion(LabEffect):
-    """The camera's lens bends: radial, about a middle of the picture amid the straight arm.
-
-    Measured = middle + (true - middle) (1 + radial r^2), r in units of half the arm's length.
-    """
-
-    name: ClassVar[str] = 'lens_distortion'
-    radial: float = quantity(0.0, unit='-', meaning='< 0: barrel', bounds=(-0.3, 0.3))
-
-    def see(self, arm: LabArm, points: Array, share: Array) -> Array:
-        """Distort."""
-        half = 0.5 * arm.length
-        away = points - np.array([half, 0.0])
-        squared = np.sum(away**2, axis=-1, keepdims=True) / half**2
-        return freeze(points + self.radial * squared * away)
-
-
 OUTSIDE_EFFECTS: dict[str, type[LabEffect]] = {
     effect.name: effect
     for effect in (
@@ -174,7 +156,6 @@ OUTSIDE_EFFECTS: dict[str, type[LabEffect]] = {
         LabTouchingPeg,
         LabPush,
         LabSlippingBase,
-        LabLensDistortion,
     )
 }
 ALL_EFFECTS = LAB_EFFECTS | OUTSIDE_EFFECTS  # what a scenario may name, in order of application

@@ -7,11 +7,15 @@ frames start from their own last solution.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
+from pneunet_ros.model.equilibrium import HeadingSearch
+from pneunet_ros.model.record import owners
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem, panels_needed
 from pneunet_ros.solver.collocation import unloaded_nodes
 from pneunet_ros.solver.columns import (
@@ -21,10 +25,13 @@ from pneunet_ros.solver.columns import (
     INTRINSIC_CURVATURE as INTRINSIC_CURVATURE,
 )
 from pneunet_ros.solver.columns import (
+    LOAD_X,
+    LOAD_Y,
     LOADS,
     NODE_WIDTH,
     RIGIDITY,
     ROTATION_WIDTH,
+    START,
 )
 from pneunet_ros.solver.columns import (
     MOMENT as MOMENT,
@@ -43,6 +50,7 @@ from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import SOLVER
 from scipy.interpolate import CubicSpline
 
+LOAD_STEP = 1e-4  # of weight and length: of differences where effects go with the end load
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 
 
@@ -53,17 +61,30 @@ class ForwardModel:
         'arclength',
         'counts',
         'detail',
-        'fields',
+        'every_field',
+        'heading',
         'known',
         'nodes',
         'points',
+        'push_place',
         'solved',
         'stable',
+        'stations',
     )
 
     def __init__(self, arclength: Array) -> None:
         self.arclength = arclength
+        self.push_place = np.zeros(0)
+        self.heading = np.zeros((0, 0))
+        self.stations = arclength
         self.counts = np.zeros(0, dtype=np.int64)
+
+    @property
+    def fields(self) -> Array:
+        """Fields (frames, 6, stations) at the stations, NaN where a frame has no shape."""
+        if not self.push_place.size:
+            return self.every_field
+        return self.every_field[:, :, np.searchsorted(self.stations, self.arclength)]
 
     def solve(self, arm: Arm, inputs: Inputs) -> npt.NDArray[np.bool_]:
         """Solve all frames; return which have a shape.
@@ -71,13 +92,43 @@ class ForwardModel:
         Fills `fields` (frames, 6, stations) and `points` (frames, 2, stations), where the stations
         are measured by a camera of which only the effects of the arm are known.
         """
-        rods = arm.rods(inputs.pressure, inputs.histories)
+        rods = arm.rods(inputs.pressure, inputs.histories, inputs.loads)
         counts = mesh_counts(rods, inputs.loads)
+        if not np.array_equal(rods.push_place, self.push_place):
+            self.push_place = rods.push_place
+            self.stations = np.union1d(self.arclength, rods.push_place)
+            self.counts = counts[:0]
         if self.counts.size != counts.size or np.any(counts > self.counts):
             self.remesh(counts, len(inputs.pressure))
-        self.solve_on_mesh(arm, rods, inputs.loads)
-        self.points = np.stack(arm.see(self.fields[:, X], self.fields[:, Y]), axis=1)
+        if rods.push.any():
+            self.solve_pushed(arm, rods, inputs.loads)
+        else:
+            self.solve_on_mesh(arm, rods, inputs.loads)
+        fields = self.fields
+        self.points = np.stack(arm.see(fields[:, X], fields[:, Y]), axis=1)
         return self.solved
+
+    def solve_pushed(self, arm: Arm, rods: Rods, loads: Array) -> None:
+        """Solve all frames with pushes along the normals that the arm has."""
+        if not np.isfinite(self.heading).all():
+            self.solve_on_mesh(arm, rods, loads)
+            self.heading = np.nan_to_num(self.headings)
+        search = HeadingSearch(self.heading)
+        missed = np.zeros(0)
+        for _ in range(SOLVER.most_turns):
+            self.solve_on_mesh(arm, rods.pointed(search.heading), loads)
+            self.heading = search.heading
+            found = np.where(self.solved[:, None], self.headings, self.heading)
+            missed = np.abs(found - self.heading).max(axis=1)
+            if search.turn(found) <= SOLVER.turned:
+                return
+        self.solved &= missed <= SOLVER.turned
+        self.every_field[~self.solved] = np.nan
+
+    @property
+    def headings(self) -> Array:
+        """Angle (frames, pushes) rad of the tangent where the arm is pushed."""
+        return self.every_field[:, THETA][:, np.searchsorted(self.stations, self.push_place)]
 
     def solve_on_mesh(self, arm: Arm, rods: Rods, loads: Array) -> None:
         """Solve on a mesh that carries the solutions; what is too fine for any is not solved."""
@@ -95,7 +146,8 @@ class ForwardModel:
         self.counts = counts
         self.nodes = np.zeros((frames, int(counts.sum()) + 1, NODE_WIDTH))
         self.known = np.zeros(frames, dtype=np.bool_)
-        self.fields = np.empty((frames, 6, self.arclength.size))
+        self.every_field = np.empty((frames, 6, self.stations.size))
+        self.heading = np.full((frames, self.push_place.size), np.nan)
         self.detail = np.zeros(frames)
         self.stable = np.zeros(frames, dtype=np.bool_)
 
@@ -122,7 +174,7 @@ class ForwardModel:
                 self.known[first] = True
                 continue
             self.solved[first] = False
-            self.fields[first] = np.nan
+            self.every_field[first] = np.nan
             self.detail[first] = 0.0
             self.known[first] = False
             if first + 1 < frames and not self.known[first + 1]:
@@ -133,10 +185,10 @@ class ForwardModel:
         """Return what the kernels fill."""
         return FrameSolutions(
             counts=self.counts,
-            arclength=self.arclength,
+            arclength=self.stations,
             nodes=self.nodes,
             known=self.known,
-            fields=self.fields,
+            fields=self.every_field,
             detail=self.detail,
             stable=self.stable,
         )
@@ -144,8 +196,10 @@ class ForwardModel:
     def subset(self, frames: npt.NDArray[np.int64]) -> ForwardModel:
         """Return the forward model of a subset of the frames, with their solutions."""
         part = ForwardModel(self.arclength)
+        part.push_place, part.stations = self.push_place, self.stations
         part.remesh(self.counts, frames.size)
         part.nodes[:], part.known[:] = self.nodes[frames], self.known[frames]
+        part.heading[:] = self.heading[frames]
         return part
 
     def load_jacobian(self, arm: Arm, inputs: Inputs) -> Array:
@@ -161,22 +215,111 @@ class ForwardModel:
         """Return how fields of the solved frames move per input, (frames, inputs, 6, stations).
 
         x and y as measured; inputs: F1, F2, M, the knots of the curvature's table, then these
-        columns of sections.
+        columns of the sections of the arm's moment law, as they are before effects.
         """
         return self.rod_jacobian(arm, inputs, columns, knot_rotation(arm))
 
     def rod_jacobian(self, arm: Arm, inputs: Inputs, columns: Columns, rotation: Array) -> Array:
         """Return `jacobian` with knots of this rotation (knots, pieces, 5)."""
-        rods, loads = arm.rods(inputs.pressure, inputs.histories), inputs.loads
-        size = np.abs(rods.sections[:, columns[:, 0], columns[:, 1]]).mean(axis=0)
-        steps = 1e-4 * np.where(size > 0.0, size, 1.0)
-        moved_inputs = LOADS + rotation.shape[0] + len(columns)
-        out = np.empty((len(loads), moved_inputs, 6, self.arclength.size))
-        linearize_frames(rods, loads, self.solutions(), rotation, columns, steps, out)
+        rods = arm.rods(inputs.pressure, inputs.histories, inputs.loads)
+        pieces = pieces_of(arm, rods, columns)
+        out = self.single_jacobian(rods, inputs.loads, pieces.columns, rotation)
+        out = pieces.joined(out, LOADS + rotation.shape[0])
+        if arm.by_load:
+            out[:, :LOADS] = self.load_differences(arm, inputs)
         # Stability is defined for positive rigidity alone.
         self.stable |= np.any(rods.sections[:, :, RIGIDITY] < 0.0, axis=1)
-        out[:, :, X], out[:, :, Y] = arm.see(out[:, :, X], out[:, :, Y])  # it is linear
+        fields = self.fields[:, None]
+        moved = arm.see_moves(fields[:, :, X], fields[:, :, Y], out[:, :, X], out[:, :, Y])
+        out[:, :, X], out[:, :, Y] = moved
         return out
+
+    def single_jacobian(
+        self, rods: Rods, loads: Array, columns: Columns, rotation: Array
+    ) -> Array:
+        """Return how true fields move per input of the records, pushes turning with the arm."""
+        pushed = np.flatnonzero(rods.push.any(axis=(0, 1)))
+        own = [[section, column] for column in (LOAD_X, LOAD_Y) for section in pushed.tolist()]
+        every = np.concatenate([columns, np.array(own, dtype=np.int64).reshape(-1, 2)])
+        pointed = rods.pointed(self.heading) if pushed.size else rods
+        size = np.abs(pointed.sections[:, every[:, 0], every[:, 1]]).mean(axis=0)
+        steps = 1e-4 * np.where(size > 0.0, size, 1.0)
+        inputs = LOADS + rotation.shape[0] + len(columns)
+        out = np.empty((len(loads), inputs + len(own), 6, self.stations.size))
+        linearize_frames(pointed, loads, self.solutions(), rotation, every, steps, out)
+        if not pushed.size:
+            return out[..., np.searchsorted(self.stations, self.arclength)]
+        # Per heading: the line loads of its push turn, (frames, pushes, 2 pushed sections).
+        turning = np.concatenate(
+            [
+                -np.cos(self.heading)[:, :, None] * rods.push[:, :, pushed],
+                -np.sin(self.heading)[:, :, None] * rods.push[:, :, pushed],
+            ],
+            axis=2,
+        )
+        by_heading = np.einsum('nps,nsfk->npfk', turning, out[:, inputs:])
+        at = np.searchsorted(self.stations, self.push_place)
+        own_turn = np.eye(self.push_place.size) - by_heading[:, :, THETA][:, :, at]
+        direct = out[:, :inputs, THETA][:, :, at]
+        turned = np.linalg.solve(own_turn.transpose(0, 2, 1), direct.transpose(0, 2, 1))
+        out = out[:, :inputs] + np.einsum('npi,npfk->nifk', turned, by_heading)
+        return np.asarray(out[..., np.searchsorted(self.stations, self.arclength)])
+
+    def load_differences(self, arm: Arm, inputs: Inputs) -> Array:
+        """Return how true fields move per F1, F2, M, by solving anew: effects go with them."""
+        frames, by_load = np.arange(len(inputs.loads)), []
+        for step in np.diag(LOAD_STEP * arm.weight * np.array([1.0, 1.0, arm.length])):
+            sides = []
+            for sign in (-1.0, 1.0):
+                beside = self.subset(frames)
+                beside.solve(arm, inputs.with_loads(inputs.loads + sign * step))
+                sides.append(beside.fields)
+            by_load.append((sides[1] - sides[0]) / (2.0 * step.sum()))
+        return np.stack(by_load, axis=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pieces:
+    """Columns of the sections of a law as columns of the records, which effects may have cut.
+
+    columns (k, 2): of the records; shares (frames, columns of the law, k): how much of each moves
+    with a column of the law.
+    """
+
+    columns: Columns
+    shares: Array
+
+    def joined(self, jacobian: Array, first: int) -> Array:
+        """Return a Jacobian (frames, inputs, ...) whose inputs from the first on are columns."""
+        by_law = np.einsum('nlk,nkfs->nlfs', self.shares, jacobian[:, first:])
+        return np.concatenate([jacobian[:, :first], by_law], axis=1)
+
+
+def pieces_of(arm: Arm, rods: Rods, columns: Columns) -> Pieces:
+    """Return which columns of the records move with columns of the sections of the law."""
+    base, _ = arm.table.at(rods.pressure)
+    owner = owners(base, rods.sections)
+    first = np.diff(owner, axis=1, prepend=-1) != 0
+    places = sorted(
+        {
+            (int(piece), int(column))
+            for section, column in columns
+            for piece in np.flatnonzero((owner == section).any(axis=0))
+        }
+    )
+    every = np.array(places, dtype=np.int64).reshape(-1, 2)
+    shares = np.zeros((len(owner), len(columns), len(every)))
+    for place, (section, column) in enumerate(columns.tolist()):
+        for which, (piece, of) in enumerate(places):
+            if of != column:
+                continue
+            share = (owner[:, piece] == section).astype(np.float64)
+            if column == START:
+                share *= first[:, piece]
+            elif column == RIGIDITY:
+                share *= rods.sections[:, piece, RIGIDITY] / base[:, section, RIGIDITY]
+            shares[:, place, which] = share
+    return Pieces(columns=every, shares=shares)
 
 
 def as_points(jacobian: Array) -> Array:
@@ -199,4 +342,4 @@ def knot_rotation(arm: Arm) -> Array:
     spline = CubicSpline(shares, np.eye(shares.size), axis=1)
     powers = np.moveaxis(spline.antiderivative().c[::-1], (0, 1, 2), (2, 1, 0))
     powers = powers * arm.length ** (1.0 - np.arange(float(ROTATION_WIDTH)))
-    return np.ascontiguousarray(arm.with_cap(powers))
+    return np.ascontiguousarray(arm.on_knots(powers))

@@ -46,7 +46,7 @@ class Inputs:
         weights = np.zeros((self.pressure.size, rows.size))
         weights[frames, row] = 1.0 - above
         weights[frames, row + 1] = above
-        for terms in arm.terms(self.pressure, self.histories):
+        for terms in arm.terms(self.pressure, self.histories, self.loads):
             if terms.row_weights is not None:
                 weights = terms.mix_rows(weights, terms.row_weights)
         return weights

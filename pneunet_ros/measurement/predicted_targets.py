@@ -59,8 +59,9 @@ def predict_targets(
     """
     arm, sensitivity = table.arm, curved.sensitivity
     true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
+    moved = curved.stations(arm.target_arclength)[:2]
     linear = np.tensordot(noise, target_jacobian(table, sensitivity), axes=1)
-    further = np.stack(arm.see(*curved.stations(arm.target_arclength)[:2]))
+    further = np.stack(arm.see_moves(true_x, true_y, *moved))
     errors = np.concatenate([linear, further[None]])
     x, y = arm.see(true_x, true_y)
     return PredictedTargets(x=x, y=y, errors=errors)
@@ -70,7 +71,7 @@ def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array
     """Return how the targets of a solved rod are measured to move, (causes, 2, targets).
 
     causes: F1, F2, M, pressure in the chamber, columns of the model's covariance. A camera that
-    distorts, which is linear, distorts errors as well, and a column may be of the camera itself.
+    distorts distorts errors as well, and a column may be of the camera itself.
     """
     arm = table.arm
     jacobian = measured_moves(arm, sensitivity)
@@ -87,7 +88,8 @@ def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array
 def measured_moves(arm: Arm, sensitivity: Sensitivity) -> Array:
     """Return how targets are measured to move by each change of the rod, (changes, 2, targets)."""
     moved = sensitivity.stations(arm.target_arclength)[:, :2]
-    return np.stack(arm.see(moved[:, 0], moved[:, 1]), axis=1) if arm.seeing else moved
+    true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
+    return np.stack(arm.see_moves(true_x, true_y, moved[:, 0], moved[:, 1]), axis=1)
 
 
 def innovation(

@@ -91,7 +91,7 @@ def second_order(
     Source: second-order filters by central differences, Norgaard, Poulsen, Ravn, Automatica 36
     (2000).
     """
-    direction = leading_error(sensitivity.tip, noise)
+    direction = sensitivity.single_causes(leading_error(sensitivity.tip, noise))
     further = direction[LOADS:]
     panels = along(further, sensitivity.panel_changes)
     panels[:, PANEL_FORCE_X] += direction[FORCE_X]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass, field
 import math
@@ -14,15 +14,37 @@ from pneunet_ros.core.arrays import Array, frozen_array, table_array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import check_quantities, quantity
 from pneunet_ros.effects import EFFECTS
-from pneunet_ros.effects.effect import Effect, History, Load, PressureScale, Terms
+from pneunet_ros.effects.effect import (
+    Effect,
+    History,
+    Load,
+    Loads,
+    NO_TERMS,
+    NOTHING,
+    Part,
+    PressureScale,
+    Terms,
+)
 from pneunet_ros.model.domain import DOMAIN, Domain, load_hull, LoadHull
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import MomentLaw
 from pneunet_ros.model.parameter_path import Move, move_numbers, unknown_quantity
+from pneunet_ros.model.record import (
+    add_curvature,
+    add_parts,
+    cut_knots,
+    cut_rotation,
+    ends_of,
+    Record,
+)
 from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
 from pneunet_ros.solver.columns import (
     CLAMP_ANGLE,
     CLAMP_WIDTH,
+    END_LOAD_MOMENT,
+    FORCE_X,
+    FORCE_Y,
+    LOADS,
     MOMENT_OFFSET,
     RIGIDITY,
     ROTATION_WIDTH,
@@ -32,6 +54,8 @@ from pneunet_ros.solver.columns import (
 from pneunet_ros.solver.rod import Rods, RodTable
 
 EXTRAPOLATION = DOMAIN.pressure_margin  # of the calibrated range, beyond either end
+SEEN_STEP = 1e-5  # of the reach: of central differences of what effects of the camera do
+UNSEEN_STEPS = 4  # of Newton, which is quadratic, and exact at once for what is linear
 RIGID = 1e9  # times as stiff as the section before is the cap
 ONE_PRESSURE = 100.0  # Pa, either side of the row of a table that has but one: what noise reads
 
@@ -46,7 +70,10 @@ class Arm:
     `table_range` (Pa) is where both intrinsic curvature and moment law have rows, `pressure_range`
     (Pa) what of it is in the domain. `sensing`, `seeing` and `acting` are the effects that change
     what a reading means, where points are seen, and those that have a history; `history_dependent`
-    are the places in `acting` of those whose history changes the rod.
+    are the places in `acting` of those whose history changes the rod; `by_load` are the effects
+    that go with the end load and are not neutral. `parted` are the names of those that act on a
+    part of the arm: a neutral one does not, unless `divided` names it or the covariance has a
+    column for it; curved_ends (m) is where parts end that have a curvature of their own.
     """
 
     name: str
@@ -63,12 +90,16 @@ class Arm:
     sensors: SensorNoise
     covariance: ModelCovariance | None = None
     domain: Domain | None = None
+    divided: tuple[str, ...] = ()
     sources: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     sensing: tuple[Effect, ...] = field(init=False, repr=False)
     seeing: tuple[Effect, ...] = field(init=False, repr=False)
     acting: tuple[Effect, ...] = field(init=False, repr=False)
     history_dependent: tuple[int, ...] = field(init=False, repr=False)
+    by_load: tuple[Effect, ...] = field(init=False, repr=False)
+    parted: tuple[str, ...] = field(init=False, repr=False)
+    curved_ends: Array = field(init=False, repr=False)
     scale: PressureScale = field(init=False, repr=False)
     knots: Array = field(init=False, repr=False)
     table: RodTable = field(init=False, repr=False)
@@ -92,20 +123,27 @@ class Arm:
         if len(set(names)) != len(names):
             raise ModelError(f'an effect is given twice: {", ".join(names)}')
         order = list(EFFECTS)
-        effects = tuple(sorted(self.effects, key=lambda effect: order.index(effect.name)))
+        effects = tuple(
+            sorted(
+                self.effects,
+                key=lambda effect: (
+                    order.index(effect.name) if effect.name in order else len(order)
+                ),
+            )
+        )
         object.__setattr__(self, 'target_arclength', targets)
         object.__setattr__(self, 'effects', effects)
-        for place, method in (('sensing', 'sense'), ('seeing', 'see'), ('acting', 'actuate')):
+        for place, method in (
+            ('sensing', 'sense'),
+            ('seeing', 'see'),
+            ('acting', 'actuate'),
+        ):
             acting_there = tuple(item for item in effects if item.implements(method))
             object.__setattr__(self, place, acting_there)
         dependent = [i for i, item in enumerate(self.acting) if item.implements('history_terms')]
         object.__setattr__(self, 'history_dependent', tuple(dependent))
         object.__setattr__(self, 'sources', MappingProxyType(dict(self.sources)))
         object.__setattr__(self, 'provenance', MappingProxyType(dict(self.provenance)))
-        knots = self.length * self.intrinsic_curvature.arclength
-        if self.tip_cap:
-            knots = np.append(knots, self.reach)
-        object.__setattr__(self, 'knots', frozen_array(knots))
         low, high = self.moment_law.pressure_range
         rows = self.intrinsic_curvature.pressure
         low, high = max(low, float(rows[0])), min(high, float(rows[-1]))
@@ -113,6 +151,9 @@ class Arm:
             low, high = low - ONE_PRESSURE, high + ONE_PRESSURE
         scale = PressureScale(rows=tuple(rows.tolist()), top=high, std=self.sensors.pressure_std)
         object.__setattr__(self, 'scale', scale)
+        self._divide(low)
+        knots = cut_knots(self.own_knots, self.curved_ends)
+        object.__setattr__(self, 'knots', frozen_array(knots))
         object.__setattr__(self, 'table_range', (low, high))
         if not low < high:
             raise ModelError(
@@ -123,6 +164,29 @@ class Arm:
         object.__setattr__(self, 'table', self.build_table())
         if self.covariance is not None:
             self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # do they all exist?
+
+    def _divide(self, pressure: float) -> None:
+        """Find the effects that act on parts of the arm, at any pressure, and by the end load."""
+        at, parts, names = np.array([pressure]), list[Part](), list[str]()
+        by_load = list[Effect]()
+        moved = set() if self.covariance is None else set(self.covariance.quantities)
+        in_columns = {name.split('.')[1] for name in moved if name.startswith('effects.')}
+        counted = {*self.divided, *in_columns}
+        for effect in self.effects:
+            if effect.is_neutral and effect.name not in counted:
+                continue
+            every = [effect.terms(at), effect.load_terms(loads_of(at, None))]
+            if effect.implements('history_terms'):
+                history = np.asarray(effect.initial(pressure, self.scale))
+                every.append(effect.history_terms(history, self.scale))
+            for terms in every:
+                if terms.part is not None:
+                    names.append(effect.name)
+                    parts += [terms.part] * (terms.curvature is not NOTHING)
+            by_load += [effect] * effect.implements('load_terms')
+        object.__setattr__(self, 'by_load', tuple(by_load))
+        object.__setattr__(self, 'parted', tuple(dict.fromkeys(names)))
+        object.__setattr__(self, 'curved_ends', frozen_array(ends_of(parts, self.length)))
 
     def _take_domain(self) -> None:
         """Make ready what the domain says, or what stands for it where there is none."""
@@ -149,14 +213,21 @@ class Arm:
         soft = sections[:, : sections.shape[1] - 1] if self.tip_cap else sections
         terms.add_to(soft, clamp)
 
-    def with_cap(self, rotation: Array) -> Array:
-        """Return rotation (..., pieces, 5) of the soft part, and of the cap, which is straight."""
-        if not self.tip_cap:
-            return rotation
-        cap = np.zeros_like(rotation[..., :1, :])
-        width = self.knots[-2] - self.knots[-3]
-        cap[..., 0, 0] = rotation[..., -1, :] @ width ** np.arange(float(ROTATION_WIDTH))
-        return np.concatenate([rotation, cap], axis=-2)
+    @property
+    def own_knots(self) -> Array:
+        """Knots (m) of the intrinsic curvature, and the tip of the cap."""
+        knots = self.length * self.intrinsic_curvature.arclength
+        return np.append(knots, self.reach) if self.tip_cap else knots
+
+    def on_knots(self, rotation: Array) -> Array:
+        """Return rotation (..., pieces, 5) of the soft part on all knots; the cap is straight."""
+        knots = self.own_knots
+        if self.tip_cap:
+            cap = np.zeros_like(rotation[..., :1, :])
+            width = knots[-2] - knots[-3]
+            cap[..., 0, 0] = rotation[..., -1, :] @ width ** np.arange(float(ROTATION_WIDTH))
+            rotation = np.concatenate([rotation, cap], axis=-2)
+        return cut_rotation(rotation, knots, self.curved_ends)
 
     def beyond_range(self, pressure: float) -> float:
         """How far a pressure is outside the calibrated range, as a share of it; 0 inside.
@@ -180,6 +251,31 @@ class Arm:
         for effect in self.seeing:
             x, y = effect.see(x, y)
         return x, y
+
+    def see_moves(self, x: Array, y: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
+        """Return how small moves (dx, dy) of points that truly are at x, y (m) are measured."""
+        if not self.seeing:
+            return dx, dy
+        (xx, xy), (yx, yy) = self.seen_slopes(x, y)
+        return xx * dx + xy * dy, yx * dx + yy * dy
+
+    def seen_slopes(self, x: Array, y: Array) -> Array:
+        """Return d(measured x, y) / d(true x, y), (2, 2, ...), at points (m)."""
+        step = SEEN_STEP * self.reach
+        by_x = np.subtract(self.see(x + step, y), self.see(x - step, y))
+        by_y = np.subtract(self.see(x, y + step), self.see(x, y - step))
+        return np.asarray(np.stack([by_x, by_y], axis=1) / (2.0 * step))
+
+    def unsee(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return where points truly are that are measured at x, y (m)."""
+        true_x, true_y = x, y
+        for _ in range(UNSEEN_STEPS if self.seeing else 0):
+            off_x, off_y = np.subtract((x, y), self.see(true_x, true_y))
+            (xx, xy), (yx, yy) = self.seen_slopes(true_x, true_y)
+            area = xx * yy - xy * yx
+            true_x = true_x + (yy * off_x - xy * off_y) / area
+            true_y = true_y + (xx * off_y - yx * off_x) / area
+        return true_x, true_y
 
     @property
     def frame_delay(self) -> float:
@@ -207,20 +303,57 @@ class Arm:
         )
 
     def terms(
-        self, pressure: Array, history: tuple[History, ...] | tuple[Array, ...] | None
+        self,
+        pressure: Array,
+        history: tuple[History, ...] | tuple[Array, ...] | None,
+        loads: Array | None = None,
     ) -> Iterator[Terms]:
         """Yield what every effect adds to the rod, with arguments as those of `rods`."""
         for effect in self.effects:
-            yield effect.terms(pressure)
-        yield from self.history_terms(history)
+            yield self.without_neutral_part(effect, effect.terms(pressure))
+        yield from self.further_terms(pressure, history, loads)
 
-    def history_terms(
-        self, history: tuple[History, ...] | tuple[Array, ...] | None
+    def further_terms(
+        self,
+        pressure: Array,
+        history: tuple[History, ...] | tuple[Array, ...] | None,
+        loads: Array | None,
     ) -> Iterator[Terms]:
-        """Yield what the history of every effect that has one adds to the rod."""
+        """Yield what effects add that goes with the end load or with a history."""
+        for effect in self.by_load:
+            added = effect.load_terms(loads_of(pressure, loads))
+            yield self.without_neutral_part(effect, added)
         for place in () if history is None else self.history_dependent:
             assert history is not None
-            yield self.acting[place].history_terms(np.asarray(history[place]), self.scale)
+            effect = self.acting[place]
+            added = effect.history_terms(np.asarray(history[place]), self.scale)
+            yield self.without_neutral_part(effect, added)
+
+    def without_neutral_part(self, effect: Effect, terms: Terms) -> Terms:
+        """Return what an effect adds; nothing on a part where it is off, which cuts no section."""
+        return terms if terms.part is None or effect.name in self.parted else NO_TERMS
+
+    def add_to(
+        self,
+        every: Sequence[Terms],
+        record: Record,
+        mixed_rotation: Callable[[Array], Array],
+    ) -> Record:
+        """Return a record, which may be overwritten, with what effects add.
+
+        mixed_rotation: the rotation (n, pieces, 5) of a mixture of rows by its weights.
+        """
+        rotation = record.rotation
+        for terms in every:
+            if terms.part is None:
+                self.add_terms(terms, record.sections, record.clamp)
+            if terms.row_weights is not None:
+                rotation = terms.mix_rows(rotation, mixed_rotation(terms.row_weights))
+        for terms in every:
+            if terms.curvature is not NOTHING:
+                rotation = add_curvature(rotation, self.knots, terms, self.length)
+        record = dataclasses.replace(record, rotation=rotation)
+        return add_parts(record, every, self.length, self.reach)
 
     def build_table(self) -> RodTable:
         """Every pressure at which curvature or law has a row, with the record of the rod there.
@@ -241,7 +374,7 @@ class Arm:
         if self.tip_cap:
             sections[:, soft, START] = self.length
             sections[:, soft, RIGIDITY] = RIGID * base[:, -1, RIGIDITY]
-        rotation = self.with_cap(self.intrinsic_curvature.rotation_of(rows, self.length))
+        rotation = self.on_knots(self.intrinsic_curvature.rotation_of(rows, self.length))
         return RodTable(
             pressure=frozen_array(rows),
             sections=frozen_array(sections),
@@ -249,29 +382,36 @@ class Arm:
         )
 
     def rods(
-        self, pressure: Array, history: tuple[History, ...] | tuple[Array, ...] | None = None
+        self,
+        pressure: Array,
+        history: tuple[History, ...] | tuple[Array, ...] | None = None,
+        loads: Array | None = None,
     ) -> Rods:
         """Return the record of the rod at each of these chamber pressures (n,) Pa.
 
         history: that of `actuate`, the same at all of the pressures; or per acting effect an array
         (n, numbers), one history per pressure. None: an arm that has rested for ever at each.
+        loads (n, 3): true F1, F2 (N), M (N m), for effects that go with them; None: no load.
         """
         pressure = frozen_array(pressure)  # kernels are compiled again for what may be written
         sections, rotation = self.table.at(pressure)
         clamp = np.zeros((pressure.size, CLAMP_WIDTH))
         clamp[:, CLAMP_ANGLE] = self.clamp_angle
-        for terms in self.terms(pressure, history):
-            self.add_terms(terms, sections, clamp)
-            if terms.row_weights is not None:
-                mixture = self.intrinsic_curvature.mixed_rotation(terms.row_weights, self.length)
-                rotation = terms.mix_rows(rotation, self.with_cap(mixture))
+        record = Record.without_pushes(sections, clamp, rotation)
+
+        def mixed(weights: Array) -> Array:
+            return self.on_knots(self.intrinsic_curvature.mixed_rotation(weights, self.length))
+
+        record = self.add_to(list(self.terms(pressure, history, loads)), record, mixed)
         return Rods(
             length=self.reach,
             pressure=pressure,
-            sections=sections,
-            clamp=clamp,
+            sections=record.sections,
+            clamp=record.clamp,
             knots=self.knots,
-            rotation=rotation,
+            rotation=record.rotation,
+            push=record.push,
+            push_place=record.push_place,
         )
 
     def with_changes(self, changes: Mapping[str, float]) -> Arm:
@@ -293,5 +433,17 @@ class Arm:
                 moves.append(Move(path=(first, *rest), amount=amount, name=name))
             else:
                 raise ModelError(unknown_quantity(name))
-        arm: Arm = move_numbers(dataclasses.replace(self, covariance=None), moves)
+        base = dataclasses.replace(self, covariance=None, divided=self.parted)
+        arm: Arm = move_numbers(base, moves)
         return arm
+
+
+def loads_of(pressure: Array, loads: Array | None) -> Loads:
+    """Return pressures (n,) and loads (n, 3) as effects take them; None: no load."""
+    known = np.zeros((pressure.size, LOADS)) if loads is None else loads
+    return Loads(
+        pressure=pressure,
+        force_x=known[:, FORCE_X],
+        force_y=known[:, FORCE_Y],
+        moment=known[:, END_LOAD_MOMENT],
+    )

@@ -102,7 +102,7 @@ def solve_many(
     if start.solution is None:
         raise RequestError(f'the start is no shape: {start.status}')
     arclength = station_arclength(arm.reach, stations)
-    rods = arm.rods(pressure, history)
+    rods = arm.rods(pressure, history, loads)
     guesses = predict_nodes(arm, start, np.column_stack([loads, pressure]))
     nodes, residual = np.empty_like(guesses), np.empty(pressure.size)
     fields = np.empty((FIELD_COUNT, pressure.size, stations))
@@ -115,6 +115,7 @@ def solve_many(
     fine = detail <= settings.finest_detail * arm.length
     converged = inside & (residual <= ACCEPTED) & fine
     converged &= ~np.any(rods.sections[:, :, CUBIC] != 0.0, axis=1)
+    converged &= ~rods.push.any(axis=(1, 2))  # pushes that turn with the arm are solved for alone
     residual = np.maximum(residual, missed)
     for index in np.flatnonzero(~converged).tolist():
         shape = solve_alone(arm, rods.record(index), loads[index], start, arclength)
@@ -135,6 +136,7 @@ def predict_nodes(arm: Arm, start: Shape, causes: Array) -> Array:
     solution = start.solution
     chamber = steady_pressure(arm, start.pressure)
     _, change = with_pressure_change(arm, chamber)
+    change = change.without_loads()
     nodes, _, _ = linearized_ends(solution, *changes_on_mesh(solution, change))
     moved = causes - np.array([*start.force, start.end_moment, chamber])
     tangent = nodes.reshape(len(nodes), -1)

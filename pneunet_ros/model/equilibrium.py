@@ -18,10 +18,12 @@ from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.domain_position import locate_load, out_of_range
 from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
+from pneunet_ros.model.record import moved_to
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.solver.columns import (
     CLAMP_WIDTH,
+    CURVATURE,
     END_WIDTH,
     FIELD_COUNT,
     FIELDS,
@@ -30,6 +32,7 @@ from pneunet_ros.solver.columns import (
     PANEL_WIDTH,
     REST_STRAIN,
     RIGIDITY,
+    THETA,
     TIP_WIDTH,
 )
 from pneunet_ros.solver.interpolation import at_stations
@@ -41,6 +44,8 @@ from pneunet_ros.solver.solution import SolverNodes
 
 DEFAULT_STATIONS = 57
 NO_PANELS = np.zeros((0, 0, PANEL_WIDTH))
+TURN_STEP = 1e-4  # rad: of central differences of where a push points
+SLOPES = (-3.0, 0.7)  # taken for possible: of the heading of an arm by where it is pushed
 NO_ENDS = np.zeros((0, END_WIDTH))
 
 
@@ -49,8 +54,10 @@ class Sensitivity:
     """How a solved rod answers to unit changes of F1, F2, M and of further causes, in that order.
 
     tip (causes, 3): x, y, theta of the free end. stable: see Shape; None where it is not defined.
-    The others are what `stations` needs: the solution with its changes per cause (causes, panels +
-    1, 6), the changes of its panels, ends and table of rotation per further cause, and the table.
+    The others are what `stations` needs: the solution with its changes per single cause (causes,
+    panels + 1, 6), the changes of its panels, ends and table of rotation per further one, and the
+    table. mixing (causes, single causes): how much of each single cause a cause brings along, as
+    effects go with the end load or push along a normal that turns; None where a cause is single.
     """
 
     tip: Array
@@ -62,6 +69,11 @@ class Sensitivity:
     end_changes: Array
     rotation_changes: Array
     node_changes: Array
+    mixing: Array | None = None
+
+    def single_causes(self, amounts: Array) -> Array:
+        """Return the single causes (..., single causes) that amounts of the causes come to."""
+        return amounts if self.mixing is None else amounts @ self.mixing
 
     def fields(self, arclength: Array) -> Array:
         """Return x, y, theta, curvature, intrinsic curvature, moment (6, n) at arclengths (m)."""
@@ -85,7 +97,7 @@ class Sensitivity:
             arclength,
             out,
         )
-        return out
+        return out if self.mixing is None else np.tensordot(self.mixing, out, axes=1)
 
 
 def solve(
@@ -120,7 +132,8 @@ def solve(
     chamber = steady_pressure(arm, load.pressure)
     known = start.solution if start is not None else None
     arclength = station_arclength(arm.reach, stations)
-    shape = solve_rod(arm, arm.rods(np.array([chamber])), load, known, arclength)
+    rods = arm.rods(np.array([chamber]), loads=load.row)
+    shape = solve_rod(arm, rods, load, known, arclength)
     return with_position(arm, shape, load, chamber)
 
 
@@ -166,8 +179,73 @@ def solve_rod(
     """Shape of the first of these records, taken at the chamber pressure, under a true load.
 
     start: a neighboring solution, or None to solve from nothing; arclength (stations,) m. quick:
-    give up where that would take many small steps.
+    give up where that would take many small steps. Pushes along the normal of the arm are solved
+    for where they point; what is said of stability holds for them as dead loads.
     """
+    if not rods.push.any():
+        return solve_dead_loads(arm, rods, load, start, arclength, settings, quick)
+    if start is None:
+        without = solve_dead_loads(arm, rods, load, None, arclength, settings, quick)
+        start = without.solution
+        if start is None:
+            return without
+    search = HeadingSearch(headings(start, rods)[None])
+    for _ in range(settings.most_turns):
+        pointed = rods.pointed(search.heading)
+        shape = solve_dead_loads(arm, pointed, load, start, arclength, settings, quick)
+        start = shape.solution
+        if start is None:
+            return shape
+        if search.turn(headings(start, rods)[None]) <= settings.turned:
+            return shape
+    sentence = 'no equilibrium found with a push that turns with the arm'
+    return failed_shape(arm, load, arclength, sentence, shape.residual, shape.iterations)
+
+
+class HeadingSearch:
+    """The search for headings (rods, pushes) rad that a rod has when it is pushed along them.
+
+    Each by itself by the secant method; the first step is to what was found.
+    """
+
+    __slots__ = ('before', 'found', 'heading')
+
+    def __init__(self, heading: Array) -> None:
+        self.heading, self.before, self.found = heading, heading, heading
+
+    def turn(self, found: Array) -> float:
+        """Take what the rod had along `heading`; return by how much (rad) that was missed."""
+        missed = found - self.heading
+        moved = self.heading - self.before
+        safe = np.where(moved == 0.0, 1.0, moved)
+        slope = np.where(moved == 0.0, 0.0, (found - self.found) / safe)
+        slope = np.clip(slope, *SLOPES)
+        self.before, self.found = self.heading, found
+        self.heading = self.heading + missed / (1.0 - slope)
+        return float(np.abs(missed).max(initial=0.0))
+
+
+def headings(solution: SolverNodes, rods: Rods) -> Array:
+    """Return the angle (pushes,) rad of the tangent of a solved rod where it is pushed."""
+    order = np.argsort(rods.push_place)
+    fields = np.empty((FIELD_COUNT, order.size))
+    panels, _, nodes = solution.for_kernels()
+    at_stations(panels, nodes, rods.knots, rods.rotation[0], rods.push_place[order], fields)
+    found = np.empty(order.size)
+    found[order] = fields[THETA]
+    return found
+
+
+def solve_dead_loads(
+    arm: Arm,
+    rods: Rods,
+    load: Load,
+    start: SolverNodes | None,
+    arclength: Array,
+    settings: SolverSettings,
+    quick: bool,
+) -> Shape:
+    """Return what `solve_rod` does, of a rod without pushes that turn with it."""
     chamber = float(rods.pressure[0])
     beyond = arm.beyond_range(chamber)
     if beyond > EXTRAPOLATION:
@@ -192,7 +270,7 @@ def solve_rod(
         stable = is_stable(solution)
         if not (stable or quick) and start is not None and is_stable(start):
             # The stable branch has ended, or was lost in one large step: the arm is elsewhere.
-            anew = solve_rod(arm, rods, load, None, arclength, settings)
+            anew = solve_dead_loads(arm, rods, load, None, arclength, settings, quick=False)
             if anew.stable:
                 return anew
         words.append('stable' if stable else 'unstable under dead load')
@@ -254,15 +332,26 @@ def is_stable(solution: SolverNodes) -> bool:
 def linearize_shape(
     solution: SolverNodes, rods: Rods, changes: Perturbation | None = None
 ) -> Sensitivity:
-    """Linearize a solved rod: its answer to the loads and to changes of its record."""
-    panels, ends = changes_on_mesh(solution, changes)
+    """Linearize a solved rod: its answer to the loads and to changes of its record.
+
+    What the loads change of the record, and how pushes turn with the arm, is part of the answers.
+    """
+    heading, every = None, changes
+    if rods.push_place.size:
+        heading = headings(solution, rods)
+        every = turns(rods, heading)
+        if changes is not None:
+            # The loads' causes come before those of the turns here.
+            every = replace(changes.pointed(heading), by_load=False).followed_by(every)
+    panels, ends = changes_on_mesh(solution, every)
     nodes, tip, stable = linearized_ends(solution, panels, ends)
     rotation = np.zeros((0, *rods.rotation.shape[1:]))
-    if changes is not None:
-        scale = 1.0 / changes.distance
-        rotation = scale[:, None, None] * (changes.rotation[1] - changes.rotation[0])
+    if every is not None:
+        scale = 1.0 / every.distance
+        before, after = moved_to(every.rotation, rods.knots[:-1] - every.knots[..., :-1])
+        rotation = scale[:, None, None] * (after - before)
     positive = min(solution.panels[:, PANEL_FLEXIBILITY].tolist()) > 0.0
-    return Sensitivity(
+    single = Sensitivity(
         tip=freeze(tip),
         stable=stable if positive else None,
         solution=solution,
@@ -273,6 +362,51 @@ def linearize_shape(
         rotation_changes=rotation,
         node_changes=nodes,
     )
+    by_load = changes is not None and changes.by_load
+    if not (by_load or rods.push_place.size):
+        return single
+    mixing = mixing_of(single, rods, changes)
+    return replace(single, mixing=mixing, tip=freeze(mixing @ tip))
+
+
+def turns(rods: Rods, heading: Array) -> Perturbation:
+    """Return the change of a record with the heading (pushes,) rad of each of its pushes."""
+    causes = rods.records([0] * heading.size)
+    before, after = (
+        causes.pointed(heading + sign * TURN_STEP * np.eye(heading.size)) for sign in (-1.0, 1.0)
+    )
+    return Perturbation.between(before, after, 2.0 * TURN_STEP)
+
+
+def mixing_of(single: Sensitivity, rods: Rods, changes: Perturbation | None) -> Array:
+    """Return how much of each single cause a cause brings along, (causes, single causes).
+
+    The single ones: F1, F2, M, the changes, among them what the loads change; then how far each
+    push turns. With H the turn of the arm there per single cause, t = d H + t H of the turns.
+    """
+    pushes, total = rods.push_place.size, len(single.node_changes)
+    by_load = changes is not None and changes.by_load
+    causes = total - pushes - (LOADS if by_load else 0)
+    mixing = np.zeros((causes, total))
+    mixing[:, :causes] = np.eye(causes)
+    if by_load:
+        mixing[:LOADS, causes : causes + LOADS] = np.eye(LOADS)
+    if not pushes:
+        return mixing
+    order = np.argsort(rods.push_place)
+    places = rods.push_place[order]
+    turned = np.empty((total, pushes))
+    turned[:, order] = single.stations(places)[:, THETA]
+    if changes is not None:  # a place that moves along the arm meets another heading
+        curvature = np.empty(pushes)
+        curvature[order] = single.fields(places)[CURVATURE]
+        moved = (changes.push_place[1] - changes.push_place[0]) / changes.distance[:, None]
+        turned[LOADS : LOADS + len(moved)] += moved * curvature
+    direct = mixing[:, : total - pushes] @ turned[: total - pushes]
+    mixing[:, total - pushes :] = np.linalg.solve(
+        (np.eye(pushes) - turned[total - pushes :]).T, direct.T
+    ).T
+    return mixing
 
 
 def changes_on_mesh(solution: SolverNodes, changes: Perturbation | None) -> tuple[Array, Array]:
@@ -300,7 +434,13 @@ def tip_jacobian(arm: Arm, shape: Shape) -> Array:
         raise RequestError(f'no Jacobian without a shape: {shape.status}')
     rested = arm.initial_history(shape.pressure)
     history, chamber = arm.actuate(rested, 0.0, shape.pressure)
-    rods, change = with_pressure_change(arm, chamber, history)
+    load = Load(
+        pressure=shape.pressure,
+        force_x=shape.force[0],
+        force_y=shape.force[1],
+        moment=shape.end_moment,
+    )
+    rods, change = with_pressure_change(arm, chamber, history, load)
     return jacobian_of(arm, linearize_shape(shape.solution, rods, change), history)
 
 

@@ -25,6 +25,7 @@ from pneunet_ros.model.equilibrium import (
     steady_pressure,
     with_position,
 )
+from pneunet_ros.model.perturbation import Perturbation, with_pressure_change
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.columns import RIGIDITY
 from pneunet_ros.solver.rod import Rods
@@ -79,10 +80,10 @@ def solve_tip(
     """
     check_finite(pressure=pressure, tip_x=tip[0], tip_y=tip[1], moment=moment)
     load = arm.sense(Load(pressure=pressure, moment=moment))
-    rods = arm.rods(np.array([steady_pressure(arm, load.pressure)]))
+    chamber = steady_pressure(arm, load.pressure)
     arclength = station_arclength(arm.reach, stations)
     search = TipSearch(
-        arm=arm, rods=rods, load=load, tip=np.array(tip, dtype=np.float64), settings=settings
+        arm=arm, chamber=chamber, load=load, tip=np.array(tip, dtype=np.float64), settings=settings
     )
     unloaded = search.at((0.0, 0.0), None, arclength)
     guesses = search.initial_guesses(unloaded) if unloaded.converged else []
@@ -101,10 +102,13 @@ def solve_tip(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipSearch:
-    """The search for the end force that brings the tip of one rod to `tip` (2,) m."""
+    """The search for the end force that brings the tip of one rod to `tip` (2,) m.
+
+    chamber: pressure (Pa) in it.
+    """
 
     arm: Arm
-    rods: Rods
+    chamber: float
     load: Load
     tip: Array
     settings: TipSearchSettings
@@ -118,7 +122,8 @@ class TipSearch:
     ) -> Shape:
         """Return the shape under a trial force; quick: or give up soon."""
         load = replace(self.load, force_x=float(force[0]), force_y=float(force[1]))
-        return solve_rod(self.arm, self.rods, load, start, arclength, EXACT, quick)
+        rods = self.arm.rods(np.array([self.chamber]), loads=load.row)
+        return solve_rod(self.arm, rods, load, start, arclength, EXACT, quick)
 
     def tip_error(self, shape: Shape) -> float:
         """Distance (m) of a shape's tip from where it should be."""
@@ -129,7 +134,8 @@ class TipSearch:
 
         The pulls are multiples of B / l^2, the force at which the arm's own stiffness gives way.
         """
-        stiffness = float(np.abs(self.rods.sections[0, :, RIGIDITY]).min()) / self.arm.length**2
+        rods = self.arm.rods(np.array([self.chamber]))
+        stiffness = float(np.abs(rods.sections[0, :, RIGIDITY]).min()) / self.arm.length**2
         chord = self.tip / max(float(np.hypot(*self.tip)), 1e-9)
         shapes = [unloaded]
         for pull in self.settings.pulls:
@@ -159,7 +165,7 @@ class TipSearch:
         least_squares(
             lambda force: np.subtract(latest.tip[:2], self.tip) if fits(force) else lost,
             guess.force,
-            jac=lambda force: force_jacobian(self.rods, latest if fits(force) else best),
+            jac=lambda force: self.force_jacobian(latest if fits(force) else best),
             method='lm',
             x_scale='jac',
             max_nfev=self.settings.most_trials,
@@ -169,7 +175,7 @@ class TipSearch:
 
     def check(self, shape: Shape) -> Shape:
         """Return the shape, or a failed one: tip not at the goal, or telling no force."""
-        weakest = float(np.linalg.svd(force_jacobian(self.rods, shape), compute_uv=False)[-1])
+        weakest = float(np.linalg.svd(self.force_jacobian(shape), compute_uv=False)[-1])
         distance = self.tip_error(shape)
         if weakest < self.settings.determined and distance < self.settings.near * self.arm.length:
             sentence = (
@@ -184,7 +190,7 @@ class TipSearch:
             )
         else:
             load = replace(self.load, force_x=shape.force[0], force_y=shape.force[1])
-            return with_position(self.arm, shape, load, float(self.rods.pressure[0]))
+            return with_position(self.arm, shape, load, self.chamber)
         unknown = replace(self.load, force_x=math.nan, force_y=math.nan)
         return failed_shape(
             self.arm,
@@ -195,9 +201,15 @@ class TipSearch:
             shape.iterations,
         )
 
+    def force_jacobian(self, shape: Shape) -> Array:
+        """Return the Jacobian of the tip of a shape, with what effects make of the force."""
+        load = replace(self.load, force_x=shape.force[0], force_y=shape.force[1])
+        rods, changes = with_pressure_change(self.arm, self.chamber, load=load)
+        return force_jacobian(rods, shape, changes if self.arm.by_load else None)
 
-def force_jacobian(rods: Rods, shape: Shape) -> Array:
+
+def force_jacobian(rods: Rods, shape: Shape, changes: Perturbation | None = None) -> Array:
     """d(x, y) of the tip / d(F1, F2), (2, 2) m/N."""
     assert shape.solution is not None
-    tip: Array = linearize_shape(shape.solution, rods).tip
+    tip: Array = linearize_shape(shape.solution, rods, changes).tip
     return tip[:2, :2].T

@@ -20,6 +20,9 @@ class DifferenceSettings:
     pressure_step: float = tuning(
         1e-5, 'step of the chamber pressure', unit='of the calibrated range'
     )
+    load_step: float = tuning(
+        1e-4, 'step of the end load, for what effects make of it', unit='of weight and length'
+    )
 
 
 DEFAULTS = DifferenceSettings()

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.model.equilibrium import linearized_ends, Sensitivity
 from pneunet_ros.model.perturbation import Perturbation
-from pneunet_ros.solver.boundary_value_problem import ANGLES, gauss_stations
+from pneunet_ros.model.record import append_push, cut_pushes, cut_sections, middles
 from pneunet_ros.solver.columns import (
     END_WIDTH,
-    LOAD_X,
-    LOAD_Y,
     NODE_GAUSS,
     PANEL_FORCE_X,
     PANEL_FORCE_Y,
@@ -21,127 +18,61 @@ from pneunet_ros.solver.columns import (
     PANEL_LOSS_X,
     PANEL_LOSS_Y,
     PANEL_START,
-    START,
 )
 from pneunet_ros.solver.panel import GAUSS_POINTS
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.solution import SolverNodes
 
-PART_CAUSES = 3  # of a part load: its force, its place, where it points
-FORCE_STEP, PLACE_STEP, HEADING_STEP = 1e-3, 1e-6, 1e-4  # N, m, rad: of central differences
+FORCE_STEP, PLACE_STEP = 1e-3, 1e-6  # N, m: of central differences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartLoad:
-    """A force (N) spread over `width` (m) of the arm around `place` (m), along a normal.
+    """A force (N) spread over `width` (m) of the arm around `place` (m), along its normal there.
 
-    heading: angle (rad) of the tangent whose normal (-sin, cos) it is; held while a rod is solved.
+    The normal is (-sin theta, cos theta) with theta the angle of the tangent.
     """
 
     force: float
     place: float
-    heading: float
     width: float
-
-    def normal(self) -> tuple[float, float]:
-        """Return where a positive force points."""
-        return -math.sin(self.heading), math.cos(self.heading)
-
-    def insert(self, sections: Array, cuts: Cuts) -> Array:
-        """Return sections (..., parts + 2, 8) with the part and its load among them."""
-        found = sections[..., cuts.owner, :]
-        half = 0.5 * self.width
-        found[..., cuts.first, START] = self.place - half
-        found[..., cuts.last, START] = self.place + half
-        normal_x, normal_y = self.normal()
-        found[..., cuts.first : cuts.last, LOAD_X] += self.force / self.width * normal_x
-        found[..., cuts.first : cuts.last, LOAD_Y] += self.force / self.width * normal_y
-        return found
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Cuts:
-    """How a part cuts the sections of a rod: of which each new one is a piece.
-
-    owner (sections + 2,); first: the section where the part begins, last: the one after it.
-    """
-
-    owner: Array
-    first: int
-    last: int
-
-
-def cut_sections(sections: Array, load: PartLoad) -> Cuts:
-    """Return how a part cuts sections (sections, 8)."""
-    half, start = 0.5 * load.width, sections[:, START]
-    before = int(np.searchsorted(start, load.place - half, side='right')) - 1
-    after = int(np.searchsorted(start, load.place + half, side='right')) - 1
-    owner = [*range(before + 1), *range(before, after + 1), *range(after, len(start))]
-    return Cuts(owner=np.array(owner), first=before + 1, last=after + 2)
 
 
 def with_part_load(rods: Rods, load: PartLoad) -> Rods:
-    """Return a record (of one pressure) with a load on a part of the rod."""
-    return rods._replace(sections=load.insert(rods.sections, cut_sections(rods.sections[0], load)))
+    """Return records with a load on a part of the rod."""
+    half = 0.5 * load.width
+    ends = np.array([load.place - half, load.place + half])
+    sections, owner = cut_sections(rods.sections, ends, rods.length)
+    middle = middles(sections, rods.length)
+    density = np.where(np.abs(middle - load.place) < half, load.force / load.width, 0.0)
+    return rods._replace(
+        sections=sections,
+        push=append_push(cut_pushes(rods.push, owner), density),
+        push_place=np.append(rods.push_place, load.place),
+    )
 
 
 def with_part_changes(rods: Rods, changes: Perturbation, load: PartLoad) -> Perturbation:
     """Return the changes of a record with a load on a part of the rod; rods are without it.
 
-    Three further causes follow the others: the force (per N), its place (per m), and where it
-    points (per rad).
+    Two further causes follow, before those of the end load: its force (per N) and place (per m).
     """
-    cuts = cut_sections(rods.sections[0], load)
-    sides = []
-    for side, sign in enumerate((-1.0, 1.0)):
-        moved = (
-            replace(load, force=load.force + sign * FORCE_STEP),
-            replace(load, place=load.place + sign * PLACE_STEP),
-            replace(load, heading=load.heading + sign * HEADING_STEP),
-        )
-        own = [one.insert(rods.sections[0], cuts) for one in moved]
-        sides.append(np.concatenate([load.insert(changes.sections[side], cuts), np.stack(own)]))
-
-    def same(values: Array, own: Array | float) -> Array:
-        more = np.broadcast_to(np.asarray(own), (2, PART_CAUSES, *np.shape(own)))
-        return np.concatenate([values, more], axis=1)
-
-    steps = 2.0 * np.array([FORCE_STEP, PLACE_STEP, HEADING_STEP])
-    return Perturbation(
-        length=same(changes.length, rods.length),
-        sections=np.stack(sides),
-        clamp=same(changes.clamp, rods.clamp[0]),
-        knots=same(changes.knots, rods.knots),
-        rotation=same(changes.rotation, rods.rotation[0]),
-        distance=np.concatenate([changes.distance, steps]),
+    sides = [with_part_load(side, load) for side in changes.sides(rods)]
+    known = replace(
+        changes,
+        sections=np.stack([side.sections for side in sides]),
+        push=np.stack([side.push for side in sides]),
+        push_place=np.concatenate(
+            [changes.push_place, np.full((*changes.push_place.shape[:2], 1), load.place)], axis=2
+        ),
     )
-
-
-def heading_at(solution: SolverNodes, place: float) -> float:
-    """Return the angle (rad) of the tangent at a place (m) along a solved rod."""
-    stations, _ = gauss_stations(solution.panels)
-    return float(np.interp(place, stations, solution.nodes[:, :ANGLES].ravel()[: stations.size]))
-
-
-def heading_changes(sensitivity: Sensitivity, place: float) -> Array:
-    """Return the changes (causes,) of the angle of the tangent at a place (m), per cause.
-
-    Where a cause moves the panels along the rod, it is that of the place that moves with them.
-    """
-    stations, _ = gauss_stations(sensitivity.solution.panels)
-    changes = sensitivity.node_changes[:, :, :ANGLES].reshape(len(sensitivity.node_changes), -1)
-    after = int(np.clip(np.searchsorted(stations, place), 1, stations.size - 1))
-    share = (place - stations[after - 1]) / (stations[after] - stations[after - 1])
-    return np.asarray((1.0 - share) * changes[:, after - 1] + share * changes[:, after])
-
-
-def turning_with_arm(sensitivity: Sensitivity, load: PartLoad) -> Array:
-    """Return by how much (rad per cause, (causes - 1,)) a load turns that stays normal to the arm.
-
-    The last cause of the sensitivity is where the load points.
-    """
-    changes = heading_changes(sensitivity, load.place)
-    return np.asarray(changes[:-1] / (1.0 - changes[-1]))
+    for name, step in (('force', FORCE_STEP), ('place', PLACE_STEP)):
+        before, after = (
+            with_part_load(rods, replace(load, **{name: getattr(load, name) + sign * step}))
+            for sign in (-1.0, 1.0)
+        )
+        known = known.followed_by(Perturbation.between(before, after, 2.0 * step))
+    return known
 
 
 def pushed_on_panels(solution: SolverNodes, rods: Rods) -> tuple[Array, Sensitivity]:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import reduce
 from itertools import groupby
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.effects.effect import History, Terms
+from pneunet_ros.effects.effect import History, Load, NOTHING, Terms
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
 from pneunet_ros.model.neighbors import DEFAULTS, DifferenceSettings, neighbors
-from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH
+from pneunet_ros.model.record import Record
+from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, LOAD_X, LOAD_Y, LOADS
 from pneunet_ros.solver.rod import Rods, RodTable
 
 
@@ -23,7 +24,9 @@ class Perturbation:
 
     The first axes are side (before, after) and cause, the others those of `Rods`: length (2,
     causes), sections (2, causes, sections, 8), clamp (2, causes, 3), knots (2, causes, pieces +
-    1), rotation (2, causes, pieces, 5). distance (causes,): how far the sides are apart.
+    1), rotation (2, causes, pieces, 5), push (2, causes, pushes, sections), push_place (2, causes,
+    pushes). distance (causes,): how far the sides are apart. by_load: whether the last three
+    causes are F1 and F2 (per N) and M (per N m), which effects make a part of the record.
     """
 
     length: Array
@@ -31,29 +34,93 @@ class Perturbation:
     clamp: Array
     knots: Array
     rotation: Array
+    push: Array
+    push_place: Array
     distance: Array
+    by_load: bool = False
 
     @classmethod
-    def between(cls, before: Rods, after: Rods, distance: float) -> Perturbation:
-        """Return the change from one record to another."""
-        sides = (before, after)
+    def between(
+        cls, before: Rods, after: Rods, distance: float | Array, by_load: bool = False
+    ) -> Perturbation:
+        """Return the changes from records (causes,) to as many others."""
+        sides, causes = (before, after), len(before.sections)
         return cls(
-            length=np.array([[side.length] for side in sides]),
-            sections=np.array([side.sections[:1] for side in sides]),
-            clamp=np.array([side.clamp[:1] for side in sides]),
-            knots=np.array([[side.knots] for side in sides]),
-            rotation=np.array([side.rotation[:1] for side in sides]),
-            distance=np.array([distance]),
+            length=np.array([[side.length] * causes for side in sides]),
+            sections=np.array([side.sections for side in sides]),
+            clamp=np.array([side.clamp for side in sides]),
+            knots=np.array([[side.knots] * causes for side in sides]),
+            rotation=np.array([side.rotation for side in sides]),
+            push=np.array([side.push for side in sides]),
+            push_place=np.array([[side.push_place] * causes for side in sides]),
+            distance=np.full(causes, distance),
+            by_load=by_load,
+        )
+
+    def followed_by(self, other: Perturbation) -> Perturbation:
+        """Return these causes and others; what the loads change stays last."""
+        if self.by_load:
+            own = self.without_loads()
+            return own.followed_by(other).followed_by(self.of_loads())
+        both = {
+            item.name: np.concatenate(
+                [getattr(self, item.name), getattr(other, item.name)], axis=1
+            )
+            for item in fields(self)
+            if item.name not in ('distance', 'by_load')
+        }
+        distance = np.concatenate([self.distance, other.distance])
+        return Perturbation(**both, distance=distance, by_load=other.by_load)
+
+    def causes(self, which: slice, by_load: bool) -> Perturbation:
+        """Return some of the causes."""
+        parts = {
+            item.name: getattr(self, item.name)[:, which]
+            for item in fields(self)
+            if item.name not in ('distance', 'by_load')
+        }
+        return Perturbation(**parts, distance=self.distance[which], by_load=by_load)
+
+    def sides(self, rods: Rods) -> tuple[Rods, Rods]:
+        """Return the records before and after each cause, of the pushes of `rods`."""
+        before, after = (
+            rods._replace(sections=self.sections[side], push=self.push[side]) for side in (0, 1)
+        )
+        return before, after
+
+    def without_loads(self) -> Perturbation:
+        """Return the causes before those of the loads."""
+        return self.causes(slice(-LOADS), by_load=False) if self.by_load else self
+
+    def of_loads(self) -> Perturbation:
+        """Return the causes that are the loads."""
+        return self.causes(slice(-LOADS, None), by_load=True)
+
+    def pointed(self, heading: Array) -> Perturbation:
+        """Return the changes with pushes along the normals of headings (pushes,) rad."""
+        if not heading.size:
+            return self
+        sections = self.sections.copy()
+        for column, normal in ((LOAD_X, -np.sin(heading)), (LOAD_Y, np.cos(heading))):
+            sections[..., column] += np.einsum('scpk,p->sck', self.push, normal)
+        return replace(
+            self,
+            sections=sections,
+            push=self.push[:, :, :0],
+            push_place=self.push_place[:, :, :0],
         )
 
     def moved(self, rods: Rods, amounts: Array) -> Rods:
-        """Return a record (the first of `rods`) moved by so much of each cause, (causes,)."""
+        """Return a record (the first of `rods`) moved by so much of each cause, (causes,).
+
+        Those of the loads are left out: what they change stands in the record already.
+        """
         if not amounts.any():
             return rods
-        shares = amounts / self.distance
+        shares = amounts / self.distance[: amounts.size]
 
         def change(sides: Array) -> Array:
-            between = sides[1] - sides[0]
+            between = sides[1, : amounts.size] - sides[0, : amounts.size]
             return np.asarray(
                 (shares @ between.reshape(shares.size, -1)).reshape(between.shape[1:])
             )
@@ -65,6 +132,8 @@ class Perturbation:
             clamp=rods.clamp + change(self.clamp),
             knots=freeze(rods.knots + change(self.knots)),
             rotation=rods.rotation + change(self.rotation),
+            push=rods.push + change(self.push),
+            push_place=rods.push_place + change(self.push_place),
         )
 
 
@@ -79,7 +148,7 @@ class PerturbationTable:
     further: columns after those of the covariance, which no calibration knows: by how much each
     quantity moves in one unit; neighbors: the arm before each column, then the arm after each;
     distance (1 + columns,): how far the sides are apart, of the pressure in Pa, then of the
-    columns in sigma.
+    columns in sigma; length and knots: those of the neighbors.
     """
 
     arm: Arm
@@ -103,12 +172,12 @@ class PerturbationTable:
         pairs = [neighbors(arm, column, self.settings) for column in columns]
         befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         sides = tuple(befores + afters)
-        by_cause = [[arm, *befores], [arm, *afters]]
+        by_cause = [befores, afters]
         distance = [2.0 * pressure_step(arm, self.settings), *(pair[2] for pair in pairs)]
         rows = reduce(np.union1d, (side.table.pressure for side in sides), arm.table.pressure)
         clamp = np.zeros((len(sides), CLAMP_WIDTH))
         terms = [effect.terms(rows) for effect in arm.effects]
-        changing = tuple(place for place, item in enumerate(terms) if depends_on_pressure(item))
+        changing = tuple(place for place, item in enumerate(terms) if added_at_each_call(item))
         sections, rotation = [], []
         for place, side in enumerate(sides):
             records = side.table.at(rows)
@@ -132,7 +201,7 @@ class PerturbationTable:
             'table': stacked,
             'row_rotation': np.array(
                 [
-                    side.with_cap(over_meters(side.intrinsic_curvature.rotation, side.length))
+                    side.on_knots(over_meters(side.intrinsic_curvature.rotation, side.length))
                     for side in sides
                 ]
             ),
@@ -143,57 +212,106 @@ class PerturbationTable:
             object.__setattr__(self, name, value)
 
     def at(
-        self, pressure: float, history: tuple[History, ...] | None = None
+        self,
+        pressure: float,
+        history: tuple[History, ...] | None = None,
+        load: Load | None = None,
     ) -> tuple[Rods, Perturbation]:
         """Return the record of the rod at a chamber pressure (Pa), and its changes.
 
         The causes are a sudden change of the pressure, per Pa, then each column of the covariance,
-        per sigma. The neighbors have the arm's own history: what other parameters would have made
-        of it is left out.
+        per sigma; then the end load, where effects go with it. The neighbors have the arm's own
+        history: what other parameters would have made of it is left out.
         """
         step = 0.5 * float(self.distance[0])
-        rods = self.arm.rods(np.array([pressure, pressure - step, pressure + step]), history)
-        count = self.distance.size
-        sections, clamp, rotation = (
-            part[1:, None] for part in (rods.sections, rods.clamp, rods.rotation)
-        )
-        if count > 1:
-            records = self.neighbor_records(pressure, history, sections.shape[2])
-            sections, clamp, rotation = (
-                np.concatenate([part, of_columns.reshape(2, count - 1, *part.shape[2:])], axis=1)
-                for part, of_columns in zip((sections, clamp, rotation), records, strict=True)
+        rods, change = pressure_change(self.arm, pressure, step, history, load)
+        if self.neighbors:
+            records = self.neighbor_records(pressure, history, load)
+            change = change.followed_by(records)
+        if self.arm.by_load:
+            change = change.followed_by(
+                load_change(self.arm, pressure, history, load, self.settings)
             )
-        change = Perturbation(
-            length=self.length,
-            sections=sections,
-            clamp=clamp,
-            knots=self.knots,
-            rotation=rotation,
-            distance=self.distance,
-        )
-        return rods.record(0), change
+        return rods, change
 
     def neighbor_records(
-        self, pressure: float, history: tuple[History, ...] | None, kinds: int
-    ) -> tuple[Array, Array, Array]:
-        """Return sections, clamp and rotation of all neighbors at one pressure (Pa)."""
-        at = np.array([pressure])
+        self, pressure: float, history: tuple[History, ...] | None, load: Load | None
+    ) -> Perturbation:
+        """Return the change along every column at one pressure (Pa)."""
+        at, kinds = np.array([pressure]), self.arm.table.sections.shape[1]
         sections, rotation = self.table.at(at)
         sections = sections.reshape(len(self.neighbors), kinds, -1)
         rotation = rotation.reshape(len(self.neighbors), *self.arm.table.rotation.shape[1:])
-        clamp = self.clamp.copy()
-        for which, arm in self.alike:
-            terms = [arm.effects[place].terms(at) for place in self.changing]
-            for item in (*terms, *arm.history_terms(history)):
-                arm.add_terms(item, sections[which], clamp[which])
-                if item.row_weights is not None:
-                    mixture = np.tensordot(item.row_weights, self.row_rotation[which], axes=(0, 1))
-                    rotation[which] = item.mix_rows(rotation[which], mixture)
-        return sections, clamp, rotation
+        record = replace(
+            Record.without_pushes(sections, self.clamp.copy(), rotation),
+            push_place=np.zeros((len(self.neighbors), 0)),
+        )
+        loads = None if load is None else load.row
+        if self.alike:
+            record = join_records(
+                [
+                    self.with_terms(record, which, arm, at, history, loads)
+                    for which, arm in self.alike
+                ]
+            )
+        columns = len(self.neighbors) // 2
+
+        def sides(values: Array) -> Array:
+            return values.reshape(2, columns, *values.shape[1:])
+
+        return Perturbation(
+            length=self.length,
+            sections=sides(record.sections),
+            clamp=sides(record.clamp),
+            knots=self.knots,
+            rotation=sides(record.rotation),
+            push=sides(record.push),
+            push_place=sides(record.push_place),
+            distance=self.distance[1:],
+        )
+
+    def with_terms(
+        self,
+        record: Record,
+        which: slice,
+        arm: Arm,
+        at: Array,
+        history: tuple[History, ...] | None,
+        loads: Array | None,
+    ) -> Record:
+        """Return the records of a run of neighbors with what their effects add at each call."""
+        rows = self.row_rotation[which]
+        own = Record.without_pushes(
+            record.sections[which], record.clamp[which], record.rotation[which]
+        )
+        terms = [
+            arm.without_neutral_part(arm.effects[place], arm.effects[place].terms(at))
+            for place in self.changing
+        ]
+        terms += arm.further_terms(at, history, loads)
+
+        def mixed(weights: Array) -> Array:
+            return np.tensordot(weights, rows, axes=(0, 1))
+
+        found = arm.add_to(terms, own, mixed)
+        places = np.tile(found.push_place, (len(found.sections), 1))
+        return replace(found, push_place=places)
 
 
-def depends_on_pressure(terms: Terms) -> bool:
-    """Whether what an effect adds depends on the pressure."""
+def join_records(records: Sequence[Record]) -> Record:
+    """Return records of runs of neighbors as one."""
+    return Record(
+        **{
+            item.name: np.concatenate([getattr(one, item.name) for one in records])
+            for item in fields(Record)
+        }
+    )
+
+
+def added_at_each_call(terms: Terms) -> bool:
+    """Whether what an effect adds depends on the pressure, or is more than numbers of sections."""
+    if terms.part is not None or terms.curvature is not NOTHING:
+        return True
     return any(isinstance(getattr(terms, item.name), np.ndarray) for item in fields(terms))
 
 
@@ -202,12 +320,13 @@ def group_equal_terms(
 ) -> tuple[tuple[slice, Arm], ...]:
     """Return runs of arms in which effects by pressure or history are the same."""
     runs: list[tuple[slice, Arm]] = []
-    if not (arms and (changing or arms[0].history_dependent)):
+    if not (arms and (changing or arms[0].history_dependent or arms[0].by_load)):
         return ()
 
     def key(arm: Arm) -> object:
         by_history = [arm.acting[place] for place in arm.history_dependent]
-        return [arm.effects[place] for place in changing], by_history, arm.scale
+        by_pressure = [arm.effects[place] for place in changing]
+        return by_pressure, by_history, arm.by_load, arm.scale, arm.knots.tolist()
 
     first = 0
     for _, group in groupby(arms, key):
@@ -227,10 +346,44 @@ def with_pressure_change(
     arm: Arm,
     chamber_pressure: float,
     history: tuple[History, ...] | None = None,
+    load: Load | None = None,
     settings: DifferenceSettings = DEFAULTS,
 ) -> tuple[Rods, Perturbation]:
-    """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal."""
+    """Return the record of the rod at a chamber pressure (Pa), its change per sudden pascal.
+
+    Where effects go with the end load, what that changes of the record follows.
+    """
     step = pressure_step(arm, settings)
-    pressures = [chamber_pressure, chamber_pressure - step, chamber_pressure + step]
-    rods = arm.rods(np.array(pressures), history)
+    rods, change = pressure_change(arm, chamber_pressure, step, history, load)
+    if arm.by_load:
+        of_loads = load_change(arm, chamber_pressure, history, load, settings)
+        change = change.followed_by(of_loads)
+    return rods, change
+
+
+def pressure_change(
+    arm: Arm,
+    pressure: float,
+    step: float,
+    history: tuple[History, ...] | None,
+    load: Load | None,
+) -> tuple[Rods, Perturbation]:
+    """Return the record of the rod at a pressure (Pa), and its change per sudden pascal."""
+    loads = None if load is None else np.repeat(load.row, 3, axis=0)
+    rods = arm.rods(np.array([pressure, pressure - step, pressure + step]), history, loads)
     return rods.record(0), Perturbation.between(rods.record(1), rods.record(2), 2.0 * step)
+
+
+def load_change(
+    arm: Arm,
+    pressure: float,
+    history: tuple[History, ...] | None,
+    load: Load | None,
+    settings: DifferenceSettings,
+) -> Perturbation:
+    """Return how the record of the rod changes with F1, F2 and M, by effects alone."""
+    step = settings.load_step * arm.weight * np.array([1.0, 1.0, arm.length])
+    known = np.zeros((1, LOADS)) if load is None else load.row
+    at = np.full(LOADS, pressure)
+    before, after = (arm.rods(at, history, known + sign * np.diag(step)) for sign in (-1.0, 1.0))
+    return Perturbation.between(before, after, 2.0 * step, by_load=True)

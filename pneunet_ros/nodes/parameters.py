@@ -13,6 +13,9 @@ from typing import Any
 
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.effects.user_effects import add_effects
+from pneunet_ros.files.model_file import load_model
+from pneunet_ros.model.arm import Arm
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 
@@ -111,6 +114,19 @@ def overrides(node: Any) -> Mapping[str, Any]:
 def without_effect(node: Any) -> list[str]:
     """Return the names given to a node that has all its parameters, and that are none of them."""
     return sorted(name for name in overrides(node) if not node.has_parameter(name))
+
+
+EFFECTS_PATH = (
+    'folder of effect files (*.py) of your own, which are code and are run; empty: only the '
+    'effects of the library and of installed packages'
+)
+
+
+def known_model(model_file: str, effects_path: str) -> Arm:
+    """Return the arm of a model file, of effects of the library and of a folder of the user's."""
+    if effects_path:
+        add_effects(effects_path)
+    return load_model(model_path(model_file))
 
 
 def model_path(model_file: str) -> Path:

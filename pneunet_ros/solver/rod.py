@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import kernel
+from pneunet_ros.solver.columns import LOAD_X, LOAD_Y
 
 
 class Rods(NamedTuple):
@@ -16,7 +17,9 @@ class Rods(NamedTuple):
     length m; pressure (pressures,) Pa; sections (pressures, sections, 8) and clamp (pressures, 3)
     with the columns of `solver.columns`, the same along each section; knots (pieces + 1,) m and
     rotation (pressures, pieces, 5): the angle rad that the unloaded rod has turned, as ascending
-    powers of the distance from the knot before.
+    powers of the distance from the knot before. push (pressures, pushes, sections) N/m: loads
+    along the normal that the rod will have at push_place (pushes,) m; kernels take a rod that is
+    `pointed`, which has them among its line loads.
     """
 
     length: float
@@ -25,15 +28,32 @@ class Rods(NamedTuple):
     clamp: Array
     knots: Array
     rotation: Array
+    push: Array
+    push_place: Array
 
     def record(self, index: int) -> Rods:
         """Return the record at one of the pressures, as records of one pressure."""
-        only = slice(index, index + 1)
+        return self.records(slice(index, index + 1))
+
+    def records(self, only: slice | list[int]) -> Rods:
+        """Return the records at some of the pressures."""
         return self._replace(
             pressure=self.pressure[only],
             sections=self.sections[only],
             clamp=self.clamp[only],
             rotation=self.rotation[only],
+            push=self.push[only],
+        )
+
+    def pointed(self, heading: Array) -> Rods:
+        """Return the records with pushes along the normals of headings (pressures, pushes) rad."""
+        sections = self.sections.copy()
+        for column, normal in ((LOAD_X, -np.sin(heading)), (LOAD_Y, np.cos(heading))):
+            sections[:, :, column] += np.einsum('npk,np->nk', self.push, normal)
+        return self._replace(
+            sections=sections,
+            push=np.zeros((len(sections), 0, sections.shape[1])),
+            push_place=np.zeros(0),
         )
 
 

@@ -36,6 +36,10 @@ class SolverSettings:
     load_step_iterations: int = tuning(10, 'most Newton steps at one load')
     easy_iterations: int = tuning(4, 'Newton steps after which the load step grows')
     load_step_growth: float = tuning(1.5, 'growth of an easy load step')
+    turned: float = tuning(
+        1e-10, 'between where a push points and the normal of the arm there', unit='rad'
+    )
+    most_turns: int = tuning(30, 'most solves with pushes that turn with the arm')
     frame_iterations: int = tuning(12, 'most Newton steps from the frame before')
     batch_iterations: int = tuning(8, 'Newton steps of a batch')
     batch_tolerance: float = tuning(1e-11, 'sum of residuals a batch aims at', unit='rad')

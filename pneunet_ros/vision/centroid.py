@@ -36,6 +36,7 @@ from pneunet_ros.vision.ellipse_fit import (
     PLATEAU,
     PLATEAU_STD,
     SHAPE_STD,
+    SIZE_STD,
     SMEAR_STD,
     SMEAR_U,
     SMEAR_V,
@@ -70,7 +71,7 @@ def outlines(
 
     places (n, 2) px; axes (n, 3) px: xx, xy, yy of the symmetric matrix that maps the unit circle
     to the ellipse; blur (n,) px; smear (n, 2) px: way while the shutter is open; stds: how well
-    these are known: axes (n,) of the radius, blur px, smear (n,) px.
+    these are known: axes, size and shape alike, (n,) of the radius, blur px, smear (n,) px.
     """
     starts = np.full((len(places), FITTED), np.nan)
     starts[:, [CENTER_U, CENTER_V]] = places
@@ -78,7 +79,7 @@ def outlines(
     starts[:, WIDTH], starts[:, [SMEAR_U, SMEAR_V]] = blur, smear
     starts[:, [PLATEAU, BEHIND]] = 0.0
     starts[:, SHAPE_STD], starts[:, WIDTH_STD], starts[:, SMEAR_STD] = stds
-    starts[:, PLATEAU_STD] = math.inf
+    starts[:, SIZE_STD], starts[:, PLATEAU_STD] = stds[0], math.inf
     return starts
 
 
@@ -101,7 +102,7 @@ def measure_outlines(
 ) -> Array:
     """Return rows (n, COLUMNS) of the blobs at these outlines; NaN where none can be a target."""
     rows = np.full((len(starts), COLUMNS), np.nan)
-    known = ~np.isnan(starts[:, : PLATEAU_STD + 1]).any(axis=1)
+    known = ~np.isnan(starts).any(axis=1)
     # One kind of array, for which the kernel is compiled once.
     pixels = np.ascontiguousarray(grey).view()
     pixels.flags.writeable = False

@@ -184,8 +184,8 @@ def row_at_rest(
         return Failure(
             reason='no_row',
             sentence=f'no row of {count} targets at their distances among {len(points)} '
-            'areas: is the whole arm in view, straight, and are target_arclength, grey_band and '
-            'area right?',
+            'areas: is the whole arm in view, straight, are its targets alike in size, and are '
+            'target_arclength, grey_band and area right?',
         )
     if clamp_pixel is not None:
         rows = _rows_from(clamp_pixel, rows, pixels, vision)
@@ -204,6 +204,12 @@ def row_at_rest(
         )
     if clamp_pixel is None:
         best = min(rows, key=lambda row: float(pixels[row.chosen[0], 0]))
+        if _is_upright(best, rows, pixels, vision):
+            return Failure(
+                reason='several_rows',
+                sentence=f'the row of {count} targets is upright, and none of its ends is the '
+                'left one: give clamp_pixel',
+            )
     off = bow(points[best.chosen[best.chosen >= 0]])
     if off > straightness:
         return Failure(
@@ -214,6 +220,16 @@ def row_at_rest(
             f'{CurvedRestPlane.method}',
         )
     return best
+
+
+def _is_upright(
+    best: TargetRow, rows: list[TargetRow], pixels: Array, vision: VisionSettings
+) -> bool:
+    """Whether a row can be read from either end, and neither is clearly the left one."""
+    first, last = best.chosen[[0, -1]].tolist()
+    across, down = np.abs(pixels[last] - pixels[first]).tolist()
+    turned = any(row.chosen[0] == last for row in rows)
+    return turned and across < vision.rest_plane.upright * math.hypot(across, down)
 
 
 def regular_rows(

@@ -34,7 +34,7 @@ from pneunet_ros.vision.ellipse_fit import (
     BEHIND,
     PLATEAU,
     PLATEAU_STD,
-    SHAPE_STD,
+    SIZE_STD,
     WIDTH,
     WIDTH_STD,
 )
@@ -49,6 +49,11 @@ class RowLookSettings:
     exact: float = tuning(
         0.94, 'share of the edge on the outline, of a whole blob', source='measured'
     )
+    unclear: float = tuning(
+        3.0,
+        'error of a whole blob, over that of the others, at most',
+        source='measured: 4.5 to 6 of a tip cut off by 5 %',
+    )
     least_area: float = tuning(
         0.985, 'of a whole blob, over that by its neighbors', source='measured'
     )
@@ -61,6 +66,10 @@ class RowLookSettings:
     seen: float = tuning(
         0.6, 'share of the visible edge that shows a target of which less is seen'
     )
+    seen_cut: float = tuning(
+        0.5, 'the same, where nothing covers its inside', source='measured: 0.54 of a cut tip'
+    )
+    inside: float = tuning(0.95, 'share of the inside that is seen where nothing covers it')
     appeared: float = tuning(
         0.25, 'the same, off where the row is, of a doubtful one', unit='radius'
     )
@@ -73,7 +82,15 @@ class RowLookSettings:
         unit='way^2 / radius',
         source='measured: films of acceptance/composed_pictures.py',
     )
+    size_error: float = tuning(
+        0.12,
+        'of the center of a part whose size is not known, over that of its radius',
+        source='measured: films `uneven` of acceptance/composed_pictures.py',
+    )
     unsure: float = tuning(0.15, 'error of the center of a part, at most', unit='radius')
+    unsure_moved: float = tuning(
+        0.1, 'the same, added where it moves by a radius', unit='radius', source='invented'
+    )
     blur: float = tuning(0.5, 'blur of a part off that of neighbors, at most', unit='px')
     blur_moved: float = tuning(0.4, 'the same, added where it moves by a radius', unit='px')
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
@@ -85,21 +102,29 @@ class RowLookSettings:
 ROW_LOOK = RowLookSettings()
 
 
-def looks_of_neighbors(table: Array, places: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
+def looks_of_neighbors(
+    table: Array, places: Array, own: Array, settings: RowLookSettings = ROW_LOOK
+) -> Array:
     """Return how targets look by their neighbors, as `outlines` at places (targets, 2) px.
 
-    table (targets, COLUMNS), NaN where one is not seen. Axes, smear and plateau are on a
-    line over the nearest neighbors whose edges are whole; how far these are off it is how well it
-    tells. NaN for a target that has too few. One that is smaller by more than sizes differ, as a
-    finger covers a bit of it, tells nothing.
+    table (targets, COLUMNS), NaN where one is not seen; own (targets,) px^2: how large each is
+    compared with the others, NaN of one that was never seen whole. Shape, smear and plateau are on
+    a line over the nearest neighbors whose edges are whole, and so is the size over their own; how
+    far these are off it is how well it tells. The size of one whose own is not known is known as
+    well as those of neighbors are alike. NaN for a target that has too few. One that is smaller by
+    more than sizes differ, as a finger covers a bit of it, tells nothing.
     """
     whole = has_whole_edge(table, settings)
-    first = _looks_of(table, places, whole, settings)
+    first = _looks_of(table, places, own, whole, settings)
     smaller = whole & (share_of_area(table, first) < _least_share(first, settings))
-    return _looks_of(table, places, whole & ~smaller, settings) if smaller.any() else first
+    if not smaller.any():
+        return first
+    return _looks_of(table, places, own, whole & ~smaller, settings)
 
 
-def _looks_of(table: Array, places: Array, tell: Mask, settings: RowLookSettings) -> Array:
+def _looks_of(
+    table: Array, places: Array, own: Array, tell: Mask, settings: RowLookSettings
+) -> Array:
     """Return how targets look by those neighbors that tell (targets,)."""
     whole = np.flatnonzero(tell)
     away = (whole - np.arange(len(table))[:, None]).astype(np.float64)
@@ -109,20 +134,31 @@ def _looks_of(table: Array, places: Array, tell: Mask, settings: RowLookSettings
     known = np.isfinite(np.take_along_axis(distance, nearest, axis=1))
     known &= (np.count_nonzero(known, axis=1) >= settings.fewest)[:, None]
     away, near = np.take_along_axis(away, nearest, axis=1), whole[nearest]
-    radius = np.sqrt(table[:, AREA] / math.pi)
-    on_line = np.column_stack([axes_of(table), table[:, SMEAR], table[:, LEVEL]])
+    radius, one = np.sqrt(table[:, AREA] / math.pi), np.isfinite(own)
+    own_radius = np.sqrt(own / math.pi)
+    larger = (radius / own_radius)[tell & one]
+    own_radius[~one] = radius[~one] / (np.median(larger) if larger.size else 1.0)
+    on_line = np.column_stack([
+        axes_of(table) / radius[:, None], own_radius, radius / own_radius,
+        table[:, SMEAR], table[:, LEVEL],
+    ])  # fmt: skip
     line, variance = _lines_at(away, on_line[near], known)
-    expected, smear, level = line[:, :3], line[:, 3:5], line[:, 5]
-    usual = np.full((len(table), nearest.shape[1] + 1, 3), np.nan)
-    usual[:, :-1] = np.column_stack([radius, table[:, BLUR], table[:, CONTRAST]])[near]
+    shape, smear, level = line[:, :3], line[:, 5:7], line[:, 7]
+    size = line[:, 4] * np.where(one, own_radius, line[:, 3])
+    differ = np.where(one, 0.0, np.sqrt(variance[:, 3]) / line[:, 3])
+    size_std = np.hypot(np.sqrt(variance[:, 4]) / line[:, 4], differ)
+    usual = np.full((len(table), nearest.shape[1] + 1, 2), np.nan)
+    usual[:, :-1] = table[:, [BLUR, CONTRAST]][near]
     usual[:, :-1][~known] = np.nan
     middle = np.count_nonzero(known, axis=1) // 2
-    typical, blur, contrast = np.sort(usual, axis=1)[np.arange(len(table)), middle].T
-    std = np.maximum(np.sqrt(variance[:, :3].mean(axis=1)) / typical, settings.least_std)
-    smear_std = np.maximum(np.sqrt(variance[:, 3:5].mean(axis=1)), settings.smear_std)
-    starts = outlines(places, expected, blur, smear, (std, settings.blur_std, smear_std))
+    blur, contrast = np.sort(usual, axis=1)[np.arange(len(table)), middle].T
+    shape_std = np.maximum(np.sqrt(variance[:, :3].mean(axis=1)), settings.least_std)
+    smear_std = np.maximum(np.sqrt(variance[:, 5:7].mean(axis=1)), settings.smear_std)
+    stds = (shape_std, settings.blur_std, smear_std)
+    starts = outlines(places, shape * size[:, None], blur, smear, stds)
+    starts[:, SIZE_STD] = np.maximum(size_std, settings.least_std)
     starts[:, PLATEAU], starts[:, BEHIND] = level, level - contrast
-    level_std = np.sqrt(variance[:, 5])
+    level_std = np.sqrt(variance[:, 7])
     starts[:, PLATEAU_STD] = np.maximum(level_std, settings.level_std * contrast)
     return starts
 
@@ -158,13 +194,27 @@ def whole_targets(table: Array, expected: Array, settings: RowLookSettings = ROW
 
 
 def has_whole_edge(table: Array, settings: RowLookSettings = ROW_LOOK) -> Mask:
-    """Whether targets (targets, COLUMNS) are seen with all of their edge."""
-    return np.asarray(table[:, EXACT] >= settings.exact)
+    """Whether targets (targets, COLUMNS) are seen with all of their edge.
+
+    An edge is on an outline as far as that is known: one that is known far worse than others are,
+    and than its motion says, does not tell.
+    """
+    error = table[:, STD]
+    known = np.isfinite(error)
+    usual = np.median(error[known]) if known.any() else math.nan
+    most = settings.unclear * usual + _error_along(table, settings)
+    return np.asarray((table[:, EXACT] >= settings.exact) & (error <= most))
+
+
+def _error_along(table: Array, settings: RowLookSettings) -> Array:
+    """Return how far what is behind targets moves their centers at most, as they move, px."""
+    way = np.sum(table[:, SMEAR] ** 2, axis=1)
+    return np.asarray(settings.part_error * way / np.sqrt(table[:, AREA] / math.pi))
 
 
 def _least_share(expected: Array, settings: RowLookSettings) -> Array:
     """Return the least area of whole targets over that by neighbors, which differ themselves."""
-    return settings.least_area - settings.differ * 2.0 * expected[:, SHAPE_STD]
+    return settings.least_area - settings.differ * 2.0 * expected[:, SIZE_STD]
 
 
 def share_of_area(table: Array, expected: Array) -> Array:
@@ -185,15 +235,18 @@ def believable_parts(
     another grey, and has an edge of its own; it takes from the target, and never adds to it.
     """
     off, moved = np.abs(found[:, LEVEL] - expected[:, PLATEAU]), _moved(found)
+    unsure = settings.unsure + settings.unsure_moved * moved
     allowed = settings.level + settings.level_moved * moved
     alike = off <= allowed * (expected[:, PLATEAU] - expected[:, BEHIND])
     blurred = np.abs(found[:, BLUR] - expected[:, WIDTH])
     alike &= blurred <= settings.blur + settings.blur_moved * moved
-    edge = (share >= settings.whole) | (found[:, SEEN] >= settings.seen)
+    least = np.where(found[:, FILLED] >= settings.inside, settings.seen_cut, settings.seen)
+    edge = (share >= settings.whole) | (found[:, SEEN] >= least)
     within = found[:, BEYOND] <= settings.beyond
     size = share_of_area(found, expected)
-    sized = (size >= settings.size) & (size <= 1.0 / settings.size)
-    sure = found[:, STD] <= settings.unsure * np.sqrt(found[:, AREA] / math.pi)
+    differs = settings.differ * 2.0 * expected[:, SIZE_STD]
+    sized = np.abs(np.log(size)) <= differs - math.log(settings.size)
+    sure = found[:, STD] <= unsure * np.sqrt(found[:, AREA] / math.pi)
     return np.asarray(alike & edge & within & sized & sure & (found[:, FILLED] >= settings.filled))
 
 
@@ -202,15 +255,16 @@ def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOO
 
     found (targets, COLUMNS); expected: as `looks_of_neighbors`. Where a target moves along the
     edge that covers it while the shutter is open, its own edge and that one look alike, and the
-    outline fits between them. One whose level or blur is further off than neighbors allow for is
+    outline fits between them. Where the end of the arm cuts one off whose size is not known, a
+    smaller one fits as well. One whose level or blur is further off than neighbors allow for is
     not what is drawn: the error of the fit is larger by as many times.
     """
-    way = np.sum(found[:, SMEAR] ** 2, axis=1)
-    along = settings.part_error * way / np.sqrt(found[:, AREA] / math.pi)
+    along = _error_along(found, settings)
+    size = settings.size_error * expected[:, SIZE_STD] * np.sqrt(found[:, AREA] / math.pi)
     level = np.abs(found[:, LEVEL] - expected[:, PLATEAU]) / expected[:, PLATEAU_STD]
     blur = np.abs(found[:, BLUR] - expected[:, WIDTH]) / expected[:, WIDTH_STD]
     misfit = np.maximum(np.maximum(level, blur), 1.0)
-    return np.asarray(np.hypot(misfit * found[:, STD], along))
+    return np.asarray(np.hypot(np.hypot(misfit * found[:, STD], along), size))
 
 
 def _moved(table: Array) -> Array:

@@ -31,6 +31,7 @@ from pneunet_ros.vision.centroid import (
     U,
     V,
 )
+from pneunet_ros.vision.ellipse_fit import CENTER_U, CENTER_V
 from pneunet_ros.vision.gating import (
     consistent_motion,
     consistent_size,
@@ -66,6 +67,7 @@ class TrackedRow:
     pixels (targets, 2): where each target was, or must have been; velocity (targets, 2) px/s;
     area (targets,): how large each is to be expected, px^2; table (targets, columns): how each
     looked when it was last seen, NaN of one that never was; seen (targets,): whether it was;
+    sized (targets,): whether its area is its own, as it was whole when the row was found;
     spacing: distance of neighbors, px; exposure: how long the shutter seems to be open, s,
     0 where nothing is known of it.
     """
@@ -76,6 +78,7 @@ class TrackedRow:
     area: Array
     table: Array
     seen: Mask
+    sized: Mask
     spacing: float
     exposure: float
 
@@ -179,10 +182,9 @@ def with_partial(
     settings = view.vision.row_look
     if row.seen <= settings.fewest:
         return row
-    places = np.where(
-        np.isnan(row.table[:, :2]), expected_pixels(view, row.points), row.table[:, :2]
-    )
-    expected = looks_of_neighbors(row.table, places, settings)
+    starts = _places_by_neighbors(view, row, last)
+    own = np.full(len(usual), np.nan) if last is None else np.where(last.sized, usual, np.nan)
+    expected = looks_of_neighbors(row.table, starts[0], own, settings)
     share = share_of_area(row.table, expected)
     partial = ~whole_targets(row.table, expected, settings)
     same = has_whole_edge(row.table, settings) & (
@@ -190,28 +192,72 @@ def with_partial(
     )
     if last is None:  # nothing tells yet how large each is
         partial &= ~same
-    asked = np.flatnonzero(partial)
-    found = np.full_like(row.table, np.nan)
-    found[asked] = blobs_at(view.image, expected[asked], view.appearance)
-    found[:, STD] = part_stds(found, expected, settings)
-    radius = np.sqrt(usual / math.pi)
-    believed = np.hypot(*(found[:, :2] - places).T) <= settings.moved * radius
-    believed &= believable_parts(found, expected, share, settings)
-    if last is not None:
-        # What was not seen before must be on the row: a finger nail is as bright and as large.
-        worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
-        believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
+    found, believed = np.full_like(row.table, np.nan), np.zeros_like(partial)
+    for places in starts:
+        expected[:, [CENTER_U, CENTER_V]] = places
+        part = _parts_at(view, row, usual, partial & np.isfinite(places[:, 0]), expected, last)
+        better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
+        found[better] = part[better]
+        believed |= better
     # What is neither as large as it has been, nor a part of what its neighbors are, is something
     # else.
-    same = has_whole_edge(row.table, settings) & (
-        row.table[:, AREA] >= settings.least_area * usual
-    )
     other = partial & ~believed & ~same & np.isfinite(share)
     if not (believed | other).any():
         return row
     table = np.where(believed[:, None], found, row.table)
     table[other] = np.nan
     return gate_row(view, table, usual, last, believed)
+
+
+def _parts_at(
+    view: View,
+    row: ObservedRow,
+    usual: Array,
+    partial: Mask,
+    expected: Array,
+    last: TrackedRow | None,
+) -> Array:
+    """Return the targets that are what their neighbors are, as far as they are seen.
+
+    partial (targets,): which are looked at; expected: where, and as `looks_of_neighbors`. Rows
+    (targets, columns), NaN where there is none to be believed.
+    """
+    settings = view.vision.row_look
+    found = np.full_like(row.table, np.nan)
+    found[partial] = blobs_at(view.image, expected[partial], view.appearance)
+    found[:, STD] = part_stds(found, expected, settings)
+    off = np.hypot(*(found[:, :2] - expected[:, [CENTER_U, CENTER_V]]).T)
+    believed = off <= settings.moved * np.sqrt(usual / math.pi)
+    believed &= believable_parts(found, expected, share_of_area(row.table, expected), settings)
+    if last is not None:
+        # What was not seen before must be on the row: a finger nail is as bright and as large.
+        worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
+        believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
+    found[~believed] = np.nan
+    return found
+
+
+def _places_by_neighbors(
+    view: View, row: ObservedRow, last: TrackedRow | None
+) -> tuple[Array, ...]:
+    """Return where targets are, or may be by those next to them, (targets, 2) px each.
+
+    One that is not seen is where the row leads, which tells little beyond a gap; or, if it was
+    seen in the last row, where its motion leads and the others are off theirs (NaN of all others).
+    """
+    seen = np.isfinite(row.table[:, U])
+    on_row = np.where(seen[:, None], row.table[:, :2], expected_pixels(view, row.points))
+    if last is None:
+        return (on_row,)
+    lost, both = last.seen & ~seen, last.seen & seen
+    if not (lost.any() and both.any()):
+        return (on_row,)
+    predicted = last.predict(view.image.stamp_ns, view.vision.row_tracker.longest_prediction)
+    moved, off = np.full_like(predicted, np.nan), (row.table[:, :2] - predicted)[both]
+    for axis in range(2):
+        more = np.interp(view.arclength[lost], view.arclength[both], off[:, axis])
+        moved[lost, axis] = predicted[lost, axis] + more
+    return on_row, moved
 
 
 def _are_on_row(view: View, row: ObservedRow, found: Array, doubtful: Mask) -> Mask:
@@ -350,17 +396,15 @@ def candidate_blobs(view: View) -> Blobs | Failure:
 
 def start_row(view: View, row: ObservedRow) -> TrackedRow:
     """Return a row that was found from nothing as the next frame needs it."""
+    whole = has_whole_edge(row.table, view.vision.row_look)
     nowhere = TrackedRow(
         stamp_ns=view.image.stamp_ns - 1,
         pixels=row.table[:, :2],
         velocity=np.zeros((len(row.table), 2)),
-        area=initial_area(
-            row.table[:, AREA],
-            has_whole_edge(row.table, view.vision.row_look),
-            view.vision.gating,
-        ),
+        area=initial_area(row.table[:, AREA], whole, view.vision.gating),
         table=row.table,
         seen=np.zeros(len(row.table), np.bool_),
+        sized=whole,
         spacing=math.nan,
         exposure=0.0,
     )
@@ -382,8 +426,7 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
     if both.any():
         seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
         moved = (pixels[both] - last.pixels[both]) / seconds
-        for axis in range(2):
-            velocity[:, axis] = np.interp(arclength, arclength[both], moved[:, axis])
+        velocity = velocity_along_row(moved, arclength, both, view.vision.row_look.neighbors)
         exposure = exposure_of(row.table[both], moved, seconds, last.exposure, view.vision)
     steps = np.hypot(*np.diff(pixels, axis=0).T)
     known = steps[np.isfinite(steps)]
@@ -395,9 +438,32 @@ def next_row(view: View, row: ObservedRow, last: TrackedRow) -> TrackedRow:
         area=area,
         table=looked,
         seen=seen,
+        sized=last.sized,
         spacing=float(np.median(known)) if known.size else math.nan,
         exposure=exposure,
     )
+
+
+def velocity_along_row(moved: Array, arclength: Array, known: Mask, neighbors: int) -> Array:
+    """Return how all targets move, (targets, 2) px/s, by those of which it is known.
+
+    moved (known, 2) px/s. Between two of them it changes evenly; beyond the last ones it goes on
+    as along so many neighbors: the end of an arm moves faster than what is before it.
+    """
+    velocity, places = np.empty((len(arclength), 2)), arclength[known]
+    for axis in range(2):
+        velocity[:, axis] = np.interp(arclength, places, moved[:, axis])
+    if len(places) < neighbors:
+        return velocity
+    for beyond, near in (
+        (arclength < places[0], slice(neighbors)),
+        (arclength > places[-1], slice(-neighbors, None)),
+    ):
+        away = places[near] - places[near].mean()
+        slope = away @ (moved[near] - moved[near].mean(axis=0)) / (away @ away)
+        end = np.clip(arclength[beyond], places[0], places[-1])
+        velocity[beyond] += (arclength[beyond] - end)[:, None] * slope
+    return velocity
 
 
 def exposure_of(

@@ -44,6 +44,11 @@ class RestPlaneSettings:
     still: float = tuning(0.1, 'off the average so far, at most', unit='spacing')
     near_clamp: float = tuning(1.5, 'from clamp_pixel to the first target', unit='spacing')
     seen: float = tuning(0.8, 'share of the targets, at least')
+    upright: float = tuning(
+        0.26,
+        'from side to side, of the way between its ends: a row without a left end',
+        source='invented: 15 degrees',
+    )
     chance: float = tuning(
         20.0,
         'cost of what is seen of another row over that of the best, by which it is one by chance',

@@ -77,7 +77,8 @@ class TrackerState:
 
     `frames` were looked at, `explained` of them show the arm; `unexplained` counts the others by
     reason, `rejected` the images that were not looked at. `trouble` says why there is no working
-    plane for this lens; `polarity` is None until a row of targets has shown it.
+    plane for this lens; `polarity` is None until a row of targets has shown it, `leading` the one
+    that alone has shown a row so far.
     """
 
     lens: Lens | None = None
@@ -85,6 +86,7 @@ class TrackerState:
     trouble: str = ''
     rest: RestSearch = field(default_factory=RestSearch)
     polarity: Polarity | None = None
+    leading: str = ''
     row: TrackedRow | None = None
     stamp_ns: int | None = None
     frames: int = 0
@@ -173,17 +175,22 @@ class Tracker:
     def _look_both_ways(self, state: TrackerState, image: Image) -> tuple[TrackerState, Tracking]:
         """Look for bright and for dark targets; what shows a row alone decides, once it is whole.
 
-        A row of either kind in one image is no answer.
+        A row of either kind in one image is no answer. Until it is whole, the one that has shown a
+        row alone is looked for first, and the other only where that fails.
         """
-        looks = {name: self._look(state, image, name) for name in (BRIGHT, DARK)}
+        looks: dict[str, tuple[TrackerState, Tracking]] = {}
+        for name in sorted((BRIGHT, DARK), key=lambda name: name != state.leading):
+            looks[name] = self._look(state, image, name)
+            if name == state.leading and looks[name][1].reason == RESTING:
+                return looks[name]
         shown = [name for name, (_, it) in looks.items() if it.reason in ('', RESTING)]
-        said = {name: it.sentence for name, (_, it) in looks.items()}
+        said = {name: looks[name][1].sentence for name in (BRIGHT, DARK)}
         if len(shown) == 1:
             (name,) = shown
             (other,) = looks.keys() - {name}
             state, tracking = looks[name]
             if tracking.reason:
-                return state, tracking
+                return replace(state, leading=name), tracking
             evidence = (
                 f'{name}: {tracking.sightings.seen} of {self.arclength.size} targets in a row; '
                 f'{other}: {said[other]}'

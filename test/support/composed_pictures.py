@@ -23,7 +23,7 @@ Bytes = npt.NDArray[np.uint8]
 
 PHOTOGRAPHS = ('brick', 'china', 'coffee', 'grass', 'gravel', 'motorcycle')
 POLARITIES = ('bright', 'dark')
-DISTURBANCES = ('blur', 'jpeg', 'flicker', 'hand')
+DISTURBANCES = ('blur', 'jpeg', 'flicker', 'hand', 'uneven')
 
 WIDTH, HEIGHT = 1280, 720
 FRAME_NS = 33_333_333
@@ -33,6 +33,7 @@ STATIONS = 1601  # of the curve from the clamp to the end of the body
 GHOSTS = 1.5  # px, that the arm moves at most between moments of an exposure
 
 FLICKER = 0.15
+UNEVEN = 0.1  # of the radius, one sigma, of dots painted by hand
 JPEG_QUALITY = 70
 EDGES = np.array([-0.5, 0.5])  # of an exposure, in it
 EXPOSURE = 0.5  # of a frame, for which the shutter is open where motion blurs
@@ -162,6 +163,9 @@ class Composer:
         self.waves = rng.uniform(-1.0, 1.0, 4)
         self.phases = rng.uniform(0.0, 2.0 * math.pi, 3)
         self.radii = it.radius * np.linspace(1.0, it.taper, it.targets)
+        if 'uneven' in it.disturbances:
+            painted = np.random.default_rng([it.seed, *it.photograph.encode()])
+            self.radii *= 1.0 + UNEVEN * painted.standard_normal(it.targets)
         self.half = 2.9 * it.radius
         self.margin = it.overhang * self.radii[-1]
         self.base = np.zeros(2)

@@ -13,13 +13,18 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.builders import Output
 from pneunet_ros.messages.link_chain import JOINT_STATES
 from pneunet_ros.messages.markers import ArmInUse, markers_output, TIP_FRAME, transform_output
 from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.nodes.model_info import model_info, model_label
-from pneunet_ros.nodes.parameters import model_path, ParameterTable, SHIPPED_MODEL
+from pneunet_ros.nodes.parameters import (
+    EFFECTS_PATH,
+    known_model,
+    model_path,
+    ParameterTable,
+    SHIPPED_MODEL,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +32,7 @@ class NodeSettings:
     """What the node must know beside the settings of the estimator."""
 
     model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')
+    effects_path: str = setting('', EFFECTS_PATH)
     centerline_rate: float = quantity(
         30.0,
         unit='Hz',
@@ -64,6 +70,7 @@ PARAMETERS = ParameterTable(
     owners=(NodeSettings, EstimatorSettings),
     read_only=frozenset(
         {
+            'effects_path',
             'frame_id',
             'publish_joint_states',
             'publish_markers',
@@ -141,7 +148,7 @@ def configured_estimator(
     if current is not None and node.model_file == current.node.model_file:
         arm = current.estimator.arm
     else:
-        arm = load_model(model_path(node.model_file))
+        arm = known_model(node.model_file, node.effects_path)
     return EstimatorConfiguration(node=node, estimator=Estimator(arm=arm, settings=settings))
 
 

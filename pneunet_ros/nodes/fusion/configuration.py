@@ -9,13 +9,18 @@ from typing import Any
 from pneunet_ros.core.settings import check_settings, setting, settings_changed
 from pneunet_ros.core.units import quantity
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.files.model_file import load_model
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.model.uncertainty import error_left_out
 from pneunet_ros.nodes.model_info import model_info, model_label
-from pneunet_ros.nodes.parameters import model_path, ParameterTable, SHIPPED_MODEL
+from pneunet_ros.nodes.parameters import (
+    EFFECTS_PATH,
+    known_model,
+    model_path,
+    ParameterTable,
+    SHIPPED_MODEL,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,6 +31,7 @@ class NodeSettings:
     """
 
     model_file: str = setting('', f'model file of the arm; empty: the shipped {SHIPPED_MODEL}')
+    effects_path: str = setting('', EFFECTS_PATH)
     use_wrench: bool = setting(
         True, 'read end_wrench where there is one; false: as if there were no force sensor'
     )
@@ -77,7 +83,7 @@ class NodeSettings:
 
 PARAMETERS = ParameterTable(
     owners=(NodeSettings, EstimatorSettings),
-    read_only=frozenset({'frame_id', 'free_tip', 'stations', 'use_wrench'}),
+    read_only=frozenset({'effects_path', 'frame_id', 'free_tip', 'stations', 'use_wrench'}),
     # A wrench is used where there is a fresh one, and targets are what it lives on.
     left_out=frozenset({'wrench_required', 'watch_targets', 'watch_time'}),
 )
@@ -138,6 +144,6 @@ def configured_fusion(
     if current is not None and node.model_file == current.node.model_file:
         arm = current.fusion.arm
     else:
-        arm = load_model(model_path(node.model_file))
+        arm = known_model(node.model_file, node.effects_path)
     fusion = Fusion(arm=arm, sensors=sensors, settings=node.fusion)
     return FusionConfiguration(node=node, fusion=fusion)

@@ -12,9 +12,14 @@ from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.settings import check_settings, setting
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.camera_file import load_camera
-from pneunet_ros.files.model_file import load_model
 from pneunet_ros.nodes.model_info import model_info, model_label
-from pneunet_ros.nodes.parameters import model_path, ParameterTable, SHIPPED_MODEL
+from pneunet_ros.nodes.parameters import (
+    EFFECTS_PATH,
+    known_model,
+    model_path,
+    ParameterTable,
+    SHIPPED_MODEL,
+)
 from pneunet_ros.vision.tracker import Tracker
 
 SHIPPED_CAMERA = 'config/camera.yaml'
@@ -27,6 +32,7 @@ class TrackerSettings:
     model_file: str = setting(
         '', f'model file of the arm, with its targets; empty: the shipped {SHIPPED_MODEL}'
     )
+    effects_path: str = setting('', EFFECTS_PATH)
     camera_file: str = setting(
         '', f'file of camera, plane and targets; empty: the shipped {SHIPPED_CAMERA}'
     )
@@ -50,7 +56,7 @@ class TrackerSettings:
 
 
 PARAMETERS = ParameterTable(
-    owners=(TrackerSettings,), read_only=frozenset({'frame_id', 'image_transport'})
+    owners=(TrackerSettings,), read_only=frozenset({'effects_path', 'frame_id', 'image_transport'})
 )
 
 
@@ -96,6 +102,7 @@ def configured_tracker(
     if current is not None and node.camera_file == current.node.camera_file:
         settings = current.tracker.settings
     tracker = Tracker(
-        arm or load_model(model_path(node.model_file)), settings or load_camera(node.camera_path)
+        arm or known_model(node.model_file, node.effects_path),
+        settings or load_camera(node.camera_path),
     )
     return TrackerConfiguration(node=node, tracker=tracker)

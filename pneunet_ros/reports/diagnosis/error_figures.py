@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters, seconds_between
 from pneunet_ros.diagnosis.result import Diagnosis, Misfit
+from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.reports.diagnosis.figure_data import (
     AFTER,
@@ -161,6 +162,22 @@ def error_sentence(diagnosis: Diagnosis) -> str:
     if before.held_out is not None and after.held_out is not None:
         first, last, kind = before.held_out, after.held_out, 'held-out'
     return f'On {kind} recordings {change_text(first, last)}{removed_text(diagnosis)}.'
+
+
+def discovered_sentence(diagnosis: Diagnosis, discovery: Discovery) -> str:
+    """Say what becomes of the model error with the discovered law."""
+    found = discovery.evaluation
+    assert found is not None
+    kind = 'training' if found.held_out is None else 'held-out'
+    removed = ''
+    if discovery.closed is not None:
+        share = min(100.0 * discovery.closed, 99.0 if discovery.closed < 1.0 else 100.0)
+        removed = f', which removes {max(share, 0.0):.0f} % of the reducible error'
+    return (
+        f'With the discovered law the model error on {kind} recordings goes from '
+        f'{millimeters(diagnosis.before.rms):.3f} mm to {millimeters(found.rms):.3f} mm rms'
+        f'{removed}.'
+    )
 
 
 def removed_text(diagnosis: Diagnosis) -> str:

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.measurement.noise_model import coordinate_stds
 from pneunet_ros.reports.settings import REPORT_SETTINGS, ReportSettings
-from pneunet_ros.reports.style import FIRST, SECOND
+from pneunet_ros.reports.style import FIRST, SECOND, THIRD
 
-BEFORE, AFTER = SECOND, FIRST  # colors
+BEFORE, AFTER, DISCOVERED = SECOND, FIRST, THIRD  # colors
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,11 +49,12 @@ class RecordingErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FigureData:
-    """A diagnosis with the recordings that were given to it."""
+    """A diagnosis with the recordings that were given to it, and what was discovered in them."""
 
     diagnosis: Diagnosis
     training: Sequence[RecordingData]
     held_out: Sequence[RecordingData]
+    discovery: Discovery = NOTHING_SEARCHED
     settings: ReportSettings = REPORT_SETTINGS
 
     @property

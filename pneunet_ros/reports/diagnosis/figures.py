@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pneunet_ros.reports.diagnosis.discovery_figures import amplitude, causes, discovered_error
 from pneunet_ros.reports.diagnosis.error_figures import (
     errors_along_arm,
     model_error,
@@ -16,6 +17,7 @@ from pneunet_ros.reports.figure import Figures
 FIGURES: Figures[FigureData] = {
     'error': (errors_along_arm, model_error, shapes),
     'where': (maps, shares, loops),
+    'discovered': (causes, amplitude, discovered_error),
     'evidence': (evidence,),
     'biased': (biased_parameters,),
 }

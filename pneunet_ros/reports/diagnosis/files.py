@@ -1,4 +1,7 @@
-"""A diagnosis as files: `diagnosis.json`, the augmented `model.yaml`, and the report."""
+"""A diagnosis as files: `diagnosis.json`, the augmented `model.yaml`, and the report.
+
+Where a law was discovered, also the file of the proposed effect and the model that has it.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,16 @@ from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.core.units import quantities
-from pneunet_ros.diagnosis.result import Diagnosis, Misfit, UnsettledDiagnosis
+from pneunet_ros.diagnosis.result import (
+    Diagnosis,
+    Evaluation,
+    Misfit,
+    UnsettledDiagnosis,
+)
 from pneunet_ros.diagnosis.settings import DiagnosisSettings
+from pneunet_ros.discovery.proposed_effect import PREFIX
+from pneunet_ros.discovery.result import Discovered, Discovery, NOTHING_SEARCHED
+from pneunet_ros.discovery.settings import DiscoverySettings
 from pneunet_ros.files.json_text import json_text, plain
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.measurement.dataset import RecordingData
@@ -23,11 +34,20 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.figures import FIGURES
 from pneunet_ros.reports.diagnosis.report import report_page, unsettled_page
-from pneunet_ros.reports.diagnosis.tables import added_effects
 from pneunet_ros.reports.figure import draw_figures
 
 NUMBERS, MODEL, PAGE = 'diagnosis.json', 'model.yaml', 'report.html'
-REPLACEABLE = (NUMBERS, MODEL, PAGE, 'figure_*.png')  # all that a folder of an earlier one holds
+DISCOVERED_MODEL, EFFECTS_FOLDER = 'model_discovered.yaml', 'effects'
+# All that the folder of an earlier diagnosis holds.
+REPLACEABLE = (
+    NUMBERS,
+    MODEL,
+    PAGE,
+    DISCOVERED_MODEL,
+    'figure_*.png',
+    f'{EFFECTS_FOLDER}/proposed_*.py',
+    f'{EFFECTS_FOLDER}/__pycache__',
+)
 
 
 def write_diagnosis(
@@ -38,27 +58,50 @@ def write_diagnosis(
     training: Sequence[RecordingData],
     held_out: Sequence[RecordingData],
     provenance: Mapping[str, Any],
+    discovery: Discovery = NOTHING_SEARCHED,
     on_progress: OnProgress = say_nothing,
     units: UnitSystem = SI,
 ) -> dict[str, Any]:
     """Write all files of a diagnosis into a new folder; return the content of its JSON.
 
     frame: the model that was given; training, held_out: the runs as given to the diagnosis;
-    provenance: `inputs` (file, sha256 and role of each) and `versions`; units: of the axes of
-    figures. The folder must not exist; `files.atomic.atomic_output` makes it appear as a whole.
+    provenance: `inputs` (file, sha256 and role of each) and `versions`; discovery: what was found
+    beyond the library; units: of the axes of figures. The folder must not exist;
+    `files.atomic.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
-    data = FigureData(diagnosis=diagnosis, training=training, held_out=held_out)
+    data = FigureData(
+        diagnosis=diagnosis, training=training, held_out=held_out, discovery=discovery
+    )
     pictures = draw_figures(FIGURES, data, on_progress, units)
     for item in itertools.chain(*pictures.values()):
         (folder / item.file).write_bytes(item.png)
     origin = {**provenance, 'seed': diagnosis.seed}
-    page = report_page(diagnosis, pictures, origin, units)
+    page = report_page(diagnosis, pictures, origin, units, discovery)
     (folder / PAGE).write_text(page, encoding='utf-8')
-    save_model(diagnosed_arm(diagnosis, frame, origin), folder / MODEL)
-    content = diagnosis_content(diagnosis, provenance)
+    save_model(diagnosed_arm(diagnosis, diagnosis.after, frame, origin), folder / MODEL)
+    if discovery.evaluation is not None:
+        write_discovered(discovery, diagnosis, folder, frame, origin)
+    content = diagnosis_content(diagnosis, discovery, provenance)
     (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')
     return content
+
+
+def write_discovered(
+    discovery: Discovery,
+    diagnosis: Diagnosis,
+    folder: Path,
+    frame: Arm,
+    provenance: Mapping[str, Any],
+) -> None:
+    """Write the files of the proposed effects, and the model that has the first of them."""
+    assert discovery.evaluation is not None
+    (folder / EFFECTS_FOLDER).mkdir()
+    for law in discovery.found:
+        if law.source is not None and law.effect_file is not None:
+            (folder / law.effect_file).write_text(law.source, encoding='utf-8')
+    arm = diagnosed_arm(diagnosis, discovery.evaluation, frame, provenance)
+    save_model(arm, folder / DISCOVERED_MODEL)
 
 
 def write_unsettled(
@@ -79,6 +122,7 @@ def write_unsettled(
             'adequacy': dict.fromkeys(('before', 'after')),
             'detectable': {},
             'parameter_shift': {},
+            'discovered': [],
             'notes': diagnosis.notes,
             **provenance,
             **ending(diagnosis.seed, diagnosis.settings),
@@ -88,15 +132,24 @@ def write_unsettled(
     return content
 
 
-def ending(seed: int, settings: DiagnosisSettings) -> dict[str, Any]:
+def discovered_content(law: Discovered) -> dict[str, Any]:
+    """Return a discovered law, by the names of the contract."""
+    content = asdict(law)
+    del content['source']
+    return content
+
+
+def ending(seed: int, *settings: DiagnosisSettings | DiscoverySettings) -> dict[str, Any]:
     """Return what every JSON of a diagnosis ends with."""
-    used = {'used': settings_used(settings), 'not_default': settings_changed(settings)}
+    used = {'used': settings_used(*settings), 'not_default': settings_changed(*settings)}
     return {'seed': seed, 'settings': used}
 
 
-def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of `diagnosis.json`; see docs/diagnosis.md."""
-    before, after = diagnosis.before, diagnosis.after
+def diagnosis_content(
+    diagnosis: Diagnosis, discovery: Discovery, provenance: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the content of `diagnosis.json`; see docs/diagnosis.md and docs/discovery.md."""
+    before, after, found = diagnosis.before, diagnosis.after, discovery.evaluation
     content = {
         'answer': diagnosis.answer,
         'sentence': diagnosis.sentence,
@@ -117,10 +170,15 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
         ],
         'where_sentence': diagnosis.where_sentence,
         'gap': {
-            'training': misfits_content(before.training, after.training),
-            'heldout': misfits_content(before.held_out, after.held_out),
+            'training': misfits_content(
+                before.training, after.training, None if found is None else found.training
+            ),
+            'heldout': misfits_content(
+                before.held_out, after.held_out, None if found is None else found.held_out
+            ),
             'noise_floor_m': diagnosis.noise_floor,
             'closed': diagnosis.closed,
+            'closed_discovered': discovery.closed,
         },
         'noise_floor_std_m': diagnosis.noise_floor_std,
         'adequacy': {
@@ -134,28 +192,37 @@ def diagnosis_content(diagnosis: Diagnosis, provenance: Mapping[str, Any]) -> di
             {'effects': pair, 'cosine': value} for pair, value in diagnosis.cosines.items()
         ],
         'proposal': diagnosis.proposal,
-        'notes': diagnosis.notes,
+        'discovered': [discovered_content(item) for item in discovery.found],
+        'notes': (*diagnosis.notes, *discovery.notes),
         **provenance,
-        **ending(diagnosis.seed, diagnosis.settings),
+        **ending(diagnosis.seed, diagnosis.settings, discovery.settings),
     }
     plain_content: dict[str, Any] = plain(content)
     return plain_content
 
 
-def misfits_content(before: Misfit | None, after: Misfit | None) -> dict[str, Any] | None:
-    """Return the model errors before and after, by the names of the contract."""
+def misfits_content(
+    before: Misfit | None, after: Misfit | None, discovered: Misfit | None
+) -> dict[str, Any] | None:
+    """Return the model errors of all models that there are, by the names of the contract."""
     if before is None or after is None:
         return None
+    columns = {'before': before, 'after': after}
+    if discovered is not None:
+        columns['discovered'] = discovered
     return {
         when: {'rms_m': item.rms, 'p95_m': item.p95, 'chi2_per_dof': item.chi_squared}
-        for when, item in (('before', before), ('after', after))
+        for when, item in columns.items()
     }
 
 
-def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any]) -> Arm:
-    """Return the augmented arm with where its numbers come from, and where it is valid."""
-    arm, runs = diagnosis.after.arm, [item.run for item in diagnosis.after.fit.runs]
-    added = added_effects(diagnosis)
+def diagnosed_arm(
+    diagnosis: Diagnosis, evaluated: Evaluation, frame: Arm, provenance: Mapping[str, Any]
+) -> Arm:
+    """Return an augmented arm with where its numbers come from, and where it is valid."""
+    arm, runs = evaluated.arm, [item.run for item in evaluated.fit.runs]
+    known = {effect.name for effect in frame.effects}
+    added = [effect.name for effect in arm.effects if effect.name not in known]
     jointly = f', jointly with {", ".join(added)}' if added else ''
     fitted = f'refitted by a diagnosis to {len(runs)} recordings{jointly}'
     sources = dict(frame.sources) | {'intrinsic_curvature': fitted}
@@ -164,7 +231,8 @@ def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any
     for effect in arm.effects:
         if effect.name in added:
             names = [f'effects.{effect.name}.{item.name}' for item in quantities(effect)]
-            sources |= dict.fromkeys(names, 'diagnosed')
+            proposed = effect.name.startswith(PREFIX)
+            sources |= dict.fromkeys(names, 'discovered' if proposed else 'diagnosed')
     about = {
         'source': f'pneunet diagnose {provenance["versions"]["pneunet_ros"]}',
         'answer': diagnosis.answer,
@@ -176,7 +244,7 @@ def diagnosed_arm(diagnosis: Diagnosis, frame: Arm, provenance: Mapping[str, Any
     return replace(
         arm,
         name='+'.join([frame.name, *added]),
-        domain=domain_of(diagnosis.after.fit),
+        domain=domain_of(evaluated.fit),
         sources=sources,
         provenance=plain(about),
     )

@@ -7,9 +7,10 @@ from typing import Any
 
 from pneunet_ros.core.unit_system import SI, UnitSystem
 from pneunet_ros.diagnosis.result import CLEAR, Diagnosis, UnsettledDiagnosis
+from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.reports.calibration.tables import flat
 from pneunet_ros.reports.calibration.verdict import bending_stiffness, stiffness_text
-from pneunet_ros.reports.diagnosis.error_figures import error_sentence
+from pneunet_ros.reports.diagnosis.error_figures import discovered_sentence, error_sentence
 from pneunet_ros.reports.diagnosis.tables import (
     added_effects,
     adequacy_table,
@@ -37,12 +38,17 @@ def report_page(
     pictures: Pictures,
     provenance: Mapping[str, Any],
     units: UnitSystem = SI,
+    discovery: Discovery = NOTHING_SEARCHED,
 ) -> str:
     """Return the page, pictures inside."""
     next_step, command = next_steps(diagnosis)
     return render_page(
         TEMPLATE,
         diagnosis=diagnosis,
+        discovery=discovery,
+        discovered_error=(
+            discovered_sentence(diagnosis, discovery) if discovery.evaluation else ''
+        ),
         stiffness=stiffness_change(diagnosis),
         next_step=next_step,
         command=command,
@@ -53,7 +59,7 @@ def report_page(
         where_text=where_text(diagnosis),
         undetectable=undetectable_sentence(diagnosis),
         pictures=pictures,
-        error=error_table(diagnosis),
+        error=error_table(diagnosis, discovery),
         adequacy=adequacy_table(diagnosis),
         where=where_table(diagnosis),
         effects=effect_table(diagnosis),

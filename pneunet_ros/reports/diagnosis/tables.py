@@ -9,6 +9,7 @@ from typing import Any
 
 from pneunet_ros.core.units import millimeters, quantities
 from pneunet_ros.diagnosis.result import Diagnosis, Evidence, Misfit, Shift
+from pneunet_ros.discovery.result import Discovery, NOTHING_SEARCHED
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.reports.calibration.tables import describe_quantity
 from pneunet_ros.reports.diagnosis.words import p_value_text, round_value, unit_text, with_error
@@ -38,15 +39,16 @@ def added_effects(diagnosis: Diagnosis) -> list[str]:
     return [effect.name for effect in diagnosis.effects if effect.name in there]
 
 
-def error_table(diagnosis: Diagnosis) -> Table:
-    """Return the model error before and after, on training and held-out recordings."""
-    groups = [('training', diagnosis.before.training, diagnosis.after.training)]
-    if diagnosis.before.held_out is not None and diagnosis.after.held_out is not None:
-        groups.append(('held out', diagnosis.before.held_out, diagnosis.after.held_out))
-    rows = [
-        (name, when, *misfit_texts(misfit))
-        for name, before, after in groups
-        for when, misfit in (('before', before), ('after', after))
+def error_table(diagnosis: Diagnosis, discovery: Discovery = NOTHING_SEARCHED) -> Table:
+    """Return the errors of all models, on training and held-out recordings."""
+    models = {'before': diagnosis.before, 'after': diagnosis.after}
+    if discovery.evaluation is not None:
+        models['discovered'] = discovery.evaluation
+    rows = [('training', when, *misfit_texts(model.training)) for when, model in models.items()]
+    rows += [
+        ('held out', when, *misfit_texts(model.held_out))
+        for when, model in models.items()
+        if model.held_out is not None
     ]
     floor = f'{millimeters(diagnosis.noise_floor):.3f}'
     return Table(

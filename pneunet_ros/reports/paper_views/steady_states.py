@@ -70,9 +70,7 @@ def find_steady_states(
 def arm_points(fitted: FittedRun, arm: Arm) -> Array:
     """Return where the targets really were as far as is known, (frames, 2, targets) m."""
     measured = fitted.run.points - fitted.disturbance
-    # What effects of the camera do is linear about the base.
-    seen = np.stack(arm.see(np.array([1.0, 0.0]), np.array([0.0, 1.0])))
-    return np.asarray(np.matmul(np.linalg.inv(seen), measured))
+    return np.stack(arm.unsee(measured[:, 0], measured[:, 1]), axis=1)
 
 
 def average(fitted: FittedRun, points: Array, start: int, stop: int) -> SteadyState:

@@ -1,0 +1,519 @@
+"""From a diagnosis that leaves something to a law in words, and to an effect that runs.
+
+Nothing is looked for where residuals are consistent with noise. A law is given only if one half of
+the recordings predicts it in the other, and if held-out recordings do not speak against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.diagnosis.confirmation import Confirmer
+from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation
+from pneunet_ros.diagnosis.evaluation import removed_share
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_statistic
+from pneunet_ros.diagnosis.result import Diagnosis, Estimated
+from pneunet_ros.diagnosis.selection import evidence_margin, is_adequate, Selection, Trial
+from pneunet_ros.discovery.amplitude import FrameColumns, Runs
+from pneunet_ros.discovery.joint_fit import JointFits, POSITION, Proposal
+from pneunet_ros.discovery.kinds import KINDS
+from pneunet_ros.discovery.proposed_effect import effect_name, effect_source
+from pneunet_ros.discovery.result import (
+    AmplitudeSeries,
+    CauseMap,
+    Discovered,
+    Discovery,
+    NOTHING_SEARCHED,
+    TermOfLaw,
+    TimeLaw,
+)
+from pneunet_ros.discovery.search import Search, Suspect
+from pneunet_ros.discovery.sentence import drift_sentence, law_sentence, swing_sentence
+from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Finding:
+    """A suspect, with its joint fit where it runs, and what both come to.
+
+    gain: in log probability of every training recording predicted from the others.
+    """
+
+    suspect: Suspect
+    proposal: Proposal | None
+    gain: float
+    share: float
+
+    @property
+    def explains(self) -> bool:
+        """Whether its joint fit leaves no more than the law of an effect may."""
+        return self.proposal is not None and self.proposal.trial.record.adequate
+
+
+def discover(
+    investigation: Investigation,
+    *,
+    on_progress: OnProgress = say_nothing,
+    settings: DiscoverySettings = DISCOVERY,
+) -> Discovery:
+    """Look for a law in what no effect of the library explains.
+
+    Args:
+        investigation: a diagnosis, with the fits it rests on.
+        on_progress: called with what is done, how far, and of how much (0 = unknown).
+        settings: the numbers by which it decides.
+
+    Returns:
+        Laws that the recordings confirm, at most one with its rivals; none where the answer is
+        `none` or `unobservable`, or where named effects leave nothing but noise.
+
+    """
+    selection, first, diagnosis = (
+        investigation.selection,
+        investigation.base,
+        investigation.diagnosis,
+    )
+    if selection is None or first is None or not isinstance(diagnosis, Diagnosis):
+        return NOTHING_SEARCHED
+    base = starting_point(investigation, settings)
+    if base is None:
+        return NOTHING_SEARCHED
+    on_progress('causes outside the library', 0, 0)
+    search = Search(base.refit, settings)
+    suspects = search.suspects()
+    causes = cause_map(search, base)
+    if not suspects:
+        notes = ('no kind of cause that was tried predicts recordings that are left out',)
+        return Discovery(searched=True, causes=causes, notes=notes, settings=settings)
+    fits = JointFits(selection, first, base, search, settings)
+    findings = judge(fits, suspects, on_progress)
+    best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
+    objections = objections_to(best, selection, first, base, search)
+    amplitudes = amplitude_series(search, best)
+    if objections:
+        kind = best.suspect.kind.name
+        notes = (f'the closest cause is {kind}; no law is given: {"; ".join(objections)}',)
+        return Discovery(
+            searched=True, causes=causes, amplitudes=amplitudes, notes=notes, settings=settings
+        )
+    evaluation = closed = None
+    if best.proposal is not None:
+        on_progress('evaluation of the discovered law', 0, 0)
+        runs = selection.linearization.runs
+        evaluation = evaluate(
+            best.proposal.trial, runs, investigation.recordings, selection.settings
+        )
+        closed = removed_share(diagnosis.before.rms, evaluation.rms, diagnosis.noise_floor)
+    tied = tied_kinds(best, findings, suspects, settings)
+    return Discovery(
+        searched=True,
+        found=(describe(best, tied, search),),
+        causes=causes,
+        amplitudes=amplitudes,
+        evaluation=evaluation,
+        closed=closed,
+        settings=settings,
+    )
+
+
+def starting_point(investigation: Investigation, settings: DiscoverySettings) -> Trial | None:
+    """Return the model on top of which something is looked for; None where nothing is left."""
+    selection, base, trial = investigation.selection, investigation.base, investigation.trial
+    assert selection is not None
+    assert base is not None
+    assert trial is not None
+    match investigation.diagnosis.answer:
+        case 'unknown':
+            return base
+        case 'named' | 'inseparable':
+            level = selection.settings.lack_of_fit.level
+            return None if is_adequate(trial.record.tests, level) else trial
+    return None
+
+
+def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress) -> list[Finding]:
+    """Fit the best suspects jointly where a model can follow them, and say what they explain.
+
+    Where none of them leaves as little as a law may, the calibration has bent itself so far that
+    their order means little: then more of them are fitted, and also as constants.
+    """
+    settings, findings = fits.settings.confirmation, []
+    for place, suspect in enumerate(suspects[: settings.finalists]):
+        on_progress(f'joint fit of {suspect.kind.name}', place, settings.finalists)
+        proposal = None
+        if suspect.law is not None and not suspect.goes_by_itself:
+            proposal = fits.propose(suspect.law)
+        findings.append(finding_of(suspect, proposal, fits))
+    if suspects[0].goes_by_itself or any(item.explains for item in findings):
+        return findings
+    again = []
+    for place, suspect in enumerate(suspects[: settings.more_finalists]):
+        on_progress(f'joint fit of {suspect.kind.name}', place, settings.more_finalists)
+        known = findings[place] if place < len(findings) else finding_of(suspect, None, fits)
+        if suspect.goes_by_itself:
+            again.append(known)
+            continue
+        proposals = [known.proposal, fits.propose_constant(suspect.kind)]
+        if place >= len(findings) and suspect.law is not None:
+            proposals[0] = fits.propose(suspect.law)
+        fitted = [item for item in proposals if item is not None]
+        best = max(fitted, key=lambda item: item.evidence, default=None)
+        again.append(finding_of(suspect, best, fits))
+    return again
+
+
+def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> Finding:
+    """Return what a suspect comes to, with its joint fit where it has one."""
+    base = fits.base
+    gain, share = suspect.left_out_gain, linear_share(suspect, base, fits.search)
+    if proposal is not None:
+        gain = proposal.evidence - base.record.evidence
+        share = 1.0 - proposal.trial.record.excess / max(base.record.excess, 1e-12)
+    return Finding(suspect=suspect, proposal=proposal, gain=gain, share=share)
+
+
+def shortened(finding: Finding, fits: JointFits) -> Finding:
+    """Return a finding without terms that its law does not need, as a constant if that does."""
+    if finding.proposal is None:
+        return finding
+    shorter = fits.without_idle_terms(finding.proposal)
+    if len(shorter.terms) > 1:
+        constant = fits.propose_constant(finding.suspect.kind)
+        margin = fits.settings.law.least_gain * (len(shorter.terms) - 1)
+        if constant is not None and constant.evidence > shorter.evidence - margin:
+            shorter = fits.without_idle_terms(constant)
+    return finding_of(finding.suspect, shorter, fits)
+
+
+def linear_share(suspect: Suspect, base: Trial, search: Search) -> float:
+    """Return the share of the excess that a suspect explains where it was not fitted jointly."""
+    explained = suspect_explained(suspect, search)
+    return min(1.0, explained / max(excess_of(base), explained))
+
+
+def excess_of(base: Trial) -> float:
+    """Return by how much chi squared is above its mean, or a test above clean data."""
+    runs = base.refit.linearization.training
+    squares = sum(base.record.run_chi_squared[:runs]) - sum(base.record.coordinates[:runs])
+    return max(float(squares), base.record.excess)
+
+
+def suspect_explained(suspect: Suspect, search: Search) -> float:
+    """Return by how much chi squared falls with the law of a suspect."""
+    if suspect.law is not None:
+        return suspect.law.explained
+    assert suspect.swing is not None
+    frames = FrameColumns(search.projection, search.fit.linearization, suspect.cause.fields)
+    return frames.evidence(search.runs).along(suspect.swing.factors).explained
+
+
+def cause_map(search: Search, base: Trial) -> CauseMap:
+    """Return the share that every kind explains with its best law, over the place."""
+    every = [item for kind in KINDS.values() for item in search.positions(kind)]
+    positions = np.array(sorted({item for item in every if item is not None}))
+    grid = np.linspace(0.0, 1.0, search.settings.place.grid)
+    del positions
+    share, total = np.full((len(KINDS), grid.size), np.nan), excess_of(base)
+    for row, kind in enumerate(KINDS.values()):
+        for place, position in enumerate(search.positions(kind)):
+            law = search.law(kind, position, search.runs)
+            explained = 0.0 if law is None else law.explained
+            cells = slice(None) if position is None else slice(place, place + 1)
+            share[row, cells] = explained
+    return CauseMap(
+        kinds=tuple(KINDS), positions=grid, share=share / max(total, float(np.nanmax(share)))
+    )
+
+
+def objections_to(
+    finding: Finding, selection: Selection, first: Trial, base: Trial, search: Search
+) -> tuple[str, ...]:
+    """Return what speaks against giving the law of a finding."""
+    settings = search.settings.confirmation
+    found = []
+    p_value = split_p_value(finding.suspect, search, selection.seed)
+    if p_value > settings.level:
+        found.append(
+            f'half of the recordings does not predict it in the other half (p-value {p_value:.2g})'
+        )
+    if finding.share < settings.least_share:
+        found.append(f'it explains {max(finding.share, 0.0):.0%} of what is left')
+    if base is not first and finding.gain < settings.beside_named * base.record.evidence:
+        found.append('it may be what the law of the named effect leaves out')
+    if finding.proposal is not None:
+        if not finding.explains:
+            worst = min(finding.proposal.trial.record.tests, key=lambda item: item.p_value)
+            found.append(
+                f'it leaves more than a law may (p-value {worst.p_value:.1g} of {worst.name})'
+            )
+        confirmer = Confirmer.of(selection, first.record)
+        found += confirmer.held_out_objections(finding.proposal.trial.record)
+    return tuple(found)
+
+
+def split_p_value(suspect: Suspect, search: Search, seed: int) -> float:
+    """Return how often noise alone confirms as well what half of the recordings says of the other.
+
+    Place, terms and coefficients are those of one half; 1 where neither half says anything. The
+    other half is taken by itself: of a base that both halves fit it would expect the same errors.
+    """
+    runs = search.runs
+    halves = runs[::2], runs[1::2]
+    values = [
+        predicted_p_value(suspect, search, one, other, seed)
+        for one, other in (halves, halves[::-1])
+        if one and other
+    ]
+    return min(1.0, 2.0 * min(values, default=1.0))
+
+
+def predicted_p_value(
+    suspect: Suspect, search: Search, chosen: Runs, tested: Runs, seed: int
+) -> float:
+    """Return the p-value of the law of some runs in others."""
+    linearization, gaussian = search.fit.linearization, search.fit.gaussian
+    if suspect.swing is not None:
+        swing = search.swing(suspect.cause, chosen)
+        if swing is None:
+            return 1.0
+        frames = FrameColumns(search.projection, linearization, suspect.cause.fields)
+        white = swing_columns(suspect, search, frames, swing.factors, tested)
+    else:
+        law = search.best_law(suspect.kind, chosen)
+        if law is None:
+            return 1.0
+        places = [law.cause.terms.index(term) for term in law.terms]
+        white = [
+            (law.cause.columns.white[which][:, places] @ law.coefficients)[:, None]
+            for which in tested
+        ]
+    blocks = [linearization.blocks[which] for which in tested]
+    alone = GaussianModel.of(
+        [gaussian.columns[which] for which in tested],
+        [gaussian.residuals[which] for which in tested],
+        gaussian.position,
+        [gaussian.grams[which] for which in tested],
+    )
+    name, every = f'split {suspect.kind.name}', range(len(tested))
+    statistic = white_statistic(name, blocks, linearization.size, alone, every, white, seed)
+    mean, variance = clean_moments(statistic)
+    test = LackOfFit(
+        name=statistic.name,
+        statistic=statistic.statistic,
+        dof=statistic.dof,
+        mean=mean,
+        std=float(np.sqrt(variance)),
+    )
+    return test.p_value
+
+
+def swing_columns(
+    suspect: Suspect, search: Search, frames: FrameColumns, factors: Array, runs: Runs
+) -> list[Array]:
+    """Return the whitened sine and cosine of a swing in some runs, (rows, 2 runs) each."""
+    blocks = search.fit.linearization.blocks
+    own = [2 * which + part for which in runs for part in (0, 1)]
+    return [
+        blocks[which].white(
+            suspect.cause.fields[which][:, :, None]
+            * factors[frames.frames[which]][:, None, :][:, :, own]
+        )
+        for which in runs
+    ]
+
+
+def tied_kinds(
+    best: Finding,
+    findings: Sequence[Finding],
+    suspects: Sequence[Suspect],
+    settings: DiscoverySettings,
+) -> tuple[str, ...]:
+    """Return the other kinds that explain as much, by joint fits or else by left-out gain."""
+    margin = max(settings.confirmation.tied, evidence_margin(best.gain))
+    fitted = {item.suspect.kind.name: item.gain for item in findings}
+    linear = best.suspect.left_out_gain
+    tied = [
+        item.kind.name
+        for item in suspects
+        if item is not best.suspect
+        and (
+            best.gain - fitted[item.kind.name]
+            if item.kind.name in fitted
+            else linear - item.left_out_gain
+        )
+        < margin
+    ]
+    return tuple(tied)
+
+
+def describe(finding: Finding, tied: Sequence[str], search: Search) -> Discovered:
+    """Return a finding as of the contract of diagnosis.json."""
+    suspect, proposal = finding.suspect, finding.proposal
+    kind = suspect.kind
+    location = location_of(finding, search)
+    if proposal is not None:
+        terms = tuple(
+            TermOfLaw(
+                name=item.term,
+                function=item.name,
+                coefficient=float(number),
+                std=float(std),
+                unit=item.unit,
+            )
+            for item, number, std in zip(
+                proposal.parameters, proposal.numbers, proposal.stds, strict=False
+            )
+        )
+        sentence = law_sentence(kind, location, terms, tied)
+        source = effect_source(
+            kind,
+            proposal.parameters,
+            sentence,
+            length=search.fit.linearization.length,
+            play=search.play,
+        )
+        size = {
+            item.function: Estimated(value=item.coefficient, std=item.std, unit=item.unit)
+            for item in terms
+        }
+        return Discovered(
+            kind=kind.name,
+            location=location,
+            size=size,
+            covariates=terms,
+            time_law=None,
+            share=finding.share,
+            left_out_gain=finding.gain,
+            tied_with=tuple(tied),
+            sentence=sentence,
+            effect_file=f'effects/{effect_name(kind)}.py',
+            source=source,
+        )
+    if suspect.swing is not None:
+        swing = suspect.swing
+        amplitude = swing.size * kind.prior
+        return Discovered(
+            kind=kind.name,
+            location=location,
+            size={'amplitude': Estimated(value=amplitude, std=amplitude * 0.0, unit=kind.unit)},
+            covariates=(),
+            time_law=TimeLaw(
+                form='sine with a phase of its own in every recording'
+                + ('' if swing.modulation == '1' else ', times the pressure'),
+                parameters={
+                    'period': Estimated(value=swing.period, std=swing.period_std, unit='s')
+                },
+            ),
+            share=finding.share,
+            left_out_gain=finding.gain,
+            tied_with=tuple(tied),
+            sentence=swing_sentence(kind, location, swing, tied),
+            effect_file=None,
+            source=None,
+        )
+    terms = linear_terms(suspect)
+    return Discovered(
+        kind=kind.name,
+        location=location,
+        size={},
+        covariates=terms,
+        time_law=TimeLaw(form='grows with the time since the start of a recording', parameters={}),
+        share=finding.share,
+        left_out_gain=finding.gain,
+        tied_with=tuple(tied),
+        sentence=drift_sentence(kind, location, terms, tied),
+        effect_file=None,
+        source=None,
+    )
+
+
+def location_of(finding: Finding, search: Search) -> Estimated | None:
+    """Return where along the arm (s / l) a finding is, None for what has no place."""
+    position = finding.suspect.cause.position
+    if position is None:
+        return None
+    proposal = finding.proposal
+    if proposal is None:
+        kind = finding.suspect.kind
+        assert kind.positions is not None
+        step = (kind.positions[1] - kind.positions[0]) / (search.settings.place.grid - 1)
+        return Estimated(value=position, std=step * 0.5**search.settings.place.rounds, unit='-')
+    hypothesis = proposal.trial.refit.hypotheses[-1]
+    value = float(getattr(hypothesis.effect(proposal.numbers), POSITION))
+    return Estimated(value=value, std=float(proposal.stds[-1]) * value, unit='-')
+
+
+def linear_terms(suspect: Suspect) -> tuple[TermOfLaw, ...]:
+    """Return the terms of a law that was not fitted jointly."""
+    law = suspect.law
+    assert law is not None
+    stds = np.sqrt(np.diag(law.covariance))
+    scales = {item.name: item for item in suspect.cause.covariates}
+    terms = []
+    for name, coefficient, std in zip(law.terms, law.coefficients, stds, strict=True):
+        native = suspect.kind.natives.get(name)
+        size = native.prior if native else suspect.kind.prior / scales[name].scale
+        unit = native.unit if native else f'{suspect.kind.unit} per {scales[name].meaning.unit}'
+        terms.append(
+            TermOfLaw(
+                name=name,
+                function=name,
+                coefficient=float(coefficient * size),
+                std=float(std * size),
+                unit=unit,
+            )
+        )
+    return tuple(terms)
+
+
+def amplitude_series(search: Search, finding: Finding) -> tuple[AmplitudeSeries, ...]:
+    """Return the amplitude of a finding in every frame of the training, free and by its law."""
+    suspect, linearization = finding.suspect, search.fit.linearization
+    kind, cause = suspect.kind, suspect.cause
+    frames = FrameColumns(search.projection, linearization, cause.fields)
+    evidence = frames.evidence(search.runs)
+    value, covariance = evidence.estimate(kind.prior)
+    std = np.sqrt(np.diag(covariance))
+    law = law_amplitude(suspect, search)
+    series = []
+    for which, own in enumerate(frames.frames):
+        run = linearization.runs[which]
+        series.append(
+            AmplitudeSeries(
+                recording=run.name,
+                unit=kind.unit,
+                seconds=np.asarray((run.stamp_ns - run.reading_stamp_ns[0]) / 1e9),
+                value=value[own],
+                std=std[own],
+                law=law[own],
+            )
+        )
+    return tuple(series)
+
+
+def law_amplitude(suspect: Suspect, search: Search) -> Array:
+    """Return the amplitude (all frames,) by the law of a suspect, without what is native."""
+    if suspect.swing is not None:
+        frames = FrameColumns(search.projection, search.fit.linearization, suspect.cause.fields)
+        evidence = frames.evidence(search.runs).along(suspect.swing.factors)
+        return np.asarray(suspect.swing.factors @ evidence.estimate(suspect.swing.std)[0])
+    law = suspect.law
+    assert law is not None
+    scales = {item.name: item for item in suspect.cause.covariates}
+    parts = [
+        np.concatenate(
+            [
+                coefficient * suspect.kind.prior * scales[name].scaled(which)
+                for which in search.runs
+            ]
+        )
+        for name, coefficient in zip(law.terms, law.coefficients, strict=True)
+        if name in scales
+    ]
+    total = sum(len(item) for item in suspect.cause.fields)
+    return np.asarray(sum(parts, np.zeros(total)))

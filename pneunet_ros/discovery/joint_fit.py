@@ -1,0 +1,232 @@
+"""A law in the rod: fitted jointly with the base model, as the effect that its file will be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.hypothesis import Hypothesis, hypothesis
+from pneunet_ros.diagnosis.refit import Refit, refit
+from pneunet_ros.diagnosis.selection import Selection, Trial
+from pneunet_ros.discovery.covariates import CONSTANT, Covariate
+from pneunet_ros.discovery.kinds import Kind
+from pneunet_ros.discovery.law import Law
+from pneunet_ros.discovery.proposed_effect import (
+    effect_class,
+    effect_source,
+    Parameter,
+    parameters_of,
+)
+from pneunet_ros.discovery.search import Search
+from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
+
+POSITION = 'position'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Proposal:
+    """A law as an effect of its own, fitted jointly.
+
+    terms of the law, and the parameters of the effect that belong to them; trial: the fit, with
+    what it leaves; its last hypothesis is this effect.
+    """
+
+    kind: Kind
+    terms: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    trial: Trial
+
+    @property
+    def evidence(self) -> float:
+        """Log probability of every recording predicted from the others, over the base."""
+        return self.trial.record.evidence
+
+    @property
+    def numbers(self) -> Array:
+        """The fitted numbers of this effect, as of its hypothesis."""
+        fit = self.trial.refit
+        return fit.numbers[-fit.hypotheses[-1].size :]
+
+    @property
+    def stds(self) -> Array:
+        """Their standard errors."""
+        return np.asarray(np.sqrt(np.diag(self.trial.refit.covariance))[-self.numbers.size :])
+
+
+class JointFits:
+    """Joint fits of laws on top of a trial."""
+
+    def __init__(
+        self,
+        selection: Selection,
+        first: Trial,
+        base: Trial,
+        search: Search,
+        settings: DiscoverySettings = DISCOVERY,
+    ) -> None:
+        self.selection, self.first, self.base = selection, first, base
+        self.search, self.settings = search, settings
+        self.covariates = {item.name: item for item in search.covariates}
+
+    def propose(self, law: Law) -> Proposal | None:
+        """Fit a law, and add terms that it lacks where it is in the rod, at its place.
+
+        None where the arm has no shape with it.
+        """
+        return self.lengthened(self.fit(law.cause.kind, law.terms, self.start(law)))
+
+    def propose_constant(self, kind: Kind) -> Proposal | None:
+        """Fit a constant amplitude, and add terms that it lacks where it is in the rod.
+
+        A calibration bends itself towards a cause, and towards a constant one most: what is left
+        of it then looks like a law. Its place is held at first, from place to place.
+        """
+        if CONSTANT not in self.covariates or 'constant' not in kind.follows:
+            return None
+        start = np.zeros(1)
+        if kind.positions is None:
+            return self.lengthened(self.fit(kind, (CONSTANT,), start))
+        low, high = kind.positions
+        steps = np.arange(self.settings.place.held) + 0.5
+        best: Proposal | None = None
+        for share in (steps / steps.size).tolist():
+            position = low + share * (high - low)
+            held = self.fit(kind, (CONSTANT,), np.append(start, np.log(position)), held=True)
+            if held is not None and (best is None or held.evidence > best.evidence):
+                best = held
+        if best is None:
+            return None
+        return self.lengthened(self.fit(kind, best.terms, best.numbers, best.trial.refit))
+
+    def lengthened(self, proposal: Proposal | None) -> Proposal | None:
+        """Return a fit with the terms that it lacks, as long as they gain enough."""
+        for _ in range(self.settings.law.rounds):
+            if proposal is None:
+                return None
+            longer = self.with_missing_terms(proposal)
+            if longer is None:
+                break
+            proposal = longer
+        return proposal
+
+    def with_missing_terms(self, proposal: Proposal) -> Proposal | None:
+        """Return the fit with terms that it lacks; None where they gain too little."""
+        more = self.missing_terms(proposal)
+        if not more:
+            return None
+        numbers = np.insert(proposal.numbers, len(proposal.terms), np.zeros(len(more)))
+        terms = (*proposal.terms, *more)
+        better = self.fit(proposal.kind, terms, numbers, proposal.trial.refit)
+        least = proposal.evidence + self.settings.law.least_gain
+        return None if better is None or better.evidence < least else better
+
+    def without_idle_terms(self, proposal: Proposal) -> Proposal:
+        """Leave out terms without which the recordings are predicted as well.
+
+        Beside a place that is off, or a base that is, a law looks longer than it is.
+        """
+        while len(proposal.terms) > 1:
+            count = len(proposal.terms)
+            ratios = np.abs(proposal.numbers[:count]) / proposal.stds[:count]
+            weakest = int(np.argmin(ratios))
+            if ratios[weakest] > self.settings.law.idle:
+                break
+            terms = (*proposal.terms[:weakest], *proposal.terms[weakest + 1 :])
+            numbers = np.delete(proposal.numbers, weakest)
+            shorter = self.fit(proposal.kind, terms, numbers, proposal.trial.refit)
+            least = proposal.evidence - self.settings.law.least_gain
+            if shorter is None or shorter.evidence < least:
+                break
+            proposal = shorter
+        return proposal
+
+    def start(self, law: Law) -> Array:
+        """Return where the fit of a law begins."""
+        kind = law.cause.kind
+        sizes = [
+            kind.natives[term].prior
+            if term in kind.natives
+            else kind.prior / self.covariates[term].scale
+            for term in law.terms
+        ]
+        numbers = law.coefficients * np.array(sizes)
+        if law.cause.position is None:
+            return np.asarray(numbers)
+        return np.append(numbers, np.log(law.cause.position))
+
+    def fit(
+        self,
+        kind: Kind,
+        terms: tuple[str, ...],
+        numbers: Array,
+        around: Refit | None = None,
+        *,
+        held: bool = False,
+    ) -> Proposal | None:
+        """Fit jointly from these numbers until settled; held: the place stays where it begins."""
+        parameters = parameters_of(kind, terms, self.covariates)
+        source = effect_source(
+            kind,
+            parameters,
+            '',
+            length=self.base.refit.linearization.length,
+            play=self.search.play,
+        )
+        own = hypothesis(effect_class(source))
+        if held:
+            own = with_held_position(own, float(numbers[-1]))
+        known, settings = self.base.refit, self.selection.settings.refit
+        found = refit(
+            known.linearization if around is None else around.linearization,
+            (*known.hypotheses, own),
+            np.concatenate([known.numbers, numbers]),
+            settings.rounds,
+            settings,
+        )
+        if found is None:
+            return None
+        return Proposal(
+            kind=kind,
+            terms=terms,
+            parameters=parameters,
+            trial=self.selection.test_trial(found, self.first),
+        )
+
+    def missing_terms(self, proposal: Proposal) -> tuple[str, ...]:
+        """Return terms of the kind that the fit with the law still lacks."""
+        room = self.settings.law.most_terms - len(proposal.terms)
+        if room <= 0:
+            return ()
+        position = self.position(proposal)
+        search = Search(proposal.trial.refit, self.settings)
+        law = search.law(proposal.kind, position, search.runs)
+        if law is None:
+            return ()
+        runnable = [
+            term
+            for term in law.terms
+            if term not in proposal.terms
+            and (
+                term in proposal.kind.natives or is_followed(proposal.kind, self.covariates[term])
+            )
+        ]
+        return tuple(runnable[:room])
+
+    def position(self, proposal: Proposal) -> float | None:
+        """Return the place (s / l) of a fitted law, None for what has none."""
+        if proposal.kind.positions is None:
+            return None
+        hypothesis = proposal.trial.refit.hypotheses[-1]
+        return float(getattr(hypothesis.effect(proposal.numbers), POSITION))
+
+
+def with_held_position(free: Hypothesis, number: float) -> Hypothesis:
+    """Return a hypothesis whose place, the last of its numbers, cannot move."""
+    position = replace(free.coordinates[-1], low=number, high=number)
+    return replace(free, coordinates=(*free.coordinates[:-1], position))
+
+
+def is_followed(kind: Kind, covariate: Covariate) -> bool:
+    """Whether an effect of a kind can follow a covariate when it runs."""
+    return covariate.meaning.group in kind.follows

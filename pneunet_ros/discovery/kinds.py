@@ -1,0 +1,305 @@
+"""Kinds of cause: what may act on the arm, or on its picture, with an amplitude of its own.
+
+A kind is an effect with one amplitude per frame. `method` is the method of the contract of effects
+(`effects/effect.py`) in which it speaks, and `code` what that returns, as Python with `amplitude`;
+of `terms`, what it gives to `Terms`: the field of a unit amplitude, the joint fit of a law and
+the proposed effect file are all made of it (`proposed_effect.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from pneunet_ros.discovery.covariates import Group
+from pneunet_ros.effects.effect import Place
+
+Method = Literal['terms', 'sense', 'actuate', 'see', 'frame_delay']
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Native:
+    """A covariate that comes out of the equilibrium itself, so that no amplitude can follow it.
+
+    code: what it gives to `Terms`, with `coefficient`; words as of a covariate; unit and prior std
+    (SI) of the coefficient, which is never negative.
+    """
+
+    code: str
+    words: str
+    unit: str
+    prior: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """One kind of cause.
+
+    subject: what it is, in a sentence that goes on with how its amplitude goes; unit and prior std
+    (SI) of the amplitude. positions: from where to where along the arm (s / l) it may be, None
+    where it has no place; width (s / l): of the part on which it acts. place: that of the contract
+    of effects.
+    """
+
+    name: str
+    subject: str
+    amplitude: str
+    unit: str
+    prior: float
+    place: Place
+    method: Method
+    code: str
+    positions: tuple[float, float] | None = None
+    width: float = 0.0
+    natives: dict[str, Native] = field(default_factory=dict)
+
+    @property
+    def follows(self) -> frozenset[Group]:
+        """What an effect of this kind can follow when it runs."""
+        groups: dict[Method, frozenset[Group]] = {
+            'terms': frozenset({'constant', 'pressure', 'past', 'load'}),
+            'actuate': frozenset({'past'}),
+            'sense': frozenset({'constant', 'pressure', 'load'}),
+            'see': frozenset({'constant'}),
+            'frame_delay': frozenset({'constant'}),
+        }
+        return groups[self.method]
+
+
+# {half}: half of the arm's length (m).
+RADIAL = (
+    '(\n'
+    '    x + amplitude * ((x - {half}) ** 2 + y**2) / {half} ** 2 * (x - {half}),\n'
+    '    y + amplitude * ((x - {half}) ** 2 + y**2) / {half} ** 2 * y,\n'
+    ')'
+)
+PERSPECTIVE = 'x * (1.0 + 0.5 * amplitude * x / {half}), y * (1.0 + 0.5 * amplitude * x / {half})'
+
+KINDS: dict[str, Kind] = {
+    kind.name: kind
+    for kind in (
+        Kind(
+            name='stretch',
+            subject='the whole arm is stretched',
+            amplitude='stretch',
+            unit='-',
+            prior=0.02,
+            place='mechanics',
+            method='terms',
+            code='rest_strain=amplitude',
+            natives={
+                'tension': Native(
+                    code='axial_compliance=coefficient',
+                    words='grows with the tension along the arm',
+                    unit='1/N',
+                    prior=0.02,
+                )
+            },
+        ),
+        Kind(
+            name='clamp_turn',
+            subject='the arm turns at its clamp',
+            amplitude='turn',
+            unit='rad',
+            prior=0.05,
+            place='mechanics',
+            method='terms',
+            code='clamp_angle=amplitude',
+            natives={
+                'moment at the clamp': Native(
+                    code='clamp_compliance=coefficient',
+                    words='grows with the moment at the clamp',
+                    unit='rad/(N m)',
+                    prior=10.0,
+                )
+            },
+        ),
+        Kind(
+            name='stiffness',
+            subject='the stiffness of the whole arm changes',
+            amplitude='share that is added to the stiffness',
+            unit='-',
+            prior=0.2,
+            place='material',
+            method='terms',
+            code='rigidity_factor=1.0 + amplitude',
+            natives={
+                'bending^2': Native(
+                    code='cubic=coefficient',
+                    words='grows with the square of how far it is bent from its free shape',
+                    unit='m^2',
+                    prior=5e-4,
+                )
+            },
+        ),
+        Kind(
+            name='curvature',
+            subject='the free shape of the whole arm changes',
+            amplitude='curvature',
+            unit='1/m',
+            prior=1.0,
+            place='material',
+            method='terms',
+            code='curvature=amplitude',
+        ),
+        Kind(
+            name='bump',
+            subject='the free shape of a short stretch of the arm changes',
+            amplitude='curvature',
+            unit='1/m',
+            prior=5.0,
+            place='material',
+            method='terms',
+            code='curvature=amplitude',
+            positions=(0.05, 0.95),
+            width=0.1,
+        ),
+        Kind(
+            name='section_stiffness',
+            subject='the stiffness of a short stretch of the arm changes',
+            amplitude='share that is added to the stiffness',
+            unit='-',
+            prior=0.3,
+            place='material',
+            method='terms',
+            code='rigidity_factor=1.0 + amplitude',
+            positions=(0.05, 0.95),
+            width=0.1,
+        ),
+        Kind(
+            name='push',
+            subject='something pushes the arm along its normal',
+            amplitude='force',
+            unit='N',
+            prior=0.05,
+            place='mechanics',
+            method='terms',
+            code='push=amplitude',
+            positions=(0.05, 1.0),
+            width=0.02,
+        ),
+        Kind(
+            name='chamber_pressure',
+            subject='the arm bends as by another pressure than the one that is read',
+            amplitude='pressure in the chamber beyond the reading',
+            unit='Pa',
+            prior=2e3,
+            place='actuation',
+            method='actuate',
+            code='amplitude',
+        ),
+        Kind(
+            name='line_load_x',
+            subject='a load along E1 is spread over the arm',
+            amplitude='load per length',
+            unit='N/m',
+            prior=1.0,
+            place='mechanics',
+            method='terms',
+            code='line_load_x=amplitude',
+        ),
+        Kind(
+            name='line_load_y',
+            subject='a load along E2 is spread over the arm',
+            amplitude='load per length',
+            unit='N/m',
+            prior=1.0,
+            place='mechanics',
+            method='terms',
+            code='line_load_y=amplitude',
+        ),
+        Kind(
+            name='end_force_x',
+            subject='another force acts along E1 at the free end than the one that is read',
+            amplitude='force beyond the reading',
+            unit='N',
+            prior=0.03,
+            place='sensing',
+            method='sense',
+            code='replace(load, force_x=load.force_x + amplitude)',
+        ),
+        Kind(
+            name='end_force_y',
+            subject='another force acts along E2 at the free end than the one that is read',
+            amplitude='force beyond the reading',
+            unit='N',
+            prior=0.03,
+            place='sensing',
+            method='sense',
+            code='replace(load, force_y=load.force_y + amplitude)',
+        ),
+        Kind(
+            name='end_moment',
+            subject='another moment acts at the free end than the one that is read',
+            amplitude='moment beyond the reading',
+            unit='N m',
+            prior=1e-3,
+            place='sensing',
+            method='sense',
+            code='replace(load, moment=load.moment + amplitude)',
+        ),
+        Kind(
+            name='load_beside',
+            subject='the end load acts beside the centerline',
+            amplitude='distance',
+            unit='m',
+            prior=0.006,
+            place='mechanics',
+            method='terms',
+            code='load_offset=amplitude',
+        ),
+        Kind(
+            name='camera_scale',
+            subject='the scale of the picture is off',
+            amplitude='share of the scale',
+            unit='-',
+            prior=0.01,
+            place='sensing',
+            method='see',
+            code='x * (1.0 + amplitude), y * (1.0 + amplitude)',
+        ),
+        Kind(
+            name='camera_rotation',
+            subject='the picture is turned about the base',
+            amplitude='turn',
+            unit='rad',
+            prior=0.05,
+            place='sensing',
+            method='see',
+            code='(\n'
+            '    math.cos(amplitude) * x - math.sin(amplitude) * y,\n'
+            '    math.sin(amplitude) * x + math.cos(amplitude) * y,\n'
+            ')',
+        ),
+        Kind(
+            name='camera_radial',
+            subject='the lens bends the picture about its middle, amid the straight arm',
+            amplitude='shift, of the distance from the middle, half a length away',
+            unit='-',
+            prior=0.02,
+            place='sensing',
+            method='see',
+            code=RADIAL,
+        ),
+        Kind(
+            name='camera_perspective_x',
+            subject='the camera is tilted, so that the scale changes along E1',
+            amplitude='change of the scale over a length',
+            unit='-',
+            prior=0.02,
+            place='sensing',
+            method='see',
+            code=PERSPECTIVE,
+        ),
+        Kind(
+            name='time_offset',
+            subject='the stamps of the camera are off',
+            amplitude='delay',
+            unit='s',
+            prior=0.1,
+            place='sensing',
+            method='frame_delay',
+            code='amplitude',
+        ),
+    )
+}

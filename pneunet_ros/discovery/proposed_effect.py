@@ -1,0 +1,404 @@
+"""A law as an effect: the text of its file, and the class that this text makes.
+
+What is fitted jointly, what the report shows and what a user loads with `--effects-path` are the
+same class, made of the same text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import itertools
+import re
+import textwrap
+from typing import Any
+
+from pneunet_ros.discovery.covariates import CONSTANT, Covariate, PLAY, RATE, RATE_TIME
+from pneunet_ros.discovery.kinds import Kind
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.effect import Effect
+
+MOST = 1e3  # bounds of a parameter: so many times what is usual
+PREFIX = 'proposed_'
+LINE = 99
+
+# Name of the parameter of a covariate, and the covariate in a file, by where it is known.
+PARAMETERS = {
+    CONSTANT: 'constant',
+    'p': 'per_pressure',
+    'p^2': 'per_squared_pressure',
+    RATE: 'per_pressure_rate',
+    PLAY: 'in_play',
+    'past 3 s': 'per_pressure_of_three_seconds',
+    'past 10 s': 'per_pressure_of_ten_seconds',
+    'past 30 s': 'per_pressure_of_half_a_minute',
+    'F1': 'per_force_x',
+    'F2': 'per_force_y',
+    '|F|': 'per_force',
+    'p F1': 'per_pressure_and_force_x',
+    'p F2': 'per_pressure_and_force_y',
+}
+PRESENT = {CONSTANT: '', 'p': 'pressure', 'p^2': 'pressure**2'}
+LOADED = {
+    'F1': 'loads.force_x',
+    'F2': 'loads.force_y',
+    '|F|': 'np.hypot(loads.force_x, loads.force_y)',
+    'p F1': 'loads.pressure * loads.force_x',
+    'p F2': 'loads.pressure * loads.force_y',
+}
+TIMES = {RATE: RATE_TIME, 'past 3 s': 3.0, 'past 10 s': 10.0, 'past 30 s': 30.0}
+
+IMPORTS = (
+    ('from dataclasses import dataclass', r'@dataclass'),
+    ('from dataclasses import replace', r'\breplace\('),
+    ('import math', r'\bmath\.'),
+    ('from typing import ClassVar', r'\bClassVar\b'),
+    ('import numpy as np', r'\bnp\.'),
+    ('from pneunet_ros.core.arrays import Array', r'\bArray\b'),
+    ('from pneunet_ros.core.units import quantity', r'\bquantity\('),
+    *(
+        (f'from pneunet_ros.effects.effect import {name}', rf'\b{name}\b')
+        for name in ('Effect', 'History', 'Load', 'Loads', 'Part', 'Place', 'PressureScale')
+    ),
+    ('from pneunet_ros.effects.effect import Terms', r'\bTerms\b'),
+)
+FILE = '''\
+"""{sentence}
+
+A proposal of `pneunet diagnose`: a law of the recordings that it was found in.
+"""
+
+{imports}
+{functions}
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class {class_name}(Effect):
+    """{about}."""
+
+    name: ClassVar[str] = {name!r}
+    place: ClassVar[Place] = {place!r}
+    meaning: ClassVar[str] = {meaning!r}
+{body}'''
+FOLLOW = '''
+
+def follow(mean: float, before: float, pressure: float, seconds: float, time: float) -> float:
+    """Return a first-order mean (Pa) after a straight change of pressure."""
+    if seconds <= 0.0:
+        return mean
+    behind = time * (pressure - before) / seconds
+    return pressure - behind + (mean - before + behind) * math.exp(-seconds / time)
+'''
+FIELD = """\
+    {name}: float = quantity(
+        {default!r},
+        unit={unit!r},
+        meaning={meaning!r},
+        bounds=({low!r}, {high!r}),
+        prior=({first!r}, {last!r}),
+        source={source!r},{shape}
+    )
+"""
+MEMORY = '''
+    def initial(self, pressure: float, scale: PressureScale) -> History:
+        """At rest: the past is this pressure."""
+        return ({at_rest})
+
+    def actuate(
+        self, history: History, seconds: float, pressure: float, scale: PressureScale
+    ) -> tuple[History, float]:
+        """Carry the past along."""
+        before = history[0]
+        history = (
+            pressure,
+            {following},
+        )
+        return history, {chamber}
+'''
+HISTORY_TERMS = '''
+    def history_terms(self, history: Array, scale: PressureScale) -> Terms:
+        """Return what the past adds."""
+        amplitude = {amplitude}
+        return {terms}
+'''
+TERMS = '''
+    def terms(self, pressure: Array) -> Terms:
+        """Return what is added at these pressures."""
+        return {terms}
+'''
+LOAD_TERMS = '''
+    def load_terms(self, loads: Loads) -> Terms:
+        """Return what is added under these loads."""
+        amplitude = {amplitude}
+        return {terms}
+'''
+ACTUATE = '''
+    def actuate(
+        self, history: History, seconds: float, pressure: float, scale: PressureScale
+    ) -> tuple[History, float]:
+        """Return the pressure in the chamber."""
+        return history, pressure + {amplitude}
+'''
+SENSE = '''
+    def sense(self, load: Load) -> Load:
+        """Return the true load."""
+        amplitude = {amplitude}
+        return {code}
+'''
+SEE = '''
+    def see(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return where the points are measured."""
+        amplitude = {amplitude}
+        return {code}
+'''
+FRAME_DELAY = '''
+    @property
+    def frame_delay(self) -> float:
+        """The delay."""
+        return {amplitude}
+'''
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """A parameter of a proposed effect: of which term, and how large it usually is (SI)."""
+
+    name: str
+    term: str
+    unit: str
+    prior: float
+
+
+def parameters_of(
+    kind: Kind, terms: Sequence[str], covariates: Mapping[str, Covariate]
+) -> tuple[Parameter, ...]:
+    """Return the parameters of the terms of a law, in order."""
+    return tuple(parameter_of(kind, term, covariates) for term in terms)
+
+
+def parameter_of(kind: Kind, term: str, covariates: Mapping[str, Covariate]) -> Parameter:
+    """Return the parameter of a term: a covariate, or what comes out of the equilibrium."""
+    if term in kind.natives:
+        native = kind.natives[term]
+        name = 'per_' + term.replace('^2', '_squared').replace(' ', '_')
+        return Parameter(name=name, term=term, unit=native.unit, prior=native.prior)
+    covariate = covariates[term]
+    return Parameter(
+        name=PARAMETERS[term],
+        term=term,
+        unit=per_unit(kind.unit, covariate.meaning.unit),
+        prior=float(f'{kind.prior / covariate.scale:.3g}'),
+    )
+
+
+def per_unit(amplitude: str, covariate: str) -> str:
+    """Return the unit of an amplitude per covariate."""
+    if covariate == '-':
+        return amplitude
+    below = f'({covariate})' if ' ' in covariate or '/' in covariate else covariate
+    if amplitude == '-':
+        return f'1/{below}'
+    above = f'({amplitude})' if '/' in amplitude else amplitude
+    return f'{above}/{below}'
+
+
+def effect_name(kind: Kind) -> str:
+    """Return the name of the proposed effect of a kind, beside those that a user has loaded."""
+    name = PREFIX + kind.name
+    count = itertools.count(2)
+    while name in EFFECTS:
+        name = f'{PREFIX}{kind.name}_{next(count)}'
+    return name
+
+
+def effect_source(
+    kind: Kind,
+    parameters: Sequence[Parameter],
+    sentence: str,
+    *,
+    length: float,
+    play: float,
+    name: str = '',
+) -> str:
+    """Return the text of the file of a proposed effect.
+
+    length (m) of the arm; play (Pa): full width of the one behind the side of the play; name:
+    that of the effect, by default the one of a proposal.
+    """
+    memory = [item.term for item in parameters if item.term in (*TIMES, PLAY)]
+    name = name or effect_name(kind)
+    body = ''.join(
+        [
+            *(field_text(kind, item) for item in parameters),
+            position_text(kind),
+            memory_text(kind, parameters, memory, play),
+            present_text(kind, parameters, length),
+        ]
+    )
+    functions = FOLLOW if set(TIMES) & set(memory) else ''
+    wrapped = textwrap.fill(sentence, LINE, initial_indent='   ').lstrip()
+    return FILE.format(
+        sentence=wrapped,
+        imports=imports_text(f'@dataclass Effect ClassVar Place {functions} {body}'),
+        functions=functions,
+        class_name=''.join(word.title() for word in name.split('_')),
+        about=kind.subject[:1].upper() + kind.subject[1:],
+        name=name,
+        place='material' if memory and kind.place == 'mechanics' else kind.place,
+        meaning=kind.subject,
+        body=body,
+    )
+
+
+def imports_text(used: str) -> str:
+    """Return the imports that a text needs, those of a module on one line."""
+    lines: list[str] = []
+    for line, pattern in IMPORTS:
+        if not re.search(pattern, used):
+            continue
+        module, _, name = line.partition(' import ')
+        if lines and name and lines[-1].startswith(f'{module} import '):
+            lines[-1] += f', {name}'
+        else:
+            lines.append(line)
+    text = '\n'.join(lines)
+    head, separator, names = text.rpartition('effects.effect import ')
+    if len(names) + len('from pneunet_ros.effects.effect import ') > LINE:
+        names = '(\n    ' + names.replace(', ', ',\n    ') + ',\n)'
+    first = text.split('\nimport numpy')[0].split('\nfrom pneunet_ros')[0]
+    return f'{first}\n\n{(head + separator + names)[len(first) + 1 :]}'
+
+
+def field_text(kind: Kind, item: Parameter) -> str:
+    """Return the declaration of a parameter."""
+    meaning = f'{kind.amplitude} per covariate: {item.term}'
+    if item.term == CONSTANT:
+        meaning = f'{kind.amplitude}, the same all the time'
+    low = 0.0 if item.term in kind.natives else -1.0
+    return FIELD.format(
+        name=item.name,
+        default=0.0,
+        unit=item.unit,
+        meaning=meaning,
+        low=low * MOST * item.prior,
+        high=MOST * item.prior,
+        first=2.0 * low * item.prior,
+        last=2.0 * item.prior,
+        source='prior: invented, twice what is usual of this kind of cause',
+        shape='',
+    )
+
+
+def position_text(kind: Kind) -> str:
+    """Return the declaration of the place, empty where a kind has none."""
+    if kind.positions is None:
+        return ''
+    low, high = kind.positions
+    return FIELD.format(
+        name='position',
+        default=0.5,
+        unit='-',
+        meaning='middle of the part on which it acts, s / l; any where nothing acts',
+        low=low,
+        high=high,
+        first=low,
+        last=high,
+        source='prior: anywhere on the arm',
+        shape='\n        shape=True,',
+    )
+
+
+def sum_text(parameters: Sequence[Parameter], expressions: Mapping[str, str]) -> str:
+    """Return the sum of parameters times covariates as Python; empty where there is none."""
+    parts = [
+        f'self.{item.name}' + (f' * {expressions[item.term]}' if expressions[item.term] else '')
+        for item in parameters
+        if item.term in expressions
+    ]
+    if len(parts) < 2:
+        return ''.join(parts)
+    lines = '\n            + '.join(parts)
+    return f'(\n            {lines}\n        )'
+
+
+def terms_text(kind: Kind, amplitude: str, natives: Mapping[str, str] | None = None) -> str:
+    """Return a record of terms as Python; natives: parameter of each that comes by itself."""
+    entries = [kind.code.replace('amplitude', amplitude)] if amplitude else []
+    for term, name in (natives or {}).items():
+        entries.append(kind.natives[term].code.replace('coefficient', f'self.{name}'))
+    if kind.positions is not None:
+        entries.insert(0, f'part=Part.around(self.position, {kind.width!r})')
+    return f'Terms({", ".join(entries)})'
+
+
+def memory_text(
+    kind: Kind, parameters: Sequence[Parameter], memory: Sequence[str], play: float
+) -> str:
+    """Return the methods that carry the past along, and what it adds."""
+    if not memory:
+        return ''
+    following, covariates = [], {}
+    for place, term in enumerate(memory, start=1):
+        if term == PLAY:
+            half = repr(0.5 * play)
+            following.append(f'min(max(history[{place}], pressure - {half}), pressure + {half})')
+            covariates[term] = f'(history[0] - history[{place}]) / {half}'
+        else:
+            time = TIMES[term]
+            following.append(f'follow(history[{place}], before, pressure, seconds, {time})')
+            covariates[term] = f'(history[0] - history[{place}])'
+            covariates[term] += f' / {time}' if term == RATE else ''
+    amplitude = sum_text(parameters, covariates)
+    chamber = f'pressure + {amplitude}' if kind.method == 'actuate' else 'pressure'
+    text = MEMORY.format(
+        at_rest=', '.join(['pressure'] * (1 + len(memory))),
+        following=',\n            '.join(following),
+        chamber=chamber,
+    )
+    if kind.method == 'terms':
+        amplitude = amplitude.replace('history[', 'history[..., ')
+        text += HISTORY_TERMS.format(amplitude=amplitude, terms=terms_text(kind, 'amplitude'))
+    return text
+
+
+def present_text(kind: Kind, parameters: Sequence[Parameter], length: float) -> str:
+    """Return the methods in which the kind speaks of the present."""
+    code = kind.code.replace('{half}', repr(0.5 * length)).replace('\n', '\n        ')
+    if kind.method == 'terms':
+        return present_terms_text(kind, parameters)
+    amplitude = sum_text(parameters, PRESENT | LOADED)
+    if not amplitude:
+        return ''
+    match kind.method:
+        case 'actuate':
+            return ACTUATE.format(amplitude=amplitude)
+        case 'sense':
+            terms = PRESENT | {'p': 'load.pressure', 'p^2': 'load.pressure**2'} | LOADED
+            amplitude = sum_text(parameters, terms).replace('loads.', 'load.')
+            return SENSE.format(amplitude=amplitude, code=code)
+        case 'see':
+            return SEE.format(amplitude=amplitude, code=code)
+    return FRAME_DELAY.format(amplitude=amplitude)
+
+
+def present_terms_text(kind: Kind, parameters: Sequence[Parameter]) -> str:
+    """Return the methods of a kind that changes the record of the rod."""
+    natives = {item.term: item.name for item in parameters if item.term in kind.natives}
+    text, amplitude = '', sum_text(parameters, PRESENT)
+    if amplitude or natives:
+        text += TERMS.format(terms=terms_text(kind, amplitude, natives))
+    loaded = sum_text(parameters, LOADED)
+    if loaded:
+        text += LOAD_TERMS.format(amplitude=loaded, terms=terms_text(kind, 'amplitude'))
+    return text
+
+
+def effect_class(source: str) -> type[Effect]:
+    """Return the effect that the text of a file declares."""
+    space: dict[str, Any] = {'__name__': __name__}
+    exec(compile(source, '<proposed effect>', 'exec', dont_inherit=True), space)
+    found = [
+        item
+        for item in space.values()
+        if isinstance(item, type) and issubclass(item, Effect) and item is not Effect
+    ]
+    return found[0]

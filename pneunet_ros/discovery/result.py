@@ -1,0 +1,101 @@
+"""What a discovery comes to, as values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.result import Estimated, Evaluation
+from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TermOfLaw:
+    """A covariate of a law: its coefficient is that of the amplitude per covariate (SI)."""
+
+    name: str
+    function: str
+    coefficient: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeLaw:
+    """A course of its own in time: its form, and parameters such as a period (s)."""
+
+    form: str
+    parameters: Mapping[str, Estimated]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Discovered:
+    """A law that recordings follow and no effect of the library describes.
+
+    location (s / l), None for what has no place; size: parameters of the proposed effect; share of
+    the lack of fit that it explains; left_out_gain: in log probability of every training recording
+    predicted from the others; tied_with: kinds that explain as much; effect_file: name of the file
+    of the proposed effect, None where nothing measured predicts the law; source: its text.
+    """
+
+    kind: str
+    location: Estimated | None
+    size: Mapping[str, Estimated]
+    covariates: tuple[TermOfLaw, ...]
+    time_law: TimeLaw | None
+    share: float
+    left_out_gain: float
+    tied_with: tuple[str, ...]
+    sentence: str
+    effect_file: str | None
+    source: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CauseMap:
+    """How much of the lack of fit each kind explains with its best law, over the place.
+
+    share (kinds, places): NaN where a kind is not tried; of kinds without a place in all places.
+    """
+
+    kinds: tuple[str, ...]
+    positions: Array
+    share: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AmplitudeSeries:
+    """The amplitude of a kind in every frame of a recording, without any law, and by the law.
+
+    seconds (frames,) from the start of the recording; value, std and law (frames,) in `unit`.
+    """
+
+    recording: str
+    unit: str
+    seconds: Array
+    value: Array
+    std: Array
+    law: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Discovery:
+    """The result of `discover`: laws, what they rest on, and the model with the first of them.
+
+    searched: whether anything was looked for; found: empty where no law was found or confirmed,
+    and the notes then say why. evaluation: of the model with the proposed effect, None without
+    one; closed: share of the reducible error on held-out recordings that it removes.
+    """
+
+    searched: bool
+    found: tuple[Discovered, ...] = ()
+    causes: CauseMap | None = None
+    amplitudes: tuple[AmplitudeSeries, ...] = ()
+    evaluation: Evaluation | None = None
+    closed: float | None = None
+    notes: tuple[str, ...] = ()
+    settings: DiscoverySettings = DISCOVERY
+
+
+NOTHING_SEARCHED = Discovery(searched=False)

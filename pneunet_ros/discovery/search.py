@@ -1,0 +1,129 @@
+"""All kinds of cause around one fit, each at its best place with its best law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pneunet_ros.diagnosis.refit import Refit
+from pneunet_ros.discovery.amplitude import FrameColumns, Projection, Runs
+from pneunet_ros.discovery.covariates import Covariate, covariates_of
+from pneunet_ros.discovery.kinds import Kind, KINDS
+from pneunet_ros.discovery.law import Cause, cause_of, choose_law, Law
+from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
+from pneunet_ros.discovery.time_law import find_swing, Swing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Suspect:
+    """A kind at its best place: the law that predicts left-out recordings best, or a swing."""
+
+    cause: Cause
+    law: Law | None
+    swing: Swing | None
+
+    @property
+    def kind(self) -> Kind:
+        """The kind."""
+        return self.cause.kind
+
+    @property
+    def goes_by_itself(self) -> bool:
+        """Whether nothing measured predicts it."""
+        if self.swing is not None:
+            return True
+        return self.law is not None and any(
+            item.name in self.law.terms and item.meaning.group == 'time'
+            for item in self.cause.covariates
+        )
+
+    @property
+    def left_out_gain(self) -> float:
+        """In log probability of every recording predicted from the others."""
+        if self.swing is not None:
+            return self.swing.left_out_gain
+        return 0.0 if self.law is None else self.law.left_out_gain
+
+
+class Search:
+    """Kinds of cause around a fit to training runs."""
+
+    def __init__(self, fit: Refit, settings: DiscoverySettings = DISCOVERY) -> None:
+        self.fit, self.settings = fit, settings
+        self.projection = Projection(fit.gaussian)
+        self.covariates: tuple[Covariate, ...] = covariates_of(
+            fit.linearization, settings.covariates
+        )
+        low, high = fit.linearization.point.arm.table_range
+        self.play = settings.covariates.play * (high - low)
+        self.causes: dict[tuple[str, float | None], Cause | None] = {}
+
+    @property
+    def runs(self) -> Runs:
+        """All runs of the fit."""
+        return tuple(range(len(self.fit.linearization.blocks)))
+
+    def positions(self, kind: Kind) -> list[float | None]:
+        """Return the places (s / l) of a kind that are tried first."""
+        if kind.positions is None:
+            return [None]
+        return list(np.linspace(*kind.positions, self.settings.place.grid).tolist())
+
+    def cause(self, kind: Kind, position: float | None) -> Cause | None:
+        """Return a kind at a place, made once."""
+        key = kind.name, position
+        if key not in self.causes:
+            self.causes[key] = cause_of(
+                self.fit, self.projection, kind, position, self.covariates, play=self.play
+            )
+        return self.causes[key]
+
+    def law(self, kind: Kind, position: float | None, runs: Runs) -> Law | None:
+        """Return the law of a kind at a place in some of the runs; None where there is none."""
+        cause = self.cause(kind, position)
+        return None if cause is None else choose_law(cause, runs, self.settings.law)
+
+    def best_law(self, kind: Kind, runs: Runs) -> Law | None:
+        """Return the law of a kind at its best place, which is refined before the law is read."""
+        positions = self.positions(kind)
+        laws = [(self.law(kind, position, runs), position) for position in positions]
+        known = [(law, position) for law, position in laws if law is not None]
+        if not known:
+            return None
+        best, position = max(known, key=lambda pair: pair[0].left_out_gain)
+        if position is None or kind.positions is None:
+            return best
+        step = (kind.positions[1] - kind.positions[0]) / (len(positions) - 1)
+        for _ in range(self.settings.place.rounds):
+            step *= 0.5
+            for other in (position - step, position + step):
+                if not kind.positions[0] <= other <= kind.positions[1]:
+                    continue
+                law = self.law(kind, other, runs)
+                if law is not None and law.left_out_gain > best.left_out_gain:
+                    best, position = law, other
+        return best
+
+    def swing(self, cause: Cause, runs: Runs) -> Swing | None:
+        """Return the swing of a cause in some of the runs."""
+        frames = FrameColumns(self.projection, self.fit.linearization, cause.fields)
+        return find_swing(frames, self.covariates, cause.kind.prior, runs, self.settings.law)
+
+    def suspect(self, kind: Kind, runs: Runs) -> Suspect | None:
+        """Return a kind with what predicts left-out recordings best; None where nothing does."""
+        law = self.best_law(kind, runs)
+        cause = self.cause(kind, self.positions(kind)[0]) if law is None else law.cause
+        if cause is None:
+            return None
+        swing = self.swing(cause, runs)
+        suspect = Suspect(cause=cause, law=law, swing=None)
+        if swing is not None and swing.left_out_gain > suspect.left_out_gain:
+            suspect = replace(suspect, law=None, swing=swing)
+        return suspect if suspect.left_out_gain > 0.0 else None
+
+    def suspects(self, kinds: Sequence[Kind] | None = None) -> list[Suspect]:
+        """Return all kinds with a law, the best first."""
+        found = [self.suspect(kind, self.runs) for kind in kinds or KINDS.values()]
+        known = [item for item in found if item is not None]
+        return sorted(known, key=lambda item: -item.left_out_gain)

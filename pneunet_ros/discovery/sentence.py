@@ -1,0 +1,90 @@
+"""A law in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pneunet_ros.diagnosis.result import Estimated
+from pneunet_ros.discovery.covariates import CONSTANT, MEANINGS
+from pneunet_ros.discovery.kinds import Kind, KINDS
+from pneunet_ros.discovery.result import TermOfLaw
+from pneunet_ros.discovery.time_law import Swing
+
+MOST_TIED = 3  # kinds that are named in a sentence
+
+
+def law_sentence(
+    kind: Kind,
+    location: Estimated | None,
+    terms: Sequence[TermOfLaw],
+    tied: Sequence[str],
+) -> str:
+    """Say what kind of cause it is, where, and what its amplitude goes with."""
+    words = join_words([term_words(kind, item.name) for item in terms])
+    sizes = ' + '.join(term_size(item) for item in terms)
+    return (
+        f'{begin(kind, location)}: the {kind.amplitude} {words} ({sizes}).'
+        f'{tied_words(tied)} This is a proposal until other recordings confirm it.'
+    )
+
+
+def swing_sentence(
+    kind: Kind, location: Estimated | None, swing: Swing, tied: Sequence[str]
+) -> str:
+    """Say what kind of cause swings by itself, how fast, and that nothing predicts it."""
+    grows = (
+        ' and is the larger, the higher the pressure is' if swing.modulation != CONSTANT else ''
+    )
+    return (
+        f'{begin(kind, location)}: the {kind.amplitude} goes by itself, with a period of '
+        f'{swing.period:.3g} s{grows} (up to {swing.size * kind.prior:.2g} {kind.unit}).'
+        f'{tied_words(tied)} Nothing that is measured goes with it, so that no model can predict '
+        'it.'
+    )
+
+
+def drift_sentence(
+    kind: Kind, location: Estimated | None, terms: Sequence[TermOfLaw], tied: Sequence[str]
+) -> str:
+    """Say what kind of cause goes with the time of a recording, which no model knows."""
+    words = join_words([term_words(kind, item.name) for item in terms])
+    return (
+        f'{begin(kind, location)}: the {kind.amplitude} {words}.{tied_words(tied)} The time since '
+        'the start of a recording is no reading, so that no model can predict it.'
+    )
+
+
+def begin(kind: Kind, location: Estimated | None) -> str:
+    """Return what it is and where."""
+    subject = kind.subject[:1].upper() + kind.subject[1:]
+    if location is None:
+        return subject
+    return f'{subject}, at {location.value:.2f} of its length (± {location.std:.2f})'
+
+
+def term_words(kind: Kind, name: str) -> str:
+    """Return what an amplitude does with a term."""
+    return kind.natives[name].words if name in kind.natives else MEANINGS[name].words
+
+
+def term_size(term: TermOfLaw) -> str:
+    """Return a term with its coefficient."""
+    unit = '' if term.unit == '-' else f' {term.unit}'
+    factor = '' if term.name == CONSTANT else f' x {term.name}'
+    return f'{term.coefficient:.3g}{unit}{factor}'
+
+
+def tied_words(tied: Sequence[str]) -> str:
+    """Say what explains as much."""
+    if not tied:
+        return ''
+    subjects = [f'{name} ({KINDS[name].subject})' for name in tied[:MOST_TIED]]
+    more = f' or {len(tied) - MOST_TIED} others' if len(tied) > MOST_TIED else ''
+    return f' These recordings cannot tell it from {" or ".join(subjects)}{more}.'
+
+
+def join_words(words: Sequence[str]) -> str:
+    """Return words as a list in a sentence."""
+    if len(words) < 2:
+        return ''.join(words)
+    return f'{", ".join(words[:-1])} and {words[-1]}'

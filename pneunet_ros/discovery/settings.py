@@ -1,0 +1,78 @@
+"""All numbers by which a discovery decides.
+
+Where no source is given a number is invented; `acceptance/discovery_trials.py` was run with all of
+them together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.settings import tuning
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CovariateSettings:
+    """What an amplitude may go with."""
+
+    play: float = tuning(0.02, 'full width of the play', unit='pressure range')
+    least_spread: float = tuning(1e-6, 'of a covariate, to count', unit='its largest value')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LawSettings:
+    """The forward choice of the terms of a law."""
+
+    most_terms: int = tuning(3, 'terms of a law')
+    least_gain: float = tuning(
+        4.0, 'gain of a term more in recordings left out', unit='log probability'
+    )
+    prior_sizes: tuple[float, ...] = tuning(
+        (0.01, 0.1, 1.0), 'prior std of coefficients, the best is taken', unit='prior of the kind'
+    )
+    idle: float = tuning(3.0, 'size of a term that may be left out', unit='its std')
+    rounds: int = tuning(2, 'times that a fitted law is asked what it lacks')
+    periods: int = tuning(160, 'periods tried')
+    period_cost: float = tuning(
+        5.0, 'gain that the search over periods finds by chance', unit='log probability'
+    )
+    fewest_cycles: float = tuning(2.5, 'periods in the longest recording, at least')
+    fewest_runs: int = tuning(3, 'recordings for a law on time')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaceSettings:
+    """The search for the place of a cause."""
+
+    grid: int = tuning(9, 'places tried along the arm')
+    rounds: int = tuning(3, 'halvings of the distance between places')
+    held: int = tuning(4, 'places at which a constant cause is fitted before its place is free')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LawConfirmationSettings:
+    """What a law requires to be given."""
+
+    level: float = tuning(
+        1e-4, 'p-value of the law of one half of the recordings in the other half'
+    )
+    least_share: float = tuning(0.3, 'share of what is left that a law explains at least')
+    tied: float = tuning(4.0, 'difference that tells two kinds apart', unit='log probability')
+    finalists: int = tuning(3, 'kinds that are fitted jointly')
+    more_finalists: int = tuning(6, 'the same where none of them leaves what a law may')
+    beside_named: float = tuning(
+        0.1, 'gain of a law beside a named effect, at least', unit='evidence of that effect'
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiscoverySettings:
+    """The settings of all algorithms of a discovery."""
+
+    covariates: CovariateSettings = CovariateSettings()
+    law: LawSettings = LawSettings()
+    place: PlaceSettings = PlaceSettings()
+    confirmation: LawConfirmationSettings = LawConfirmationSettings()
+
+
+DISCOVERY = DiscoverySettings()

@@ -1,0 +1,144 @@
+"""An amplitude that goes by itself: a swing with a period, its phase free in every recording.
+
+Nothing measured predicts its phase, so a recording that is left out can be expected to swing, with
+the period of the others, but not how: sine and cosine of every recording have a common prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.discovery.amplitude import Evidence, FrameColumns, Runs
+from pneunet_ros.discovery.covariates import Covariate, ELAPSED
+from pneunet_ros.discovery.settings import DISCOVERY, LawSettings
+
+MODULATIONS = ('1', 'p')  # a swing of the same size, and one that grows with the pressure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Swing:
+    """A swing: its period and error (s), what it grows with, and what it gains.
+
+    size (root mean square, in units of the kind's prior) where the modulation is largest; factors
+    (frames, 2 runs): sine and cosine of every run.
+    """
+
+    period: float
+    period_std: float
+    modulation: str
+    size: float
+    left_out_gain: float
+    factors: Array
+    std: float
+
+
+def find_swing(
+    frames: FrameColumns,
+    covariates: Sequence[Covariate],
+    prior: float,
+    runs: Runs,
+    settings: LawSettings = DISCOVERY.law,
+) -> Swing | None:
+    """Return the most probable swing of an amplitude in some runs; None where there is none.
+
+    prior: that of the amplitude. A law on time takes several recordings.
+    """
+    by_name = {item.name: item for item in covariates}
+    if ELAPSED not in by_name or len(runs) < settings.fewest_runs:
+        return None
+    seconds = by_name[ELAPSED].values
+    every_run = range(len(frames.frames))
+    everything = frames.evidence(runs)
+    best: tuple[float, float, str, float] | None = None
+    periods = possible_periods(seconds, settings)
+    for modulation in [name for name in MODULATIONS if name in by_name]:
+        sizes = [prior * np.abs(by_name[modulation].scaled(which)) for which in every_run]
+        for period in periods:
+            part = everything.along(swing_factors(seconds, sizes, period))
+            for std in settings.prior_sizes:
+                gain = part.log_gain(std)
+                if best is None or gain > best[0]:
+                    best = gain, period, modulation, std
+    free = max(
+        everything.along(prior * np.eye(everything.score.size)).log_gain(std)
+        for std in settings.prior_sizes
+    )
+    # What swings is described better by that than by an amplitude of its own in every frame.
+    if best is None or best[0] < max(free, 0.0) + settings.period_cost:
+        return None
+    _, period, modulation, std = best
+    sizes = [prior * np.abs(by_name[modulation].scaled(which)) for which in every_run]
+    period, period_std = refine_period(everything, seconds, sizes, period, std, periods)
+    factors = swing_factors(seconds, sizes, period)
+    part = everything.along(factors)
+    gain = sum(
+        part.log_gain(std)
+        - frames.evidence(tuple(other for other in runs if other != which))
+        .along(factors)
+        .log_gain(std)
+        for which in runs
+    )
+    coefficients = part.estimate(std)[0].reshape(-1, 2)[list(runs)]
+    return Swing(
+        period=period,
+        period_std=period_std,
+        modulation=modulation,
+        size=float(np.sqrt(np.mean(coefficients**2) * 2.0)),
+        left_out_gain=gain - settings.period_cost,
+        factors=factors,
+        std=std,
+    )
+
+
+def possible_periods(seconds: Sequence[Array], settings: LawSettings) -> Array:
+    """Return periods (s) from two and a bit frames to what the longest recording repeats."""
+    steps = np.concatenate([np.diff(item) for item in seconds if item.size > 1])
+    steps = steps[steps > 0.0]
+    longest = max(float(np.ptp(item)) for item in seconds)
+    if not steps.size or longest <= 0.0:
+        return np.zeros(0)
+    shortest = 2.2 * float(np.median(steps))
+    if settings.fewest_cycles * shortest >= longest:
+        return np.zeros(0)
+    frequencies = np.linspace(settings.fewest_cycles / longest, 1.0 / shortest, settings.periods)
+    return np.asarray(1.0 / frequencies)
+
+
+def swing_factors(seconds: Sequence[Array], sizes: Sequence[Array], period: float) -> Array:
+    """Return sine and cosine of every run times sizes (frames,), (all frames, 2 runs)."""
+    total = sum(item.size for item in seconds)
+    factors, first = np.zeros((total, 2 * len(seconds))), 0
+    for which, (time, size) in enumerate(zip(seconds, sizes, strict=True)):
+        angle = 2.0 * np.pi * time / period
+        own = slice(first, first + time.size)
+        factors[own, 2 * which] = size * np.sin(angle)
+        factors[own, 2 * which + 1] = size * np.cos(angle)
+        first += time.size
+    return factors
+
+
+def refine_period(
+    everything: Evidence,
+    seconds: Sequence[Array],
+    sizes: Sequence[Array],
+    period: float,
+    std: float,
+    periods: Array,
+) -> tuple[float, float]:
+    """Return the most probable period (s) near one, and its standard error."""
+    spacing = abs(1.0 / periods[1] - 1.0 / periods[0])
+
+    def gain(frequency: float) -> float:
+        return everything.along(swing_factors(seconds, sizes, 1.0 / frequency)).log_gain(std)
+
+    frequencies = 1.0 / period + spacing * np.linspace(-1.0, 1.0, 41)
+    gains = np.array([gain(float(item)) for item in frequencies])
+    weights = np.exp(gains - gains.max())
+    weights /= weights.sum()
+    mean = float(weights @ frequencies)
+    spread = float(np.sqrt(weights @ (frequencies - mean) ** 2))
+    spread = max(spread, 0.025 * spacing)
+    return 1.0 / mean, spread / mean**2

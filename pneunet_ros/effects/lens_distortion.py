@@ -1,0 +1,64 @@
+"""A lens whose distortion the camera's calibration has left out, in whole or in part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import quantity
+from pneunet_ros.effects.effect import Effect, Place
+
+MIDDLE_X = quantity(
+    0.05,
+    unit='m',
+    meaning='middle of the picture, along E1',
+    bounds=(1e-3, 10.0),
+    prior=(0.02, 0.2),
+    source='prior: amid an arm of 0.04 to 0.4 m',
+    shape=True,
+)
+MIDDLE_Y = quantity(
+    0.0,
+    unit='m',
+    meaning='middle of the picture, along E2',
+    bounds=(-10.0, 10.0),
+    prior=(-0.05, 0.05),
+    source='prior: half of an arm of 0.1 m',
+    shape=True,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensDistortion(Effect):
+    """Measured = m + (true - m) (1 + radial r^2) + const, r from the middle m of the picture.
+
+    The constant leaves the base where it is, as pictures are placed by the clamp that they show.
+    Source: the first radial term of Brown, Photogrammetric Engineering 37 (1971), in the plane of
+    the arm.
+    """
+
+    name: ClassVar[str] = 'lens_distortion'
+    place: ClassVar[Place] = 'sensing'
+    meaning: ClassVar[str] = 'the lens distorts the picture about its middle, radially'
+    radial: float = quantity(
+        0.0,
+        unit='1/m^2',
+        meaning='relative growth of scale with the square of the distance; < 0: barrel',
+        bounds=(-1e4, 1e4),
+        prior=(-20.0, 20.0),
+        source='prior: 6 % at 0.056 m from the middle, half of the arm of Table 1',
+    )
+    middle_x: float = MIDDLE_X
+    middle_y: float = MIDDLE_Y
+
+    def see(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Move the points to or from the middle."""
+        (moved_x, moved_y), (base_x, base_y) = self.moves(x, y), self.moves(0.0, 0.0)
+        return x + (moved_x - base_x), y + (moved_y - base_y)
+
+    def moves(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Return by how much (m) points move, or one."""
+        away_x, away_y = x - self.middle_x, y - self.middle_y
+        grown = self.radial * (away_x**2 + away_y**2)
+        return grown * away_x, grown * away_y

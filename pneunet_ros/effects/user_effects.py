@@ -1,0 +1,160 @@
+"""Effects of a user: files of a folder that was named, and what installed packages offer.
+
+Effect files are code: they are run only where a person names their folder, never because a model
+file has their effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import fields
+from functools import cache
+from importlib.metadata import entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+import inspect
+import math
+from pathlib import Path
+import sys
+from types import ModuleType
+from typing import Any, get_args
+import zlib
+
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.units import quantities
+from pneunet_ros.effects import EFFECTS
+from pneunet_ros.effects.effect import DEFINES, Effect, METHODS, Place
+
+ENTRY_POINTS = 'pneunet_ros.effects'  # the group by which an installed package offers effects
+
+
+def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
+    """Add the effects of a folder of Python files to the table of effects, after those there.
+
+    Args:
+        directory: each of its files *.py but those that begin with an underscore holds subclasses
+            of `Effect`. A file that was added before is left as it is.
+
+    Returns:
+        The effects of the folder, in the order of the files' names.
+
+    Raises:
+        ModelError: there is no such folder, a file fails as it is imported or has no effect, or
+            an effect breaks the contract or has the name of another. Nothing is added then.
+
+    """
+    folder = Path(directory).resolve()
+    if not folder.is_dir():
+        raise ModelError(f'effects path {directory} is no folder')
+    files = sorted(file for file in folder.glob('*.py') if not file.name.startswith('_'))
+    if not files:
+        raise ModelError(f'effects path {directory} holds no effect file (*.py)')
+    found: list[type[Effect]] = []
+    for file in files:
+        module = module_of(file)
+        own = [
+            item
+            for _, item in inspect.getmembers(module, inspect.isclass)
+            if issubclass(item, Effect) and item.__module__ == module.__name__
+        ]
+        if not own:
+            raise ModelError(f'effect file {file} holds no subclass of Effect')
+        found += own
+    return add_to_table([(effect, f'effect file {inspect.getfile(effect)}') for effect in found])
+
+
+@cache
+def add_installed_effects() -> tuple[type[Effect], ...]:
+    """Add the effects that installed packages offer to the table; ModelError as `add_effects`."""
+    found: list[tuple[Any, str]] = []
+    for point in entry_points(group=ENTRY_POINTS):
+        package = '' if point.dist is None else f' of the package {point.dist.name}'
+        origin = f'effect {point.name}{package}'
+        try:
+            found.append((point.load(), origin))
+        except Exception as error:
+            raise ModelError(f'{origin} cannot be imported: {reason(error)}') from error
+    return add_to_table(found)
+
+
+def module_of(file: Path) -> ModuleType:
+    """Return the module of an effect file, imported once; ModelError where that fails."""
+    # Of a path, so that processes that work for this one find it under the same name.
+    name = f'pneunet_effects_{file.stem}_{zlib.crc32(str(file).encode()):08x}'
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = spec_from_file_location(name, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look for their module there
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        raise ModelError(f'effect file {file} cannot be imported: {reason(error)}') from error
+    return module
+
+
+def reason(error: Exception) -> str:
+    """Say what an error of foreign code was."""
+    line = getattr(error, 'lineno', None)
+    where = f' (line {line})' if line else ''
+    return f'{type(error).__name__}: {error}{where}'
+
+
+def add_to_table(found: Iterable[tuple[Any, str]]) -> tuple[type[Effect], ...]:
+    """Add effects, each with the words for where it is from, to the table of effects."""
+    added: dict[str, type[Effect]] = {}
+    for effect, origin in found:
+        wrong = breach(effect)
+        if wrong:
+            raise ModelError(f'{origin}: {getattr(effect, "__name__", effect)} {wrong}')
+        known = added.get(effect.name, EFFECTS.get(effect.name, effect))
+        if known is not effect:
+            raise ModelError(
+                f'{origin}: there is an effect {effect.name} already, in '
+                f'{inspect.getfile(known)}; give this one another name'
+            )
+        added[effect.name] = effect
+    EFFECTS.update(added)
+    return tuple(added.values())
+
+
+def breach(effect: Any) -> str:
+    """Say how a class breaks the contract of effects; empty where it does not.
+
+    What only numbers tell, such as whether its neutral value does nothing, the property suite says
+    (`test/test_effects.py`).
+    """
+    if not (inspect.isclass(effect) and issubclass(effect, Effect)):
+        return 'is no subclass of Effect'
+    name: Any = getattr(effect, 'name', None)
+    place: Any = getattr(effect, 'place', None)
+    if not (isinstance(name, str) and name.isidentifier()):
+        return f'needs a name of letters, digits and underscores, not {name!r}'
+    if place not in get_args(Place):
+        return f'needs a place, one of {", ".join(get_args(Place))}, not {place!r}'
+    if not (isinstance(getattr(effect, 'meaning', None), str) and effect.meaning):
+        return 'needs a meaning: what it does, in a few words'
+    own = vars(effect).get('__dataclass_params__')  # not those of the class that it extends
+    if own is None or not own.frozen:
+        return 'must be a dataclass with frozen=True, slots=True and kw_only=True'
+    declared = quantities(effect)
+    if not declared or len(declared) != len(fields(effect)):
+        return 'must declare at least one parameter, and all of them by quantity(...)'
+    for item in declared:
+        (low, high), (first, last) = item.metadata['bounds'], item.metadata['prior']
+        where = f'parameter {item.name}'
+        if not isinstance(item.default, float):
+            return f'{where} needs a default, its neutral value, as a float'
+        if not low <= item.default <= high:
+            return f'{where}: the default {item.default} is not within the bounds [{low}, {high}]'
+        if not (low <= first < last <= high and math.isfinite(first) and math.isfinite(last)):
+            return f'{where} needs a prior of two finite numbers within the bounds, increasing'
+    methods = METHODS & set(vars(effect))
+    if not methods:
+        return f'does nothing: it must have one of {", ".join(sorted(DEFINES[place]))}'
+    if not methods <= DEFINES[place]:
+        wrong = sorted(methods - DEFINES[place])[0]
+        return f'acts in {place} and must not have {wrong}'
+    return ''

@@ -1,0 +1,150 @@
+"""The record of a rod: what the laws of an arm give, and what its effects add to it.
+
+A term that holds on a part of the arm cuts the sections of the rod at both ends of the part, and
+the pieces of the intrinsic rotation as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.effects.effect import across, NOTHING, Part, Terms
+from pneunet_ros.solver.columns import ROTATION_WIDTH, START
+from scipy.special import comb
+
+# Where a part ends at an end of the arm or where another begins, a section of this length, in s /
+# l, is left between them: a neighbor of the arm then has as many sections, and none is empty.
+LEAST_SECTION = 1e-9
+Indices = npt.NDArray[np.int64]
+BINOMIAL = comb(*np.ogrid[:ROTATION_WIDTH, :ROTATION_WIDTH])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Record:
+    """The tables of a rod at pressures (n,) that effects change; columns as in `Rods`."""
+
+    sections: Array
+    clamp: Array
+    rotation: Array
+    push: Array
+    push_place: Array
+
+    @classmethod
+    def without_pushes(cls, sections: Array, clamp: Array, rotation: Array) -> Record:
+        """Return the record of a rod that nothing pushes."""
+        return cls(
+            sections=sections,
+            clamp=clamp,
+            rotation=rotation,
+            push=np.zeros((len(sections), 0, sections.shape[1])),
+            push_place=np.zeros(0),
+        )
+
+
+def ends_of(parts: Sequence[Part], length: float) -> Array:
+    """Return where parts begin and end (2 parts,) m, just within the arm."""
+    ends = np.array([[part.start, part.end] for part in parts]).reshape(-1)
+    return np.asarray(length * np.clip(ends, LEAST_SECTION, 1.0 - LEAST_SECTION))
+
+
+def cut_sections(sections: Array, places: Array, length: float) -> tuple[Array, Indices]:
+    """Return sections (n, sections, 8) cut at places (m), and of which each is a piece, (n, k).
+
+    length (m) of the arm.
+    """
+    starts = sections[:, :, START]
+    every = np.concatenate([starts, np.broadcast_to(places, (len(starts), places.size))], axis=1)
+    order = np.argsort(every, axis=1, kind='stable')
+    owner = np.cumsum(order < starts.shape[1], axis=1) - 1
+    found = np.take_along_axis(sections, owner[:, :, None], axis=1)
+    places = np.take_along_axis(every, order, axis=1)
+    steps = LEAST_SECTION * length * np.arange(places.shape[1])
+    apart = np.maximum.accumulate(places - steps, axis=1) + steps
+    found[:, :, START] = np.where(apart > places + 0.5 * LEAST_SECTION * length, apart, places)
+    return found, owner
+
+
+def owners(sections: Array, cut: Array) -> Indices:
+    """Return of which of sections (n, sections, 8) each of those that were cut is a piece."""
+    reached = cut[:, :, None, START] >= sections[:, None, :, START]
+    return np.asarray(reached.sum(axis=2) - 1)
+
+
+def middles(sections: Array, end: float) -> Array:
+    """Return the middle (n, sections) m of each section of a rod that ends there."""
+    starts = sections[:, :, START]
+    stops = np.concatenate([starts[:, 1:], np.full((len(starts), 1), end)], axis=1)
+    return np.asarray(0.5 * (starts + stops))
+
+
+def cut_rotation(rotation: Array, knots: Array, places: Array) -> Array:
+    """Return rotation (..., pieces, 5) on `cut_knots` of its knots (pieces + 1,) m."""
+    if not places.size:
+        return rotation
+    starts = cut_knots(knots, places)[:-1]
+    owner = np.clip(np.searchsorted(knots, starts, side='right') - 1, 0, knots.size - 2)
+    return moved_to(rotation[..., owner, :], starts - knots[owner])
+
+
+def moved_to(rotation: Array, distance: Array) -> Array:
+    """Return rotation (..., pieces, 5) by powers of the way from places so far (m) after knots."""
+    exponent = np.subtract(*np.ogrid[:ROTATION_WIDTH, :ROTATION_WIDTH])
+    # sum_k c_k (t + distance)^k, by powers of t
+    powers = distance[..., None, None] ** np.maximum(exponent, 0)
+    moved = np.where(exponent >= 0, BINOMIAL * powers, 0.0)
+    return np.asarray(np.einsum('...k,...kj->...j', rotation, moved))
+
+
+def cut_knots(knots: Array, places: Array) -> Array:
+    """Return knots (m) with the places among them."""
+    return np.sort(np.concatenate([knots, places])) if places.size else knots
+
+
+def add_curvature(rotation: Array, knots: Array, terms: Terms, length: float) -> Array:
+    """Return rotation (n, pieces, 5) with a change of the intrinsic curvature on a part."""
+    start, end = ends_of([terms.part], length) if terms.part is not None else (0.0, length)
+    inside = (knots[:-1] >= start) & (knots[:-1] < end)
+    turned = rotation.copy()
+    curvature = across(terms.curvature)
+    turned[:, :, 1] += curvature * inside
+    turned[:, :, 0] += curvature * np.clip(knots[:-1] - start, 0.0, end - start)
+    return turned
+
+
+def add_parts(record: Record, every: Sequence[Terms], length: float, reach: float) -> Record:
+    """Return a record with terms that hold on parts of the arm; length, reach (m) of it."""
+    every = [terms for terms in every if terms.part is not None]
+    if not every:
+        return record
+    parts = [terms.part for terms in every if terms.part is not None]
+    sections, owner = cut_sections(record.sections, ends_of(parts, length), length)
+    middle, clamp = middles(sections, reach) / length, record.clamp.copy()
+    pushes, places = cut_pushes(record.push, owner), []
+    for part, terms in zip(parts, every, strict=True):
+        inside = ((middle > part.start) & (middle < part.end)).astype(np.float64)
+        terms.add_to(sections, clamp, inside)
+        if terms.push is not NOTHING:
+            density = across(terms.push) / (length * (part.end - part.start))
+            pushes = append_push(pushes, density * inside)
+            places.append(length * part.middle)
+    return replace(
+        record,
+        sections=sections,
+        clamp=clamp,
+        push=pushes,
+        push_place=np.append(record.push_place, places),
+    )
+
+
+def cut_pushes(push: Array, owner: Indices) -> Array:
+    """Return pushes (n, pushes, sections) on sections that were cut, each a piece of its owner."""
+    return np.take_along_axis(push, owner[:, None, :], axis=2)
+
+
+def append_push(push: Array, density: Array) -> Array:
+    """Return pushes (n, pushes, sections) N/m and one more (n, sections)."""
+    return np.concatenate([push, density[:, None]], axis=1)

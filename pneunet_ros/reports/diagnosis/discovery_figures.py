@@ -1,0 +1,129 @@
+"""What was discovered beyond the library: kinds of cause, amplitude over time, model errors."""
+
+from __future__ import annotations
+
+import math
+
+from matplotlib.axes import Axes
+import numpy as np
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.discovery.result import AmplitudeSeries
+from pneunet_ros.reports.diagnosis.figure_data import AFTER, BEFORE, DISCOVERED, FigureData
+from pneunet_ros.reports.diagnosis.localization_figures import borders
+from pneunet_ros.reports.figure import Picture, picture
+from pneunet_ros.reports.style import draw_band, draw_bars, FIRST, legend, MEASURED, panels, short
+
+MOST_SERIES = 6  # recordings whose amplitude is shown
+
+
+def causes(data: FigureData) -> Picture | None:
+    """Draw which kind of cause, where on the arm, explains how much."""
+    found = data.discovery.causes
+    if found is None:
+        return None
+    figure, (axes,) = panels(1, height=1.2 + 0.26 * len(found.kinds))
+    shares = 100.0 * found.share
+    mesh = axes.pcolormesh(
+        borders(found.positions),
+        np.arange(len(found.kinds) + 1),
+        np.ma.masked_invalid(shares),
+        cmap='Blues',
+        vmin=0.0,
+        vmax=100.0,
+    )
+    names = [name.replace('_', ' ') for name in found.kinds]
+    axes.set_yticks(np.arange(len(found.kinds)) + 0.5, names)
+    axes.invert_yaxis()
+    axes.grid(visible=False)
+    axes.set(xlabel='where it acts, s / l (all along: of the whole arm, or of the picture)')
+    figure.colorbar(mesh, ax=axes, label='explains (%)', fraction=0.03, pad=0.01)
+    return picture(
+        '10_causes',
+        'Which kind of cause, and where',
+        'How much of what is left each kind of cause explains with the best law of its amplitude, '
+        'at each place of the arm; kinds without a place are as dark everywhere. This is a map of '
+        'causes: beyond a place that is touched all of the arm moves, but only a push there '
+        'explains it.',
+        figure,
+    )
+
+
+def amplitude(data: FigureData) -> Picture | None:
+    """Draw the amplitude of the closest cause in every frame, and by its law."""
+    series = data.discovery.amplitudes[:MOST_SERIES]
+    if not series:
+        return None
+    columns = min(len(series), 3)
+    rows = math.ceil(len(series) / columns)
+    figure, axes = panels(columns, rows=rows, height=0.6 + 2.3 * rows)
+    for panel, item in zip(axes, series, strict=False):
+        draw_amplitude(panel, item)
+    for panel in axes[len(series) :]:
+        panel.set_visible(False)
+    for place in range(0, len(series), columns):
+        unit = '' if series[0].unit == '-' else f' ({series[0].unit})'
+        axes[place].set_ylabel(f'amplitude{unit}')
+    legend(axes[0], loc='best')
+    return picture(
+        '11_amplitude',
+        'How strong it is over time',
+        'The amplitude of the closest kind of cause in every frame of the training recordings, '
+        'as if each were its own (dots, band: two sigma), and what its law says (line), both as '
+        'seen from the model before, which has bent itself towards the cause. The line should '
+        'run through the dots.',
+        figure,
+    )
+
+
+def draw_amplitude(axes: Axes, series: AmplitudeSeries) -> None:
+    """Draw the amplitude of one recording."""
+    order = np.argsort(series.seconds)
+    seconds = series.seconds[order]
+    draw_band(axes, seconds, series.value[order], series.std[order], MEASURED, alpha=0.15)
+    axes.plot(seconds, series.value[order], '.', color=MEASURED, markersize=3.5, label='by frame')
+    axes.plot(seconds, series.law[order], color=FIRST, linewidth=1.4, label='law')
+    axes.set(title=short(series.recording), xlabel='time (s)')
+
+
+def discovered_error(data: FigureData) -> Picture | None:
+    """Draw the model error before, with library effects, and with the discovered law."""
+    evaluation, diagnosis = data.discovery.evaluation, data.diagnosis
+    if evaluation is None:
+        return None
+    models = (
+        ('before', diagnosis.before, BEFORE),
+        ('after', diagnosis.after, AFTER),
+        ('discovered', evaluation, DISCOVERED),
+    )
+    figure, (overall, each) = panels(2, height=4.0)
+    for place, (name, model, color) in enumerate(models):
+        draw_bars(overall, [millimeters(model.rms)], '{:.3f}', place=[place], color=color)
+        scores = model.training_scores if model.held_out is None else model.held_out_scores
+        where = np.arange(len(scores)) + 0.27 * (place - 1)
+        draw_bars(
+            each,
+            [millimeters(score.rms) for score in scores],
+            '{:.2f}',
+            place=where,
+            width=0.25,
+            color=color,
+            label=name,
+        )
+        each.set_xticks(np.arange(len(scores)), [short(score.name) for score in scores])
+    overall.set_xticks(range(len(models)), [name for name, _, _ in models])
+    floor = millimeters(diagnosis.noise_floor)
+    for axes in (overall, each):
+        axes.axhline(floor, color=MEASURED, linestyle='--', linewidth=1.1, label='noise alone')
+        axes.set_ylabel('rms per coordinate (mm)')
+        axes.margins(y=0.25)
+    overall.set_title(f'(a) {data.tested_on} recordings')
+    each.set_title('(b) one by one')
+    legend(each, loc='upper right')
+    return picture(
+        '12_discovered_error',
+        'Model error with the discovered law',
+        f'Errors on {data.tested_on} recordings: of the model that was given, of the model with '
+        'what the library names, and of the model with the proposed effect. Dashed: what noise '
+        'alone would leave.',
+        figure,
+    )
