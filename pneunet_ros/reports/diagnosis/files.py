@@ -118,7 +118,9 @@ def write_unsettled(
             'effects': [],
             'alternatives': [],
             'where': [],
-            'gap': dict.fromkeys(('training', 'heldout', 'noise_floor_m', 'closed')),
+            'gap': dict.fromkeys(
+                ('training', 'heldout', 'noise_floor_m', 'closed', 'closed_discovered')
+            ),
             'adequacy': dict.fromkeys(('before', 'after')),
             'detectable': {},
             'parameter_shift': {},
