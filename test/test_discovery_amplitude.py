@@ -80,6 +80,13 @@ def test_a_left_out_recording_is_predicted_from_the_others_alone():
     assert gain == pytest.approx(written_out, abs=1e-8)
 
 
+def test_without_any_recording_nothing_is_known():
+    gaussian, fields = problem(4)
+    columns = columns_of(gaussian, fields, [np.ones((FRAMES, 2))] * RUNS)
+    assert columns.evidence(()).log_gain(1.0) == 0.0
+    assert len(columns.left_out((1,))) == 2
+
+
 def test_frames_by_themselves_add_up_to_a_law():
     gaussian, fields = problem(3)
     factors = [np.random.default_rng(which).standard_normal((FRAMES, 2)) for which in EVERY]

@@ -106,9 +106,12 @@ class Columns:
     def evidence(self, runs: Runs) -> Evidence:
         """Return score and information in these runs alone."""
         factor, step = self.projection.of(runs)
-        gram = np.sum([self.parts[which][0] for which in runs], axis=0)
-        cross = np.sum([self.parts[which][1] for which in runs], axis=0)
-        score = np.sum([self.parts[which][2] for which in runs], axis=0)
+        gram, cross, score = (np.zeros_like(part) for part in self.parts[0])
+        for which in runs:
+            gram, cross, score = (
+                total + part
+                for total, part in zip((gram, cross, score), self.parts[which], strict=True)
+            )
         return Evidence(
             score=score - cross.T @ step, information=gram - cross.T @ cho_solve(factor, cross)
         )

@@ -90,6 +90,8 @@ def cause_of(
         return None
     runs = range(len(fields))
     followed = [item for item in covariates if item.meaning.group in (*kind.follows, 'time')]
+    if not followed:  # frames that are steady states have no past
+        return None
     factors = [
         kind.prior * np.column_stack([item.scaled(which) for item in followed]) for which in runs
     ]
