@@ -12,6 +12,7 @@ import time
 from pneunet_ros.cli.diagnose import progress_of, versions
 from pneunet_ros.cli.simulate import scenario_file, seed
 from pneunet_ros.cli.verb import (
+    add_effects_path,
     add_json,
     DONE,
     NEGATIVE,
@@ -27,6 +28,7 @@ from pneunet_ros.diagnosis.experiment_design import Experiment
 from pneunet_ros.diagnosis.exploration import EXPLORATION, explore, Round, SafeSet
 from pneunet_ros.diagnosis.result import CLEAR
 from pneunet_ros.diagnosis.settings import DEFAULTS
+from pneunet_ros.discovery.discovery import discover
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.model_file import load_model, model_hash
@@ -122,6 +124,7 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         '--seed', type=seed, default=0, metavar='N', help='of noise and thresholds (default: 0)'
     )
+    add_effects_path(parser)
     add_json(parser)
 
 
@@ -268,5 +271,11 @@ def write_end(last: Round, model: Arm, provenance: dict[str, object], folder: Pa
     about.pop('seed')
     with atomic_output(folder / DIAGNOSIS) as place:
         write_diagnosis(
-            last.diagnosis, place, frame=model, training=training, held_out=[], provenance=about
+            last.diagnosis,
+            place,
+            frame=model,
+            training=training,
+            held_out=[],
+            provenance=about,
+            discovery=discover(last.found),
         )

@@ -17,6 +17,7 @@ from pneunet_ros.cli.diagnose import versions
 from pneunet_ros.cli.simulate import seed
 from pneunet_ros.cli.survey_arm import FOUND, SurveyRequest, SurveyWork
 from pneunet_ros.cli.verb import (
+    add_effects_path,
     add_json,
     add_overwrite,
     add_settings,
@@ -38,6 +39,7 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.messages.readings import SENSORS
+from pneunet_ros.offline.calibration_files import file_hash
 from pneunet_ros.offline.survey import (
     arm_key,
     FleetArm,
@@ -115,6 +117,7 @@ def options(parser: ArgumentParser) -> None:
         'same version, and the recordings under the same paths',
     )
     add_overwrite(parser)
+    add_effects_path(parser)
     add_topics(parser)
     add_settings(parser, SENSOR_SETTINGS)
     add_json(parser)
@@ -131,6 +134,9 @@ def run(arguments: Namespace) -> int:
         topic=tuple(arguments.topic),
         sensors={name: getattr(arguments, name) for name in SENSOR_SETTINGS},
         seed=arguments.seed,
+        effects_path=''
+        if arguments.effects_path is None
+        else str(arguments.effects_path.resolve()),
     )
     folder = SurveyFolder(path=arguments.output, overwrite=arguments.overwrite)
     folder.check(REPLACEABLE)
@@ -162,6 +168,9 @@ class Survey:
     ) -> dict[str, dict[str, Any]]:
         """Return the row of every arm by its name: those that are done, and those done now."""
         decided = asdict(self.request) | {'versions': versions()}
+        if self.request.effects_path:
+            files = sorted(Path(self.request.effects_path).glob('*.py'))
+            decided['effects'] = {file.name: file_hash(file) for file in files}
         rows: dict[str, dict[str, Any]] = {}
         begun: dict[str, dict[str, Any]] = {}
         for arm in self.bar.track(fleet, description='reading what there is'):

@@ -18,8 +18,10 @@ from pneunet_ros.cli.diagnose import versions
 from pneunet_ros.cli.experiments import read_experiments
 from pneunet_ros.cli.verb import progress_bar, settings_of, topics_of
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.diagnosis.diagnosis import investigate
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
+from pneunet_ros.discovery.discovery import discover
+from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.model_file import load_model, model_hash, save_model
 from pneunet_ros.measurement.dataset import RecordingData
@@ -36,12 +38,16 @@ Runs = Sequence[RecordingData]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyRequest:
-    """What was asked of every arm: `--static`, `--topic`, the sensor settings, and the seed."""
+    """What was asked of every arm: `--static`, `--topic`, the sensor settings, and the seed.
+
+    effects_path: of the effects of a user, which every worker reads; '' for none.
+    """
 
     static: bool
     topic: tuple[str, ...]
     sensors: dict[str, Any]
     seed: int
+    effects_path: str = ''
 
     def arguments(self, unloaded: Sequence[Path]) -> Namespace:
         """Return it as `calibrate` and `diagnose` are asked."""
@@ -66,6 +72,8 @@ class SurveyWork:
 
         Raises PneunetError where a recording, the calibration or the diagnosis fails.
         """
+        if self.request.effects_path:
+            add_effects(self.request.effects_path)
         frame = load_model(arm.arm)
         checks = self.check(arm, frame)
         with TemporaryDirectory() as place, progress_bar(shown=False) as bar:
@@ -84,7 +92,11 @@ class SurveyWork:
                 'notes': [*(f'not used: {x}' for x in arm.ignored), *notes],
             }
             (folder / FOUND).write_text(json_text(found), encoding='utf-8')
-            return {item.name: item.read_bytes() for item in sorted(folder.iterdir())}
+            return {
+                item.relative_to(folder).as_posix(): item.read_bytes()
+                for item in sorted(folder.rglob('*'))
+                if item.is_file()
+            }
 
     def check(self, arm: FleetArm, frame: Arm) -> list[dict[str, Any]]:
         """Return what `pneunet check` says of each recording, in short."""
@@ -117,7 +129,8 @@ class SurveyWork:
         roles = {'unloaded': unloaded, 'loaded': loaded}
         origin = provenance_of(asked, calibration, roles)
         model = described_arm(calibration, arm.name, frame, origin)
-        diagnosis = diagnose(model, [*unloaded, *loaded], held_out, seed=self.request.seed)
+        investigation = investigate(model, [*unloaded, *loaded], held_out, seed=self.request.seed)
+        diagnosis = investigation.diagnosis
         inputs = [
             ('training', (*arm.roles['unloaded'], *arm.roles['loaded'])),
             ('heldout', arm.roles['heldout']),
@@ -137,6 +150,7 @@ class SurveyWork:
                 training=[*unloaded, *loaded],
                 held_out=held_out,
                 provenance=provenance,
+                discovery=discover(investigation),
             )
         save_model(model, folder / CALIBRATED)
         save_knowledge(calibration.posterior, folder / CALIBRATED, overwrite=False)

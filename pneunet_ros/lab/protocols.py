@@ -235,24 +235,24 @@ class RandomMix(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Corners(Protocol):
-    """Any course: pressure and force at given times, joined by straight lines."""
+    """Any course: pressure and force at given shares of the time, joined by straight lines."""
 
     kind: ClassVar[str] = 'corners'
-    time: Row = (0.0, 20.0, 40.0)  # from 0 to `duration`, rising, s
-    pressure: Row = (0.0, 55e3, 0.0)  # at each time, Pa
-    force_x: Row = (0.0, 0.0, 0.0)  # at each time, N
-    force_y: Row = (0.0, 0.0, 0.0)  # at each time, N
+    share: Row = (0.0, 0.1, 0.3, 0.6, 1.0)  # of `duration`, rising from 0 to 1
+    pressure: Row = (0.0, 0.0, 0.0, 55e3, 0.0)  # at each of them, Pa
+    force_x: Row = (0.0, 0.0, 0.2, 0.2, 0.0)  # at each of them, N
+    force_y: Row = (0.0, 0.0, 0.0, 0.0, 0.0)  # at each of them, N
 
     def timeline(self) -> Timeline:
         """Return the course."""
         if len({len(getattr(self, name)) for name in self.lists()}) > 1:
-            raise RequestError('protocol: time, pressure and forces must be of equal length')
-        steps = np.diff(self.time)
-        if self.time[0] != 0.0 or np.any(steps <= 0.0) or self.time[-1] != self.duration:
-            raise RequestError('protocol.time must rise from 0 to duration')
+            raise RequestError('protocol: share, pressure and forces must be of equal length')
+        ends = self.share[0] == 0.0 and self.share[-1] == 1.0
+        if not ends or np.any(np.diff(self.share) <= 0.0):
+            raise RequestError('protocol.share must rise from 0 to 1')
         force = np.column_stack([self.force_x, self.force_y])
         return Timeline(
-            time=np.array(self.time),
+            time=self.duration * np.array(self.share),
             pressure=np.array(self.pressure),
             force=force,
             loaded=bool(force.any()),

@@ -56,8 +56,12 @@ class SimulatedArm:
 
 def corners_of(experiment: Experiment, safe: SafeSet) -> Corners:
     """Return an experiment as the lab's protocol, within the safe set."""
-    time, pressure, x, y = (tuple(column) for column in safe.corners(experiment).T.tolist())
-    return Corners(duration=experiment.seconds, time=time, pressure=pressure, force_x=x, force_y=y)
+    corners = safe.corners(experiment)
+    corners[:, 0] /= experiment.seconds
+    share, pressure, x, y = (tuple(column) for column in corners.T.tolist())
+    return Corners(
+        duration=experiment.seconds, share=share, pressure=pressure, force_x=x, force_y=y
+    )
 
 
 def scenario_of_model(arm: Arm) -> Scenario:

@@ -34,7 +34,7 @@ COLUMNS = ('name', 'arm', *ROLES)
 ARMS, ROW = 'arms', 'arm.json'  # folder of all arms in the output, and the row of one in its own
 MOST_BYTES = 10_000_000  # of a table of arms
 
-Files = Mapping[str, bytes]  # by name
+Files = Mapping[str, bytes]  # by their place in the folder of the arm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -259,6 +259,7 @@ class SurveyFolder:
         with atomic_output(earlier, overwrite=True, replaceable=there) as folder:
             folder.mkdir()
             for file, content in files.items():
+                (folder / file).parent.mkdir(exist_ok=True)
                 (folder / file).write_bytes(content)
             (folder / ROW).write_text(json_text(row, indent=1), encoding='utf-8')
 

@@ -1,0 +1,119 @@
+"""The next recording: what is still possible, what tells it apart, and when the search ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import itertools
+from pathlib import Path
+
+import numpy as np
+from pneunet_ros import load_model
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import share_path
+from pneunet_ros.diagnosis.exploration import (
+    BEGINNING,
+    choice_in_order,
+    experiments,
+    EXPLORATION,
+    explore,
+    NOTHING,
+    pair_divergences,
+    ranked_choices,
+    SafeSet,
+    separations,
+)
+from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.lab.scenario import Detail
+from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
+from pneunet_ros.recordings.dataset_reader import read_run
+import pytest
+
+SAFE = SafeSet(low=0.0, high=55e3, force=0.25)
+MODEL = load_model(share_path('config/lab_arm.yaml'))
+
+
+@pytest.mark.parametrize('item', [BEGINNING, *experiments()], ids=lambda item: item.words[:60])
+def test_every_experiment_lasts_20_to_40_s_within_the_safe_set(item):
+    assert 20.0 <= item.seconds <= 40.0
+    corners = SafeSet(low=1e3, high=5e3, force=2.0).corners(item)
+    assert np.all(np.diff(corners[:, 0]) > 0.0)
+    assert corners[:, 1].min() >= 1e3
+    assert corners[:, 1].max() <= 5e3
+    assert np.hypot(*corners[:, 2:].T).max() <= 2.0
+    assert item.loaded == ('without a load' not in item.words)
+
+
+def test_the_safe_set_of_a_model_is_what_it_was_calibrated_to():
+    safe = SafeSet.of(MODEL, 0.2)
+    assert (safe.low, safe.high) == MODEL.pressure_range
+    assert safe.force == pytest.approx(np.hypot(*MODEL.domain.end_load[:, :2].T).max())
+    assert SafeSet.of(replace(MODEL, domain=None), 0.2).force == 0.2
+    with pytest.raises(RequestError, match='pressures must rise'):
+        SafeSet(low=2.0, high=1.0, force=0.1)
+
+
+def test_what_a_rival_explains_as_well_diverges_from_nothing_alone():
+    same = np.array([[4.0, 4.0, 0.0], [4.0, 4.0, 0.0], [0.0, 0.0, 9.0]])
+    gained = separations(same)
+    assert gained == pytest.approx(
+        np.array([[0.0, 0.0, 4.0, 4.0], [0.0, 0.0, 4.0, 4.0], [9.0, 9.0, 0.0, 9.0]])
+    )
+    found = pair_divergences('abc', np.array([1.0, 1.0, 2.0]), gained)
+    assert found['a', 'b'] == 0.0
+    assert found['a', NOTHING] == pytest.approx(0.5 * np.log(5.0))
+    assert found['a', 'c'] == pytest.approx(0.25 * (np.log(5.0) + np.log(19.0)))
+    assert set(found) == {*itertools.combinations('abc', 2), *((name, NOTHING) for name in 'abc')}
+
+
+def simulated(effects: dict[str, dict[str, float]]) -> SimulatedArm:
+    """Return an arm of the lab, a frame a quarter second, with something hidden."""
+    scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
+    rates = replace(scenario.rates, pressure=20.0, wrench=20.0, frames=4.0)
+    scenario = replace(scenario, rates=rates, detail=Detail(elements=112.0))
+    return SimulatedArm(scenario=scenario.with_effects(effects))
+
+
+def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: Path):
+    arm = simulated({'load_offset': {'offset': 0.006}})
+
+    def record(experiment, safe, number):
+        path = tmp_path / f'{number}.mcap'
+        arm.record(experiment, safe, path)
+        return read_run(path, MODEL.target_arclength.size)[0]
+
+    rounds = list(
+        explore(MODEL, record, SAFE, settings=replace(EXPLORATION, recordings=4, frames=16))
+    )
+    first, second, *_ = rounds
+    assert first.diagnosis.answer == 'none'
+    assert not first.run.loaded
+    # Nothing under load could be seen so far: all such effects are as possible as nothing.
+    for name in ('load_offset', 'stiffening', 'softening', 'extensibility'):
+        assert first.rivals[name] == pytest.approx(first.rivals[NOTHING], rel=0.05), name
+    assert sum(first.rivals.values()) == pytest.approx(1.0)
+    assert second.run.loaded
+    ranked = ranked_choices(first.found, first.rivals, SAFE)
+    assert ranked[0].rate > 3.0 * max(item.rate for item in ranked if not item.experiment.loaded)
+    assert [item.name for item in rounds[-1].diagnosis.effects] == ['load_offset']
+    assert [item.name for item in rounds[-2].diagnosis.effects] == ['load_offset']
+    assert 2 < len(rounds) <= 4
+    assert second.predicted > 2.0 * rounds[-1].predicted  # the model knows it by then
+    stamps = [item.run.reading_stamp_ns for item in rounds]
+    assert all(one[-1] < other[0] for one, other in itertools.pairwise(stamps))
+
+
+def test_without_a_choice_the_experiments_come_in_turn():
+    items = list(experiments())
+    assert choice_in_order(1).experiment == items[0]
+    assert choice_in_order(len(items) + 2).experiment == items[1]
+
+
+def test_a_model_becomes_an_arm_of_the_lab():
+    scenario = scenario_of_model(MODEL)
+    along = np.linspace(0.0, 1.0, 9)
+    for row, pressure in enumerate(MODEL.intrinsic_curvature.pressure):
+        assert scenario.arm.intrinsic_curvature(along * MODEL.length)[row] == pytest.approx(
+            MODEL.intrinsic_curvature.at(float(pressure), along), abs=0.05
+        )
+    assert scenario.arm.rigidity == pytest.approx(MODEL.moment_law.rigidity)
+    assert scenario.noise.target_std == MODEL.sensors.target_std

@@ -1,0 +1,119 @@
+"""The verb `explore`: what it writes after a recording, what it refuses, and how it waits."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+import subprocess
+
+from pneunet_ros import load_model
+from pneunet_ros.cli.main import main
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.share import share_path
+from pneunet_ros.diagnosis.exploration import BEGINNING, experiments, SafeSet
+from pneunet_ros.offline import live_arm
+from pneunet_ros.offline.live_arm import LiveArm
+from pneunet_ros.reports import figure as report_figure
+import pytest
+
+ARM = share_path('scenarios/lab_arm.yaml')
+SCENARIO = """schema_version: 1
+name: small
+arm: lab_arm.yaml
+protocol: {kind: slow_ramp}
+rates: {pressure: 10.0, wrench: 10.0, frames: 2.0}
+detail: {elements: 64, stations: 9}
+"""
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, tmp_path):
+    """Run the verb in a folder of its own; returns exit code, stdout and stderr."""
+    monkeypatch.setattr(report_figure, 'DOTS_PER_INCH', 20)
+    monkeypatch.chdir(tmp_path)
+    Path('small.yaml').write_text(SCENARIO)
+    Path('lab_arm.yaml').write_bytes(ARM.read_bytes())
+
+    def run(*arguments):
+        try:
+            code = main(['explore', *arguments])
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def test_after_a_recording_all_files_are_there(run):
+    hidden = ('--effect', 'pressure_elongation.strain_per_pascal=2e-6')
+    code, out, err = run(
+        '--simulated', 'small.yaml', *hidden, '--recordings', '1', '--output', 'out', '--json'
+    )
+    assert code == 0, err
+    content = json.loads(out)
+    assert content['answer'] == 'named'
+    (row,) = content['rounds']
+    assert row['effects'] == ['pressure_elongation']
+    assert row['recorded'] == BEGINNING.words
+    assert row['rms_after_m'] < 0.5 * row['rms_before_m']
+    assert row['rms_predicted_m'] is None
+    assert 'pressure_elongation' not in row['rivals']  # it is named; what is beside it?
+    assert content['safe']['pressure'] == [0.0, 66000.0]
+    assert json.loads(Path('out/exploration.json').read_text())['rounds'] == content['rounds']
+    arm = load_model('out/diagnosis/model.yaml')
+    assert [effect.name for effect in arm.effects] == ['pressure_elongation']
+    code, _, err = run('--simulated', 'small.yaml', '--output', 'out')
+    assert code == 2
+    assert 'exists already' in err
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        ((), 'one of the arguments --simulated --live --by-hand is required'),
+        (('--simulated', 'small.yaml', '--recordings', '0'), 'must be 1 or more'),
+        (('--simulated', 'nothing'), 'is no scenario file'),
+        (('--simulated', 'small.yaml', '--pressure', '0', '1e6'), 'known from 0 to 66000 Pa'),
+        (('--simulated', 'small.yaml', '--largest-force', '-1'), 'the force be 0 or more'),
+        (('--by-hand', '--effect', 'creep.amplitude=0.1'), 'are of --simulated arms'),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_recorded(run, arguments, sentence):
+    code, _, err = run(*arguments, '--output', 'out')
+    assert code == 2
+    assert sentence in err
+    assert not Path('out').exists()
+
+
+def test_by_hand_it_says_what_to_do_and_waits(run, monkeypatch):
+    monkeypatch.setattr('sys.stdin', io.StringIO('\n'))  # once Enter, then nobody
+    code, out, err = run('--by-hand', '--pressure', '0', '50000', '--output', 'out')
+    assert code == 2
+    assert 'is not there, and nobody answers' in err
+    assert f'{BEGINNING.seconds:g} s: {BEGINNING.words}' in out
+    assert '  26.0   30.0   0.000   0.000' in out
+    assert out.count('then press Enter') == 2
+
+
+def test_a_live_experiment_is_a_process_with_the_corners(monkeypatch, tmp_path):
+    asked = {}
+
+    def run(command, **options):
+        asked.update(command=command, corners=json.loads(options['input']))
+        return subprocess.CompletedProcess(command, asked['code'], '', 'first\nno valve\n')
+
+    monkeypatch.setattr(live_arm, 'find_spec', lambda name: object())
+    monkeypatch.setattr(subprocess, 'run', run)
+    asked['code'] = 0
+    item = next(item for item in experiments() if item.loaded)
+    safe = SafeSet(low=1e3, high=2e3, force=0.5)
+    LiveArm().record(item, safe, tmp_path / 'one.mcap')
+    assert asked['command'][1:] == ['-m', live_arm.NODE, str(tmp_path / 'one.mcap')]
+    assert asked['corners'] == safe.corners(item).tolist()
+    asked['code'] = 2
+    with pytest.raises(RequestError, match='the experiment failed: no valve'):
+        LiveArm().record(item, safe, tmp_path / 'two.mcap')
+    monkeypatch.setattr(live_arm, 'find_spec', lambda name: None)
+    with pytest.raises(RequestError, match='--live needs ROS 2'):
+        LiveArm()
