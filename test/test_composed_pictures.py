@@ -64,7 +64,12 @@ def test_the_same_number_gives_the_same_frame():
 
 @pytest.mark.parametrize(
     ('name', 'polarity', 'disturbances'),
-    [('gravel', 'bright', ()), ('china', 'dark', ('jpeg', 'flicker')), ('grass', 'dark', ())],
+    [
+        ('gravel', 'bright', ()),
+        ('china', 'dark', ('jpeg', 'flicker')),
+        ('grass', 'dark', ()),
+        ('china', 'bright', ('uneven',)),
+    ],
 )
 def test_the_arm_is_tracked_before_a_photograph(arm, name, polarity, disturbances):
     """Five frames of rest, then it moves; acceptance/composed_pictures.py looks at many more."""

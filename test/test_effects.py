@@ -61,7 +61,7 @@ CONTRACT = {
     'camera_scale': {'factor': '-'},
     'camera_rotation': {'angle': 'rad'},
     'camera_delay': {'delay': 's'},
-    'camera_tilt': {'tilt_x': '1/m', 'tilt_y': '1/m', 'middle_x': 'm', 'middle_y': 'm'},
+    'camera_tilt': {'tilt_x': '1/m', 'tilt_y': '1/m'},
     'lens_distortion': {'radial': '1/m^2', 'middle_x': 'm', 'middle_y': 'm'},
     'contact': {'force': 'N', 'arclength': '-'},
 }

@@ -47,7 +47,7 @@ SIZES = {
     'camera_scale': {'factor': 1.03},
     'camera_rotation': {'angle': 0.03},
     'contact': {'force': -0.03, 'arclength': 0.7},
-    'camera_tilt': {'tilt_x': 0.4, 'tilt_y': -0.3, 'middle_x': 0.06, 'middle_y': 0.02},
+    'camera_tilt': {'tilt_x': 0.4, 'tilt_y': -0.3},
     'lens_distortion': {'radial': -10.0, 'middle_x': 0.05, 'middle_y': 0.01},
 }
 CLOSE = 2e-6  # m; 3e-7 of it is the error of a chain of 448 elements

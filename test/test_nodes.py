@@ -523,6 +523,7 @@ def test_parameters_are_used_from_then_on(peer):
         ('pressure_reference', 'relative', 'must be one of gauge, absolute'),
         ('stations', 11, 'read-only'),
         ('frame_id', 'other', 'read-only'),
+        ('effects_path', '/nowhere', 'read-only'),
         ('model_file', '/nowhere.yaml', '/nowhere.yaml'),
     ],
 )
@@ -620,6 +621,7 @@ def test_an_interrupt_while_it_gets_ready_ends_it(tmp_path):
 
 WRONG = {
     'no model': (['-p', 'model_file:=/nowhere.yaml'], 'cannot read the model file /nowhere.yaml'),
+    'no effects': (['-p', 'effects_path:=/nowhere'], 'effects path /nowhere is no folder'),
     'integer': (
         ['-p', 'wrench_timeout:=1'],
         'wrench_timeout must be a number with a decimal point',

@@ -117,6 +117,7 @@ def test_what_shows_a_row_decides_whether_targets_are_bright_or_dark(name):
     for grey in shown[:-1]:
         assert film.show(grey).reason == 'resting'
         assert film.state.polarity is None
+        assert film.state.leading == name
     assert film.show(shown[-1]).sightings.seen == TARGETS
     assert film.state.polarity.name == name
     other = 'dark' if name == 'bright' else 'bright'

@@ -139,7 +139,6 @@ def outside_effect(name: str, random: np.random.Generator) -> Parameters:
         return {
             'tilt_x': size * math.cos(turn),
             'tilt_y': size * math.sin(turn),
-            'middle_x': MIDDLE,
         }
     assert name == 'slipping_base', name
     turn, size = random.uniform(0.0, 2.0 * math.pi), between(5e-4, 3e-3, random)

@@ -286,7 +286,7 @@ class LabLoadOffset(LabEffect):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabContact(LabEffect):
-    """A constant push at a place, along the normal there; rich: what pushes gives way in time."""
+    """A constant push at a place, along the normal there; rich: it grows with the pressure."""
 
     name: ClassVar[str] = 'contact'
     force: float = quantity(0.0, unit='N', bounds=(-1e3, 1e3))
@@ -294,33 +294,24 @@ class LabContact(LabEffect):
 
     def build(self, arm: LabArm, chain: Chain, chamber: Array) -> Chain:
         """Push."""
-        share = np.linspace(0.0, 1.0, chain.time.size)
-        force = freeze(self.force * (1.0 + 0.3 * self.richness * (1.0 - 2.0 * share)))
+        grown = 1.0 + 0.3 * self.richness * relative_pressure(arm, chamber)
+        force = freeze(self.force * grown)
         return replace(chain, push=Push(place=self.arclength * arm.length, force=force))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabCameraTilt(LabEffect):
-    """A camera not square to the plane, by similar triangles; rich: it tilts on.
-
-    The picture is placed by the clamp, as that of a lens is.
-    """
+    """A camera not square to the plane, by similar triangles about the base; rich: it tilts on."""
 
     name: ClassVar[str] = 'camera_tilt'
     tilt_x: float = quantity(0.0, unit='1/m', bounds=(-10.0, 10.0))
     tilt_y: float = quantity(0.0, unit='1/m', bounds=(-10.0, 10.0))
-    middle_x: float = quantity(0.05, unit='m', bounds=(-10.0, 10.0))
-    middle_y: float = quantity(0.0, unit='m', bounds=(-10.0, 10.0))
 
     def see(self, arm: LabArm, points: Array, share: Array) -> Array:
         """Project: what is further away by a share looks smaller by as much."""
-        middle = np.array([self.middle_x, self.middle_y])
-        away = points - middle
-        nearer = 1.0 + 0.3 * self.richness * (2.0 * share - 1.0)
-        tilt = np.array([self.tilt_x, self.tilt_y])
-        further, at_clamp = (1.0 + nearer[:, None] * (way @ tilt) for way in (away, -middle[None]))
-        moved = away * (1.0 / further - 1.0)[..., None]
-        return freeze(points + (moved + middle * (1.0 / at_clamp - 1.0)[..., None]))
+        later = 1.0 + 0.3 * self.richness * (2.0 * share - 1.0)
+        further = 1.0 + later[:, None] * (points @ np.array([self.tilt_x, self.tilt_y]))
+        return freeze(points / further[..., None])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
