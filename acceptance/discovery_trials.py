@@ -50,7 +50,8 @@ def wanted(arguments: argparse.Namespace) -> Iterator[tuple[str, str, int, int]]
         for block in arguments.block:
             names = {'causes': arguments.cause, 'clean': ['clean'], 'named': list(HIDEABLE)}
             for name in names[block]:
-                steps = range(arguments.sizes) if block == 'causes' else [3]
+                steps = arguments.step or range(arguments.sizes)
+                steps = steps if block == 'causes' else [3]
                 for step in steps:
                     yield block, name, step, seed
 
@@ -202,6 +203,7 @@ def main() -> None:
     command.add_argument('--block', nargs='+', default=list(BLOCKS), choices=BLOCKS)
     command.add_argument('--cause', nargs='+', default=list(CAUSES), choices=list(CAUSES))
     command.add_argument('--sizes', type=int, default=5, help='from weakest to strongest')
+    command.add_argument('--step', type=int, nargs='+', help='of the sizes (default: all)')
     command.add_argument('--seeds', type=int, default=4)
     command.add_argument('--first', type=int, default=1, help='first seed')
     command.add_argument('--output', type=Path, metavar='FILE.jsonl', help='resumable')

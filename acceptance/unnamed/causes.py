@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import quantity
+from pneunet_ros.discovery.covariates import PLAYS
 from pneunet_ros.lab import outside_effects
 from pneunet_ros.lab.chain import Chain, Push
 from pneunet_ros.lab.lab_arm import LabArm
@@ -230,7 +231,7 @@ FIRST = (
         effect='smooth_play',
         size=('width', 200.0, 2500.0),
         kinds=frozenset({'chamber_pressure'}),
-        terms=frozenset({'side of the play'}),
+        terms=frozenset(PLAYS),
         withheld=('hysteresis',),
     ),
     Cause(

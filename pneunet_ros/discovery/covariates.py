@@ -19,6 +19,9 @@ from pneunet_ros.measurement.dataset import RecordingData
 
 Group = Literal['constant', 'pressure', 'past', 'load', 'time']
 CONSTANT, ELAPSED, PLAY, RATE = '1', 't', 'side of the play', 'dp/dt'
+# Widths of plays, in units of the usual one: sums of them come near to any hysteresis
+# (Prandtl-Ishlinskii).
+PLAYS = {'side of a narrow play': 0.5, PLAY: 1.0, 'side of a wide play': 2.0}
 RATE_TIME = 0.3  # s, over which the rate of a pressure is taken: noise of readings averages out
 
 
@@ -36,9 +39,19 @@ MEANINGS: dict[str, Meaning] = {
     'p': Meaning(group='pressure', words='goes with the pressure', unit='Pa'),
     'p^2': Meaning(group='pressure', words='goes with the square of the pressure', unit='Pa^2'),
     RATE: Meaning(group='past', words='goes with the rate of the pressure', unit='Pa/s'),
+    'side of a narrow play': Meaning(
+        group='past',
+        words='differs between rising and falling pressure, as after a narrow dead band (play)',
+        unit='-',
+    ),
     PLAY: Meaning(
         group='past',
         words='differs between rising and falling pressure, as after a dead band (play)',
+        unit='-',
+    ),
+    'side of a wide play': Meaning(
+        group='past',
+        words='differs between rising and falling pressure, as after a wide dead band (play)',
         unit='-',
     ),
     'past 3 s': Meaning(
@@ -112,7 +125,10 @@ def covariate_table(
         'p': pressure,
         'p^2': pressure**2,
         RATE: ahead_of_past(run, RATE_TIME) / RATE_TIME,
-        PLAY: side_of_play(run, settings.play * (high - low)),
+        **{
+            name: side_of_play(run, factor * settings.play * (high - low))
+            for name, factor in PLAYS.items()
+        },
         'past 3 s': ahead_of_past(run, 3.0),
         'past 10 s': ahead_of_past(run, 10.0),
         'past 30 s': ahead_of_past(run, 30.0),

@@ -210,7 +210,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='end_force_x',
-            subject='another force acts along E1 at the free end than the one that is read',
+            subject='the end force along E1 is not the one that is read',
             amplitude='force beyond the reading',
             unit='N',
             prior=0.03,
@@ -220,7 +220,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='end_force_y',
-            subject='another force acts along E2 at the free end than the one that is read',
+            subject='the end force along E2 is not the one that is read',
             amplitude='force beyond the reading',
             unit='N',
             prior=0.03,
@@ -230,7 +230,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             name='end_moment',
-            subject='another moment acts at the free end than the one that is read',
+            subject='the moment at the free end is not the one that is read',
             amplitude='moment beyond the reading',
             unit='N m',
             prior=1e-3,
@@ -274,7 +274,7 @@ KINDS: dict[str, Kind] = {
         Kind(
             name='camera_radial',
             subject='the lens bends the picture about its middle, amid the straight arm',
-            amplitude='shift, of the distance from the middle, half a length away',
+            amplitude='relative shift half a length from the middle',
             unit='-',
             prior=0.02,
             place='sensing',

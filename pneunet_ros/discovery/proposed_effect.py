@@ -13,7 +13,7 @@ import re
 import textwrap
 from typing import Any
 
-from pneunet_ros.discovery.covariates import CONSTANT, Covariate, PLAY, RATE, RATE_TIME
+from pneunet_ros.discovery.covariates import CONSTANT, Covariate, PLAY, PLAYS, RATE, RATE_TIME
 from pneunet_ros.discovery.kinds import Kind
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
@@ -28,7 +28,9 @@ PARAMETERS = {
     'p': 'per_pressure',
     'p^2': 'per_squared_pressure',
     RATE: 'per_pressure_rate',
-    PLAY: 'in_play',
+    'side of a narrow play': 'per_side_of_narrow_play',
+    PLAY: 'per_side_of_play',
+    'side of a wide play': 'per_side_of_wide_play',
     'past 3 s': 'per_pressure_of_three_seconds',
     'past 10 s': 'per_pressure_of_ten_seconds',
     'past 30 s': 'per_pressure_of_half_a_minute',
@@ -123,7 +125,7 @@ HISTORY_TERMS = '''
 TERMS = '''
     def terms(self, pressure: Array) -> Terms:
         """Return what is added at these pressures."""
-        return {terms}
+{first}        return {terms}
 '''
 LOAD_TERMS = '''
     def load_terms(self, loads: Loads) -> Terms:
@@ -221,10 +223,10 @@ def effect_source(
 ) -> str:
     """Return the text of the file of a proposed effect.
 
-    length (m) of the arm; play (Pa): full width of the one behind the side of the play; name:
+    length (m) of the arm; play (Pa): full width of the usual play; name:
     that of the effect, by default the one of a proposal.
     """
-    memory = [item.term for item in parameters if item.term in (*TIMES, PLAY)]
+    memory = [item.term for item in parameters if item.term in TIMES or item.term in PLAYS]
     name = name or effect_name(kind)
     body = ''.join(
         [
@@ -338,8 +340,8 @@ def memory_text(
         return ''
     following, covariates = [], {}
     for place, term in enumerate(memory, start=1):
-        if term == PLAY:
-            half = repr(0.5 * play)
+        if term in PLAYS:
+            half = repr(float(f'{0.5 * PLAYS[term] * play:.6g}'))
             following.append(f'min(max(history[{place}], pressure - {half}), pressure + {half})')
             covariates[term] = f'(history[0] - history[{place}]) / {half}'
         else:
@@ -385,7 +387,9 @@ def present_terms_text(kind: Kind, parameters: Sequence[Parameter]) -> str:
     natives = {item.term: item.name for item in parameters if item.term in kind.natives}
     text, amplitude = '', sum_text(parameters, PRESENT)
     if amplitude or natives:
-        text += TERMS.format(terms=terms_text(kind, amplitude, natives))
+        first = f'        amplitude = {amplitude}\n' if amplitude else ''
+        own = terms_text(kind, 'amplitude' if amplitude else '', natives)
+        text += TERMS.format(first=first, terms=own)
     loaded = sum_text(parameters, LOADED)
     if loaded:
         text += LOAD_TERMS.format(amplitude=loaded, terms=terms_text(kind, 'amplitude'))

@@ -21,7 +21,7 @@ def law_sentence(
 ) -> str:
     """Say what kind of cause it is, where, and what its amplitude goes with."""
     words = join_words([term_words(kind, item.name) for item in terms])
-    sizes = ' + '.join(term_size(item) for item in terms)
+    sizes = ' + '.join(term_size(item) for item in terms).replace('+ -', '- ')
     return (
         f'{begin(kind, location)}: the {kind.amplitude} {words} ({sizes}).'
         f'{tied_words(tied)} This is a proposal until other recordings confirm it.'
@@ -59,7 +59,9 @@ def begin(kind: Kind, location: Estimated | None) -> str:
     subject = kind.subject[:1].upper() + kind.subject[1:]
     if location is None:
         return subject
-    return f'{subject}, at {location.value:.2f} of its length (± {location.std:.2f})'
+    digits = 2 if location.std >= 0.005 else 3
+    value, std = round(location.value, digits), max(round(location.std, digits), 0.001)
+    return f'{subject}, at {value:.{digits}f} of its length (± {std:.{digits}f})'
 
 
 def term_words(kind: Kind, name: str) -> str:

@@ -15,7 +15,7 @@ from pneunet_ros.core.settings import tuning
 class CovariateSettings:
     """What an amplitude may go with."""
 
-    play: float = tuning(0.02, 'full width of the play', unit='pressure range')
+    play: float = tuning(0.02, 'full width of the usual play', unit='pressure range')
     least_spread: float = tuning(1e-6, 'of a covariate, to count', unit='its largest value')
 
 

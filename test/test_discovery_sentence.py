@@ -1,0 +1,83 @@
+"""A law in words, and what is looked for at all."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+from pneunet_ros.diagnosis.diagnosis import Investigation
+from pneunet_ros.diagnosis.result import Estimated
+from pneunet_ros.diagnosis.settings import DEFAULTS
+from pneunet_ros.discovery.discovery import discover, starting_point
+from pneunet_ros.discovery.kinds import KINDS
+from pneunet_ros.discovery.result import NOTHING_SEARCHED, TermOfLaw
+from pneunet_ros.discovery.sentence import law_sentence, swing_sentence
+from pneunet_ros.discovery.settings import DISCOVERY
+from pneunet_ros.discovery.time_law import Swing
+import pytest
+
+PLACE = Estimated(value=0.618, std=0.021, unit='-')
+
+
+def term(name: str, coefficient: float, unit: str) -> TermOfLaw:
+    """Return a term of a law."""
+    return TermOfLaw(name=name, function='', coefficient=coefficient, std=0.1, unit=unit)
+
+
+def test_a_law_is_said_with_place_size_and_rivals():
+    terms = [term('1', 0.05, 'N'), term('p', -2e-7, 'N/Pa')]
+    assert law_sentence(KINDS['push'], PLACE, terms, ('bump',)) == (
+        'Something pushes the arm along its normal, at 0.62 of its length (± 0.02): the force is '
+        'constant and goes with the pressure (0.05 N - 2e-07 N/Pa x p). These recordings cannot '
+        'tell it from bump (the free shape of a short stretch of the arm changes). This is a '
+        'proposal until other recordings confirm it.'
+    )
+
+
+def test_what_comes_out_of_the_equilibrium_has_words_of_its_own():
+    terms = [term('moment at the clamp', 8.5, 'rad/(N m)')]
+    sentence = law_sentence(KINDS['clamp_turn'], None, terms, ())
+    assert sentence.startswith(
+        'The arm turns at its clamp: the turn grows with the moment at the clamp (8.5 rad/(N m)'
+    )
+
+
+def test_of_what_goes_by_itself_it_is_said_that_nothing_predicts_it():
+    swing = Swing(
+        period=12.6,
+        period_std=0.1,
+        modulation='p',
+        size=0.5,
+        left_out_gain=50.0,
+        factors=np.zeros((0, 0)),
+        std=0.1,
+    )
+    sentence = swing_sentence(KINDS['chamber_pressure'], None, swing, ())
+    assert 'with a period of 12.6 s' in sentence
+    assert sentence.endswith('no model can predict it.')
+
+
+def found(answer: str, p_value: float) -> Investigation:
+    """Return a diagnosis with this answer, and one test of what it leaves."""
+    tests = (SimpleNamespace(p_value=p_value, excess=5.0),)
+    trial = SimpleNamespace(record=SimpleNamespace(tests=tests))
+    return Investigation(
+        diagnosis=SimpleNamespace(answer=answer),
+        selection=SimpleNamespace(settings=DEFAULTS),
+        base='base',
+        trial=trial,
+    )
+
+
+@pytest.mark.parametrize('answer', ['none', 'unobservable'])
+def test_nothing_is_looked_for_where_nothing_is_left(answer):
+    assert starting_point(found(answer, 1e-9), DISCOVERY) is None
+    assert discover(found(answer, 1e-9)) is NOTHING_SEARCHED
+
+
+def test_beside_a_name_it_is_looked_for_where_something_is_left():
+    assert starting_point(found('unknown', 1e-9), DISCOVERY) == 'base'
+    clear = found('named', 0.3)
+    assert starting_point(clear, DISCOVERY) is None
+    left = found('named', 1e-9)
+    assert starting_point(left, DISCOVERY) is left.trial
