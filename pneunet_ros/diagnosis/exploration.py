@@ -239,6 +239,14 @@ def named_effects(found: Investigation) -> frozenset[str]:
     return frozenset(item.name for item in diagnosis.effects)
 
 
+def trial_in_question(found: Investigation) -> Trial | None:
+    """Return what rivals stand on top of: what is named, else the base; None for nothing settled.
+
+    Where effects cannot be told apart each is a rival of the other, on top of the base.
+    """
+    return found.trial if found.diagnosis.answer == 'named' else found.base
+
+
 def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
     """Return every effect that may be missing beside those of a trial.
 
@@ -273,7 +281,7 @@ def rival_probabilities(found: Investigation) -> dict[str, float]:
     evidence; else by its score, as if points were linear in it. What no recording could have shown
     so far is as probable as nothing.
     """
-    selection, trial = found.selection, found.trial
+    selection, trial = found.selection, trial_in_question(found)
     if selection is None or trial is None:
         return {}
     logs = {NOTHING: 0.0}
@@ -335,13 +343,14 @@ def ranked_choices(
     diagnosis_settings: DiagnosisSettings = DEFAULTS,
 ) -> list[Choice]:
     """Return all experiments with what they are worth, the best first."""
-    if found.selection is None or found.trial is None:
+    trial = trial_in_question(found)
+    if found.selection is None or trial is None:
         return []
     items = tuple(experiments())
     design = replace(diagnosis_settings.experiment_design, frames=settings.frames)
-    refit = found.trial.refit
+    refit = trial.refit
     linearization = linearize_experiments(refit, items, safe, design)
-    candidates = rival_candidates(found.selection, found.trial)
+    candidates = rival_candidates(found.selection, trial)
     tried = (
         None
         if linearization is None
