@@ -12,6 +12,7 @@ from pneunet_ros.cli import diagnose
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.diagnosis.diagnosis import Investigation
 from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.simulation import simulate
@@ -19,7 +20,7 @@ from pneunet_ros.recordings.lab_files import write_lab
 from pneunet_ros.reports import figure as report_figure
 from pneunet_ros.reports.diagnosis.files import NUMBERS, PAGE
 import pytest
-from support.small_diagnosis import diagnosis
+from support.small_diagnosis import diagnosis, discovery
 
 NAMES = ('unloaded_ramp', 'strings', 'random_mix')
 ARM = share_path('config/paper_arm.yaml')
@@ -70,9 +71,10 @@ def found(monkeypatch):
             for side in (answer.before, answer.after)
         )
         answer = replace(answer, before=before, after=after, closed=None)
-        return replace(answer, answer=handed.get('answer', 'named'), seed=options['seed'])
+        answer = replace(answer, answer=handed.get('answer', 'named'), seed=options['seed'])
+        return Investigation(diagnosis=answer)
 
-    monkeypatch.setattr(diagnose, 'diagnose', answered)
+    monkeypatch.setattr(diagnose, 'investigate', answered)
     return handed
 
 
@@ -172,7 +174,7 @@ def test_nothing_is_left_of_a_diagnosis_that_fails(run, found, lab, monkeypatch)
     def refused(*_, **__):
         raise RequestError('no recording under load')
 
-    monkeypatch.setattr(diagnose, 'diagnose', refused)
+    monkeypatch.setattr(diagnose, 'investigate', refused)
     code, out, err = run(*given(lab))
     assert (code, out) == (2, '')
     assert err == 'pneunet diagnose: no recording under load\n'
@@ -182,7 +184,7 @@ def test_nothing_is_left_of_a_diagnosis_that_fails(run, found, lab, monkeypatch)
 def test_a_scheduler_that_does_not_answer_is_said(run, found, lab, monkeypatch):
     asked = []
 
-    def open_executor(workers=None, scheduler=None):
+    def open_executor(workers=None, scheduler=None, prepare=None):
         asked.append(scheduler)
         raise RequestError(f'no Dask scheduler answers at {scheduler}')
 
@@ -202,7 +204,8 @@ def test_help_says_what_the_codes_mean(run):
 def test_a_model_that_cannot_be_fitted_is_said_first_and_has_no_numbers(run, lab, monkeypatch):
     sentence = 'The model could not be fitted: nothing can be said.'
     unsettled = UnsettledDiagnosis(sentence=sentence, notes=('check the units',), seed=0)
-    monkeypatch.setattr(diagnose, 'diagnose', lambda *_, **__: unsettled)
+    found = Investigation(diagnosis=unsettled)
+    monkeypatch.setattr(diagnose, 'investigate', lambda *_, **__: found)
     code, out, err = run(*given(lab))
     assert (code, err) == (1, '')
     assert out.startswith(sentence)
@@ -216,3 +219,25 @@ def test_a_model_that_cannot_be_fitted_is_said_first_and_has_no_numbers(run, lab
     assert (said['answer'], said['effects'], said['detectable']) == ('unknown', [], {})
     assert set(said['gap'].values()) == {None}
     assert [item['role'] for item in said['inputs']] == ['training', 'training']
+
+
+def test_a_discovered_law_is_said_and_its_effect_written(run, found, lab, monkeypatch):
+    found['answer'] = 'unknown'
+    law = replace(discovery(diagnosis()[0]), evaluation=diagnosis()[0].after)
+    monkeypatch.setattr(diagnose, 'discover', lambda *_, **__: law)
+    code, out, _ = run(*given(lab, '--without', 'gravity'))
+    assert code == 1  # a law is a proposal: the answer stays
+    assert 'Discovered: Something <pushes> the arm.' in out
+    assert 'With the discovered law the model error' in out
+    assert Path('out/effects/proposed_push.py').exists()
+    assert found['settings'].hypothesis.withheld == ('gravity',)
+    # The folder of an earlier diagnosis is replaced with all that it holds, and nothing else.
+    assert run(*given(lab, '--overwrite'))[0] == 1
+    Path('out/effects/mine.py').write_text('')
+    assert run(*given(lab, '--overwrite'))[0] == 2
+
+
+def test_an_effect_that_there_is_not_cannot_be_withheld(run, lab):
+    code, _, err = run(*given(lab, '--without', 'magic'))
+    assert code == 2
+    assert '--without names an effect magic that there is not' in err

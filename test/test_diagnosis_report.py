@@ -36,7 +36,7 @@ from pneunet_ros.reports.figure import draw_figures
 import pytest
 from support.example_arms import paper_arm
 from support.html_pages import check_closed, Page
-from support.small_diagnosis import diagnosis, EFFECT, PROVENANCE
+from support.small_diagnosis import diagnosis, discovery, EFFECT, PROVENANCE
 
 CONTRACT = {
     'answer', 'effects', 'alternatives', 'where', 'gap', 'adequacy', 'detectable',
@@ -65,6 +65,7 @@ def written(coarse, tmp_path_factory):
         training=training,
         held_out=held_out,
         provenance=PROVENANCE,
+        discovery=discovery(found),
         on_progress=lambda stage, done, total: told.append((stage, done, total)),
     )
     return folder, told
@@ -84,7 +85,7 @@ def test_all_files_are_there(written, page):
     pictures = sorted(item.name for item in folder.glob('figure_*.png'))
     assert len(pictures) == sum(map(len, FIGURES.values()))
     assert sorted(item.name for item in folder.iterdir()) == sorted(
-        [*pictures, MODEL, NUMBERS, PAGE]
+        [*pictures, MODEL, NUMBERS, PAGE, 'model_discovered.yaml', 'effects']
     )
     assert page.count('data:image/svg+xml;base64,') == len(pictures)
     assert told[-1] == ('pictures', len(pictures), len(pictures))
@@ -127,8 +128,9 @@ def test_the_numbers_are_those_of_the_contract(written):
     assert set(content['where'][0]) >= {'axis', 'from', 'to', 'share', 'sentence'}
     gap = content['gap']
     assert set(gap) >= {'training', 'heldout', 'noise_floor_m', 'closed'}
+    assert gap['closed_discovered'] == 0.97
     for group in ('training', 'heldout'):
-        assert set(gap[group]) == {'before', 'after'}
+        assert set(gap[group]) == {'before', 'after', 'discovered'}
         assert set(gap[group]['before']) == {'rms_m', 'p95_m', 'chi2_per_dof'}
     assert gap['heldout']['before']['rms_m'] == found.before.held_out.rms
     assert set(content['adequacy']['after']) == {'statistic', 'threshold', 'p_value'}
@@ -139,6 +141,24 @@ def test_the_numbers_are_those_of_the_contract(written):
     assert (content['seed'], content['versions']) == (7, PROVENANCE['versions'])
     assert content['settings']['used']['LackOfFitSettings.level'] == 0.002
     assert content['settings']['not_default'] == {}
+
+
+def test_a_discovered_law_stands_in_all_files(written, page):
+    folder, found = written[0], diagnosis()[0]
+    (law,) = json.loads((folder / NUMBERS).read_text(encoding='utf-8'))['discovered']
+    assert set(law) == {
+        'kind', 'location', 'size', 'covariates', 'time_law', 'share', 'left_out_gain',
+        'tied_with', 'sentence', 'effect_file',
+    }  # fmt: skip
+    assert law['location'] == {'value': 0.62, 'std': 0.01, 'unit': '-'}
+    assert (folder / law['effect_file']).read_text(encoding='utf-8') == '# an effect\n'
+    assert page.count('Something &lt;pushes&gt; the arm.') == 2
+    assert 'A note of it.' in page
+    assert load_model(folder / 'model_discovered.yaml').effects == found.after.arm.effects
+    nothing = diagnosis_content(found, PROVENANCE)
+    assert nothing['discovered'] == []
+    assert set(nothing['gap']['heldout']) == {'before', 'after'}
+    assert nothing['gap']['closed_discovered'] is None
 
 
 def test_settings_that_are_not_the_default_are_said():

@@ -214,11 +214,11 @@ def fit_of(**numbers: list[float]) -> Any:
 
 def test_an_effect_without_a_size_is_absent():
     both = fit_of(creep=[0.5, 2.0], pressure_lag=[0.0])
-    assert is_absent(both, 'pressure_lag')
-    assert not is_absent(both, 'creep')
+    assert is_absent(both, 'pressure_lag', 1.0)
+    assert not is_absent(both, 'creep', 3.0)
     # A time constant is no size: it may be anything where there is no amplitude.
-    assert is_absent(fit_of(creep=[-0.09, 2.0]), 'creep')
-    assert not is_absent(fit_of(gravity=[0.0, 0.11]), 'gravity')
+    assert is_absent(fit_of(creep=[-0.09, 2.0]), 'creep', 1.0)
+    assert not is_absent(fit_of(gravity=[0.0, 0.11]), 'gravity', 1.0)
 
 
 def test_what_led_out_of_a_poor_minimum_is_left_out_however_poor_the_rest_was(monkeypatch):

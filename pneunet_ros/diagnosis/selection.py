@@ -268,7 +268,8 @@ class Selection:
         pairs = zip(trial.refit.hypotheses, trial.refit.effects, strict=True)
         rest = [(item, effect) for item, effect in pairs if item.name != name]
         known = self.tried.get(frozenset(item.name for item, _ in rest))
-        if known is not None and known.evidence < least and not is_absent(trial.refit, name):
+        absent = is_absent(trial.refit, name, self.settings.selection.absent)
+        if known is not None and known.evidence < least and not absent:
             return None
         hypotheses = tuple(item for item, _ in rest)
         numbers = np.concatenate([item.numbers(effect) for item, effect in rest])
@@ -321,15 +322,15 @@ def is_worth_adding(
     return better.record.excess < settings.most_left * trial.record.excess
 
 
-def is_absent(fit: Refit, name: str) -> bool:
-    """Whether an effect of a fit has no size that differs from nothing by its standard error.
+def is_absent(fit: Refit, name: str, most: float) -> bool:
+    """Whether an effect of a fit has no size that differs from nothing by so many of its errors.
 
     It led the fit out of a poor minimum of the others, and is not what explains.
     """
     stds = split_numbers(fit.hypotheses, np.sqrt(np.diag(fit.covariance)))
     parts = zip(fit.hypotheses, split_numbers(fit.hypotheses, fit.numbers), stds, strict=True)
     return any(
-        item.name == name and all(abs(numbers[size]) <= std[size] for size in item.sizes)
+        item.name == name and all(abs(numbers[size]) <= most * std[size] for size in item.sizes)
         for item, numbers, std in parts
     )
 

@@ -126,6 +126,12 @@ class SelectionSettings:
     least_gain: float = tuning(16.0, 'gain of an effect: four sigma', unit='chi squared')
     finalist_gain: float = tuning(0.25, 'cost that a finalist gains at least', unit='least_gain')
     least_evidence: float = tuning(3.0, 'evidence that counts', unit='log probability')
+    absent: float = tuning(
+        3.0,
+        'size of an effect below which the others are fitted once more without it, from where '
+        'they are',
+        unit='sigma',
+    )
     law_evidence: float = tuning(0.02, 'share of evidence that does not tell two laws apart')
     partial: float = tuning(
         0.5, 'gain that is too little beside a more probable set', unit='of it'

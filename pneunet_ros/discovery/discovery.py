@@ -7,7 +7,7 @@ the recordings predicts it in the other, and if held-out recordings do not speak
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -20,8 +20,10 @@ from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_st
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
 from pneunet_ros.diagnosis.selection import evidence_margin, is_adequate, Selection, Trial
 from pneunet_ros.discovery.amplitude import FrameColumns, Runs
+from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits, POSITION, Proposal
 from pneunet_ros.discovery.kinds import KINDS
+from pneunet_ros.discovery.law import Law
 from pneunet_ros.discovery.proposed_effect import effect_name, effect_source
 from pneunet_ros.discovery.result import (
     AmplitudeSeries,
@@ -53,6 +55,11 @@ class Finding:
     def explains(self) -> bool:
         """Whether its joint fit leaves no more than the law of an effect may."""
         return self.proposal is not None and self.proposal.trial.record.adequate
+
+    @property
+    def goes_by_itself(self) -> bool:
+        """Whether nothing measured predicts it."""
+        return self.proposal is None and self.suspect.goes_by_itself
 
 
 def discover(
@@ -145,17 +152,19 @@ def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress)
     settings, findings = fits.settings.confirmation, []
     for place, suspect in enumerate(suspects[: settings.finalists]):
         on_progress(f'joint fit of {suspect.kind.name}', place, settings.finalists)
-        proposal = None
-        if suspect.law is not None and not suspect.goes_by_itself:
-            proposal = fits.propose(suspect.law)
-        findings.append(finding_of(suspect, proposal, fits))
-    if suspects[0].goes_by_itself or any(item.explains for item in findings):
+        law = measured_part(suspect)
+        proposal = None if law is None else fits.propose(law)
+        finding = finding_of(suspect, proposal, fits)
+        if suspect.goes_by_itself and not finding.explains:
+            finding = finding_of(suspect, None, fits)
+        findings.append(finding)
+    if findings[0].goes_by_itself or any(item.explains for item in findings):
         return findings
     again = []
     for place, suspect in enumerate(suspects[: settings.more_finalists]):
         on_progress(f'joint fit of {suspect.kind.name}', place, settings.more_finalists)
         known = findings[place] if place < len(findings) else finding_of(suspect, None, fits)
-        if suspect.goes_by_itself:
+        if known.goes_by_itself:
             again.append(known)
             continue
         proposals = [known.proposal, fits.propose_constant(suspect.kind)]
@@ -165,6 +174,26 @@ def judge(fits: JointFits, suspects: Sequence[Suspect], on_progress: OnProgress)
         best = max(fitted, key=lambda item: item.evidence, default=None)
         again.append(finding_of(suspect, best, fits))
     return again
+
+
+def measured_part(suspect: Suspect) -> Law | None:
+    """Return the law of a suspect without time, which no model can follow; None if none is left.
+
+    A drift beside what can be predicted is small, or the joint fit leaves too much.
+    """
+    law = suspect.law
+    if law is None:
+        return None
+    kept = [place for place, term in enumerate(law.terms) if term != ELAPSED]
+    return (
+        replace(
+            law,
+            terms=tuple(law.terms[place] for place in kept),
+            coefficients=law.coefficients[kept],
+        )
+        if kept
+        else None
+    )
 
 
 def finding_of(suspect: Suspect, proposal: Proposal | None, fits: JointFits) -> Finding:

@@ -29,6 +29,13 @@ from pneunet_ros.diagnosis.result import (
     Share,
     Shift,
 )
+from pneunet_ros.discovery.result import (
+    AmplitudeSeries,
+    CauseMap,
+    Discovered,
+    Discovery,
+    TermOfLaw,
+)
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.measurement.dataset import RecordingData
@@ -238,3 +245,49 @@ def diagnosis(
         seed=7,
     )  # fmt: skip
     return found, tuple(training), tuple(held_out)
+
+
+def discovery(found: Diagnosis) -> Discovery:
+    """Return an invented law, with the model that the library found in its place."""
+    size = Estimated(value=0.05, std=0.002, unit='N')
+    seconds = np.linspace(0.0, 10.0, 20)
+    return Discovery(
+        searched=True,
+        found=(
+            Discovered(
+                kind='push',
+                location=Estimated(value=0.62, std=0.01, unit='-'),
+                size={'constant': size},
+                covariates=(
+                    TermOfLaw(
+                        name='1', function='constant', coefficient=0.05, std=0.002, unit='N'
+                    ),
+                ),
+                time_law=None,
+                share=0.96,
+                left_out_gain=120.0,
+                tied_with=('bump',),
+                sentence='Something <pushes> the arm.',
+                effect_file='effects/proposed_push.py',
+                source='# an effect\n',
+            ),
+        ),
+        causes=CauseMap(
+            kinds=('push', 'stretch'),
+            positions=np.linspace(0.0, 1.0, 3),
+            share=np.array([[0.1, 0.9, 0.2], [0.3, 0.3, 0.3]]),
+        ),
+        amplitudes=(
+            AmplitudeSeries(
+                recording='lab/ramp.mcap',
+                unit='N',
+                seconds=seconds,
+                value=0.05 + 0.01 * np.sin(seconds),
+                std=np.full(seconds.size, 0.01),
+                law=np.full(seconds.size, 0.05),
+            ),
+        ),
+        evaluation=found.after,
+        closed=0.97,
+        notes=('a note of it',),
+    )

@@ -82,7 +82,7 @@ def write_diagnosis(
     save_model(diagnosed_arm(diagnosis, diagnosis.after, frame, origin), folder / MODEL)
     if discovery.evaluation is not None:
         write_discovered(discovery, diagnosis, folder, frame, origin)
-    content = diagnosis_content(diagnosis, discovery, provenance)
+    content = diagnosis_content(diagnosis, provenance, discovery)
     (folder / NUMBERS).write_text(json_text(content, indent=1), encoding='utf-8')
     return content
 
@@ -118,7 +118,9 @@ def write_unsettled(
             'effects': [],
             'alternatives': [],
             'where': [],
-            'gap': dict.fromkeys(('training', 'heldout', 'noise_floor_m', 'closed')),
+            'gap': dict.fromkeys(
+                ('training', 'heldout', 'noise_floor_m', 'closed', 'closed_discovered')
+            ),
             'adequacy': dict.fromkeys(('before', 'after')),
             'detectable': {},
             'parameter_shift': {},
@@ -146,7 +148,9 @@ def ending(seed: int, *settings: DiagnosisSettings | DiscoverySettings) -> dict[
 
 
 def diagnosis_content(
-    diagnosis: Diagnosis, discovery: Discovery, provenance: Mapping[str, Any]
+    diagnosis: Diagnosis,
+    provenance: Mapping[str, Any],
+    discovery: Discovery = NOTHING_SEARCHED,
 ) -> dict[str, Any]:
     """Return the content of `diagnosis.json`; see docs/diagnosis.md and docs/discovery.md."""
     before, after, found = diagnosis.before, diagnosis.after, discovery.evaluation
