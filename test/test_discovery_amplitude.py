@@ -188,6 +188,7 @@ def test_a_swing_is_found_with_its_period_whatever_its_phases():
         assert found is not None
         assert found.period == pytest.approx(period, rel=0.05)
         assert abs(found.period - period) < 4.0 * found.period_std
+        assert abs(found.size - 1.0) < 4.0 * found.size_std < 1.0
         assert found.left_out_gain > 20.0
 
 

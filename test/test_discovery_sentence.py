@@ -48,6 +48,7 @@ def test_of_what_goes_by_itself_it_is_said_that_nothing_predicts_it():
         period_std=0.1,
         modulation='p',
         size=0.5,
+        size_std=0.02,
         left_out_gain=50.0,
         factors=np.zeros((0, 0)),
         std=0.1,

@@ -425,11 +425,13 @@ def describe(finding: Finding, tied: Sequence[str], search: Search) -> Discovere
         )
     if suspect.swing is not None:
         swing = suspect.swing
-        amplitude = swing.size * kind.prior
+        amplitude = Estimated(
+            value=swing.size * kind.prior, std=swing.size_std * kind.prior, unit=kind.unit
+        )
         return Discovered(
             kind=kind.name,
             location=location,
-            size={'amplitude': Estimated(value=amplitude, std=amplitude * 0.0, unit=kind.unit)},
+            size={'amplitude': amplitude},
             covariates=(),
             time_law=TimeLaw(
                 form='sine with a phase of its own in every recording'

@@ -22,14 +22,15 @@ MODULATIONS = ('1', 'p')  # a swing of the same size, and one that grows with th
 class Swing:
     """A swing: its period and error (s), what it grows with, and what it gains.
 
-    size (root mean square, in units of the kind's prior) where the modulation is largest; factors
-    (frames, 2 runs): sine and cosine of every run.
+    size and size_std (amplitude, root mean square over the runs, in units of the kind's prior)
+    where the modulation is largest; factors (frames, 2 runs): sine and cosine of every run.
     """
 
     period: float
     period_std: float
     modulation: str
     size: float
+    size_std: float
     left_out_gain: float
     factors: Array
     std: float
@@ -81,12 +82,16 @@ def find_swing(
         .log_gain(std)
         for which in runs
     )
-    coefficients = part.estimate(std)[0].reshape(-1, 2)[list(runs)]
+    coefficients, covariance = part.estimate(std)
+    own = np.array([place for which in runs for place in (2 * which, 2 * which + 1)])
+    size = float(np.sqrt(np.sum(coefficients[own] ** 2) / len(runs)))
+    slope = coefficients[own] / (len(runs) * size)
     return Swing(
         period=period,
         period_std=period_std,
         modulation=modulation,
-        size=float(np.sqrt(np.mean(coefficients**2) * 2.0)),
+        size=size,
+        size_std=float(np.sqrt(slope @ covariance[np.ix_(own, own)] @ slope)),
         left_out_gain=gain - settings.period_cost,
         factors=factors,
         std=std,
