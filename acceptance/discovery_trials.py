@@ -36,7 +36,7 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.files.json_text import json_text
 from rich.console import Console
 from rich.table import Table
-from unnamed.causes import Cause, CAUSES
+from unnamed.causes import add_causes, Cause, CAUSES
 
 Row = dict[str, Any]
 BLOCKS = ('causes', 'clean', 'named')
@@ -209,6 +209,7 @@ def main() -> None:
     command.add_argument('--output', type=Path, metavar='FILE.jsonl', help='resumable')
     command.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = command.parse_args()
+    add_causes()
     rows: list[Row] = []
     if arguments.output is not None and arguments.output.exists():
         rows = [json.loads(line) for line in arguments.output.read_text().splitlines() if line]

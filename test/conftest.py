@@ -51,7 +51,7 @@ LENGTHY = """
     generic_field golden hypothesis lab_day lab_live lab_renderer lack_of_fit
     linearization localization lab_effects map_estimation named_effects noise_estimate
     outside_effects packaging page_commands pages preview published recording_writer refit
-    experiment_node explore_verb exploration survey survey_verb
+    benches experiment_node explore_verb exploration survey survey_verb
     replay score_test
     simulate_verb simulation smoother solver track tracker working_plane_and_lens
 """
