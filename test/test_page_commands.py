@@ -15,8 +15,8 @@ from support.cantilever import Cantilever
 from support.films import pictures, write_camera_info, write_folder, write_video
 from support.page_commands import agree, blocks_of, PAGES, rewrite, ROOT, run_block, started_node
 
-# What no package index has, what needs a display, and arms of the reader's own; everything else can
-# be run, and is.
+# What no package index has, what needs a display, and arms of the reader's own; everything else
+# can be run, and is.
 NOT_TO_BE_HAD = (
     'pneunet survey fleet/',
     'ros2 ',

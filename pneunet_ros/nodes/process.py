@@ -42,9 +42,11 @@ def run(make_nodes: Iterable[Callable[[], Any]], usage: str, arguments: list[str
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except PneunetError as error:
+    except Exception as error:
         if signal_came():
             return DONE  # a signal came, of which ROS has made an error of whatever it cut off
+        if not isinstance(error, PneunetError):
+            raise
         print(printable(str(error)), file=sys.stderr)
         return WRONG_REQUEST
     finally:
