@@ -76,6 +76,7 @@ def test_after_a_recording_all_files_are_there(run):
         (('--simulated', 'nothing'), 'is no scenario file'),
         (('--simulated', 'small.yaml', '--pressure', '0', '1e6'), 'known from 0 to 66000 Pa'),
         (('--simulated', 'small.yaml', '--largest-force', '-1'), 'the force be 0 or more'),
+        (('--simulated', 'small.yaml', '--largest-force', '9'), 'the model is known up to 0.4'),
         (('--by-hand', '--effect', 'creep.amplitude=0.1'), 'are of --simulated arms'),
     ],
 )

@@ -15,6 +15,7 @@ from pneunet_ros.core.executor import open_executor
 from pneunet_ros.offline.survey import (
     arm_key,
     FleetArm,
+    folders_left_out,
     read_fleet,
     sentence_of,
     SurveyFolder,
@@ -53,6 +54,7 @@ def test_a_folder_per_arm(tmp_path):
     ):
         touch(tmp_path / name)
     one, two = read_fleet(tmp_path, DEFAULT)
+    assert folders_left_out(tmp_path, [one, two]) == ('photos',)
     assert (one.name, two.name) == ('one', 'two')
     assert named(one.roles['unloaded'], tmp_path) == ['one/unloaded_ramp.mcap']
     assert named(one.roles['heldout'], tmp_path) == ['one/heldout_1.mcap']

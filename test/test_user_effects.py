@@ -113,6 +113,7 @@ def test_a_model_with_an_unknown_effect_says_what_to_do(tmp_path, capsys):
         ('prior=(-1.0, 1.0)', 'prior=(-9.0, 1.0)', 'parameter gain needs a prior of two finite'),
         ('        0.5, unit', '        5.0, unit', 'default 5.0 is not within the bounds [0.1'),
         ('(frozen=True, ', '(', 'cannot be imported: TypeError'),
+        ('from typing', 'raise SystemExit(3)\nfrom typing', 'cannot be imported: SystemExit: 3'),
         ('def load_terms', 'def loud_terms', 'SoftPart does nothing: it must have one of actuate'),
         ('SoftPart(Effect)', 'SoftPart', 'holds no subclass of Effect'),
     ],

@@ -181,7 +181,7 @@ def run(arguments: Namespace) -> int:
 
 
 def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
-    """Return what may be done to the arm: what was asked for, within the model's pressures."""
+    """Return what may be done to the arm: what was asked for, within what the model knows."""
     known = SafeSet.of(model, DEFAULTS.experiment_design.usual_force)
     low, high = arguments.pressure or (known.low, known.high)
     if low < known.low or high > known.high:
@@ -190,6 +190,11 @@ def safe_set(arguments: Namespace, model: Arm) -> SafeSet:
             f'{known.high:g} Pa'
         )
     force = known.force if arguments.largest_force is None else arguments.largest_force
+    if force > known.force:
+        raise RequestError(
+            f'--largest-force {force:g}: the model is known up to {known.force:.3g} N; calibrate '
+            'it with larger loads first'
+        )
     return SafeSet(low=low, high=high, force=force)
 
 

@@ -43,6 +43,7 @@ from pneunet_ros.offline.calibration_files import file_hash
 from pneunet_ros.offline.survey import (
     arm_key,
     FleetArm,
+    folders_left_out,
     read_fleet,
     sentence_of,
     SurveyFolder,
@@ -234,7 +235,12 @@ class Survey:
                     arm=load_model(folder / found['model']) if found else None,
                 )
             )
-        return SurveyData(source=source, arms=tuple(arms), fleet=compare(arms, self.request.seed))
+        return SurveyData(
+            source=source,
+            arms=tuple(arms),
+            fleet=compare(arms, self.request.seed),
+            left_out=folders_left_out(Path(source), fleet),
+        )
 
     def write(self, data: SurveyData, provenance: Mapping[str, Any]) -> dict[str, Any]:
         """Write the page, its pictures and the numbers; return the content of the JSON."""

@@ -301,7 +301,7 @@ def size_moments(item: Candidate) -> tuple[float, float]:
     coordinate = item.hypothesis.coordinates[item.which]
     tried = abs(float(item.tried[item.which]))
     variance = 1.0 / ((tried / coordinate.std) ** 2 + item.information)
-    mean = variance * math.copysign(math.sqrt(item.gain * item.information), item.gain)
+    mean = variance * math.sqrt(item.gain * item.information)
     return mean, variance
 
 

@@ -25,6 +25,7 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import DEFINES, Effect, METHODS, Place
 
 ENTRY_POINTS = 'pneunet_ros.effects'  # the group by which an installed package offers effects
+FOREIGN = (Exception, SystemExit)  # what code of others may raise while it is imported
 
 
 def add_effects(directory: str | Path) -> tuple[type[Effect], ...]:
@@ -71,7 +72,7 @@ def add_installed_effects() -> tuple[type[Effect], ...]:
         origin = f'effect {point.name}{package}'
         try:
             found.append((point.load(), origin))
-        except Exception as error:
+        except FOREIGN as error:
             raise ModelError(f'{origin} cannot be imported: {reason(error)}') from error
     return add_to_table(found)
 
@@ -89,13 +90,13 @@ def module_of(file: Path) -> ModuleType:
     sys.modules[name] = module  # dataclasses look for their module there
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except FOREIGN as error:
         del sys.modules[name]
         raise ModelError(f'effect file {file} cannot be imported: {reason(error)}') from error
     return module
 
 
-def reason(error: Exception) -> str:
+def reason(error: Exception | SystemExit) -> str:
     """Say what an error of foreign code was."""
     line = getattr(error, 'lineno', None)
     where = f' (line {line})' if line else ''

@@ -80,6 +80,15 @@ def read_fleet(source: Path, arm: Path) -> tuple[FleetArm, ...]:
     return fleet
 
 
+def folders_left_out(source: Path, fleet: Sequence[FleetArm]) -> tuple[str, ...]:
+    """Return the names of folders of a source in which there is no arm of the fleet."""
+    if not source.is_dir():
+        return ()
+    arms = {arm.name for arm in fleet}
+    places = sorted(place.name for place in source.iterdir() if place.is_dir())
+    return tuple(printable(name) for name in places if name not in arms and name[0] != '.')
+
+
 def fleet_of_folder(folder: Path, arm: Path) -> tuple[FleetArm, ...]:
     """Return the arms of a folder: every folder in it with an arm file or recordings of a role."""
     shared = folder / ARM

@@ -46,6 +46,10 @@ def survey_sentences(data: SurveyData) -> list[str]:
         effects_sentence(data),
         *rare_sentences(data),
         *(f'{item.name} failed: {item.failed}' for item in failed),
+        *(
+            f'{name} is left out: no recording in it has a name that says what it is for.'
+            for name in data.left_out
+        ),
     ]
 
 
@@ -116,6 +120,7 @@ def survey_content(data: SurveyData, provenance: Mapping[str, Any]) -> dict[str,
     content: dict[str, Any] = plain(
         {
             'source': data.source,
+            'left_out': data.left_out,
             'sentence': fleet.sentence,
             'odd': [
                 {

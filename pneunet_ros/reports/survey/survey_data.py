@@ -57,11 +57,15 @@ class SurveyedArm:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurveyData:
-    """All arms in their order, and the fleet of those that were calibrated."""
+    """All arms in their order, and the fleet of those that were calibrated.
+
+    left_out: folders of the source in which there is no arm.
+    """
 
     source: str
     arms: tuple[SurveyedArm, ...]
     fleet: Fleet
+    left_out: tuple[str, ...] = ()
 
     @property
     def done(self) -> tuple[SurveyedArm, ...]:
