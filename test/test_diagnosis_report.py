@@ -154,6 +154,7 @@ def test_a_discovered_law_stands_in_all_files(written, page):
     assert (folder / law['effect_file']).read_text(encoding='utf-8') == '# an effect\n'
     assert page.count('Something &lt;pushes&gt; the arm.') == 2
     assert 'A note of it.' in page
+    assert '--model DIR/model_discovered.yaml --effects-path DIR/effects' in page
     assert load_model(folder / 'model_discovered.yaml').effects == found.after.arm.effects
     nothing = diagnosis_content(found, PROVENANCE)
     assert nothing['discovered'] == []

@@ -41,7 +41,7 @@ def report_page(
     discovery: Discovery = NOTHING_SEARCHED,
 ) -> str:
     """Return the page, pictures inside."""
-    next_step, command = next_steps(diagnosis)
+    next_step, command = next_steps(diagnosis, discovery)
     return render_page(
         TEMPLATE,
         diagnosis=diagnosis,
@@ -95,8 +95,15 @@ def stiffness_change(diagnosis: Diagnosis) -> str:
     return f'{stiffness_text(found)}; before: {stiffness_text(bending_stiffness(before))}'
 
 
-def next_steps(diagnosis: Diagnosis) -> tuple[str, str]:
+def next_steps(diagnosis: Diagnosis, discovery: Discovery) -> tuple[str, str]:
     """Return what to do next, and the command to type."""
+    if any(law.effect_file for law in discovery.found):
+        step = 'Test the discovered law on a recording that it has not seen.'
+        return (
+            f'{step} {diagnosis.proposal}'.rstrip(),
+            'pneunet replay FRESH.mcap --model DIR/model_discovered.yaml --effects-path '
+            'DIR/effects',
+        )
     if diagnosis.answer in CLEAR and not diagnosis.proposal:
         step = 'Test the model of this folder on a recording that it has not seen.'
         return step, 'pneunet replay FRESH.mcap --model DIR/model.yaml'
