@@ -92,6 +92,8 @@ def cut_rotation(rotation: Array, knots: Array, places: Array) -> Array:
 
 def moved_to(rotation: Array, distance: Array) -> Array:
     """Return rotation (..., pieces, 5) by powers of the way from places so far (m) after knots."""
+    if not distance.any():
+        return rotation
     exponent = np.subtract(*np.ogrid[:ROTATION_WIDTH, :ROTATION_WIDTH])
     # sum_k c_k (t + distance)^k, by powers of t
     powers = distance[..., None, None] ** np.maximum(exponent, 0)
