@@ -27,6 +27,9 @@ from pneunet_ros.vision.ellipse_fit import (
     CENTER_V,
     ELLIPSE,
     EllipseSettings,
+    END,
+    END_U,
+    END_V,
     ERROR,
     fit_ellipses,
     FITTED,
@@ -80,6 +83,7 @@ def outlines(
     starts[:, [PLATEAU, BEHIND]] = 0.0
     starts[:, SHAPE_STD], starts[:, WIDTH_STD], starts[:, SMEAR_STD] = stds
     starts[:, SIZE_STD], starts[:, PLATEAU_STD] = stds[0], math.inf
+    starts[:, [END_U, END_V]], starts[:, END] = 0.0, math.inf
     return starts
 
 

@@ -39,11 +39,14 @@ PLATEAU, BEHIND = 8, 9
 # Only before: how well its shape (of its radius), blur and way (px), plateau and size (of its
 # radius) are known, one sigma; infinite of a plateau that is not known.
 SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD, SIZE_STD = range(10, 15)
+# Only before: which way (a unit vector) something ends there, and how many px from the center
+# pixels take part that way; infinite where all do.
+END_U, END_V, END = range(15, 18)
 # Only after: std of the center px; share near the ellipse of the edge that can be seen, and share
 # exactly on it of all the edge; share of what is within that is as bright as it is drawn; share of
 # all the edge that is clearly outside of the ellipse.
 ERROR, NEAR_EDGE, ON_EDGE, WITHIN, OUTSIDE = range(10, 15)
-FITTED = 15
+FITTED = 18
 
 # Moments of an exposure that are averaged, and from which way (px) on. No share of a pixel that is
 # covered is then off by more than 0.2 %, up to a way of 20 px where edges are blurred by 0.9 px.
@@ -176,7 +179,7 @@ class Fit:
 
     now (n, FITTED); moments (n,) of an exposure at which each is seen; off (n, 2) px: way of the
     center so far; shape (n, 3): changes of size and shape so far; slopes (n, 2) of the light, grey
-    levels per px; believed (n, sectors): weights.
+    levels per px; reached (n, sectors): which have pixels; believed (n, sectors): weights.
     """
 
     now: Array
@@ -184,6 +187,7 @@ class Fit:
     off: Array
     shape: Array
     slopes: Array
+    reached: Mask
     believed: Array
 
 
@@ -251,13 +255,15 @@ def _begun(rims: Rims, starts: Array, settings: EllipseSettings) -> Fit:
     now[:, WIDTH] = np.clip(starts[:, WIDTH], settings.least_blur, settings.most_blur)
     unknown = np.isinf(starts[:, PLATEAU_STD])
     now[unknown, PLATEAU] = _first_plateaus(rims, starts, settings)[unknown]
+    shape = count, settings.sectors
     return Fit(
         now=now,
         moments=moments,
         off=np.zeros((count, 2)),
         shape=np.zeros((count, 3)),
         slopes=np.zeros((count, 2)),
-        believed=np.ones((count, settings.sectors)),
+        reached=rims.by_sector(np.ones(len(rims.x)), shape) > 0.0,
+        believed=np.ones(shape),
     )
 
 
@@ -290,6 +296,7 @@ def _cut_rims(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSett
     rim = (seen.outside > -settings.inward * blur - more) & (
         seen.outside < settings.outward * blur + more
     )
+    rim &= x * starts[owner, END_U] + y * starts[owner, END_V] <= starts[owner, END]
     around = np.arctan2(seen.down[rim], seen.across[rim]) * settings.sectors / (2.0 * math.pi)
     around %= settings.sectors
     before = np.minimum(around.astype(np.int64), settings.sectors - 1)
@@ -415,7 +422,7 @@ def _solve(
     variance = products[:, LEFT, LEFT] / np.maximum(weights - searched, 4.0)
     variance = np.maximum(variance, QUANTIZATION)
     now = fit.now[going]
-    typical = now[:, PLATEAU] - _middle(behind)
+    typical = now[:, PLATEAU] - _median_of(behind, fit.reached[going])
     normal, gradient = _with_expectations(
         products, variance, typical, starts, fit, going, settings
     )
@@ -557,11 +564,6 @@ def _smoothed(sums: Array) -> Array:
     return np.asarray(sums + 0.5 * (around[:, :-2] + around[:, 2:]))
 
 
-def _middle(values: Array) -> Array:
-    """Return the median of each line."""
-    return _median_of(values, np.ones(values.shape, np.bool_))
-
-
 def _with_expectations(
     products: Array,
     variance: Array,
@@ -667,14 +669,15 @@ def _results(
     fitted = fit.now[which]
     fitted[:, [CENTER_U, CENTER_V]] = starts[which][:, [CENTER_U, CENTER_V]] + fit.off[which]
     fitted[:, ERROR] = found.error[ended]
-    fitted[:, BEHIND] = _middle(found.behind[ended])
+    reached = fit.reached[which]
+    fitted[:, BEHIND] = _median_of(found.behind[ended], reached)
     fitted[:, WITHIN] = _plain_within(rims, which, fitted, found.covered, settings)
     edges, stds = found.edges[ended], found.stds[ended]
     clear = stds < settings.knows
     near = settings.near_edge + settings.near_edge_share * _radius(fitted)[:, None]
     told = np.count_nonzero(clear, axis=1)
     seen = np.count_nonzero(clear & (np.abs(edges) < near + 2.0 * stds), axis=1)
-    enough = told >= settings.told * settings.sectors
+    enough = told >= settings.told * np.count_nonzero(reached, axis=1)
     fitted[:, NEAR_EDGE] = np.where(enough, seen / np.maximum(told, 1), 0.0)
     on = np.maximum(settings.on_edge, settings.on_edge_share * _radius(fitted))[:, None]
     on_edge = clear & (np.abs(edges) < on + 2.0 * stds)

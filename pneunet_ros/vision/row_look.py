@@ -32,9 +32,14 @@ from pneunet_ros.vision.ellipse_fit import (
     AXIS_XY,
     AXIS_YY,
     BEHIND,
+    END,
+    END_U,
+    END_V,
     PLATEAU,
     PLATEAU_STD,
     SIZE_STD,
+    SMEAR_U,
+    SMEAR_V,
     WIDTH,
     WIDTH_STD,
 )
@@ -91,6 +96,14 @@ class RowLookSettings:
     unsure_moved: float = tuning(
         0.1, 'the same, added where it moves by a radius', unit='radius', source='invented'
     )
+    ends: float = tuning(
+        0.69,
+        'from the center of the last target, where the arm may end',
+        unit='radius',
+        source='a tenth of the target is cut off there',
+    )
+    clear: float = tuning(1.5, 'before that end, where nothing of it is seen', unit='blur')
+    swept: float = tuning(1.0, 'way from which on the end is told from a target', unit='radius')
     blur: float = tuning(0.5, 'blur of a part off that of neighbors, at most', unit='px')
     blur_moved: float = tuning(0.4, 'the same, added where it moves by a radius', unit='px')
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
@@ -161,6 +174,27 @@ def _looks_of(
     level_std = np.sqrt(variance[:, 7])
     starts[:, PLATEAU_STD] = np.maximum(level_std, settings.level_std * contrast)
     return starts
+
+
+def short_of_end(
+    expected: Array, places: Array, settings: RowLookSettings = ROW_LOOK
+) -> Array:
+    """Return outlines of which that of the last target ends where the arm may end.
+
+    expected: as `looks_of_neighbors`; places (targets, 2) px, along the row. While it moves far,
+    the end of the arm and the last target are smeared into each other: only what is on this side
+    of the end, all of the exposure, takes part. END stays infinite where it does not.
+    """
+    outlines = expected.copy()
+    last = outlines[-1]
+    along = places[-1] - places[-2]
+    along /= math.hypot(*along)
+    radius = math.sqrt(last[AXIS_XX] * last[AXIS_YY] - last[AXIS_XY] ** 2)
+    smear = last[[SMEAR_U, SMEAR_V]]
+    if math.hypot(*smear) > settings.swept * radius:
+        last[[END_U, END_V]] = along
+        last[END] = settings.ends * radius - settings.clear * last[WIDTH] - 0.5 * abs(along @ smear)
+    return outlines
 
 
 def _lines_at(away: Array, values: Array, known: Mask) -> tuple[Array, Array]:
@@ -259,7 +293,7 @@ def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOO
     smaller one fits as well. One whose level or blur is further off than neighbors allow for is
     not what is drawn: the error of the fit is larger by as many times.
     """
-    along = _error_along(found, settings)
+    along = np.where(np.isfinite(expected[:, END]), 0.0, _error_along(found, settings))
     size = settings.size_error * expected[:, SIZE_STD] * np.sqrt(found[:, AREA] / math.pi)
     level = np.abs(found[:, LEVEL] - expected[:, PLATEAU]) / expected[:, PLATEAU_STD]
     blur = np.abs(found[:, BLUR] - expected[:, WIDTH]) / expected[:, WIDTH_STD]

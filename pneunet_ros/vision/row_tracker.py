@@ -31,7 +31,7 @@ from pneunet_ros.vision.centroid import (
     U,
     V,
 )
-from pneunet_ros.vision.ellipse_fit import CENTER_U, CENTER_V
+from pneunet_ros.vision.ellipse_fit import CENTER_U, CENTER_V, END
 from pneunet_ros.vision.gating import (
     consistent_motion,
     consistent_size,
@@ -54,6 +54,7 @@ from pneunet_ros.vision.row_look import (
     looks_of_neighbors,
     part_stds,
     share_of_area,
+    short_of_end,
     whole_targets,
 )
 from pneunet_ros.vision.settings import VisionSettings
@@ -192,13 +193,17 @@ def with_partial(
     )
     if last is None:  # nothing tells yet how large each is
         partial &= ~same
-    found, believed = np.full_like(row.table, np.nan), np.zeros_like(partial)
+    found = np.full_like(row.table, np.nan)
+    before_end = short_of_end(expected, starts[0], settings)
+    at_end = np.isfinite(before_end[:, END])
     for places in starts:
-        expected[:, [CENTER_U, CENTER_V]] = places
-        part = _parts_at(view, row, usual, partial & np.isfinite(places[:, 0]), expected, last)
-        better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
-        found[better] = part[better]
-        believed |= better
+        for outline, looked_at in ((expected, partial), (before_end, partial & at_end)):
+            outline[:, [CENTER_U, CENTER_V]] = places
+            there = looked_at & np.isfinite(places[:, 0])
+            part = _parts_at(view, row, usual, there, outline, last)
+            better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
+            found[better] = part[better]
+    believed = np.isfinite(found[:, U])
     # What is neither as large as it has been, nor a part of what its neighbors are, is something
     # else.
     other = partial & ~believed & ~same & np.isfinite(share)
@@ -225,6 +230,11 @@ def _parts_at(
     settings = view.vision.row_look
     found = np.full_like(row.table, np.nan)
     found[partial] = blobs_at(view.image, expected[partial], view.appearance)
+    again = np.isfinite(found[:, U]) & np.isfinite(expected[:, END])
+    if again.any():  # the end moves with the target
+        nearer = expected[again]
+        nearer[:, [CENTER_U, CENTER_V]] = found[again][:, [U, V]]
+        found[again] = blobs_at(view.image, nearer, view.appearance)
     found[:, STD] = part_stds(found, expected, settings)
     off = np.hypot(*(found[:, :2] - expected[:, [CENTER_U, CENTER_V]]).T)
     believed = off <= settings.moved * np.sqrt(usual / math.pi)
