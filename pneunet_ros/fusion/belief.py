@@ -20,6 +20,7 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.lack import first_weights, lack_columns, scale_of, span_of
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import PlacementKnown
 from pneunet_ros.solver.solution import SolverNodes
 
 FORCE = slice(0, 2)
@@ -40,7 +41,8 @@ class Unknowns:
     std (n,): before any frame and reading, N, Pa, m, sigma, m; times (k,): correlation times (s)
     of bias, drift, camera and columns, which follow the force. force_scale: the largest force (N)
     that is likely. lacking: where the unknowns are that stand for what the model lacks, whose std
-    is that of a lack of all of the range; range (Pa): of the pressure.
+    is that of a lack of all of the range; range (Pa): of the pressure. placement: of the targets
+    that the model was calibrated with, None where it is not known.
     """
 
     columns: int
@@ -51,6 +53,7 @@ class Unknowns:
     std: Array
     times: Array
     force_scale: float
+    placement: PlacementKnown | None = None
 
     @property
     def of_columns(self) -> slice:
@@ -74,6 +77,11 @@ class Unknowns:
         """Where the painted places across the arm are."""
         start = COLUMNS + self.columns + self.memory + self.targets
         return slice(start, start + self.targets)
+
+    @property
+    def painted(self) -> slice:
+        """Where the painted places along and across the arm are."""
+        return slice(self.along.start, self.across.stop)
 
 
 def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
@@ -112,6 +120,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
         std=freeze(std),
         times=freeze(times),
         force_scale=scale,
+        placement=None if arm.covariance is None else arm.covariance.placement,
     )
 
 
@@ -122,7 +131,8 @@ class Belief:
     walk (N/sqrt(s)): of the forces, as they moved lately; usual_walk: of the tip force, as it did
     on average; lack_weights (scales,): of the sizes of
     what the model lacks, log; chamber: the pressure (Pa) as read, NaN where it was not; solution:
-    the rod there, None before the first; frames: how many have been used.
+    the rod there, None before the first; frames: how many have been used. same_targets: they are
+    taken for those of the calibration, which knows where they are painted.
     """
 
     stamp_ns: int
@@ -134,6 +144,7 @@ class Belief:
     chamber: float = math.nan
     solution: SolverNodes | None = None
     frames: int = 0
+    same_targets: bool = False
 
     @property
     def touched(self) -> bool:
@@ -152,17 +163,34 @@ class Belief:
 
 
 def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) -> Belief:
-    """Return what is believed before any frame."""
-    mean, weights = freeze(np.zeros(unknowns.std.size)), first_weights(settings)
-    std = scaled_std(unknowns, scale_of(settings, weights))
+    """Return what is believed before any frame.
+
+    Where the calibration knows the placement of the targets, model and placement go together: the
+    same pictures must not tell of the model twice.
+    """
+    mean, weights = np.zeros(unknowns.std.size), first_weights(settings)
+    root = np.diag(scaled_std(unknowns, scale_of(settings, weights)))
+    placement = unknowns.placement
+    if placement is not None:
+        painted, columns = unknowns.painted, placement.factor.shape[1]
+        mean[painted] = placement.mean
+        root[painted, painted] = np.diag(placement.std)
+        root[painted, COLUMNS : COLUMNS + columns] = placement.factor
     return Belief(
         stamp_ns=stamp_ns,
-        mean=mean,
-        root=freeze(np.diag(std)),
+        mean=freeze(mean),
+        root=freeze(root),
         walk=settings.force_walk,
         usual_walk=settings.force_walk,
         lack_weights=weights,
+        same_targets=placement is not None,
     )
+
+
+def with_other_targets(unknowns: Unknowns, belief: Belief) -> Belief:
+    """Return the belief of somebody who knows that other targets are painted on the arm."""
+    forgotten = forget(belief, unknowns.painted, unknowns.std[unknowns.painted])
+    return replace(forgotten, same_targets=False)
 
 
 def scaled_std(unknowns: Unknowns, scale: float) -> Array:

@@ -11,7 +11,7 @@ Control 38 (1993).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -375,12 +375,10 @@ class FrameProblem:
         weights, growth = self.prior.lack_weights, self.growth
         if growth is not None:
             weights = weights_after(self.settings, weights, growth, fit.lack_information(growth))
-        return Belief(
-            stamp_ns=self.prior.stamp_ns,
+        return replace(
+            self.prior,
             mean=freeze(self.mean + self.root @ fit.trial.xi),
             root=freeze(np.ascontiguousarray(root)),
-            walk=self.prior.walk,
-            usual_walk=self.prior.usual_walk,
             lack_weights=weights,
             chamber=math.nan if growth is None else self.inputs.chamber,
             solution=fit.trial.bent.solution,

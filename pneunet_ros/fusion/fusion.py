@@ -41,12 +41,15 @@ from pneunet_ros.fusion.belief import (
     unknowns_of,
     widen,
     with_noise,
+    with_other_targets,
     with_walk,
 )
 from pneunet_ros.fusion.contact import (
     Contact,
     correlation_with_tip,
+    evidence_cost,
     weigh_hypotheses,
+    WeighedFrame,
     without_contact,
 )
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
@@ -60,7 +63,7 @@ from pneunet_ros.fusion.frame_fit import (
     FrameProblem,
     pressure_like,
 )
-from pneunet_ros.fusion.frame_update import FrameUpdate, take_frame
+from pneunet_ros.fusion.frame_update import excess, FrameUpdate, take_frame
 from pneunet_ros.fusion.lack import lack_columns, LackGrowth, remember, scale_of
 from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
@@ -76,6 +79,10 @@ from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.columns import LOADS
 
 Event = Reading | TargetSightings
+OTHER_TARGETS = (
+    'the targets are not painted where the calibration found them: what it knows of their places '
+    'is not used (without covariance.placement in the model file it never is)'
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -438,23 +445,9 @@ class Fusion:
             wrench=wrench,
             wrench_age=age,
         )
-        problem = self.problem_of(frame, before)
-        update = take_frame(
-            problem,
-            cold=lost or not before.frames,
-            round_=state.cold_round,
-            force_read=wrench is not None,
-        )
-        rival = None if state.rival is None else self.problem_of(frame, state.rival)
-        odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
-        weighed = weigh_hypotheses(
-            update,
-            problem,
-            rival,
-            odds,
-            elsewhere=state.elsewhere,
-            force_read=wrench is not None,
-        )
+        weighed = self.weigh(state, frame, before)
+        if before.same_targets and weighed.update.fit and excess(weighed.update.fit) > 1.0:
+            weighed = self.weigh_other_targets(state, frame, before, weighed)
         update = weighed.update
         if update.belief is not None:
             update = replace(update, belief=with_walk(self.settings, before, update.belief))
@@ -466,6 +459,34 @@ class Fusion:
             pressure_lost=alone,
         )
         return self.after_frame(state, shown_ns, update, wrench)
+
+    def weigh(self, state: FusionState, frame: ReadFrame, before: Belief) -> WeighedFrame:
+        """Return what a frame says, of a contact and of none, to what was believed before it."""
+        problem = self.problem_of(frame, before)
+        read = frame.wrench is not None
+        update = take_frame(
+            problem,
+            cold=frame.force_lost or not before.frames,
+            round_=state.cold_round,
+            force_read=read,
+        )
+        rival = None if state.rival is None else self.problem_of(frame, state.rival)
+        odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
+        return weigh_hypotheses(
+            update, problem, rival, odds, elsewhere=state.elsewhere, force_read=read
+        )
+
+    def weigh_other_targets(
+        self, state: FusionState, frame: ReadFrame, before: Belief, weighed: WeighedFrame
+    ) -> WeighedFrame:
+        """Return what a frame says if other targets are painted now, where it says so."""
+        other = with_other_targets(self.unknowns, before)
+        again = self.weigh(replace(state, rival=None, log_odds=None), frame, other)
+        seen = frame.sightings.seen
+        if weighed.update.fit is None or again.update.fit is None:
+            return weighed
+        gain = evidence_cost(weighed.update.fit, seen) - evidence_cost(again.update.fit, seen)
+        return again if gain > 2.0 * self.settings.other_targets else weighed
 
     def problem_of(self, frame: ReadFrame, belief: Belief) -> FrameProblem:
         """Return a frame beside what was believed before it.
@@ -604,6 +625,8 @@ class Fusion:
         contact = self.contact_at(state, belief, bent, mode, read=wrench is not None)
         ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
         force, covariance = self.known_force(belief, position, ambiguous)
+        if self.unknowns.placement is not None and not belief.same_targets:
+            estimate = replace(estimate, warnings=(*estimate.warnings, OTHER_TARGETS))
         lacking = pressure_like(self.unknowns, inputs)
         return state, FusedEstimate(
             estimate=estimate,
