@@ -107,7 +107,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     times = np.concatenate(
         [
             [settings.bias_time, settings.drift_time, settings.drift_time, np.inf, np.inf],
-            np.full(known, settings.model_time),
+            np.full(known, np.inf),
             np.full(further, settings.bias_time),
         ]
     )

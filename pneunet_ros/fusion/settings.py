@@ -45,9 +45,6 @@ class FusionSettings:
         0.5, 'std of a pressure that is not read any more', unit='of the range'
     )
     drift_time: float = tuning(40.0, 'correlation time of the drift of the camera', unit='s')
-    model_time: float = tuning(
-        10.0, "correlation time of the model's error along its columns", unit='s'
-    )
     target_timeout: float = tuning(
         0.5, 'age of the last frame from which on there is a prediction only', unit='s'
     )
