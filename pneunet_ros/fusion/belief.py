@@ -11,6 +11,7 @@ new in every reading.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 import math
 
 import numpy as np
@@ -22,6 +23,7 @@ from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import PlacementKnown
 from pneunet_ros.solver.solution import SolverNodes
+from scipy.linalg.lapack import dtrtrs
 
 FORCE = slice(0, 2)
 BIAS = 2
@@ -228,10 +230,11 @@ def move_belief(
     mean, root = belief.mean.copy(), belief.root.copy()
     mean[BIAS:moving] *= decay[BIAS:]
     root[:moving] *= decay[:, None]
-    new = np.zeros((mean.size, moving))
     grown = np.sqrt(1.0 - decay**2)
     grown[unknowns.lacking] = lack_grown(unknowns, seconds, pressed)
-    new[:moving] = np.diag(scaled_std(unknowns, scale)[:moving] * grown)
+    (moved,) = grown.nonzero()
+    new = np.zeros((mean.size, moved.size))
+    new[moved, np.arange(moved.size)] = scaled_std(unknowns, scale)[moved] * grown[moved]
     return replace(
         belief, stamp_ns=stamp_ns, mean=freeze(mean), root=freeze(np.hstack([root, new]))
     )
@@ -304,11 +307,19 @@ def root_after(root: Array, seen: Array) -> Array:
     white = np.eye(len(seen))
     factor = compress(np.hstack([seen, white]))
     factor = factor * np.sign(np.diagonal(factor))
-    gain = np.linalg.solve(factor.T, np.linalg.solve(factor + white, seen))
+    gain, _ = dtrtrs(factor + white, seen, lower=1)
+    gain, _ = dtrtrs(factor, gain, lower=1, trans=1)
     return np.asarray(root - (root @ seen.T) @ gain)
 
 
 def compress(root: Array) -> Array:
     """Return a square root (n, n) of the covariance of a root (n, m), m >= n."""
-    triangle: Array = np.linalg.qr(root.T, mode='r')  # type: ignore[assignment]
-    return freeze(np.ascontiguousarray(triangle.T))
+    size = len(root)
+    reflected, _ = np.linalg.qr(root.T, mode='raw')
+    return freeze(reflected[:, :size] * lower_triangle(size))
+
+
+@cache
+def lower_triangle(size: int) -> Array:
+    """Return ones on and below the diagonal, (size, size)."""
+    return freeze(np.tri(size))

@@ -183,9 +183,7 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
     moved = measured_moves(arm, sensitivity)[LOADS:]
     pushes = moved[:, :, problem.used].reshape(place.size, -1) / problem.std
-    sides = np.column_stack([pushes.T, fit.innovation])
-    solved = np.linalg.solve(fit.covariance, sides)
-    weighed, left = solved[:, :-1], solved[:, -1:]
+    weighed, left = fit.solve(pushes.T), fit.weighed[:, None]
     prior = problem.unknowns.force_scale**-2
     information = np.sum(pushes.T * weighed, axis=0) + prior
     score = fit.innovation @ weighed

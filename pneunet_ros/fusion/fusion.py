@@ -7,8 +7,10 @@ gives a `FusedEstimate`, which is the belief moved to its stamp with the pressur
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 import math
+from typing import TypeVar
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
@@ -83,6 +85,27 @@ OTHER_TARGETS = (
     'the targets are not painted where the calibration found them: what it knows of their places '
     'is not used (without covariance.placement in the model file it never is)'
 )
+
+
+Stamped = TypeVar('Stamped', PressureInstant, WrenchReading)
+
+
+def stamp_of(reading: Stamped) -> int:
+    """Return the stamp (ns) of a reading."""
+    return reading.stamp_ns
+
+
+def followed_by(known: tuple[Stamped, ...], reading: Stamped, most: int) -> tuple[Stamped, ...]:
+    """Return readings in the order of their stamps and one that makes later ones void."""
+    earlier = bisect_left(known, reading.stamp_ns, key=stamp_of)
+    return (*known[max(earlier + 1 - most, 0) : earlier], reading)
+
+
+def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
+    """Return the reading nearest to a stamp, of two the earlier one."""
+    after = bisect_left(known, stamp_ns, key=stamp_of)
+    beside = known[max(after - 1, 0) : after + 1]
+    return min(beside, key=lambda one: abs(one.stamp_ns - stamp_ns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,8 +195,7 @@ class Fusion:
             )
             return state.count_rejected(refusal.reason), refusal
         wrench = base_wrench(self.sensors, reading)
-        earlier = [one for one in state.wrenches if one.stamp_ns < wrench.stamp_ns]
-        kept = (*earlier[1 - self.settings.wrenches_kept :], wrench)
+        kept = followed_by(state.wrenches, wrench, self.settings.wrenches_kept)
         return replace(state, readings=state.readings.with_wrench(wrench), wrenches=kept), None
 
     def take_pressure(
@@ -188,11 +210,10 @@ class Fusion:
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_reading(reading.stamp_ns, instant.history)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
-        earlier = [one for one in state.pressures if one.stamp_ns < instant.stamp_ns]
         state = replace(
             state,
             readings=state.readings.with_reading(reading.stamp_ns, instant.history),
-            pressures=(*earlier[1 - self.settings.pressure_kept :], instant),
+            pressures=followed_by(state.pressures, instant, self.settings.pressure_kept),
         )
         waiting, state = state.waiting, replace(state, waiting=())
         for sightings in waiting:
@@ -326,7 +347,7 @@ class Fusion:
                 history=self.arm.initial_history(middle),
                 memory=remember(self.settings, (), middle, 0.0, 0.0),
             )
-        after = next((i for i, one in enumerate(known) if one.stamp_ns >= stamp_ns), len(known))
+        after = bisect_left(known, stamp_ns, key=stamp_of)
         if after in (0, len(known)):
             return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)
         first, second = known[after - 1], known[after]
@@ -352,7 +373,7 @@ class Fusion:
             return nothing, 0.0
         if not state.wrenches:
             return None, math.nan
-        wrench = min(state.wrenches, key=lambda one: abs(one.stamp_ns - stamp_ns))
+        wrench = nearest_to(state.wrenches, stamp_ns)
         age = seconds_between(wrench.stamp_ns, stamp_ns)
         return (wrench, age) if abs(age) <= self.sensors.wrench_timeout else (None, math.nan)
 
@@ -431,8 +452,7 @@ class Fusion:
             state = replace(state, rival=None, log_odds=None)
         instant = self.pressure_at(state, shown_ns)
         alone = not state.pressures or self.is_stale(
-            min((one.stamp_ns for one in state.pressures), key=lambda ns: abs(ns - shown_ns)),
-            shown_ns,
+            nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns
         )
         wrench, age = self.wrench_at(state, shown_ns)
         frame = ReadFrame(
@@ -598,10 +618,11 @@ class Fusion:
             if beside.stops:
                 return state, refuse(stamp_ns, 'out_of_plane', beside.sentence)
             notes = [*notes, *([beside.note] if beside.warns else [])]
+        causes = causes_of(self.unknowns, inputs)
         bent = bend_arm(
             self.table,
             inputs,
-            causes_of(self.unknowns, inputs) @ belief.mean,
+            causes @ belief.mean,
             belief.solution if mode is not Mode.PREDICTION else state.solution,
             self.arclength,
             quick=False,
@@ -613,7 +634,9 @@ class Fusion:
         position = self.position_of(belief, bent, inputs)
         if position.reason:
             return state, refuse(stamp_ns, position.reason, position.sentence)
-        estimate = self.shape_estimate(belief, unseen, bent, inputs, position, stamp_ns, mode)
+        estimate = self.shape_estimate(
+            belief, unseen, bent, inputs, causes, position, stamp_ns, mode
+        )
         if isinstance(estimate, Refusal):
             return state, estimate
         estimate = replace(
@@ -693,16 +716,16 @@ class Fusion:
         unseen: Array,
         bent: BentArm,
         inputs: FrameInputs,
+        causes: Array,
         position: DomainPosition,
         stamp_ns: int,
         mode: Mode,
     ) -> ShapeEstimate | Refusal:
         """Return the shape with the errors that the belief carries into it, to second order.
 
-        unseen (unknowns, errors): what has moved since the last frame.
+        unseen (unknowns, errors): what has moved since the last frame; causes: of the unknowns.
         """
         sensitivity = bent.linearize()
-        causes = causes_of(self.unknowns, inputs)
         causes = causes_with_contact(causes, bent.contact)
         noise = np.ascontiguousarray(np.linalg.qr((causes @ belief.root).T, mode='r'))
         seen: SeenShape | None = None
