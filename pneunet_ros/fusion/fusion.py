@@ -210,17 +210,17 @@ class Fusion:
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_reading(reading.stamp_ns, instant.history)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
+        ready = [item for item in state.waiting if self.shown_ns(item) <= instant.stamp_ns]
         state = replace(
             state,
             readings=state.readings.with_reading(reading.stamp_ns, instant.history),
             pressures=followed_by(state.pressures, instant, self.settings.pressure_kept),
+            waiting=tuple(
+                item for item in state.waiting if self.shown_ns(item) > instant.stamp_ns
+            ),
         )
-        waiting, state = state.waiting, replace(state, waiting=())
-        for sightings in waiting:
-            if self.shown_ns(sightings) <= instant.stamp_ns:
-                state = self.use_frame(state, sightings)
-            else:
-                state = replace(state, waiting=(*state.waiting, sightings))
+        for sightings in ready:
+            state = self.use_frame(state, sightings)
         state = self.with_pressure(state)
         age = self.target_age(state, instant.stamp_ns)
         late = age is None or abs(age) > self.settings.target_timeout
@@ -727,7 +727,7 @@ class Fusion:
         """
         sensitivity = bent.linearize()
         causes = causes_with_contact(causes, bent.contact)
-        noise = np.ascontiguousarray(np.linalg.qr((causes @ belief.root).T, mode='r'))
+        noise = np.ascontiguousarray(compress(causes @ belief.root).T)
         seen: SeenShape | None = None
         if mode is Mode.PREDICTION:
             noise = with_extrapolation_error(noise, position)
