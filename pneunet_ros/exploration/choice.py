@@ -11,15 +11,13 @@ import itertools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import ModelError
-from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.diagnosis import Investigation
-from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.diagnosis.experiment_design import Experiment, linearize_experiments
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.score_test import Candidate
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, ExperimentDesignSettings
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.exploration.experiments import experiments
 from pneunet_ros.exploration.rivals import (
     NOTHING,
@@ -88,7 +86,7 @@ def ranked_choices(
     items = tuple(experiments())
     design = replace(diagnosis_settings.experiment_design, frames=settings.frames)
     refit = trial.refit
-    linearization = linearize_experiments(refit, items, safe, design)
+    linearization = linearize_experiments(refit, items, (safe.low, safe.high), safe.force, design)
     candidates = rival_candidates(found.selection, trial)
     tried = (
         None
@@ -117,30 +115,6 @@ def ranked_choices(
             )
         )
     return sorted(choices, key=lambda item: -item.rate)
-
-
-def linearize_experiments(
-    refit: Refit,
-    items: Sequence[Experiment],
-    safe: SafeSet,
-    settings: ExperimentDesignSettings,
-) -> Linearization | None:
-    """Return the training runs and every experiment after them, around a refit."""
-    fitted = refit.linearization
-    training = fitted.runs[: fitted.training]
-    stamp_ns = max(int(run.reading_stamp_ns[-1]) for run in training) + NANOSECONDS_PER_SECOND
-    runs = [
-        item.recording(
-            (safe.low, safe.high), safe.force, stamp_ns, training[0].x.shape[1], settings
-        )
-        for item in items
-    ]
-    try:
-        return Linearization(
-            refit.point, (*training, *runs), len(training), fitted.noise, fitted.settings
-        )
-    except ModelError:
-        return None
 
 
 def informations(
