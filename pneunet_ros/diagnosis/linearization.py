@@ -59,6 +59,11 @@ class LinearizedRun:
         return self.fitted.run
 
     @property
+    def log_volume(self) -> float:
+        """Log volume of the errors of its own that a run is whitened by."""
+        return self.whitening.log_volume + self.path_filter.log_volume
+
+    @property
     def inputs(self) -> Inputs:
         """What acted on the arm, as read."""
         return self.fitted.inputs
