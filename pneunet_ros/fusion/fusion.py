@@ -87,7 +87,7 @@ OTHER_TARGETS = (
 )
 
 
-Stamped = TypeVar('Stamped', PressureInstant, WrenchReading)
+Stamped = TypeVar('Stamped', bound=PressureInstant | WrenchReading)
 
 
 def stamp_of(reading: Stamped) -> int:
