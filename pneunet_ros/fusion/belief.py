@@ -195,6 +195,14 @@ def with_other_targets(unknowns: Unknowns, belief: Belief) -> Belief:
     return replace(forgotten, same_targets=False)
 
 
+def with_strange_targets(
+    unknowns: Unknowns, belief: Belief, strange: npt.NDArray[np.intp]
+) -> Belief:
+    """Return the belief of somebody who knows that some targets are not where they were."""
+    where = np.concatenate([unknowns.along.start + strange, unknowns.across.start + strange])
+    return forget(belief, where, unknowns.std[where])
+
+
 def scaled_std(unknowns: Unknowns, scale: float) -> Array:
     """Return one sigma (n,) before any frame, of a model that lacks so much, of the range."""
     std = unknowns.std.copy()
@@ -240,14 +248,14 @@ def move_belief(
     )
 
 
-def forget(belief: Belief, where: slice, std: Array) -> Belief:
+def forget(belief: Belief, where: slice | npt.NDArray[np.intp], std: Array) -> Belief:
     """Return the belief of somebody who knows of some unknowns nothing but one sigma std (k,)."""
     mean, root = belief.mean.copy(), belief.root.copy()
     mean[where], root[where] = 0.0, 0.0
     return widen(replace(belief, mean=freeze(mean), root=root), where, std)
 
 
-def widen(belief: Belief, where: slice, std: Array) -> Belief:
+def widen(belief: Belief, where: slice | npt.NDArray[np.intp], std: Array) -> Belief:
     """Return the belief where some unknowns may have moved by any amount of one sigma std (k,)."""
     new = np.zeros((belief.mean.size, std.size))
     new[where] = np.diag(std)

@@ -44,6 +44,7 @@ from pneunet_ros.fusion.belief import (
     widen,
     with_noise,
     with_other_targets,
+    with_strange_targets,
     with_walk,
 )
 from pneunet_ros.fusion.contact import (
@@ -470,7 +471,12 @@ class Fusion:
             weighed = self.weigh_other_targets(state, frame, before, weighed)
         update = weighed.update
         if update.belief is not None:
-            update = replace(update, belief=with_walk(self.settings, before, update.belief))
+            belief = with_walk(self.settings, before, update.belief)
+            if belief.same_targets and update.left_out and update.fit:
+                seen = np.isfinite(sightings.x) & np.isfinite(sightings.y)
+                strange = np.flatnonzero(seen & ~update.fit[0].used)
+                belief = with_strange_targets(self.unknowns, belief, strange)
+            update = replace(update, belief=belief)
         state = replace(
             state,
             rival=weighed.rival,
