@@ -219,6 +219,24 @@ def test_targets_that_are_painted_anew_are_found_out_with_the_first_frame():
         assert one.estimate.shape.tip == pytest.approx(other.estimate.shape.tip, abs=2e-5)
 
 
+def test_a_target_that_was_painted_over_is_learned_anew_and_the_others_stay():
+    moved, by = 12, 3e-4
+
+    def repainted(frame, seen):
+        x = seen.x.copy()
+        x[moved] += by
+        return replace(seen, x=x)
+
+    painted = recorded().truth.placement.T.ravel()
+    filter_ = with_placement(painted)
+    belief = fuse(filter_, change=repainted, frames=range(12)).state.belief
+    off = belief.mean[filter_.unknowns.painted] - painted
+    assert belief.same_targets
+    assert np.hypot(off[moved], off[23 + moved]) == pytest.approx(by, rel=0.3)
+    others = np.delete(off, [moved, 23 + moved])
+    assert np.abs(others).max() < 2e-5
+
+
 def test_noise_on_the_diagonal_alone_does_not_cover():
     """White noise of the right size: the naive way."""
     arm = fusion().arm

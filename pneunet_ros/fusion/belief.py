@@ -196,11 +196,14 @@ def with_other_targets(unknowns: Unknowns, belief: Belief) -> Belief:
 
 
 def with_strange_targets(
-    unknowns: Unknowns, belief: Belief, strange: npt.NDArray[np.intp]
+    unknowns: Unknowns, settings: FusionSettings, belief: Belief, strange: npt.NDArray[np.intp]
 ) -> Belief:
-    """Return the belief of somebody who knows that some targets are not where they were."""
+    """Return the belief of somebody who knows that some targets are not where they were.
+
+    They did not fit by their gate, and are further from their places than targets are.
+    """
     where = np.concatenate([unknowns.along.start + strange, unknowns.across.start + strange])
-    return forget(belief, where, unknowns.std[where])
+    return forget(belief, where, math.sqrt(settings.target_gate) * unknowns.std[where])
 
 
 def scaled_std(unknowns: Unknowns, scale: float) -> Array:

@@ -475,7 +475,7 @@ class Fusion:
             if belief.same_targets and update.left_out and update.fit:
                 seen = np.isfinite(sightings.x) & np.isfinite(sightings.y)
                 strange = np.flatnonzero(seen & ~update.fit[0].used)
-                belief = with_strange_targets(self.unknowns, belief, strange)
+                belief = with_strange_targets(self.unknowns, self.settings, belief, strange)
             update = replace(update, belief=belief)
         state = replace(
             state,
