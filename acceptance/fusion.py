@@ -384,7 +384,7 @@ def show(summary: dict, title: str) -> None:
         ('beyond 4 sigma', 'beyond_4_sigma', '.5f'),
         ('between: tip median mm', 'between_tip_median', '.3f'),
         ('covered', 'between_tip_covered', '.3f'),
-        ('predicted', 'predicted', 'd'),
+        ('predicted', 'predicted', '.0f'),
         ('tip: rms mm', 'predicted_tip_rms', '.3f'),
         ('covered', 'predicted_tip_covered', '.3f'),
     )
