@@ -140,17 +140,22 @@ class LoadHull:
         scale, far = self.scale.tolist(), FAR * max(self.size, 1.0)
         at = [min(max(one * size, -far), far) for one, size in zip(load, scale, strict=True)]
         way = self.way_out(np.array(at)).tolist()
-        distance = math.hypot(*way)
+        distance = length_of(way)
         if distance <= ROUNDING * max(map(abs, at)):
             return 0.0
-        along = (step * one * size for step, one, size in zip(way, noise, scale, strict=True))
-        return max(distance - math.hypot(*along) / distance, 0.0)
+        along = [step * one * size for step, one, size in zip(way, noise, scale, strict=True)]
+        return max(distance - length_of(along) / distance, 0.0)
 
     def share(self, distance: float) -> float:
         """Return a distance (N) as a share of the size of the hull."""
         if distance == 0.0:
             return 0.0
         return distance / self.size if self.size > 0.0 else math.inf
+
+
+def length_of(way: Sequence[float]) -> float:
+    """Return the length of a way; zero where its square is too small for a number."""
+    return math.sqrt(sum(part * part for part in way))
 
 
 def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> LoadHull:
