@@ -296,7 +296,8 @@ def decide(
 ) -> Verdict:
     """Decide on the answer by the base model, the best set of effects, and all that was tried."""
     if not best.record.adequate:
-        closest = max(selection.tried.values(), key=lambda item: item.evidence)
+        lower = [item for item in selection.tried.values() if item.gain >= 0.0]
+        closest = max(lower, key=lambda item: item.evidence)
         return Verdict(answer='unknown', trial=first, notes=closest_notes(closest))
     if not best.names:
         observable = any(item.observable for item in detectable.values())
@@ -307,6 +308,7 @@ def decide(
         for item in selection.tried.values()
         if item.adequate
         and item.plausible
+        and item.gain > 0.0
         and item is not best.record
         and not confirmer.refutations(item)
     ]

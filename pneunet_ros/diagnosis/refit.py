@@ -268,9 +268,10 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
     """Relinearize and fit again, so many times at most, until that changes nothing.
 
     What errors of readings move is that of the model around which is linearized, so that a search
-    may swing from one model to another and back: where the cost rises, it goes on halfway.
+    may swing from one model to another and back: where the cost rises, it goes on halfway. Where
+    it does not come to rest, the most probable fit of all rounds is returned.
     """
-    around = fit
+    around, best = fit, None
     for _ in range(rounds):
         if fit.settled:
             break
@@ -280,7 +281,8 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
             break
         around = again if again.cost < fit.cost else halfway(around, again)
         fit = replace(again, settled=abs(fit.cost - again.cost) < settings.settled)
-    return fit
+        best = fit if best is None or fit.cost <= best.cost else best
+    return fit if fit.settled else best or fit
 
 
 def halfway(one: Refit, other: Refit) -> Refit:

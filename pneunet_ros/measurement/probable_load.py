@@ -17,7 +17,9 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
 ROUNDS = 2  # of Gauss-Newton: what is left after them is a line
-FURTHEST = 3.0  # sigma of a reading: what is further off is the model's error, not the reading's
+# Sigma of a reading: what is further off is little by little, and from twice as far wholly, taken
+# for the error of a model that is not fitted yet.
+FURTHEST = 3.0
 
 
 def probable_load_errors(
@@ -30,8 +32,8 @@ def probable_load_errors(
 ) -> Array:
     """Return by how much the load differs from its reading, (frames, 3) N, N m.
 
-    Zero where nothing was read, where a target was not seen, and in a frame that has no shape
-    there. A known load is taken as it is: its error is the same in all frames.
+    Zero where nothing was read, where no noise of the reading would explain it, and in a frame
+    that has no shape there. A known load is taken as it is: its error is the same in all frames.
 
     inputs: with the load as read; disturbance (frames, 2, targets) m: what placement and camera
     add; model: where the search for the equilibria starts.
@@ -73,4 +75,5 @@ def linear_errors(
     across = columns.transpose(0, 2, 1)
     small = np.eye(columns.shape[2]) + np.matmul(across, columns)
     errors = np.linalg.solve(small, np.matmul(across, residual[:, :, None]))[:, :, 0]
-    return np.asarray(np.clip(errors, -FURTHEST, FURTHEST))
+    kept = np.clip(2.0 - np.abs(errors).max(axis=1) / FURTHEST, 0.0, 1.0)
+    return np.asarray(errors * kept[:, None])

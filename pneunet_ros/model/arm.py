@@ -349,6 +349,8 @@ class Arm:
 
         mixed_rotation: the rotation (n, pieces, 5) of a mixture of rows by its weights.
         """
+        if not every:
+            return record
         rotation = record.rotation
         for terms in every:
             if terms.part is None:
