@@ -297,7 +297,7 @@ def test_sets_that_explain_as_much_are_said_as_sets():
     )
     single = verdict(('creep',), ('gravity',))
     assert describe_verdict(single, before, after).startswith(
-        'The model lacks creep or gravity, which cannot be distinguished with these data: adding it'
+        'The model lacks creep or gravity, which cannot be distinguished with these data: '
     )
 
 
