@@ -89,7 +89,7 @@ GOALS = {
 
 
 def recording_of(seed: int, which: int, way: str, what: str) -> LabRecording:
-    """Return one of the recordings of a rig, with dots and camera of its own."""
+    """Return one of the recordings of a rig, with a camera of its own."""
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
     random = np.random.default_rng([seed, which, 17])
     tip = {'force_x': (0.0, 0.0), 'force_y': (0.0, 0.0)} if way == 'free tip' else {}

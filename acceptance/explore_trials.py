@@ -33,7 +33,9 @@ from pneunet_ros import load_model
 from pneunet_ros.core.errors import PneunetError
 from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis.experiment_design import Experiment
-from pneunet_ros.diagnosis.exploration import EXPLORATION, ExplorationSettings, explore, SafeSet
+from pneunet_ros.exploration.exploration import explore
+from pneunet_ros.exploration.safe_set import SafeSet
+from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.scenario import Detail, Scenario

@@ -1,4 +1,4 @@
-"""Both nodes over real DDS for long, with all kinds of faults thrown at them.
+"""Estimator, tracker and fusion over real DDS for long, with all kinds of faults thrown at them.
 
     python acceptance/soak.py [--minutes N | --readings N] [--json]
 
@@ -173,14 +173,12 @@ class Subject(abc.ABC):
 
     def counted(self) -> Counter[str]:
         """Wait for diagnostics and return how many inputs were rejected, by reason."""
-        rejected = 'rejected/'
-        return Counter(
-            {
-                key.removeprefix(rejected): int(value)
-                for key, value in self.values().items()
-                if key.startswith(rejected)
-            }
-        )
+        counts: Counter[str] = Counter()
+        for key, value in self.values().items():
+            kind, _, reason = key.partition('/')
+            if kind in ('rejected', 'frames_unused') and reason:
+                counts[reason] += int(value)
+        return counts
 
     def all_counted(self) -> Counter[str]:
         """Wait until all that was sent to be rejected is counted; returns what is."""
@@ -373,6 +371,77 @@ class Tracker(Subject):
         self.picture(self.stamp_ns)
 
 
+class Fusion(Subject):
+    """The fusion, its pressure and its targets; nothing pushes at the arm, and nothing is read."""
+
+    name, answers = 'fusion', 'fused/shape'
+    inputs = 'fusion_sensors'  # the namespace of its own ones
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        import numpy as np
+        from pneunet_ros import solve
+        from pneunet_ros.core.share import share_path
+        from pneunet_ros.files.model_file import load_model
+
+        model = share_path('config/lab_arm.yaml')
+        arm = load_model(model)
+        shape = solve(arm, 30e3)
+        self.x, self.y = (
+            np.interp(arm.target_arclength, shape.arclength, side) for side in (shape.x, shape.y)
+        )
+        self.publishers: dict[str, Any] = {}
+        arguments = ['-p', f'model_file:={model}', '-p', 'use_wrench:=false']
+        for topic in ('pressure', 'targets'):
+            own = f'/pneunet/{self.inputs}/{topic}'
+            arguments += ['-r', f'{topic}:={own}']
+            for policy, value in (('reliability', 'reliable'), ('depth', '5000')):
+                arguments += ['-p', f'qos_overrides.{own}.subscription.{policy}:={value}']
+        super().__init__(folder, domain, arguments)
+
+    def begin(self) -> None:
+        from sensor_msgs.msg import FluidPressure, PointCloud2
+
+        if not self.publishers:
+            for topic, kind in (('pressure', FluidPressure), ('targets', PointCloud2)):
+                self.publishers[topic] = self.peer.node.create_publisher(
+                    kind, f'{self.inputs}/{topic}', reliable()
+                )
+        super().begin()
+
+    def frame(
+        self, stamp_ns: int, x: Any = None, y: Any = None, reason: str = '', frame_id: str = ''
+    ) -> None:
+        """Send a frame of targets, which is used, or is not for a reason."""
+        from pneunet_ros.messages.readings import targets_message
+        from pneunet_ros.nodes.ros_types import RCLPY_TYPES
+
+        if reason:
+            self.expect(reason)
+        x, y = self.x if x is None else x, self.y if y is None else y
+        frame_id = frame_id or 'pneunet_base'
+        self.publishers['targets'].publish(targets_message(stamp_ns, x, y, frame_id, RCLPY_TYPES))
+
+    def pressure(self, stamp_ns: int, value: float = 30e3, reason: str = '') -> None:
+        """Send a pressure that must be answered, or is rejected for a reason."""
+        self.sent += 1
+        if reason:
+            self.expect(reason)
+        else:
+            self.due.add(stamp_of(stamp_ns))
+        self.publishers['pressure'].publish(pressure_message(stamp_ns, value))
+
+    def introduce(self) -> None:
+        """Show a frame, and wait until it is there: without one the tip is not known."""
+        self.stamp_ns += IMAGE_PERIOD_NS
+        self.frame(self.stamp_ns)
+        self.peer.barrier()
+
+    def good(self) -> None:
+        self.stamp_ns += IMAGE_PERIOD_NS
+        self.frame(self.stamp_ns)
+        self.pressure(self.stamp_ns)
+
+
 # ---- faults -------------------------------------------------------------------------------------
 
 
@@ -561,6 +630,38 @@ def bad_pictures(one: Tracker) -> None:
     one.good()
 
 
+def bad_frames(one: Fusion) -> None:
+    """Frames that are empty, of another number, in another frame, twice, late, and swapped."""
+    one.drain()
+    nothing = one.x * math.nan
+    two = one.x.copy()
+    two[2:] = math.nan
+    for x, reason in ((nothing, 'not_seen'), (two, 'too_few_targets')):
+        one.stamp_ns += IMAGE_PERIOD_NS
+        one.frame(one.stamp_ns, x, x + one.y, reason)
+        one.peer.barrier()
+        one.pressure(one.stamp_ns)
+    one.frame(one.stamp_ns + 1, one.x[1:], one.y[1:], 'unreadable')
+    one.frame(one.stamp_ns + 1, frame_id='camera', reason='unreadable')
+    one.frame(one.stamp_ns, reason='duplicate')
+    one.frame(one.stamp_ns - 300_000_000, reason='older')
+    one.frame(0, reason='no_stamp')
+    one.pressure(one.stamp_ns + 1, math.nan, 'not_finite')
+    one.drain()
+    one.stamp_ns += IMAGE_PERIOD_NS
+    one.pressure(one.stamp_ns, 131e3, 'out_of_range')
+    one.stamp_ns += IMAGE_PERIOD_NS
+    swapped = slice(11, 9, -1)
+    x, y = one.x.copy(), one.y.copy()
+    x[10:12], y[10:12] = x[swapped], y[swapped]
+    one.frame(one.stamp_ns, x, y)
+    one.pressure(one.stamp_ns)
+    if not one.peer.trigger('reload_model').success:
+        one.say('its model could not be read again')
+    one.introduce()
+    one.good()
+
+
 # ---- processes beside the nodes -----------------------------------------------------------------
 
 
@@ -629,7 +730,8 @@ def sensors(start_ns: int) -> None:
 def soak(folder: Path, seconds: float, readings: float) -> dict[str, Any]:
     """Run until the time is over or enough was sent; returns what there is to say."""
     domain = int(os.environ['ROS_DOMAIN_ID'])
-    one, camera = Estimator(folder, domain), Tracker(folder, domain)
+    one, camera, fused = (kind(folder, domain) for kind in (Estimator, Tracker, Fusion))
+    subjects = one, camera, fused
     begin = time.monotonic()
     injected: Counter[str] = Counter()
 
@@ -643,6 +745,7 @@ def soak(folder: Path, seconds: float, readings: float) -> dict[str, Any]:
     def show(index: int) -> None:
         if index % round(RATE / IMAGE_RATE) == 0:
             camera.good()
+            fused.good()
 
     rounds = 0
     ending = iter((signal.SIGINT, signal.SIGTERM, signal.SIGKILL))
@@ -653,15 +756,16 @@ def soak(folder: Path, seconds: float, readings: float) -> dict[str, Any]:
                 attempt(fault, one)
                 one.check_alive()
             attempt(bad_pictures, camera)
+            attempt(bad_frames, fused)
             one.feed(CLEAN, show)
             if rounds % 10 == 1:
                 for fault in RARE:
                     attempt(fault, one)
-            for subject in (one, camera):
+            for subject in subjects:
                 subject.check_alive()
                 subject.reconcile()
             rounds += 1
-            wrong = len(one.faults) + len(camera.faults)
+            wrong = sum(len(subject.faults) for subject in subjects)
             print(f'round {rounds}: {one.sent} sent, {wrong} wrong', file=sys.stderr, flush=True)
             if enough(0.7) and rounds > WARM_ROUNDS:
                 number = next(ending, None)
@@ -669,17 +773,17 @@ def soak(folder: Path, seconds: float, readings: float) -> dict[str, Any]:
                     if enough():
                         break
                     continue
-                for subject in (one, camera):
+                for subject in subjects:
                     subject.good()
                     subject.end(number)
                     subject.begin()
                     injected[f'{subject.name} {signal.Signals(number).name}'] += 1
-        for subject in (one, camera):
+        for subject in subjects:
             subject.end(signal.SIGINT)
     except KeyboardInterrupt:
         one.faults.append('interrupted: what was in the air is not counted')
     finally:
-        for subject in (one, camera):
+        for subject in subjects:
             if subject.process.process.poll() is None:
                 subject.process.process.kill()
             subject.peer.close()
@@ -695,15 +799,15 @@ def soak(folder: Path, seconds: float, readings: float) -> dict[str, Any]:
                 'lives': subject.lives,
                 'growth_mb': [round(growth, 2) for growth in subject.growth],
             }
-            for subject in (one, camera)
+            for subject in subjects
         },
-        'faults': [*one.faults, *camera.faults],
+        'faults': [fault for subject in subjects for fault in subject.faults],
     }
 
 
 def show_table(found: dict[str, Any]) -> None:
     print(f'{found["minutes"]:.1f} minutes, {found["rounds"]} rounds')
-    for name in ('estimator', 'tracker'):
+    for name in ('estimator', 'tracker', 'fusion'):
         of_it = found[name]
         print(
             f'{name}: {of_it["sent"]} sent, {of_it["answered"]} answered, {of_it["lives"]} lives, '

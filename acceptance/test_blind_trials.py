@@ -179,6 +179,15 @@ def test_an_effect_without_evidence_is_detectable_where_it_is_large_enough():
     assert detectable(hidden, answer('none', detectable={'camera_scale': said}), 'camera_scale')
 
 
+def test_of_several_effects_each_must_show_beside_the_others():
+    both = {'gravity': {'weight_y': 0.1}, 'camera_rotation': {'angle': 0.002}}
+    hidden = truth('pairs', both) | {'shown_beside': {'gravity': 900.0, 'camera_rotation': 4.0}}
+    # Alone it would take up much of what gravity does.
+    said = answer('named', ['gravity'], of='camera_rotation', chi_squared=400.0)
+    assert detectable(hidden, said, 'gravity')
+    assert not detectable(hidden, said, 'camera_rotation')
+
+
 def test_the_error_of_a_size_counts_from_what_is_neutral():
     sizes = {'camera_scale': {'factor': {'value': 1.011, 'std': 0.0002}}}
     found = size_of(

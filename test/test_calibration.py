@@ -178,6 +178,23 @@ def test_few_columns_have_the_variance_of_the_shape():
     assert np.sum((moved @ columns) ** 2) == pytest.approx(whole, rel=1e-3)
 
 
+def test_the_placement_goes_with_the_columns():
+    found = calibrated()
+    fit, placement = found.joint, found.arm.covariance.placement
+    size = fit.values.size
+    variance = np.diagonal(fit.shared_covariance)[size:]
+    assert placement.mean == pytest.approx(fit.placement.ravel(), abs=1e-9)
+    known = np.sum(placement.factor**2, axis=1) + placement.std**2
+    assert known == pytest.approx(variance, rel=1e-4)
+    # What the columns say of model and placement together is what the fit says of both.
+    _, change = fit.parameters.quantities()
+    columns = np.linalg.pinv(change) @ found.arm.covariance.factor
+    share = np.sqrt(found.explained_variance)
+    precision = np.linalg.inv(fit.covariance)
+    cross = share * columns.T @ precision @ fit.shared_covariance[:size, size:]
+    assert np.abs(placement.factor.T - cross).max() < 1e-3 * np.abs(cross).max()
+
+
 def test_the_estimator_takes_the_model_and_its_covariance():
     arm = calibrated().arm
     step = {'stamp_ns': 1, 'pressure': 40e3}

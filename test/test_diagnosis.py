@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import functools
+from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros import load_model, save_model, solve
@@ -14,10 +15,12 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.diagnosis import base_fit as base
 from pneunet_ros.diagnosis.diagnosis import (
     considered_hypotheses,
+    describe_verdict,
     diagnose,
     effect_probabilities,
     is_settled,
     passes_alike,
+    Verdict,
 )
 from pneunet_ros.diagnosis.hypothesis import hypotheses
 from pneunet_ros.diagnosis.refit import refit
@@ -279,6 +282,23 @@ def test_static_frames_and_too_few_of_them_show_no_effect_with_a_time_in_it():
     ):
         names = {item.name for item in considered_hypotheses(hypotheses(), runs)}
         assert names == set(EFFECTS) - without
+
+
+def test_sets_that_explain_as_much_are_said_as_sets():
+    def verdict(*sets):
+        trial = SimpleNamespace(names=sets[0])
+        return Verdict(answer='inseparable', trial=trial, alike=sets[1:])
+
+    before, after = (SimpleNamespace(rms=rms, held_out=rms) for rms in (3e-4, 1e-4))
+    pair = verdict(('creep', 'force_misalignment'), ('creep', 'camera_rotation'))
+    assert pair.alternatives == ('camera_rotation',)
+    assert describe_verdict(pair, before, after).startswith(
+        'The model lacks creep and force_misalignment, or creep and camera_rotation, which cannot '
+    )
+    single = verdict(('creep',), ('gravity',))
+    assert describe_verdict(single, before, after).startswith(
+        'The model lacks creep or gravity, which cannot be distinguished with these data: '
+    )
 
 
 def test_what_passes_alike():

@@ -106,6 +106,12 @@ def test_noise_of_the_load_is_no_distance():
     assert hull.distance(np.array([0.0, 0.31, 0, 1e4]), noise) == pytest.approx(0.008)
 
 
+@pytest.mark.parametrize('force', [5e-324, 1e-200])
+def test_a_force_too_small_to_be_squared_is_no_load_beyond(force):
+    hull = hull_of((0, 0.3, 0, 0), (0, 0.3, 0, 60e3))
+    assert distance(hull, force, 0, 0, 0) == 0.0
+
+
 def test_forces_beyond_all_reason_have_a_distance():
     hull = hull_of((0, 0.3, 0, 0))
     for force in (1e6, 1e30, 1e200):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.experiment_design import (
     effect_information,
     Experiment,
     EXPERIMENTS,
+    linearize_experiments,
     prior_end_factor,
     propose_experiment,
 )
@@ -49,6 +52,25 @@ def test_what_is_proposed_stays_in_the_range_of_what_was_recorded(experiment):
     assert run.pressure.max() <= RANGE[1]
     assert np.abs(run.force).max() <= 0.2
     assert run.loaded == ('without a load' not in experiment.words)
+
+
+def test_every_experiment_is_tried_as_if_it_came_next():
+    step = Experiment(words='up', corners=((0, 0, 0, 0), (5, 1, 0, 0), (10, 0, 0, 0)))
+    low = Experiment(words='low', corners=((0, 0, 1, 0), (5, 0.2, 1, 0), (10, 0, 1, 0)))
+    softened = asked('softening').effect(np.array([0.1]))
+
+    def history(*experiments: Experiment) -> Array:
+        tried = linearize_experiments(fitted('softening'), experiments, (0.0, 90e3), 0.1)
+        assert tried is not None
+        arm = replace(tried.point, effects=(softened,)).arm
+        past = tried.known_inputs.of(arm)[-1].histories
+        assert past is not None
+        return past[0]
+
+    # What the other would have done to a virgin arm was not done to it.
+    assert np.array_equal(history(step, low), history(low))
+    assert history(step)[:, 0].max() == pytest.approx(90e3, rel=0.05)
+    assert history(low)[:, 0].max() < 70e3
 
 
 def direction(*values: float) -> tuple[Array, ...]:

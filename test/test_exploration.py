@@ -10,18 +10,17 @@ import numpy as np
 from pneunet_ros import load_model
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.exploration import (
-    BEGINNING,
+from pneunet_ros.exploration.choice import (
     choice_in_order,
-    experiments,
-    EXPLORATION,
-    explore,
-    NOTHING,
     pair_divergences,
     ranked_choices,
-    SafeSet,
     separations,
 )
+from pneunet_ros.exploration.experiments import BEGINNING, experiments
+from pneunet_ros.exploration.exploration import explore
+from pneunet_ros.exploration.rivals import NOTHING
+from pneunet_ros.exploration.safe_set import SafeSet
+from pneunet_ros.exploration.settings import EXPLORATION
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.lab.scenario import Detail
 from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm

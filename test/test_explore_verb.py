@@ -11,7 +11,8 @@ from pneunet_ros import load_model
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
-from pneunet_ros.diagnosis.exploration import BEGINNING, experiments, SafeSet
+from pneunet_ros.exploration.experiments import BEGINNING, experiments
+from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.offline import live_arm
 from pneunet_ros.offline.live_arm import LiveArm
 from pneunet_ros.reports import figure as report_figure

@@ -12,7 +12,7 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
-from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.fusion import Fusion, OTHER_TARGETS
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabHysteresis
@@ -20,6 +20,7 @@ from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 import pytest
 from support.lab_run import true_model
 
@@ -185,6 +186,55 @@ def test_a_force_sensor_makes_it_better():
     assert rms(found.tip_error[loaded]) < 1.1e-4
     assert found.tip_covered() > 0.9
     assert found.force_covered() > 0.9
+
+
+def with_placement(mean) -> Fusion:
+    """Return the fusion by a model that knows where its targets are painted, to 5 um."""
+    arm = fusion().arm
+    placement = PlacementKnown(
+        mean=mean, std=np.full(mean.size, 5e-6), factor=np.zeros((mean.size, 1))
+    )
+    covariance = ModelCovariance(
+        quantities=('moment_law.rigidity.0.0',), factor=[[1e-6]], placement=placement
+    )
+    return Fusion(arm=replace(arm, covariance=covariance))
+
+
+def test_targets_of_the_calibration_are_where_it_found_them():
+    found = fuse(with_placement(recorded().truth.placement.T.ravel()), frames=range(40))
+    assert found.state.belief.same_targets
+    assert not any(OTHER_TARGETS in one.estimate.warnings for one in found.estimates)
+    blind = fuse(frames=range(40))
+    assert rms(found.tip_error) < rms(blind.tip_error)
+    assert found.tip_covered() > 0.85  # 40 frames of one camera
+
+
+def test_targets_that_are_painted_anew_are_found_out_with_the_first_frame():
+    random = np.random.default_rng(2)
+    strange = recorded().scenario.noise.placement_std * random.standard_normal(46)
+    found, blind = fuse(with_placement(strange), frames=range(5)), fuse(frames=range(5))
+    assert not found.state.belief.same_targets
+    assert all(OTHER_TARGETS in one.estimate.warnings for one in found.estimates)
+    for one, other in zip(found.estimates, blind.estimates, strict=True):
+        assert one.estimate.shape.tip == pytest.approx(other.estimate.shape.tip, abs=2e-5)
+
+
+def test_a_target_that_was_painted_over_is_learned_anew_and_the_others_stay():
+    moved, by = 12, 3e-4
+
+    def repainted(frame, seen):
+        x = seen.x.copy()
+        x[moved] += by
+        return replace(seen, x=x)
+
+    painted = recorded().truth.placement.T.ravel()
+    filter_ = with_placement(painted)
+    belief = fuse(filter_, change=repainted, frames=range(12)).state.belief
+    off = belief.mean[filter_.unknowns.painted] - painted
+    assert belief.same_targets
+    assert np.hypot(off[moved], off[23 + moved]) == pytest.approx(by, rel=0.3)
+    others = np.delete(off, [moved, 23 + moved])
+    assert np.abs(others).max() < 2e-5
 
 
 def test_noise_on_the_diagonal_alone_does_not_cover():

@@ -60,7 +60,7 @@ def test_columns_of_placement_move_targets_in_their_own_frame():
     place, targets = 7, found.blocks[0].run.x.shape[1]
     for which, block in enumerate(found.blocks):
         moved = np.zeros((FRAMES, 2 * targets, 1))
-        block.model.solve(found.point.arm, block.inputs)
+        block.model.solve(found.point.arm, block.probable_inputs)
         theta = block.model.fields[:, THETA, place]
         moved[:, place, 0], moved[:, targets + place, 0] = np.cos(theta), np.sin(theta)
         wanted = block.white(moved * noise().placement_std)[:, 0]
@@ -105,13 +105,14 @@ def test_an_effect_beside_the_model_is_the_model_with_it():
     beside = found.residual(found.point.values, (effect,), range(found.training))
     own = found.at(replace(found.point, effects=(effect,)))
     assert own.point.arm.effects[-1] == effect
-    points = own.points(own.point.arm, range(found.training))
+    points = found.points(own.point.arm, range(found.training))
     assert beside is not None
     assert points is not None
     for which, values in enumerate(beside):
         run = found.runs[which]
-        apart = np.stack([run.x, run.y], axis=1) - points[which]
-        white = found.blocks[which].white(apart.reshape(FRAMES, -1, 1))[:, 0]
+        block = found.blocks[which]
+        apart = (np.stack([run.x, run.y], axis=1) - points[which]).reshape(FRAMES, -1)
+        white = block.white((apart + block.tangent)[:, :, None])[:, 0]
         assert values == pytest.approx(white, abs=1e-4)
 
 

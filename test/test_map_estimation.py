@@ -9,6 +9,7 @@ from pneunet_ros.calibration.map_estimation import fit, Posterior
 from pneunet_ros.calibration.moment_law_parameters import ALPHAS, MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.parameters import Hyperparameters, Parameters
 from pneunet_ros.calibration.settings import MapEstimationSettings
+from pneunet_ros.measurement.inputs import inputs_of
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import exact, experiments, HARDLY_ANY, noisy, USUAL
@@ -118,10 +119,15 @@ def test_the_normal_matrix_is_that_of_the_residuals():
     here = whole.linearize(scaled)
 
     def residuals(scaled):
-        pairs = zip(whole.linearize(scaled).runs, here.runs, strict=True)
-        return np.concatenate(
-            [moved.fitted.whiten_residual(run.whitening).ravel() for moved, run in pairs]
-        )
+        values, disturbance = whole.prior.unscale(scaled)
+        arm = whole.parameters.arm(values)
+        out = []
+        for which, (run, inputs) in enumerate(
+            zip(here.runs, inputs_of(arm, whole.runs), strict=True)
+        ):
+            own = disturbance[whole.prior.disturbances.of_run(which)]
+            out.append(run.residual_of(whole.models[which], arm, inputs, own).ravel())
+        return np.concatenate(out)
 
     random = np.random.default_rng(10)
     for _ in range(3):

@@ -15,7 +15,7 @@ from pneunet_ros.core.errors import ModelError, RecordingError
 from pneunet_ros.effects.extensibility import Extensibility
 from pneunet_ros.files.model_file import mapping_from_arm, model_hash
 from pneunet_ros.model.moment_law import LinearLaw, MajidiLaw
-from pneunet_ros.model.uncertainty import ModelCovariance
+from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 import pytest
 from ruamel.yaml import YAML
 from support.example_arms import ALL_MECHANICS, PAPER_ARM, paper_arm, plain_arm, rebuilt
@@ -355,6 +355,20 @@ def test_a_missing_key_is_named(write, line, missing):
             'covariance: {quantities: [arm.length.0], factor: [[1e-5]]}',
             'the model has no quantity arm.length.0',
         ),
+        *(
+            (
+                'covariance: null',
+                'covariance: {quantities: [arm.length], factor: [[1e-5]], placement: '
+                f'{{mean: {mean}, std: {std}, factor: {factor}}}}}',
+                sentence,
+            )
+            for mean, std, factor, sentence in (
+                ([0, 0], [0, 0], [[0], [0]], 'is that of 1 targets, and the arm has 2'),
+                ([0, 0], [0, 0], [[0, 0], [0, 0]], 'must have 1 columns'),
+                ([0, 0], [0], [[0], [0]], 'for every target, not 2, 1 and 2'),
+                ([0, 0, 0, 0], [0, 0, 0, -1], 4 * [[0]], 'std must not be negative'),
+            )
+        ),
     ],
 )
 def test_wrong_content_is_refused(write, old, new, sentence):
@@ -473,6 +487,11 @@ def same_content(left, right):
             covariance=ModelCovariance(
                 quantities=('arm.length', 'moment_law.split.0'),
                 factor=[[1e-5, 1 / 3e5], [0, 1e-3]],
+                placement=PlacementKnown(
+                    mean=np.linspace(-1e-4, 1e-4, 46),
+                    std=np.full(46, 1 / 3e5),
+                    factor=np.full((46, 2), -1 / 7e5),
+                ),
             ),
             provenance={'recordings': [{'file': 'a.mcap', 'sha256': '0' * 64}], 'seed': 3},
         ),

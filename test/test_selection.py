@@ -49,7 +49,7 @@ def trial(
         adequate=is_adequate(tests, LEVEL),
         plausible=plausible,
     )
-    nothing: Any = SimpleNamespace(gaussian=None)
+    nothing: Any = fit_of()
     return Trial(record=record, refit=nothing)
 
 
@@ -204,8 +204,9 @@ def test_adequate_is_every_test_at_a_share_of_the_level_or_within_what_a_law_may
 
 def fit_of(**numbers: list[float]) -> Any:
     """Return the numbers of effects that were fitted, each with a standard error of 0.1."""
-    values = np.concatenate(list(numbers.values()))
+    values = np.concatenate([np.zeros(0), *numbers.values()])
     return SimpleNamespace(
+        gaussian=None,
         hypotheses=tuple(asked(name) for name in numbers),
         numbers=values,
         covariance=0.01 * np.eye(values.size),
@@ -219,6 +220,14 @@ def test_an_effect_without_a_size_is_absent():
     # A time constant is no size: it may be anything where there is no amplitude.
     assert is_absent(fit_of(creep=[-0.09, 2.0]), 'creep', 1.0)
     assert not is_absent(fit_of(gravity=[0.0, 0.11]), 'gravity', 1.0)
+
+
+def test_a_single_effect_without_a_size_is_no_answer():
+    base, found = trial('', 0.0, BASE), trial('creep', 900.0)
+    settings = Scripted()
+    assert settings.eliminate_backward(base, found) is found
+    faint = replace(found, refit=fit_of(creep=[0.2, 2.0]))
+    assert settings.eliminate_backward(base, faint) is base
 
 
 def test_what_led_out_of_a_poor_minimum_is_left_out_however_poor_the_rest_was(monkeypatch):

@@ -7,30 +7,38 @@ import dataclasses
 import time
 
 from pneunet_ros.core.errors import PneunetError
-from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
+from pneunet_ros.diagnosis.diagnosis import Investigation
+from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 
 from blind.reference import lab_rms, plain_rms
 from blind.scoring import Row
 from blind.trials import made, Sealed, Trial
+from blind.visibility import shown_beside
 
-Diagnose = Callable[..., Diagnosis | UnsettledDiagnosis]
+Investigate = Callable[..., Investigation]
 
 
 def one_trial(block: str, seed: int, baselines: bool) -> tuple[Row, Row]:
     """Return (answer, truth) of a trial; runs in a process of its own."""
-    from pneunet_ros.diagnosis.diagnosis import diagnose
+    from pneunet_ros.diagnosis.diagnosis import investigate
 
     sealed, trial = made(block, seed)
-    answer, diagnosis = answered(trial, diagnose)
-    if baselines and diagnosis is not None:
+    answer, found = answered(trial, investigate)
+    if baselines and found is not None:
         from blind.baselines import baselines_of
 
-        answer['baselines'] = baselines_of(trial, diagnosis)
-    return answer, truth_of(sealed, trial)
+        answer['baselines'] = baselines_of(trial, found.diagnosis)
+    truth = truth_of(sealed, trial)
+    if found is not None and len(sealed.label.effects) > 1:
+        truth['shown_beside'] = shown_beside(found, list(sealed.label.effects))
+    return answer, truth
 
 
-def answered(trial: Trial, diagnose: Diagnose) -> tuple[Row, Diagnosis | None]:
-    """Return what a diagnosis says of a trial; of the truth it is given nothing."""
+def answered(trial: Trial, investigate: Investigate) -> tuple[Row, Investigation | None]:
+    """Return what a diagnosis says of a trial; of the truth it is given nothing.
+
+    None beside it where nothing settled.
+    """
     started = time.perf_counter()
     row: Row = {
         'key': trial.key,
@@ -44,9 +52,10 @@ def answered(trial: Trial, diagnose: Diagnose) -> tuple[Row, Diagnosis | None]:
         'failed': '',
     }
     try:
-        found = diagnose(trial.frame, trial.training, trial.held_out)
+        investigation = investigate(trial.frame, trial.training, trial.held_out)
     except PneunetError as error:
         return row | {'failed': str(error), 'seconds': time.perf_counter() - started}, None
+    found = investigation.diagnosis
     if isinstance(found, UnsettledDiagnosis):
         row |= {'answer': found.answer, 'sentence': found.sentence}
         return row | {'seconds': time.perf_counter() - started}, None
@@ -75,7 +84,7 @@ def answered(trial: Trial, diagnose: Diagnose) -> tuple[Row, Diagnosis | None]:
         'noise_floor': found.noise_floor,
         'closed': found.closed,
     }
-    return row, found
+    return row, investigation
 
 
 def rms_of(misfit: object) -> float | None:

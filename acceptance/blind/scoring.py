@@ -74,10 +74,13 @@ def exactly(truth: Row, answer: Row) -> bool:
 
 
 def detectable(truth: Row, answer: Row, name: str) -> bool:
-    """Whether a hidden effect shows: the fit is better by SEEN with it alone.
+    """Whether a hidden effect shows: the fit is better by SEEN with it.
 
-    Without that number: whether it is as large as the smallest that the diagnosis could see.
+    Alone; beside the others where several are hidden, as one of them may explain what another
+    does. Without that number: whether it is as large as the smallest that the diagnosis could see.
     """
+    if name in truth.get('shown_beside', ()):
+        return bool(truth['shown_beside'][name] >= SEEN)
     for evidence in answer['evidence']:
         if evidence['effects'] == [name]:
             return bool(evidence['chi_squared'] >= SEEN)

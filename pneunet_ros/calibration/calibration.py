@@ -126,7 +126,9 @@ def calibrate(
     posterior = posterior_of(joint, *fits.span(earlier))
     notes = undetermined_quantities(joint, settings.identifiability)
     joint = consider_nonuniformity(joint, settings)
-    covariance, explained_variance = low_rank(joint, settings=settings.experiments)
+    covariance, explained_variance = low_rank(
+        joint, settings=settings.experiments, painted=painted.size
+    )
     outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(
         arm=replace(

@@ -9,32 +9,65 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.linearization import FittedRun, parameter_jacobian
-from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS
+from pneunet_ros.model.uncertainty import ModelCovariance, MOST_COLUMNS, PlacementKnown
 
 DIGITS = 6
 
 
 def low_rank(
-    fit: Fit, most: int = MOST_COLUMNS, settings: ExperimentSettings = EXPERIMENTS
+    fit: Fit,
+    most: int = MOST_COLUMNS,
+    settings: ExperimentSettings = EXPERIMENTS,
+    painted: int | None = None,
 ) -> tuple[ModelCovariance, float]:
     """Return the covariance of the model's numbers, and its share of the shape's variance.
+
+    painted: of how many targets the placement goes with it, the first; of all where None.
 
     Of the factor Q of the full covariance those directions are kept in which the targets of the
     fitted frames move most, `most` of them, enlarged so that the variance in total is that of all.
     Where targets show less than the table of kappa_p0 holds, all of the arm counts, also at the
     pressures of the table.
     """
-    factor = np.linalg.cholesky(fit.covariance + 1e-12 * np.diag(np.diag(fit.covariance)))
+    covariance = fit.covariance + 1e-12 * np.diag(np.diag(fit.covariance))
+    factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
     count = settings.covariance_frames
     moved = shape_jacobian(fit, count) @ factor
     _, sizes, turned = np.linalg.svd(moved, full_matrices=False)
     share = float(np.sum(sizes[:most] ** 2) / np.sum(sizes**2))
     columns = factor @ turned[:most].T / np.sqrt(share)
     names, change = fit.parameters.quantities()
-    rounded = np.array(
-        [[float(f'{value:.{DIGITS}g}') for value in row] for row in change @ columns]
+    low = ModelCovariance(
+        quantities=names,
+        factor=rounded(change @ columns),
+        placement=placement_with(fit, factor, turned[:most], painted),
     )
-    return ModelCovariance(quantities=names, factor=rounded), share
+    return low, share
+
+
+def placement_with(fit: Fit, factor: Array, turned: Array, painted: int | None) -> PlacementKnown:
+    """Return what the fit knows of the placement, and how it goes with columns of its covariance.
+
+    factor (n, n): root of the covariance of the parameters; turned (columns, n): the columns, in
+    sigma of it.
+    """
+    targets, size = fit.placement.shape[1], fit.values.size
+    kept = np.arange(2 * targets).reshape(2, targets)[:, :painted].ravel()
+    shared = fit.shared_covariance
+    cross = np.linalg.solve(factor, shared[:size, size + kept])
+    moved = (turned @ cross).T
+    left = np.diagonal(shared)[size + kept] - np.sum(moved**2, axis=1)
+    return PlacementKnown(
+        mean=rounded(fit.placement.ravel()[kept]),
+        std=rounded(np.sqrt(np.maximum(left, 0.0))),
+        factor=rounded(moved),
+    )
+
+
+def rounded(values: Array) -> Array:
+    """Return values with as many digits as a model file has."""
+    flat = [float(f'{value:.{DIGITS}g}') for value in values.ravel().tolist()]
+    return np.reshape(flat, values.shape)
 
 
 def shape_jacobian(fit: Fit, count: int, places: Array | None = None) -> Array:

@@ -106,7 +106,8 @@ class Posterior:
         cost = 0.5 * float(scaled @ scaled)
         for which, inputs in enumerate(inputs_of(arm, self.runs)):
             own = disturbance[self.prior.disturbances.of_run(which)]
-            cost += 0.5 * around.runs[which].chi_squared(self.models[which], arm, inputs, own)
+            white = around.runs[which].residual_of(self.models[which], arm, inputs, own)
+            cost += 0.5 * float(np.sum(white**2))
         return cost
 
     def linearize(self, scaled: Array) -> LinearizedPosterior:

@@ -46,7 +46,11 @@ def consider_nonuniformity(fit: Fit, settings: CalibrationSettings = CALIBRATION
     missed = fit.chi_squared / max(fit.dof, 1)
     scale = missed if missed > settings.consistency.misfit else 1.0
     covariance = scale * fit.covariance + errors @ prior @ errors.T
-    return replace(fit, covariance=frozen_array(covariance))
+    shared, size = scale * fit.shared_covariance, fit.values.size
+    shared[:size, :size] = covariance
+    return replace(
+        fit, covariance=frozen_array(covariance), shared_covariance=frozen_array(shared)
+    )
 
 
 def shape_std(fit: Fit, settings: ExperimentSettings = EXPERIMENTS) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+import gc
 import time
 
 from pneunet_ros.cli.verb import add_json, DONE, output_console, print_json, progress_bar
@@ -26,6 +27,7 @@ def run(arguments: Namespace) -> int:
             # What waits for its turn need not have imported all that has kernels.
             from pneunet_ros.offline.kernels import call_kernels
 
+            gc.disable()  # nearly all that numba makes is kept; to look for what is not takes long
             task = bar.add_task('compiling', total=None)
             call_kernels(
                 lambda name, done, total: bar.update(

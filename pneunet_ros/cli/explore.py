@@ -25,10 +25,12 @@ from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.share import share_path
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.diagnosis.experiment_design import Experiment
-from pneunet_ros.diagnosis.exploration import EXPLORATION, explore, Round, SafeSet
 from pneunet_ros.diagnosis.result import CLEAR
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.discovery.discovery import discover
+from pneunet_ros.exploration.exploration import explore, Round
+from pneunet_ros.exploration.safe_set import SafeSet
+from pneunet_ros.exploration.settings import EXPLORATION
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.json_text import json_text
 from pneunet_ros.files.model_file import load_model, model_hash

@@ -98,7 +98,10 @@ def kernel(function: Function) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """Compile an equation that is copied into its callers, so that loops vectorize."""
+    """Compile an equation that is copied into its callers, so that loops vectorize.
+
+    Python, too, may call it, and then it is plain Python.
+    """
     return compiled_or_plain(function, INLINED)
 
 
@@ -113,13 +116,19 @@ def compiled_or_plain(function: Function, options: dict[str, Any]) -> Function:
 
 
 def dispatcher(function: Function, options: dict[str, Any]) -> Function:
-    """Return the function of numba that compiles itself when it is called."""
+    """Return the function of numba that compiles itself when it is called.
+
+    An equation that is copied into its callers stays as it is; numba compiles it with them.
+    """
     import numba
+    from numba.extending import register_jitable
 
     compiled: Any
     try:
-        compiled = numba.njit(**options)(function)
-        if 'cache' in options:
+        if options is INLINED:
+            compiled = register_jitable(**options)(function)
+        else:
+            compiled = numba.njit(**options)(function)
             index = compiled._cache._cache_file
             index._source_stamp = (index._source_stamp, sources())
     except (RuntimeError, AttributeError):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from pneunet_ros.calibration.low_rank import low_rank
+from pneunet_ros.calibration.low_rank import low_rank, rounded
 from pneunet_ros.calibration.map_estimation import fit
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.diagnosis.hypothesis import Coordinate
@@ -42,8 +42,7 @@ def augment_model(refit: Refit, base: Fit, settings: DiagnosisSettings = DEFAULT
     if not count:
         return replace(arm, covariance=covariance)
     names, change = base.parameters.quantities()
-    size = refit.linearization.size
-    scale = refit.linearization.scale[:size, :size]
+    size, scale = refit.linearization.size, refit.linearization.scale
     joint = refit.gaussian.covariance
     own = joint[-count:, -count:]
     root = np.linalg.cholesky(own + 1e-12 * np.diag(np.diag(own)))
@@ -52,17 +51,22 @@ def augment_model(refit: Refit, base: Fit, settings: DiagnosisSettings = DEFAULT
     slopes = np.array([item.slope(number) for _, item, number in numbers])
     factor = np.zeros((len(names) + count, covariance.factor.shape[1] + count))
     factor[: len(names), :-count] = covariance.factor
-    factor[: len(names), -count:] = (
-        change @ scale @ joint[:size, -count:] @ np.linalg.inv(own) @ root
-    )
+    moved = scale @ joint[: len(scale), -count:] @ np.linalg.inv(own) @ root
+    factor[: len(names), -count:] = change @ moved[:size]
     factor[len(names) :, -count:] = (slopes * stds / np.sqrt(np.diag(own)))[:, None] * root
     quantities = (*names, *(f'effects.{name}.{item.parameter}' for name, item, _ in numbers))
-    rounded = np.array([[float(f'{value:.6g}') for value in row] for row in factor])
-    finite = np.flatnonzero(np.isfinite(rounded).all(axis=1))
+    factor = rounded(factor)
+    finite = np.flatnonzero(np.isfinite(factor).all(axis=1))
+    placement = covariance.placement
+    if placement is not None:
+        with_effects = rounded(np.hstack([placement.factor, moved[size:]]))
+        placement = replace(placement, factor=with_effects)
     return replace(
         arm,
         covariance=ModelCovariance(
-            quantities=tuple(quantities[place] for place in finite), factor=rounded[finite]
+            quantities=tuple(quantities[place] for place in finite),
+            factor=factor[finite],
+            placement=placement,
         ),
     )
 

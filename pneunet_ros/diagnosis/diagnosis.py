@@ -53,7 +53,7 @@ from pneunet_ros.model.arm import Arm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """The answer: the model that holds, and effects that cannot be distinguished from its own.
+    """The answer: the model that holds, and sets of effects that explain the recordings as well.
 
     probability: how probable it is that each effect is missing; notes: why the best set of effects
     is not named, or what of its name could not be tested.
@@ -61,9 +61,16 @@ class Verdict:
 
     answer: Answer
     trial: Trial
-    alternatives: tuple[str, ...] = ()
+    alike: tuple[tuple[str, ...], ...] = ()
     probability: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    @property
+    def alternatives(self) -> tuple[str, ...]:
+        """Effects that cannot be distinguished from those of the model."""
+        return tuple(
+            sorted({name for names in self.alike for name in names} - {*self.trial.names})
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -296,7 +303,8 @@ def decide(
 ) -> Verdict:
     """Decide on the answer by the base model, the best set of effects, and all that was tried."""
     if not best.record.adequate:
-        closest = max(selection.tried.values(), key=lambda item: item.evidence)
+        lower = [item for item in selection.tried.values() if item.gain >= 0.0]
+        closest = max(lower, key=lambda item: item.evidence)
         return Verdict(answer='unknown', trial=first, notes=closest_notes(closest))
     if not best.names:
         observable = any(item.observable for item in detectable.values())
@@ -307,25 +315,24 @@ def decide(
         for item in selection.tried.values()
         if item.adequate
         and item.plausible
+        and item.gain > 0.0
         and item is not best.record
         and not confirmer.refutations(item)
     ]
     settings = selection.settings
-    others = {
-        name
-        for item in rivals
+    alike = tuple(
+        item.names
+        for item in sorted(rivals, key=lambda item: -item.evidence)
         if passes_alike(item, best.record, settings.selection)
-        for name in item.names
-    }
-    alternatives = tuple(sorted(others - set(best.names)))
-    confirmation = confirmer.confirm(best.record, alternatives)
+        and not set(item.names) <= set(best.names)
+    )
+    verdict = Verdict(answer='inseparable' if alike else 'named', trial=best, alike=alike)
+    confirmation = confirmer.confirm(best.record, verdict.alternatives)
     if confirmation.objections:
         notes = closest_notes(best.record, confirmation.objections)
         return Verdict(answer='unknown', trial=first, notes=notes)
-    return Verdict(
-        answer='inseparable' if alternatives else 'named',
-        trial=best,
-        alternatives=alternatives,
+    return replace(
+        verdict,
         probability=effect_probabilities(
             [best.record, *rivals], settings, confirmed=not confirmation.untested
         ),
@@ -501,11 +508,9 @@ def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) ->
             return f'The model lacks something that no effect of the library explains.{closest}'
         case 'named':
             return f'The model lacks {names}: {reduced}'
-    others = ' or '.join(verdict.alternatives)
-    return (
-        f'The model lacks {names} or {others}, which cannot be distinguished with these data: '
-        f'{reduced}'
-    )
+    sets = [' and '.join(names) for names in (verdict.trial.names, *verdict.alike)]
+    either = (', or ' if any(' and ' in item for item in sets) else ' or ').join(sets)
+    return f'The model lacks {either}, which cannot be distinguished with these data: {reduced}'
 
 
 def describe_certainty(selection: Selection, first: Trial, best: Trial, verdict: Verdict) -> str:

@@ -10,7 +10,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
-from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.linearization import KnownInputs, Linearization
 from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, ExperimentDesignSettings
@@ -114,7 +114,11 @@ def propose_experiment(
     Counted is the chi squared of each wanted effect at the far end of its prior range. Empty where
     nothing is wanted.
     """
-    linearization = linearize_experiments(refit, settings) if wanted else None
+    if not wanted:
+        return ''
+    design, arm = settings.experiment_design, refit.point.arm
+    force = largest_force(refit, design)
+    linearization = linearize_experiments(refit, EXPERIMENTS, arm.pressure_range, force, design)
     if linearization is None:
         return ''
     at_fit = linearize_all_runs(linearization, refit, settings.refit)
@@ -150,25 +154,38 @@ def propose_experiment(
     )
 
 
-def linearize_experiments(refit: Refit, settings: DiagnosisSettings) -> Linearization | None:
-    """Return the training runs and every experiment after them, around a refit."""
-    fitted, arm = refit.linearization, refit.point.arm
+def linearize_experiments(
+    refit: Refit,
+    experiments: Sequence[Experiment],
+    pressure_range: tuple[float, float],
+    force: float,
+    settings: ExperimentDesignSettings = DEFAULTS.experiment_design,
+) -> Linearization | None:
+    """Return the training runs, and after them each experiment as if it came next, at a refit.
+
+    pressure_range (Pa) and force (N): what the shares of an experiment are of. None where the arm
+    has no shape in one.
+    """
+    fitted = refit.linearization
     training = fitted.runs[: fitted.training]
-    force = max(float(np.abs(run.force).max()) for run in training)
-    force = force or settings.experiment_design.usual_force
     stamp_ns = max(int(run.reading_stamp_ns[-1]) for run in training) + NANOSECONDS_PER_SECOND
-    experiments = [
-        item.recording(
-            arm.pressure_range, force, stamp_ns, training[0].x.shape[1], settings.experiment_design
-        )
-        for item in EXPERIMENTS
+    targets = training[0].x.shape[1]
+    next_runs = [
+        item.recording(pressure_range, force, stamp_ns, targets, settings) for item in experiments
     ]
+    runs, noise = (*training, *next_runs), fitted.noise
+    known = KnownInputs(runs, noise, fitted.settings, alternatives=len(next_runs))
     try:
-        return Linearization(
-            refit.point, (*training, *experiments), len(training), fitted.noise, fitted.settings
-        )
+        return Linearization(refit.point, runs, len(training), noise, fitted.settings, known)
     except ModelError:
         return None
+
+
+def largest_force(refit: Refit, settings: ExperimentDesignSettings) -> float:
+    """Return the largest force (N) of the training runs, the usual one where there is none."""
+    fitted = refit.linearization
+    force = max(float(np.abs(run.force).max()) for run in fitted.runs[: fitted.training])
+    return force or settings.usual_force
 
 
 def effect_information(

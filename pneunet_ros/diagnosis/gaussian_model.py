@@ -17,7 +17,10 @@ from scipy.linalg import cho_factor, cho_solve
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GaussianModel:
-    """Runs as one linear problem: columns per run (rows, n), residuals (rows,), position (n,)."""
+    """Runs as one linear problem: columns per run (rows, n), residuals (rows,), position (n,).
+
+    log_volumes: per run, of the errors that it is whitened by.
+    """
 
     columns: tuple[Array, ...]
     residuals: tuple[Array, ...]
@@ -25,6 +28,7 @@ class GaussianModel:
     grams: tuple[Array, ...]
     information_vectors: tuple[Array, ...]
     squares: tuple[float, ...]
+    log_volumes: tuple[float, ...]
     factor: tuple[Array, bool]
     step: Array
 
@@ -35,8 +39,12 @@ class GaussianModel:
         residuals: Sequence[Array],
         position: Array,
         grams: Sequence[Array] = (),
+        log_volumes: Sequence[float] = (),
     ) -> GaussianModel:
-        """Set the problem up and solve it; grams: column^T column per run, where known."""
+        """Set the problem up and solve it; grams: column^T column per run, where known.
+
+        log_volumes: nothing where all that is compared is whitened by the same.
+        """
         vectors = tuple(item.T @ rest for item, rest in zip(columns, residuals, strict=True))
         grams = tuple(grams) or tuple(item.T @ item for item in columns)
         factor = cho_factor(sum(grams, np.eye(position.size)))
@@ -47,6 +55,7 @@ class GaussianModel:
             grams=grams,
             information_vectors=vectors,
             squares=tuple(float(rest @ rest) for rest in residuals),
+            log_volumes=tuple(log_volumes) or (0.0,) * len(grams),
             factor=factor,
             step=cho_solve(factor, sum(vectors, np.zeros(position.size)) - position),
         )
@@ -97,7 +106,9 @@ class GaussianModel:
         factor = cho_factor(precision, lower=True)
         squares = sum(self.squares[which] for which in kept) + float(self.position @ self.position)
         explained = float(vector @ cho_solve(factor, vector))
-        return -0.5 * (squares - explained) - float(np.log(np.diag(factor[0])).sum())
+        volume = float(np.log(np.diag(factor[0])).sum())
+        volume += sum(self.log_volumes[which] for which in kept)
+        return -0.5 * (squares - explained) - volume
 
     def evidence(self) -> float:
         """Log probability of every run predicted from the others, summed."""

@@ -39,9 +39,12 @@ class LinearizedRun:
     base (rows, n): model and placement, scaled; path (rows, k): the camera's, which `path_filter`
     integrates out of whitened columns (rows, n); fields: generic ones, and tilt: how points answer
     to that of the picture, neither whitened. model: where searches for equilibria start.
+    load_error, tangent: as of `measurement.linearization.RunLinearization`.
     """
 
     fitted: FittedRun
+    load_error: Array
+    tangent: Array
     whitening: Whitening
     model: ForwardModel
     path_filter: Whitening
@@ -56,9 +59,19 @@ class LinearizedRun:
         return self.fitted.run
 
     @property
+    def log_volume(self) -> float:
+        """Log volume of the errors of its own that a run is whitened by."""
+        return self.whitening.log_volume + self.path_filter.log_volume
+
+    @property
     def inputs(self) -> Inputs:
-        """What acted on the arm."""
+        """What acted on the arm, as read."""
         return self.fitted.inputs
+
+    @property
+    def probable_inputs(self) -> Inputs:
+        """What most probably acted on the arm, around which the run is linearized."""
+        return self.inputs.with_loads(self.inputs.loads + self.load_error)
 
     def white(self, columns: Array) -> Array:
         """Whiten columns (frames, 2 targets, n) m, (rows, n)."""
@@ -91,14 +104,19 @@ class LinearizationPoint:
 
 
 class KnownInputs:
-    """What acted on arms in runs: once for every set of effects of sensing and actuation."""
+    """What acted on arms in runs: once for every set of effects of sensing and actuation.
+
+    The last `alternatives` of the runs did not follow each other: each came after all others.
+    """
 
     def __init__(
         self,
         runs: Sequence[RecordingData],
         noise: SensorNoise,
         settings: LinearizationSettings = DEFAULTS.linearization,
+        alternatives: int = 0,
     ) -> None:
+        self.common = len(runs) - alternatives
         self.filtered = [filter_readings(run, noise, settings.reading_filter) for run in runs]
         self.known: dict[tuple[Effect, ...], list[Inputs]] = {}
 
@@ -107,7 +125,12 @@ class KnownInputs:
         in_time = [item for item in arm.effects if item.frame_delay]
         key = tuple(item for item in arm.effects if item in (*arm.sensing, *arm.acting, *in_time))
         if key not in self.known:
-            all_inputs = inputs_of(arm, [item.run for item in self.filtered])
+            runs = [item.run for item in self.filtered]
+            before, alternatives = runs[: self.common], runs[self.common :]
+            all_inputs = [
+                *inputs_of(arm, before),
+                *(inputs_of(arm, [*before, run])[-1] for run in alternatives),
+            ]
             self.known[key] = [
                 replace(inputs, pressure=inputs.pressure + item.noise)
                 for inputs, item in zip(all_inputs, self.filtered, strict=True)
@@ -199,6 +222,8 @@ class Linearization:
         knots = knots.reshape(*knots.shape[:2], parameters.pressure.size, -1).sum(axis=2)
         return LinearizedRun(
             fitted=linear.fitted,
+            load_error=linear.load_error,
+            tangent=linear.tangent,
             whitening=linear.whitening,
             model=model,
             path_filter=path_filter,
@@ -245,21 +270,25 @@ class Linearization:
         out = []
         for place, predicted in zip(which, points, strict=True):
             block = self.blocks[place]
-            residual = block.run.points - predicted
-            out.append(block.white(residual.reshape(len(residual), -1, 1))[:, 0])
+            residual = (block.run.points - predicted).reshape(len(predicted), -1) + block.tangent
+            out.append(block.white(residual[:, :, None])[:, 0])
         return out
 
     def points(self, arm: Arm, which: range) -> list[Array] | None:
-        """Return the measured points (frames, 2, targets) m of an arm; None where it has none."""
+        """Return the measured points (frames, 2, targets) m of an arm; None where it has none.
+
+        Under the loads around which the runs are linearized.
+        """
         out = []
         all_inputs = self.known_inputs.of(arm)
         for place in which:
-            inputs = all_inputs[place]
-            block = self.blocks[place]
+            block, inputs = self.blocks[place], all_inputs[place]
+            inputs = inputs.with_loads(inputs.loads + block.load_error)
             solved = block.model.solve(arm, inputs)
             lost = block.fitted.counted.any(axis=1) & ~solved
             if lost.mean() > self.settings.most_lost:
                 return None
             # A frame without equilibrium says nothing: as if the model were right there.
-            out.append(np.where(lost[:, None, None], block.run.points, block.model.points))
+            as_seen = block.run.points + block.tangent.reshape(block.run.points.shape)
+            out.append(np.where(lost[:, None, None], as_seen, block.model.points))
         return out

@@ -42,4 +42,5 @@ def log_probability_nonuniform(gaussian: GaussianModel, columns: list[Array]) ->
         [np.concatenate(pair, axis=1) for pair in zip(gaussian.columns, columns, strict=True)],
         gaussian.residuals,
         np.append(gaussian.position, 0.0),
+        log_volumes=gaussian.log_volumes,
     ).log_probability()

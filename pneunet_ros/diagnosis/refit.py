@@ -83,7 +83,8 @@ def effects_of(hypotheses: Sequence[Hypothesis], numbers: Array) -> tuple[Effect
 class Iterate:
     """A point of the search: scaled base (n,), numbers (k,), residuals (rows,) per run, cost.
 
-    Residuals are those of the model alone; the cost is half of chi squared and prior.
+    Residuals are those of the model alone; the cost is half of chi squared and prior, and the log
+    volume of the errors that they are whitened by: an arm that gives more has larger ones.
     """
 
     base: Array
@@ -108,6 +109,7 @@ class JointFit:
         self.runs = range(len(linearization.blocks) if all_runs else linearization.training)
         self.fixed = linearization.fixed[: self.runs.stop]
         self.grams = linearization.grams[: self.runs.stop]
+        self.log_volumes = [item.log_volume for item in linearization.blocks[: self.runs.stop]]
         nothing = [np.zeros(0)]
         self.mean = np.concatenate([item.mean for item in hypotheses] or nothing)
         self.std = np.concatenate([item.std for item in hypotheses] or nothing)
@@ -126,6 +128,7 @@ class JointFit:
         if residuals is None:
             return None
         cost = float(base @ base) + float(np.sum(((numbers - self.mean) / self.std) ** 2))
+        cost += 2.0 * sum(self.log_volumes)
         for values in self.without_departures(base, residuals):
             cost += float(np.sum(values**2))
         return Iterate(base=base, numbers=numbers, residuals=residuals, cost=0.5 * cost)
@@ -165,6 +168,7 @@ class JointFit:
             self.without_departures(at.base, at.residuals),
             np.concatenate([at.base, (at.numbers - self.mean) / self.std]),
             [complete_gram(*pair) for pair in zip(self.grams, columns, strict=True)],
+            self.log_volumes,
         )
 
     def start(self) -> Array:
@@ -264,9 +268,10 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
     """Relinearize and fit again, so many times at most, until that changes nothing.
 
     What errors of readings move is that of the model around which is linearized, so that a search
-    may swing from one model to another and back: where the cost rises, it goes on halfway.
+    may swing from one model to another and back: where the cost rises, it goes on halfway. Where
+    it does not come to rest, the most probable fit of all rounds is returned.
     """
-    around = fit
+    around, best = fit, None
     for _ in range(rounds):
         if fit.settled:
             break
@@ -276,7 +281,8 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
             break
         around = again if again.cost < fit.cost else halfway(around, again)
         fit = replace(again, settled=abs(fit.cost - again.cost) < settings.settled)
-    return fit
+        best = fit if best is None or fit.cost <= best.cost else best
+    return fit if fit.settled else best or fit
 
 
 def halfway(one: Refit, other: Refit) -> Refit:

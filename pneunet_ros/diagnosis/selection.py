@@ -143,6 +143,8 @@ class Selection:
             if better is None or (count and not is_worth_adding(best, better, settings)):
                 return best
             best = self.eliminate_backward(base, better)
+            if not best.names:
+                return best
         return best
 
     def fit_rivals(self, base: Trial, best: Trial) -> Trial:
@@ -253,7 +255,11 @@ class Selection:
         return finalists
 
     def eliminate_backward(self, base: Trial, trial: Trial) -> Trial:
-        """Leave out effects without which the recordings are predicted as well."""
+        """Leave out effects without which the recordings are predicted as well.
+
+        The last one, too, if its size does not differ from nothing.
+        """
+        absent = self.settings.selection.absent
         while len(trial.names) > 1:
             least = trial.record.evidence - self.settings.selection.least_evidence
             without = [self.leave_out(base, trial, name, least) for name in trial.names]
@@ -261,7 +267,7 @@ class Selection:
             if not kept:
                 return trial
             trial = max(kept, key=lambda item: item.record.evidence)
-        return trial
+        return base if is_absent(trial.refit, trial.names[0], absent) else trial
 
     def leave_out(self, base: Trial, trial: Trial, name: str, least: float) -> Trial | None:
         """Return the set without one of its effects; None where its evidence is not enough."""
@@ -368,6 +374,7 @@ def predicted_probability(gaussian: GaussianModel, training: int) -> float:
         gaussian.residuals[:training],
         gaussian.position,
         gaussian.grams[:training],
+        gaussian.log_volumes[:training],
     )
     return gaussian.log_probability() - known.log_probability()
 

@@ -22,7 +22,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import law_fields, MOMENT_LAWS, MomentLaw
-from pneunet_ros.model.uncertainty import ModelCovariance, SensorNoise
+from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown, SensorNoise
 from ruamel.yaml import YAML
 
 SCHEMA_VERSION = 1
@@ -40,6 +40,7 @@ TOP = (
     'provenance',
 )
 OPTIONAL = {'effects', 'covariance', 'domain', 'sources', 'provenance'}
+PLACEMENT_KEYS = ('mean', 'std', 'factor')
 MODEL_FILE = YamlFile(kind='model file', error=ModelError, number_name='a number in SI units')
 
 
@@ -147,6 +148,7 @@ def mapping_from_arm(arm: Arm) -> dict[str, Any]:
         else {
             'quantities': list(arm.covariance.quantities),
             'factor': arm.covariance.factor.tolist(),
+            **placement_block(arm.covariance.placement),
         },
         'domain': None
         if arm.domain is None
@@ -195,11 +197,24 @@ def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
 
 def covariance_from_mapping(content: Any) -> ModelCovariance:
     """Build the low-rank covariance."""
-    values = MODEL_FILE.block(content, 'covariance', ('quantities', 'factor'))
+    keys = ('quantities', 'factor', 'placement')
+    values = MODEL_FILE.block(content, 'covariance', keys, {'placement'})
     names = values['quantities']
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise ModelError('covariance.quantities must be a list of dotted names')
-    return ModelCovariance(quantities=tuple(names), factor=values['factor'])
+    placement = values.get('placement')
+    if placement is not None:
+        placement = PlacementKnown(
+            **MODEL_FILE.block(placement, 'covariance.placement', PLACEMENT_KEYS)
+        )
+    return ModelCovariance(quantities=tuple(names), factor=values['factor'], placement=placement)
+
+
+def placement_block(placement: PlacementKnown | None) -> dict[str, Any]:
+    """Return the block of the placement, nothing where it is not known."""
+    if placement is None:
+        return {}
+    return {'placement': {key: getattr(placement, key).tolist() for key in PLACEMENT_KEYS}}
 
 
 def domain_from_mapping(content: Any) -> Domain:

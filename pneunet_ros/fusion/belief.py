@@ -11,6 +11,7 @@ new in every reading.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 import math
 
 import numpy as np
@@ -20,7 +21,9 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.lack import first_weights, lack_columns, scale_of, span_of
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.uncertainty import PlacementKnown
 from pneunet_ros.solver.solution import SolverNodes
+from scipy.linalg.lapack import dtrtrs
 
 FORCE = slice(0, 2)
 BIAS = 2
@@ -40,7 +43,8 @@ class Unknowns:
     std (n,): before any frame and reading, N, Pa, m, sigma, m; times (k,): correlation times (s)
     of bias, drift, camera and columns, which follow the force. force_scale: the largest force (N)
     that is likely. lacking: where the unknowns are that stand for what the model lacks, whose std
-    is that of a lack of all of the range; range (Pa): of the pressure.
+    is that of a lack of all of the range; range (Pa): of the pressure. placement: of the targets
+    that the model was calibrated with, None where it is not known.
     """
 
     columns: int
@@ -51,6 +55,7 @@ class Unknowns:
     std: Array
     times: Array
     force_scale: float
+    placement: PlacementKnown | None = None
 
     @property
     def of_columns(self) -> slice:
@@ -74,6 +79,11 @@ class Unknowns:
         """Where the painted places across the arm are."""
         start = COLUMNS + self.columns + self.memory + self.targets
         return slice(start, start + self.targets)
+
+    @property
+    def painted(self) -> slice:
+        """Where the painted places along and across the arm are."""
+        return slice(self.along.start, self.across.stop)
 
 
 def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
@@ -99,7 +109,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     times = np.concatenate(
         [
             [settings.bias_time, settings.drift_time, settings.drift_time, np.inf, np.inf],
-            np.full(known, settings.model_time),
+            np.full(known, np.inf),
             np.full(further, settings.bias_time),
         ]
     )
@@ -112,6 +122,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
         std=freeze(std),
         times=freeze(times),
         force_scale=scale,
+        placement=None if arm.covariance is None else arm.covariance.placement,
     )
 
 
@@ -122,7 +133,8 @@ class Belief:
     walk (N/sqrt(s)): of the forces, as they moved lately; usual_walk: of the tip force, as it did
     on average; lack_weights (scales,): of the sizes of
     what the model lacks, log; chamber: the pressure (Pa) as read, NaN where it was not; solution:
-    the rod there, None before the first; frames: how many have been used.
+    the rod there, None before the first; frames: how many have been used. same_targets: they are
+    taken for those of the calibration, which knows where they are painted.
     """
 
     stamp_ns: int
@@ -134,6 +146,7 @@ class Belief:
     chamber: float = math.nan
     solution: SolverNodes | None = None
     frames: int = 0
+    same_targets: bool = False
 
     @property
     def touched(self) -> bool:
@@ -152,17 +165,45 @@ class Belief:
 
 
 def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) -> Belief:
-    """Return what is believed before any frame."""
-    mean, weights = freeze(np.zeros(unknowns.std.size)), first_weights(settings)
-    std = scaled_std(unknowns, scale_of(settings, weights))
+    """Return what is believed before any frame.
+
+    Where the calibration knows the placement of the targets, model and placement go together: the
+    same pictures must not tell of the model twice.
+    """
+    mean, weights = np.zeros(unknowns.std.size), first_weights(settings)
+    root = np.diag(scaled_std(unknowns, scale_of(settings, weights)))
+    placement = unknowns.placement
+    if placement is not None:
+        painted, columns = unknowns.painted, placement.factor.shape[1]
+        mean[painted] = placement.mean
+        root[painted, painted] = np.diag(placement.std)
+        root[painted, COLUMNS : COLUMNS + columns] = placement.factor
     return Belief(
         stamp_ns=stamp_ns,
-        mean=mean,
-        root=freeze(np.diag(std)),
+        mean=freeze(mean),
+        root=freeze(root),
         walk=settings.force_walk,
         usual_walk=settings.force_walk,
         lack_weights=weights,
+        same_targets=placement is not None,
     )
+
+
+def with_other_targets(unknowns: Unknowns, belief: Belief) -> Belief:
+    """Return the belief of somebody who knows that other targets are painted on the arm."""
+    forgotten = forget(belief, unknowns.painted, unknowns.std[unknowns.painted])
+    return replace(forgotten, same_targets=False)
+
+
+def with_strange_targets(
+    unknowns: Unknowns, settings: FusionSettings, belief: Belief, strange: npt.NDArray[np.intp]
+) -> Belief:
+    """Return the belief of somebody who knows that some targets are not where they were.
+
+    They did not fit by their gate, and are further from their places than targets are.
+    """
+    where = np.concatenate([unknowns.along.start + strange, unknowns.across.start + strange])
+    return forget(belief, where, math.sqrt(settings.target_gate) * unknowns.std[where])
 
 
 def scaled_std(unknowns: Unknowns, scale: float) -> Array:
@@ -200,23 +241,24 @@ def move_belief(
     mean, root = belief.mean.copy(), belief.root.copy()
     mean[BIAS:moving] *= decay[BIAS:]
     root[:moving] *= decay[:, None]
-    new = np.zeros((mean.size, moving))
     grown = np.sqrt(1.0 - decay**2)
     grown[unknowns.lacking] = lack_grown(unknowns, seconds, pressed)
-    new[:moving] = np.diag(scaled_std(unknowns, scale)[:moving] * grown)
+    (moved,) = grown.nonzero()
+    new = np.zeros((mean.size, moved.size))
+    new[moved, np.arange(moved.size)] = scaled_std(unknowns, scale)[moved] * grown[moved]
     return replace(
         belief, stamp_ns=stamp_ns, mean=freeze(mean), root=freeze(np.hstack([root, new]))
     )
 
 
-def forget(belief: Belief, where: slice, std: Array) -> Belief:
+def forget(belief: Belief, where: slice | npt.NDArray[np.intp], std: Array) -> Belief:
     """Return the belief of somebody who knows of some unknowns nothing but one sigma std (k,)."""
     mean, root = belief.mean.copy(), belief.root.copy()
     mean[where], root[where] = 0.0, 0.0
     return widen(replace(belief, mean=freeze(mean), root=root), where, std)
 
 
-def widen(belief: Belief, where: slice, std: Array) -> Belief:
+def widen(belief: Belief, where: slice | npt.NDArray[np.intp], std: Array) -> Belief:
     """Return the belief where some unknowns may have moved by any amount of one sigma std (k,)."""
     new = np.zeros((belief.mean.size, std.size))
     new[where] = np.diag(std)
@@ -276,11 +318,19 @@ def root_after(root: Array, seen: Array) -> Array:
     white = np.eye(len(seen))
     factor = compress(np.hstack([seen, white]))
     factor = factor * np.sign(np.diagonal(factor))
-    gain = np.linalg.solve(factor.T, np.linalg.solve(factor + white, seen))
+    gain, _ = dtrtrs(factor + white, seen, lower=1)
+    gain, _ = dtrtrs(factor, gain, lower=1, trans=1)
     return np.asarray(root - (root @ seen.T) @ gain)
 
 
 def compress(root: Array) -> Array:
     """Return a square root (n, n) of the covariance of a root (n, m), m >= n."""
-    triangle: Array = np.linalg.qr(root.T, mode='r')  # type: ignore[assignment]
-    return freeze(np.ascontiguousarray(triangle.T))
+    size = len(root)
+    reflected, _ = np.linalg.qr(root.T, mode='raw')
+    return freeze(reflected[:, :size] * lower_triangle(size))
+
+
+@cache
+def lower_triangle(size: int) -> Array:
+    """Return ones on and below the diagonal, (size, size)."""
+    return freeze(np.tri(size))

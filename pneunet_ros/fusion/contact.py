@@ -117,7 +117,8 @@ def weigh_hypotheses(
     log_odds = alone.log_odds if rival is None else log_odds
     lost = contact is None or excess(contact) > 1.0
     if lost and none is not None:  # nobody has looked for one, or it is not where it was
-        found = find_contact(replace(none[0], used=frame.used), none[1])
+        seen_again = frame if none[0].prior is frame.prior else replace(none[0], used=frame.used)
+        found = find_contact(seen_again, none[1])
         if found is not None and (contact is None or found.explains_better(contact)):
             contact, elsewhere = found.fit, found.elsewhere
     if none is None or contact is None:
@@ -167,13 +168,15 @@ def fit_all(problem: FrameProblem) -> Fit | None:
 class PushScores:
     """What a push on each panel of the rod would gain, linearized around a fit without one.
 
-    place (panels,) m; force (panels,) N, the likeliest there; gain (panels,) chi squared; step
-    (panels, unknowns): by how much the other unknowns in xi would follow.
+    place (panels,) m; force (panels,) N, the likeliest there; gain (panels,) chi squared;
+    evidence (panels,): what is left of the gain, as force and place of a contact could have been
+    any; step (panels, unknowns): by how much the other unknowns in xi would follow.
     """
 
     place: Array
     force: Array
     gain: Array
+    evidence: Array
     step: Array
 
 
@@ -183,9 +186,7 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
     moved = measured_moves(arm, sensitivity)[LOADS:]
     pushes = moved[:, :, problem.used].reshape(place.size, -1) / problem.std
-    sides = np.column_stack([pushes.T, fit.innovation])
-    solved = np.linalg.solve(fit.covariance, sides)
-    weighed, left = solved[:, :-1], solved[:, -1:]
+    weighed, left = fit.solve(pushes.T), fit.weighed[:, None]
     prior = problem.unknowns.force_scale**-2
     information = np.sum(pushes.T * weighed, axis=0) + prior
     score = fit.innovation @ weighed
@@ -193,7 +194,14 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     step = (fit.jacobian.T @ (left - weighed * force)).T - fit.trial.xi
     low, high = np.array(problem.settings.contact_places) * arm.length
     gain = np.where((place >= low) & (place <= high), score * force, 0.0)
-    return PushScores(place=place, force=force, gain=gain, step=step)
+    moved, weighed_move = (
+        force * np.gradient(side, place, axis=1) for side in (pushes.T, weighed)
+    )
+    anywhere = 12.0 / arm.length**2
+    both = np.sum(moved * weighed, axis=0)
+    volume = information * (np.sum(moved * weighed_move, axis=0) + anywhere) - both**2
+    evidence = gain - np.log(volume / (prior * anywhere))
+    return PushScores(place=place, force=force, gain=gain, evidence=evidence, step=step)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -223,7 +231,7 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact
             return None
         fit = again
     scores = score_pushes(problem, fit)
-    if scores.gain.max() < settings.contact_score:
+    if not np.any((scores.gain >= settings.contact_score) & (scores.evidence > 0.0)):
         return None
     padded = np.concatenate([[0.0], scores.gain, [0.0]])
     peaks = np.flatnonzero((scores.gain >= padded[:-2]) & (scores.gain >= padded[2:]))

@@ -11,7 +11,7 @@ Control 38 (1993).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -51,6 +51,7 @@ from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.solution import SolverNodes
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 
@@ -193,7 +194,8 @@ class FrameLinearization:
 
     jacobian (coordinates, unknowns): of what is predicted, whitened; lacking (coordinates,
     errors): of what the model lacks, for a lack of all of the range; innovation (coordinates,):
-    what would be left with the prior's mean, to first order; covariance: of it.
+    what would be left with the prior's mean, to first order; covariance: of it, factor: its
+    Cholesky factor, weighed (coordinates,): its inverse times the innovation.
     """
 
     trial: Trial
@@ -201,6 +203,19 @@ class FrameLinearization:
     lacking: Array
     innovation: Array
     covariance: Array
+    factor: Array = field(init=False)
+    weighed: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Factorize the covariance, once for all that is solved with it."""
+        factor, _ = dpotrf(self.covariance, lower=1)
+        object.__setattr__(self, 'factor', factor)
+        object.__setattr__(self, 'weighed', self.solve(self.innovation))
+
+    def solve(self, sides: Array) -> Array:
+        """Return S^-1 sides, of the covariance S of the innovation."""
+        solved, _ = dpotrs(self.factor, sides, lower=1)
+        return np.asarray(solved)
 
     @property
     def cost(self) -> float:
@@ -210,13 +225,12 @@ class FrameLinearization:
     def lack_information(self, growth: LackGrowth) -> tuple[Array, Array]:
         """Return H^T S^-1 v (errors,) and H^T S^-1 H of what the model may lack, as it moved."""
         moved = self.lacking * growth.grown
-        weighed = np.linalg.solve(self.covariance, moved)
-        return weighed.T @ self.innovation, moved.T @ weighed
+        return moved.T @ self.weighed, moved.T @ self.solve(moved)
 
     def newton_step(self) -> tuple[Array, float]:
         """Return the step (unknowns,) in xi to where the cost is least, and its gain."""
         xi, jacobian = self.trial.xi, self.jacobian
-        step = np.linalg.solve(self.covariance, self.innovation) @ jacobian - xi
+        step = self.weighed @ jacobian - xi
         return step, float(step @ (self.trial.residual @ jacobian - xi))
 
     @property
@@ -225,7 +239,7 @@ class FrameLinearization:
 
         A solution that must be met to a hair, as near buckling, is less likely than its cost.
         """
-        return self.cost + float(np.linalg.slogdet(self.covariance)[1])
+        return self.cost + 2.0 * float(np.log(np.diagonal(self.factor)).sum())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -354,13 +368,22 @@ class FrameProblem:
         Of the residual that is left, with the covariance that it has after the fit.
         """
         count = self.std.size // 2
-        precision = np.linalg.inv(fit.covariance).reshape(2, count, 2, count)
-        left = np.einsum('itjt->tij', precision)  # (targets, 2, 2)
-        residual = fit.trial.residual.reshape(2, count).T[:, :, None]
-        solved = np.linalg.solve(left, residual)
+        precision = fit.solve(np.eye(self.std.size)).reshape(2, count, 2, count)
+        (along_x, both), (_, along_y) = np.einsum('itjt->ijt', precision)
+        x, y = fit.trial.residual.reshape(2, count)
         found = np.full(self.used.size, np.nan)
-        found[self.used] = np.sum(residual * solved, axis=(1, 2))
+        found[self.used] = (along_y * x**2 - 2.0 * both * x * y + along_x * y**2) / (
+            along_x * along_y - both**2
+        )
         return found
+
+    def force_covariance(self, fit: FrameLinearization) -> Array:
+        """Return the covariance (2, 2) N^2 of the force after the frame, as of the posterior."""
+        force = self.root[FORCE]
+        seen = fit.jacobian @ force.T
+        step, gain = fit.newton_step()
+        left = force @ step if gain > self.settings.small_gain else np.zeros(2)
+        return np.asarray(force @ force.T - seen.T @ fit.solve(seen) + np.outer(left, left))
 
     def posterior(self, fit: FrameLinearization) -> Belief:
         """Return what is believed after the frame.
@@ -375,12 +398,10 @@ class FrameProblem:
         weights, growth = self.prior.lack_weights, self.growth
         if growth is not None:
             weights = weights_after(self.settings, weights, growth, fit.lack_information(growth))
-        return Belief(
-            stamp_ns=self.prior.stamp_ns,
+        return replace(
+            self.prior,
             mean=freeze(self.mean + self.root @ fit.trial.xi),
             root=freeze(np.ascontiguousarray(root)),
-            walk=self.prior.walk,
-            usual_walk=self.prior.usual_walk,
             lack_weights=weights,
             chamber=math.nan if growth is None else self.inputs.chamber,
             solution=fit.trial.bent.solution,

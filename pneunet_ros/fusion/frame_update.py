@@ -138,7 +138,7 @@ def hold_force(found: Fit) -> Fit:
     there all that moves the arm sideways seems to be seen to a hair.
     """
     problem, fit = found
-    variances, axes = np.linalg.eigh(problem.posterior(fit).force_covariance)
+    variances, axes = np.linalg.eigh(problem.force_covariance(fit))
     largest = problem.settings.determined * problem.unknowns.force_scale
     unknown = axes[:, variances > largest**2]
     if not unknown.size:
@@ -229,6 +229,6 @@ def force_at(problem: FrameProblem, trial: Trial) -> Array:
 def are_apart(first: Fit, second: Fit) -> bool:
     """Whether two fits are two solutions, and not two ends of one search."""
     between = force_at(first[0], first[1].trial) - force_at(second[0], second[1].trial)
-    covariance = first[0].posterior(first[1]).force_covariance
+    covariance = first[0].force_covariance(first[1])
     distance = float(between @ np.linalg.solve(covariance, between))
     return distance > first[0].settings.apart

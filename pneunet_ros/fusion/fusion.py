@@ -7,8 +7,10 @@ gives a `FusedEstimate`, which is the belief moved to its stamp with the pressur
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 import math
+from typing import TypeVar
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
@@ -41,12 +43,16 @@ from pneunet_ros.fusion.belief import (
     unknowns_of,
     widen,
     with_noise,
+    with_other_targets,
+    with_strange_targets,
     with_walk,
 )
 from pneunet_ros.fusion.contact import (
     Contact,
     correlation_with_tip,
+    evidence_cost,
     weigh_hypotheses,
+    WeighedFrame,
     without_contact,
 )
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
@@ -60,7 +66,7 @@ from pneunet_ros.fusion.frame_fit import (
     FrameProblem,
     pressure_like,
 )
-from pneunet_ros.fusion.frame_update import FrameUpdate, take_frame
+from pneunet_ros.fusion.frame_update import excess, FrameUpdate, take_frame
 from pneunet_ros.fusion.lack import lack_columns, LackGrowth, remember, scale_of
 from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
@@ -76,6 +82,31 @@ from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.columns import LOADS
 
 Event = Reading | TargetSightings
+OTHER_TARGETS = (
+    'the targets are not painted where the calibration found them: what it knows of their places '
+    'is not used (without covariance.placement in the model file it never is)'
+)
+
+
+Stamped = TypeVar('Stamped', bound=PressureInstant | WrenchReading)
+
+
+def stamp_of(reading: Stamped) -> int:
+    """Return the stamp (ns) of a reading."""
+    return reading.stamp_ns
+
+
+def followed_by(known: tuple[Stamped, ...], reading: Stamped, most: int) -> tuple[Stamped, ...]:
+    """Return readings in the order of their stamps and one that makes later ones void."""
+    earlier = bisect_left(known, reading.stamp_ns, key=stamp_of)
+    return (*known[max(earlier + 1 - most, 0) : earlier], reading)
+
+
+def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
+    """Return the reading nearest to a stamp, of two the earlier one."""
+    after = bisect_left(known, stamp_ns, key=stamp_of)
+    beside = known[max(after - 1, 0) : after + 1]
+    return min(beside, key=lambda one: abs(one.stamp_ns - stamp_ns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,8 +196,7 @@ class Fusion:
             )
             return state.count_rejected(refusal.reason), refusal
         wrench = base_wrench(self.sensors, reading)
-        earlier = [one for one in state.wrenches if one.stamp_ns < wrench.stamp_ns]
-        kept = (*earlier[1 - self.settings.wrenches_kept :], wrench)
+        kept = followed_by(state.wrenches, wrench, self.settings.wrenches_kept)
         return replace(state, readings=state.readings.with_wrench(wrench), wrenches=kept), None
 
     def take_pressure(
@@ -181,18 +211,17 @@ class Fusion:
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
             readings = state.readings.with_reading(reading.stamp_ns, instant.history)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
-        earlier = [one for one in state.pressures if one.stamp_ns < instant.stamp_ns]
+        ready = [item for item in state.waiting if self.shown_ns(item) <= instant.stamp_ns]
         state = replace(
             state,
             readings=state.readings.with_reading(reading.stamp_ns, instant.history),
-            pressures=(*earlier[1 - self.settings.pressure_kept :], instant),
+            pressures=followed_by(state.pressures, instant, self.settings.pressure_kept),
+            waiting=tuple(
+                item for item in state.waiting if self.shown_ns(item) > instant.stamp_ns
+            ),
         )
-        waiting, state = state.waiting, replace(state, waiting=())
-        for sightings in waiting:
-            if self.shown_ns(sightings) <= instant.stamp_ns:
-                state = self.use_frame(state, sightings)
-            else:
-                state = replace(state, waiting=(*state.waiting, sightings))
+        for sightings in ready:
+            state = self.use_frame(state, sightings)
         state = self.with_pressure(state)
         age = self.target_age(state, instant.stamp_ns)
         late = age is None or abs(age) > self.settings.target_timeout
@@ -319,7 +348,7 @@ class Fusion:
                 history=self.arm.initial_history(middle),
                 memory=remember(self.settings, (), middle, 0.0, 0.0),
             )
-        after = next((i for i, one in enumerate(known) if one.stamp_ns >= stamp_ns), len(known))
+        after = bisect_left(known, stamp_ns, key=stamp_of)
         if after in (0, len(known)):
             return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)
         first, second = known[after - 1], known[after]
@@ -345,7 +374,7 @@ class Fusion:
             return nothing, 0.0
         if not state.wrenches:
             return None, math.nan
-        wrench = min(state.wrenches, key=lambda one: abs(one.stamp_ns - stamp_ns))
+        wrench = nearest_to(state.wrenches, stamp_ns)
         age = seconds_between(wrench.stamp_ns, stamp_ns)
         return (wrench, age) if abs(age) <= self.sensors.wrench_timeout else (None, math.nan)
 
@@ -424,8 +453,7 @@ class Fusion:
             state = replace(state, rival=None, log_odds=None)
         instant = self.pressure_at(state, shown_ns)
         alone = not state.pressures or self.is_stale(
-            min((one.stamp_ns for one in state.pressures), key=lambda ns: abs(ns - shown_ns)),
-            shown_ns,
+            nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns
         )
         wrench, age = self.wrench_at(state, shown_ns)
         frame = ReadFrame(
@@ -438,26 +466,17 @@ class Fusion:
             wrench=wrench,
             wrench_age=age,
         )
-        problem = self.problem_of(frame, before)
-        update = take_frame(
-            problem,
-            cold=lost or not before.frames,
-            round_=state.cold_round,
-            force_read=wrench is not None,
-        )
-        rival = None if state.rival is None else self.problem_of(frame, state.rival)
-        odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
-        weighed = weigh_hypotheses(
-            update,
-            problem,
-            rival,
-            odds,
-            elsewhere=state.elsewhere,
-            force_read=wrench is not None,
-        )
+        weighed = self.weigh(state, frame, before)
+        if before.same_targets and weighed.update.fit and excess(weighed.update.fit) > 1.0:
+            weighed = self.weigh_other_targets(state, frame, before, weighed)
         update = weighed.update
         if update.belief is not None:
-            update = replace(update, belief=with_walk(self.settings, before, update.belief))
+            belief = with_walk(self.settings, before, update.belief)
+            if belief.same_targets and update.left_out and update.fit:
+                seen = np.isfinite(sightings.x) & np.isfinite(sightings.y)
+                strange = np.flatnonzero(seen & ~update.fit[0].used)
+                belief = with_strange_targets(self.unknowns, self.settings, belief, strange)
+            update = replace(update, belief=belief)
         state = replace(
             state,
             rival=weighed.rival,
@@ -466,6 +485,34 @@ class Fusion:
             pressure_lost=alone,
         )
         return self.after_frame(state, shown_ns, update, wrench)
+
+    def weigh(self, state: FusionState, frame: ReadFrame, before: Belief) -> WeighedFrame:
+        """Return what a frame says, of a contact and of none, to what was believed before it."""
+        problem = self.problem_of(frame, before)
+        read = frame.wrench is not None
+        update = take_frame(
+            problem,
+            cold=frame.force_lost or not before.frames,
+            round_=state.cold_round,
+            force_read=read,
+        )
+        rival = None if state.rival is None else self.problem_of(frame, state.rival)
+        odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
+        return weigh_hypotheses(
+            update, problem, rival, odds, elsewhere=state.elsewhere, force_read=read
+        )
+
+    def weigh_other_targets(
+        self, state: FusionState, frame: ReadFrame, before: Belief, weighed: WeighedFrame
+    ) -> WeighedFrame:
+        """Return what a frame says if other targets are painted now, where it says so."""
+        other = with_other_targets(self.unknowns, before)
+        again = self.weigh(replace(state, rival=None, log_odds=None), frame, other)
+        seen = frame.sightings.seen
+        if weighed.update.fit is None or again.update.fit is None:
+            return weighed
+        gain = evidence_cost(weighed.update.fit, seen) - evidence_cost(again.update.fit, seen)
+        return again if gain > 2.0 * self.settings.other_targets else weighed
 
     def problem_of(self, frame: ReadFrame, belief: Belief) -> FrameProblem:
         """Return a frame beside what was believed before it.
@@ -577,10 +624,11 @@ class Fusion:
             if beside.stops:
                 return state, refuse(stamp_ns, 'out_of_plane', beside.sentence)
             notes = [*notes, *([beside.note] if beside.warns else [])]
+        causes = causes_of(self.unknowns, inputs)
         bent = bend_arm(
             self.table,
             inputs,
-            causes_of(self.unknowns, inputs) @ belief.mean,
+            causes @ belief.mean,
             belief.solution if mode is not Mode.PREDICTION else state.solution,
             self.arclength,
             quick=False,
@@ -592,7 +640,9 @@ class Fusion:
         position = self.position_of(belief, bent, inputs)
         if position.reason:
             return state, refuse(stamp_ns, position.reason, position.sentence)
-        estimate = self.shape_estimate(belief, unseen, bent, inputs, position, stamp_ns, mode)
+        estimate = self.shape_estimate(
+            belief, unseen, bent, inputs, causes, position, stamp_ns, mode
+        )
         if isinstance(estimate, Refusal):
             return state, estimate
         estimate = replace(
@@ -604,6 +654,8 @@ class Fusion:
         contact = self.contact_at(state, belief, bent, mode, read=wrench is not None)
         ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
         force, covariance = self.known_force(belief, position, ambiguous)
+        if self.unknowns.placement is not None and not belief.same_targets:
+            estimate = replace(estimate, warnings=(*estimate.warnings, OTHER_TARGETS))
         lacking = pressure_like(self.unknowns, inputs)
         return state, FusedEstimate(
             estimate=estimate,
@@ -670,18 +722,18 @@ class Fusion:
         unseen: Array,
         bent: BentArm,
         inputs: FrameInputs,
+        causes: Array,
         position: DomainPosition,
         stamp_ns: int,
         mode: Mode,
     ) -> ShapeEstimate | Refusal:
         """Return the shape with the errors that the belief carries into it, to second order.
 
-        unseen (unknowns, errors): what has moved since the last frame.
+        unseen (unknowns, errors): what has moved since the last frame; causes: of the unknowns.
         """
         sensitivity = bent.linearize()
-        causes = causes_of(self.unknowns, inputs)
         causes = causes_with_contact(causes, bent.contact)
-        noise = np.ascontiguousarray(np.linalg.qr((causes @ belief.root).T, mode='r'))
+        noise = np.ascontiguousarray(compress(causes @ belief.root).T)
         seen: SeenShape | None = None
         if mode is Mode.PREDICTION:
             noise = with_extrapolation_error(noise, position)

@@ -45,9 +45,6 @@ class FusionSettings:
         0.5, 'std of a pressure that is not read any more', unit='of the range'
     )
     drift_time: float = tuning(40.0, 'correlation time of the drift of the camera', unit='s')
-    model_time: float = tuning(
-        10.0, "correlation time of the model's error along its columns", unit='s'
-    )
     target_timeout: float = tuning(
         0.5, 'age of the last frame from which on there is a prediction only', unit='s'
     )
@@ -57,6 +54,12 @@ class FusionSettings:
         0.1, 'of a frame before its pressure, which is told beyond it', unit='s'
     )
     most_waiting: int = tuning(32, 'frames that wait for their pressure reading')
+    other_targets: float = tuning(
+        5.0,
+        'log odds that the targets are not those of the calibration, beyond which its placement '
+        'is forgotten; invented',
+        unit='natural log',
+    )
     fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
     small_gain: float = tuning(1e-3, 'gain of a step that ends the search', unit='chi squared')
     most_steps: int = tuning(12, 'steps of the search')

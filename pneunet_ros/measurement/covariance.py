@@ -17,9 +17,10 @@ class Whitening:
     With D = diag(std^2) and P = diag(std) U S V^T it is W = (1 - U (1 - (1 + S^2)^-1/2) U^T) /
     std: what the common errors explain is subtracted along U. Leading axes, such as the frames of
     a recording, are a batch; of coordinates that are not `seen` nothing counts, not even NaN.
+    log_volume: log of sqrt(det C / det D), of all of them together.
     """
 
-    __slots__ = ('directions', 'seen', 'shrink', 'std')
+    __slots__ = ('directions', 'log_volume', 'seen', 'shrink', 'std')
 
     def __init__(
         self,
@@ -37,6 +38,7 @@ class Whitening:
             self._masked(columns) / self.std, full_matrices=False
         )
         self.shrink = (1.0 - 1.0 / np.sqrt(1.0 + sizes**2))[..., None]
+        self.log_volume = 0.5 * float(np.sum(np.log1p(sizes**2)))
 
     def __call__(self, values: Array) -> Array:
         """Return W values (..., coordinates, n); zero where nothing was seen."""

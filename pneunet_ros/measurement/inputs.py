@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.arrays import Array, pressure_rows
+from pneunet_ros.core.arrays import Array, frozen_array, pressure_rows
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.measurement.dataset import RecordingData
@@ -25,6 +25,10 @@ class Inputs:
     pressure: Array
     loads: Array
     histories: tuple[Array, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Make the loads read-only: kernels are compiled again for what may be written."""
+        object.__setattr__(self, 'loads', frozen_array(self.loads))
 
     def subset(self, frames: npt.NDArray[np.int64]) -> Inputs:
         """Return the inputs of a subset of the frames."""

@@ -14,10 +14,11 @@ from pneunet_ros.measurement.disturbances import disturbance_jacobian
 from pneunet_ros.measurement.forward_model import as_points, Columns, ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.noise_model import reading_errors
+from pneunet_ros.measurement.probable_load import probable_load_errors
 from pneunet_ros.measurement.tip_pose import heading_residual
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
-from pneunet_ros.solver.columns import THETA
+from pneunet_ros.solver.columns import LOADS, THETA
 
 
 class Parametrization(Protocol):
@@ -68,32 +69,37 @@ class FittedRun:
             parts.append(np.isfinite(self.run.heading)[:, None])
         return np.concatenate(parts, axis=1) & self.solved[:, None]
 
-    def whiten_residual(self, whitening: Whitening) -> Array:
-        """Return the whitened residual (frames, coordinates)."""
+    def whiten_residual(self, whitening: Whitening, tangent: Array) -> Array:
+        """Return the whitened residual (frames, coordinates); tangent as of `RunLinearization`."""
         residual = self.residual.reshape(len(self.solved), -1)
         if self.run.heading is not None:
             heading = heading_residual(self.run.heading, self.fields[:, THETA, -1])
             residual = np.column_stack([residual, heading])
-        return whitening(residual[:, :, None])[:, :, 0]
+        return whitening((residual + tangent)[:, :, None])[:, :, 0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunLinearization:
     """One recording around one point: y = h(x) + e.
 
-    jacobian (frames, coordinates, parameters + disturbances of the run) of what is measured;
+    fitted: at the load that was read. All else is at the most probable load: load_error (frames,
+    3) N, N m is by how much that differs, and tangent (frames, coordinates) how far it moves what
+    is measured. jacobian (frames, coordinates, parameters + disturbances of the run);
     white_residual (frames, coordinates); whitening: of what targets' noise and readings leave.
     """
 
     fitted: FittedRun
+    load_error: Array
+    tangent: Array
     jacobian: Array
     white_residual: Array
     whitening: Whitening
 
-    def chi_squared(self, model: ForwardModel, arm: Arm, inputs: Inputs, moved: Array) -> float:
-        """Return that of another arm and disturbance (n,), by the whitening of this point."""
+    def residual_of(self, model: ForwardModel, arm: Arm, inputs: Inputs, moved: Array) -> Array:
+        """Return the white residual of another arm and disturbance (n,), around this point."""
+        inputs = inputs.with_loads(inputs.loads + self.load_error)
         other, _ = predict(model, arm, self.fitted.run, inputs, moved)
-        return float(np.sum(other.whiten_residual(self.whitening) ** 2))
+        return other.whiten_residual(self.whitening, self.tangent)
 
 
 def predict(
@@ -141,7 +147,10 @@ def linearize(
     starts. ModelError where there is no such arm.
     """
     arm = parameters.arm(values)
-    fitted, moving = predict(model, arm, run, inputs, disturbance)
+    fitted, _ = predict(model, arm, run, inputs, disturbance)
+    load_error = probable_load_errors(model, arm, run, inputs, fitted.disturbance, noise)
+    inputs = inputs.with_loads(inputs.loads + load_error)
+    there, moving = predict(model, arm, run, inputs, disturbance)
     fields = model.jacobian(arm, inputs, parameters.columns)
     by_input = as_points(fields)
     moving = moving.reshape(*by_input.shape[:2], -1)
@@ -151,11 +160,14 @@ def linearize(
         moving = np.pad(moving, ((0, 0), (0, 1), (0, 0)))
         std = np.append(np.full(by_input.shape[1] - 1, noise.target_std), noise.heading_std)
     errors = reading_errors(noise, arm, run, inputs, by_input)
-    whitening = Whitening(std, errors, fitted.counted)
+    tangent = np.matmul(by_input[:, :, :LOADS], load_error[:, :, None])[:, :, 0]
+    whitening = Whitening(std, errors, there.counted)
     jacobian = parameter_jacobian(parameters, values, by_input, inputs)
-    white = fitted.whiten_residual(whitening)
+    white = there.whiten_residual(whitening, tangent)
     return RunLinearization(
         fitted=replace(fitted, whitened=np.sum(white**2, axis=1)),
+        load_error=load_error,
+        tangent=tangent,
         jacobian=np.concatenate([jacobian, moving], axis=2),
         white_residual=white,
         whitening=whitening,

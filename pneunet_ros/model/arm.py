@@ -164,6 +164,12 @@ class Arm:
         object.__setattr__(self, 'table', self.build_table())
         if self.covariance is not None:
             self.with_changes(dict.fromkeys(self.covariance.quantities, 0.0))  # do they all exist?
+            placement = self.covariance.placement
+            if placement is not None and placement.mean.size != 2 * targets.size:
+                raise ModelError(
+                    f'covariance.placement is that of {placement.mean.size // 2} targets, and the '
+                    f'arm has {targets.size}: leave it out where other targets are painted'
+                )
 
     def _divide(self, pressure: float) -> None:
         """Find the effects that act on parts of the arm, at any pressure, and by the end load."""
@@ -343,6 +349,8 @@ class Arm:
 
         mixed_rotation: the rotation (n, pieces, 5) of a mixture of rows by its weights.
         """
+        if not every:
+            return record
         rotation = record.rotation
         for terms in every:
             if terms.part is None:

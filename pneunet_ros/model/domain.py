@@ -6,6 +6,7 @@ extrapolated and says so; further out it says nothing. `locate_load` is the rule
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import math
 
@@ -125,11 +126,6 @@ class LoadHull:
     points: Array
     size: float
 
-    def scaled(self, load: Array) -> Array:
-        """Return a load (4,) in SI in newtons, no further than counts."""
-        far = FAR * max(self.size, 1.0)
-        return np.minimum(np.maximum(load * self.scale, -far), far)
-
     def way_out(self, at: Array) -> Array:
         """Return the way (4,) N from the nearest point of the hull to a scaled load (4,) N.
 
@@ -139,21 +135,27 @@ class LoadHull:
         way_from_hull(self.points, at, way)
         return way
 
-    def distance(self, load: Array, noise: Array) -> float:
+    def distance(self, load: Sequence[float] | Array, noise: Sequence[float] | Array) -> float:
         """Return how far (N) a load (4,) is beyond the hull, less noise (4,) on the way, SI."""
-        at = self.scaled(load)
-        way = self.way_out(at)
-        distance = math.sqrt(way @ way)
-        if distance <= ROUNDING * float(abs(at).max()):
+        scale, far = self.scale.tolist(), FAR * max(self.size, 1.0)
+        at = [min(max(one * size, -far), far) for one, size in zip(load, scale, strict=True)]
+        way = self.way_out(np.array(at)).tolist()
+        distance = length_of(way)
+        if distance <= ROUNDING * max(map(abs, at)):
             return 0.0
-        along = way * noise * self.scale
-        return max(distance - math.sqrt(along @ along) / distance, 0.0)
+        along = [step * one * size for step, one, size in zip(way, noise, scale, strict=True)]
+        return max(distance - length_of(along) / distance, 0.0)
 
     def share(self, distance: float) -> float:
         """Return a distance (N) as a share of the size of the hull."""
         if distance == 0.0:
             return 0.0
         return distance / self.size if self.size > 0.0 else math.inf
+
+
+def length_of(way: Sequence[float]) -> float:
+    """Return the length of a way; zero where its square is too small for a number."""
+    return math.sqrt(sum(part * part for part in way))
 
 
 def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> LoadHull:

@@ -5,11 +5,10 @@ The one rule for estimator, replay, verbs and reports.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-import numpy as np
-from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.model.arm import Arm
@@ -71,10 +70,10 @@ def locate_load(
     """
     sensors = arm.sensors
     std = std or (sensors.force_std, sensors.force_std, sensors.moment_std, sensors.pressure_std)
-    noise = settings.load_noise * np.array(std)
+    noise = [settings.load_noise * sigma for sigma in std]
     low, high = arm.pressure_range
     inside = min(max(chamber, low), high)
-    at = np.array([load.force_x, load.force_y, load.moment, inside])
+    at = (load.force_x, load.force_y, load.moment, inside)
     pressure_beyond = arm.beyond_range(chamber)
     load_beyond, distance = beyond_loads(arm, at, noise)
     reason, sentence = '', ''
@@ -100,16 +99,17 @@ def locate_load(
     )
 
 
-def beyond_loads(arm: Arm, at: Array, noise: Array) -> tuple[float, float]:
+def beyond_loads(arm: Arm, at: Sequence[float], noise: Sequence[float]) -> tuple[float, float]:
     """Return how far beyond the loads of its domain a load (4,) is: of their size, and in N.
 
     NaN where there is a load, beyond its noise (4,), and the arm has no domain.
     """
     acting = at[:PRESSURE]
-    if not acting.any():
+    if not any(acting):
         return 0.0, 0.0
     if arm.load_hull is None:
-        return (math.nan if (abs(acting) > noise[:PRESSURE]).any() else 0.0), 0.0
+        felt = any(abs(part) > noise[place] for place, part in enumerate(acting))
+        return (math.nan if felt else 0.0), 0.0
     distance = arm.load_hull.distance(at, noise)
     return arm.load_hull.share(distance), distance
 
@@ -123,7 +123,7 @@ def out_of_range(arm: Arm, pressure: float) -> str:
     )
 
 
-def out_of_domain(arm: Arm, at: Array, beyond: float, settings: DomainSettings) -> str:
+def out_of_domain(arm: Arm, at: Sequence[float], beyond: float, settings: DomainSettings) -> str:
     """Return the sentence for a load (4,) SI at which the model says nothing."""
     load = (
         f'the end load {at[0]:.4g} N, {at[1]:.4g} N, {at[MOMENT]:.3g} N m at '

@@ -57,6 +57,21 @@ class Perturbation:
             by_load=by_load,
         )
 
+    @classmethod
+    def of_pressure(cls, rods: Rods, distance: float) -> Perturbation:
+        """Return the one change between two records of an arm, at pressures so far (Pa) apart."""
+        knots, places = rods.knots, rods.push_place
+        return cls(
+            length=np.full((2, 1), rods.length),
+            sections=rods.sections[:, None],
+            clamp=rods.clamp[:, None],
+            knots=np.array([[knots], [knots]]),
+            rotation=rods.rotation[:, None],
+            push=rods.push[:, None],
+            push_place=np.array([[places], [places]]),
+            distance=np.array([distance]),
+        )
+
     def followed_by(self, other: Perturbation) -> Perturbation:
         """Return these causes and others; what the loads change stays last."""
         if self.by_load:
@@ -371,7 +386,7 @@ def pressure_change(
     """Return the record of the rod at a pressure (Pa), and its change per sudden pascal."""
     loads = None if load is None else np.repeat(load.row, 3, axis=0)
     rods = arm.rods(np.array([pressure, pressure - step, pressure + step]), history, loads)
-    return rods.record(0), Perturbation.between(rods.record(1), rods.record(2), 2.0 * step)
+    return rods.record(0), Perturbation.of_pressure(rods.records(slice(1, 3)), 2.0 * step)
 
 
 def load_change(

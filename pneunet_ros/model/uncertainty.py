@@ -44,18 +44,49 @@ class SensorNoise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlacementKnown:
+    """Where the targets are painted beside their places, as a calibration found it.
+
+    mean, std (2 targets,) m: along the arm, then across it, of all targets; factor (2 targets,
+    columns) m: what one sigma of each column of the model's covariance takes with it. std is what
+    these leave. Model and placement are found from the same pictures: where the model is wrong,
+    the placement is wrong the other way.
+    """
+
+    mean: Array
+    std: Array
+    factor: Array
+
+    def __post_init__(self) -> None:
+        """Check that the arrays belong together."""
+        for name, dimensions in (('mean', 1), ('std', 1), ('factor', 2)):
+            where = f'covariance.placement.{name}'
+            object.__setattr__(self, name, table_array(getattr(self, name), where, dimensions))
+        if self.mean.size % 2 or not self.mean.size == self.std.size == len(self.factor):
+            raise ModelError(
+                'covariance.placement must have mean, std and rows of factor along the arm and '
+                f'across it for every target, not {self.mean.size}, {self.std.size} and '
+                f'{len(self.factor)}'
+            )
+        if np.any(self.std < 0.0):
+            raise ModelError('covariance.placement.std must not be negative')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelCovariance:
     """Covariance C = factor factor^T of model quantities, named by dotted paths.
 
     quantities: names such as `moment_law.rigidity.0.1` or `effects.extensibility.axial_stiffness`;
-    factor (quantities, columns), SI, at most 12 columns.
+    factor (quantities, columns), SI, at most 12 columns; placement: of the targets that it was
+    calibrated with, None where that is not known.
     """
 
     quantities: tuple[str, ...]
     factor: Array
+    placement: PlacementKnown | None = None
 
     def __post_init__(self) -> None:
-        """Check the size of the factor."""
+        """Check the sizes."""
         factor = table_array(self.factor, 'covariance.factor', 2)
         if factor.shape[0] != len(self.quantities) or not 1 <= factor.shape[1] <= MOST_COLUMNS:
             raise ModelError(
@@ -65,6 +96,11 @@ class ModelCovariance:
         if len(set(self.quantities)) != len(self.quantities):
             raise ModelError('covariance.quantities names a quantity twice')
         object.__setattr__(self, 'factor', factor)
+        if self.placement is not None and self.placement.factor.shape[1] != factor.shape[1]:
+            raise ModelError(
+                f'covariance.placement.factor must have {factor.shape[1]} columns as '
+                f'covariance.factor, not {self.placement.factor.shape[1]}'
+            )
 
     def columns(self) -> tuple[dict[str, float], ...]:
         """Per column, how much every quantity moves together in one standard deviation."""

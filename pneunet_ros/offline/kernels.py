@@ -6,12 +6,11 @@ Those are made here, as an installation need not have any recordings.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from pneunet_ros.calibration.calibration import calibrate
-from pneunet_ros.calibration.tip_force import end_forces
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.core.share import share_path
 from pneunet_ros.estimation.estimator import Estimator
@@ -20,6 +19,8 @@ from pneunet_ros.files.model_file import load_model
 from pneunet_ros.files.scenario_file import load_lab, load_scenario
 from pneunet_ros.lab.live import Film, LiveLab, SCENE
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.measurement.forward_model import ForwardModel
+from pneunet_ros.measurement.inputs import steady_inputs
 from pneunet_ros.messages.builders import image
 from pneunet_ros.messages.tracker import camera_info_message, decode_camera_info, decode_image
 from pneunet_ros.model.batch import solve_many
@@ -33,8 +34,9 @@ from pneunet_ros.recordings.recording import open_recording
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.vision.tracker import Tracker, TrackerState
 
-RECORDINGS = ('unloaded_staircase', 'strings')  # scenarios: one without a load, one with
-FRAMES = 12  # of a recording, for a calibration that nobody reads
+RECORDING = 'strings'  # the scenario of it
+MESSAGES = 200  # of it are replayed
+FRAMES = 4  # of a recording, for a fit that nobody reads
 IMAGES = 20
 PRESSURE = 2000.0  # Pa, by which the arm is inflated from image to image once it has rested
 PERIOD_NS = 100_000_000  # from image to image
@@ -46,7 +48,7 @@ def call_kernels(on_progress: OnProgress = say_nothing) -> None:
         ('virtual lab', play),
         ('estimator', estimate),
         ('tracker', track),
-        ('calibration', calibrate_roughly),
+        ('fit', fit),
     )
     with TemporaryDirectory() as folder:
         for place, (name, task) in enumerate(tasks):
@@ -57,18 +59,18 @@ def call_kernels(on_progress: OnProgress = say_nothing) -> None:
 
 def play(folder: Path) -> None:
     """Record in the virtual lab."""
-    for name in RECORDINGS:
-        recording = simulate(load_scenario(share_path(f'scenarios/{name}.yaml')))
-        write_lab(recording, folder / f'{name}.mcap', overwrite=False, on_progress=lambda: None)
+    recording = simulate(load_scenario(share_path(f'scenarios/{RECORDING}.yaml')))
+    write_lab(recording, folder / f'{RECORDING}.mcap', overwrite=False, on_progress=lambda: None)
 
 
 def estimate(folder: Path) -> None:
     """Replay a recording with targets; solve for a tip, and many at once."""
     arm = load_model(share_path('config/paper_arm.yaml'))
     estimator = Estimator(arm=arm)
-    recording = open_recording(folder / f'{RECORDINGS[1]}.mcap')
+    recording = open_recording(folder / f'{RECORDING}.mcap')
     topics = input_topics(recording, estimator, {})
-    for _ in steps(recording, estimator, topics, targets_topic(recording, estimator, {})):
+    every = steps(recording, estimator, topics, targets_topic(recording, estimator, {}))
+    for _ in islice(every, MESSAGES):
         pass
     shape = solve(arm, 31e3, (0.175, 0.07))
     solve_tip(arm, 31e3, shape.tip[:2])
@@ -95,12 +97,11 @@ def track(folder: Path) -> None:
         state, _ = tracker.step(state, decode_image(picture))
 
 
-def calibrate_roughly(folder: Path) -> None:
-    """Calibrate an arm by a few frames, and fit the force at its tip."""
+def fit(folder: Path) -> None:
+    """Solve the frames of a recording and linearize them, as every fit does."""
     arm = load_model(share_path('config/lab_arm.yaml'))
-    unloaded, loaded = (
-        read_run(folder / f'{name}.mcap', arm.target_arclength.size)[0].thin(FRAMES)
-        for name in RECORDINGS
-    )
-    found = calibrate([unloaded], [loaded], arm, compare=False)
-    end_forces(found.arm, loaded)
+    run, _ = read_run(folder / f'{RECORDING}.mcap', arm.target_arclength.size)
+    inputs = steady_inputs(arm, run.thin(FRAMES))
+    model = ForwardModel(arm.target_arclength)
+    model.solve(arm, inputs)
+    model.load_jacobian(arm, inputs)

@@ -11,7 +11,7 @@ import sys
 
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.diagnosis.experiment_design import Experiment
-from pneunet_ros.diagnosis.exploration import SafeSet
+from pneunet_ros.exploration.safe_set import SafeSet
 
 NODE = 'pneunet_ros.nodes.experiment'
 

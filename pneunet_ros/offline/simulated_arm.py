@@ -10,7 +10,8 @@ from numpy.polynomial import legendre
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import quantities
 from pneunet_ros.diagnosis.experiment_design import Experiment
-from pneunet_ros.diagnosis.exploration import EXPLORATION, ExplorationSettings, SafeSet
+from pneunet_ros.exploration.safe_set import SafeSet
+from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
 from pneunet_ros.lab.lab_arm import LabArm
 from pneunet_ros.lab.lab_recording import LabMemory
 from pneunet_ros.lab.protocols import Corners

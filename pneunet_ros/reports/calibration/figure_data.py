@@ -52,7 +52,10 @@ def figure_data(calibration: Calibration, on_progress: OnProgress) -> FigureData
     """Work out what the pictures show."""
     fit = calibration.joint
     if fit.arm.target_arclength.size != calibration.arm.target_arclength.size:  # a pose of the tip
-        arm = replace(calibration.arm, target_arclength=fit.arm.target_arclength)
+        arm, covariance = calibration.arm, calibration.arm.covariance
+        if covariance is not None:
+            covariance = replace(covariance, placement=None)
+        arm = replace(arm, target_arclength=fit.arm.target_arclength, covariance=covariance)
         calibration = replace(calibration, arm=arm)
     states = [(item.run, find_steady_states(item, fit.arm)) for item in fit.runs]
     free = [state for run, of_run in states if not run.loaded for state in of_run]

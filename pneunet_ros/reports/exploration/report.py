@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.units import kilopascals, millimeters
-from pneunet_ros.diagnosis.exploration import NOTHING, Round, SafeSet
+from pneunet_ros.exploration.exploration import Round
+from pneunet_ros.exploration.rivals import NOTHING
+from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.files.json_text import plain
 from pneunet_ros.reports.calibration.tables import flat
 from pneunet_ros.reports.figure import Picture, picture

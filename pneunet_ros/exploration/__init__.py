@@ -1,0 +1,1 @@
+"""The next recording: what is still possible, and which experiment tells it apart."""

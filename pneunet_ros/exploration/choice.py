@@ -1,0 +1,184 @@
+"""Which experiment next: the one with the largest expected divergence between rivals per second.
+
+Box and Hill (1967), with the covariance of all recordings so far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+import itertools
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.diagnosis import Investigation
+from pneunet_ros.diagnosis.experiment_design import Experiment, linearize_experiments
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
+from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
+from pneunet_ros.exploration.experiments import experiments
+from pneunet_ros.exploration.rivals import (
+    NOTHING,
+    rival_candidates,
+    size_moments,
+    trial_in_question,
+)
+from pneunet_ros.exploration.safe_set import SafeSet
+from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """An experiment, and what it is worth: expected divergence per second, and between whom.
+
+    divergence: by pair of rivals, in log probability.
+    """
+
+    experiment: Experiment
+    seconds: float
+    rate: float
+    divergence: Mapping[tuple[str, str], float]
+
+    @property
+    def words(self) -> str:
+        """Which rivals it tells apart most, in words."""
+        if not self.divergence:
+            return 'to begin with'
+        pair = max(self.divergence, key=self.divergence.__getitem__)
+        return f'it would tell {pair[0]} from {pair[1]} best'
+
+
+def next_choice(
+    found: Investigation,
+    rivals: Mapping[str, float],
+    safe: SafeSet,
+    recorded: int,
+    settings: ExplorationSettings = EXPLORATION,
+    diagnosis_settings: DiagnosisSettings = DEFAULTS,
+) -> Choice:
+    """Return the experiment of the largest expected divergence per second."""
+    ranked = ranked_choices(found, rivals, safe, settings, diagnosis_settings)
+    if ranked:
+        return ranked[0]
+    return choice_in_order(recorded)  # nothing settled: what was not recorded yet may help
+
+
+def choice_in_order(recorded: int) -> Choice:
+    """Return the experiment whose turn it is after so many recordings."""
+    items = tuple(experiments())
+    item = items[(recorded - 1) % len(items)]
+    return Choice(experiment=item, seconds=item.seconds, rate=0.0, divergence={})
+
+
+def ranked_choices(
+    found: Investigation,
+    rivals: Mapping[str, float],
+    safe: SafeSet,
+    settings: ExplorationSettings = EXPLORATION,
+    diagnosis_settings: DiagnosisSettings = DEFAULTS,
+) -> list[Choice]:
+    """Return all experiments with what they are worth, the best first."""
+    trial = trial_in_question(found)
+    if found.selection is None or trial is None:
+        return []
+    items = tuple(experiments())
+    design = replace(diagnosis_settings.experiment_design, frames=settings.frames)
+    refit = trial.refit
+    linearization = linearize_experiments(refit, items, (safe.low, safe.high), safe.force, design)
+    candidates = rival_candidates(found.selection, trial)
+    tried = (
+        None
+        if linearization is None
+        else informations(linearization, refit, candidates, diagnosis_settings)
+    )
+    if tried is None:
+        return []
+    known, after = tried
+    names = [item.name for item in candidates]
+    squares = np.array([mean**2 + variance for mean, variance in map(size_moments, candidates)])
+    choices = []
+    for item, inner in zip(items, after, strict=True):
+        gained = np.maximum(separations(inner) - separations(known), 0.0)
+        divergence = pair_divergences(names, squares, gained)
+        weighted = {
+            (one, other): rivals[one] * rivals[other] * value
+            for (one, other), value in divergence.items()
+        }
+        choices.append(
+            Choice(
+                experiment=item,
+                seconds=item.seconds,
+                rate=sum(weighted.values()) / item.seconds,
+                divergence=weighted,
+            )
+        )
+    return sorted(choices, key=lambda item: -item.rate)
+
+
+def informations(
+    linearization: Linearization,
+    refit: Refit,
+    candidates: Sequence[Candidate],
+    settings: DiagnosisSettings,
+) -> tuple[Array, list[Array]] | None:
+    """Return the inner products of the effects' directions (n, n), all else fitted jointly.
+
+    In the training runs, and in them with each experiment. None where the arm has no shape.
+    """
+    at_fit = linearize_all_runs(linearization, refit, settings.refit)
+    if at_fit is None or not candidates:
+        return None
+    residuals, gaussian = at_fit[0].residuals, at_fit[1]
+    directions = [
+        effect_direction(linearization, refit, residuals, item.hypothesis.effect(item.tried))
+        for item in candidates
+    ]
+    none = [np.zeros(values.size) for values in residuals]
+    columns = [
+        np.column_stack([(none if item is None else item)[run] for item in directions])
+        for run in range(len(residuals))
+    ]
+
+    def inner(kept: Sequence[int]) -> Array:
+        part = GaussianModel.of(
+            [gaussian.columns[which] for which in kept],
+            [gaussian.residuals[which] for which in kept],
+            gaussian.position,
+            [gaussian.grams[which] for which in kept],
+        )
+        some = [columns[which] for which in kept]
+        return part.inner(some, some)
+
+    training = list(range(linearization.training))
+    further = range(linearization.training, len(residuals))
+    return inner(training), [inner([*training, which]) for which in further]
+
+
+def separations(inner: Array) -> Array:
+    """Return chi squared (n, n + 1) of each effect beside each other one, and beside none."""
+    own = np.diag(inner)
+    explained = inner**2 / np.maximum(own, 1e-300)[None, :]
+    beside = np.maximum(own[:, None] - explained, 0.0)
+    return np.column_stack([beside, own])
+
+
+def pair_divergences(
+    names: Sequence[str], squares: Array, gained: Array
+) -> dict[tuple[str, str], float]:
+    """Return the expected divergence of every two rivals, in log probability.
+
+    The sizes of effects are not known: integrated over them, chi squared c that is expected of an
+    effect diverges by log(1 + c) / 2 from what lacks it (Lindley, 1956). Of two effects either may
+    be the true one.
+
+    squares (n,): expected square of each size; gained (n, n + 1): chi squared per square of size
+    that an experiment adds, as of `separations`.
+    """
+    worth = 0.5 * np.log1p(squares[:, None] * gained)
+    found = {(name, NOTHING): float(worth[place, -1]) for place, name in enumerate(names)}
+    for one, other in itertools.combinations(range(len(names)), 2):
+        both = 0.5 * (worth[one, other] + worth[other, one])
+        found[names[one], names[other]] = float(both)
+    return found

@@ -1,0 +1,98 @@
+"""Record, diagnose, choose the next recording, until there is a name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+from pneunet_ros.calibration.held_out import score
+from pneunet_ros.core.progress import OnProgress, say_nothing
+from pneunet_ros.diagnosis.diagnosis import investigate, Investigation
+from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
+from pneunet_ros.exploration.choice import Choice, choice_in_order, next_choice
+from pneunet_ros.exploration.experiments import BEGINNING
+from pneunet_ros.exploration.rivals import named_effects, rival_probabilities
+from pneunet_ros.exploration.safe_set import SafeSet
+from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
+from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.model.arm import Arm
+
+Record = Callable[[Experiment, SafeSet, int], RecordingData]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Round:
+    """One recording, and what is known after it.
+
+    choice: what was recorded and why; rivals: what is still possible, probability by name;
+    predicted: rms (m) at which the model of the round before predicts this recording, of which it
+    knew nothing; None in the first round.
+    """
+
+    choice: Choice
+    run: RecordingData
+    found: Investigation
+    rivals: Mapping[str, float]
+    predicted: float | None
+
+    @property
+    def diagnosis(self) -> Diagnosis | None:
+        """The diagnosis of all recordings so far; None where it did not settle."""
+        found = self.found.diagnosis
+        return found if isinstance(found, Diagnosis) else None
+
+
+def explore(
+    model: Arm,
+    record: Record,
+    safe: SafeSet,
+    *,
+    seed: int = 0,
+    in_order: bool = False,
+    on_progress: OnProgress = say_nothing,
+    settings: ExplorationSettings = EXPLORATION,
+    diagnosis_settings: DiagnosisSettings = DEFAULTS,
+) -> Iterator[Round]:
+    """Record, diagnose and choose, until there is a name or the budget is used up.
+
+    Args:
+        model: the arm, with the effects that are known already.
+        record: makes a recording: an experiment, what is safe, and the number of the recording
+            from 0 on. Its stamps must come after those of the recordings before.
+        safe: what may be done to the arm.
+        seed: of the simulated clean data behind the thresholds of the diagnosis.
+        in_order: take the experiments one after the other, without a choice, to compare with.
+        on_progress: called with what is done, how far, and of how much (0 = unknown).
+        settings: the numbers by which it decides.
+        diagnosis_settings: those of the diagnosis.
+
+    Yields:
+        Every round, the last one with the answer. It ends at a name that stayed when a recording
+        came that had no part in it, or when the budget is used up.
+
+    """
+    runs: list[RecordingData] = []
+    choice = Choice(experiment=BEGINNING, seconds=BEGINNING.seconds, rate=0.0, divergence={})
+    before: Diagnosis | None = None
+    names: list[frozenset[str]] = []
+    while len(runs) < settings.recordings:
+        on_progress(f'recording {len(runs) + 1}: {choice.experiment.words}', 0, 0)
+        run = record(choice.experiment, safe, len(runs))
+        predicted = None if before is None else score(before.after.arm, run).rms
+        runs.append(run)
+        found = investigate(
+            model, runs, [], seed=seed, on_progress=on_progress, settings=diagnosis_settings
+        )
+        rivals = rival_probabilities(found)
+        yield Round(choice=choice, run=run, found=found, rivals=rivals, predicted=predicted)
+        before = found.diagnosis if isinstance(found.diagnosis, Diagnosis) else before
+        names.append(named_effects(found))
+        if names[-1] and len(names) >= settings.stays and len({*names[-settings.stays :]}) == 1:
+            return
+        on_progress('the next recording', 0, 0)
+        if in_order:
+            choice = choice_in_order(len(runs))
+        else:
+            choice = next_choice(found, rivals, safe, len(runs), settings, diagnosis_settings)

@@ -1,0 +1,43 @@
+"""What may be done to an arm while it is explored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.diagnosis.experiment_design import Experiment
+from pneunet_ros.model.arm import Arm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafeSet:
+    """What may be done to the arm: gauge pressure (Pa) from low to high, force (N) at most."""
+
+    low: float
+    high: float
+    force: float
+
+    def __post_init__(self) -> None:
+        """Check the order."""
+        if not (self.low < self.high and self.force >= 0.0 and math.isfinite(self.force)):
+            raise RequestError(
+                f'the safe set goes from {self.low:g} to {self.high:g} Pa with at most '
+                f'{self.force:g} N: pressures must rise, and the force be 0 or more'
+            )
+
+    @classmethod
+    def of(cls, arm: Arm, usual_force: float) -> SafeSet:
+        """Return what a model was calibrated to; the force where it was never loaded."""
+        low, high = arm.pressure_range
+        loads = np.zeros((0, 2)) if arm.domain is None else arm.domain.end_load[:, :2]
+        force = float(np.hypot(*loads.T).max()) if loads.size else usual_force
+        return cls(low=max(low, 0.0), high=high, force=force or usual_force)
+
+    def corners(self, experiment: Experiment) -> Array:
+        """Return the corners (k, 4) of an experiment: time s, pressure Pa, F1 and F2 N."""
+        time, share, x, y = np.array(experiment.corners, dtype=np.float64).T
+        pressure = self.low + (self.high - self.low) * share
+        return np.column_stack([time, pressure, self.force * x, self.force * y])

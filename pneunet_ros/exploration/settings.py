@@ -1,0 +1,20 @@
+"""The numbers by which a search for the next recording decides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pneunet_ros.core.settings import tuning
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExplorationSettings:
+    """When a search for the next recording ends, and how it chooses."""
+
+    recordings: int = tuning(8, 'recordings at most: the fixed protocol of the lab has as many')
+    stays: int = tuning(2, 'rounds in a row with the same name, so that a new one tests it')
+    frames: int = tuning(30, 'frames of an experiment that is tried out')
+    between: float = tuning(2.0, 'pause between recordings', unit='s')
+
+
+EXPLORATION = ExplorationSettings()
