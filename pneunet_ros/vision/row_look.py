@@ -74,6 +74,9 @@ class RowLookSettings:
     seen_cut: float = tuning(
         0.5, 'the same, where nothing covers its inside', source='measured: 0.54 of a cut tip'
     )
+    seen_short: float = tuning(
+        0.85, 'the same, short of the end of the arm', source='measured: 0.8 of a false one'
+    )
     inside: float = tuning(0.95, 'share of the inside that is seen where nothing covers it')
     appeared: float = tuning(
         0.25, 'the same, off where the row is, of a doubtful one', unit='radius'
@@ -176,9 +179,7 @@ def _looks_of(
     return starts
 
 
-def short_of_end(
-    expected: Array, places: Array, settings: RowLookSettings = ROW_LOOK
-) -> Array:
+def short_of_end(expected: Array, places: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
     """Return outlines of which that of the last target ends where the arm may end.
 
     expected: as `looks_of_neighbors`; places (targets, 2) px, along the row. While it moves far,
@@ -193,7 +194,9 @@ def short_of_end(
     smear = last[[SMEAR_U, SMEAR_V]]
     if math.hypot(*smear) > settings.swept * radius:
         last[[END_U, END_V]] = along
-        last[END] = settings.ends * radius - settings.clear * last[WIDTH] - 0.5 * abs(along @ smear)
+        last[END] = (
+            settings.ends * radius - settings.clear * last[WIDTH] - 0.5 * abs(along @ smear)
+        )
     return outlines
 
 
@@ -276,6 +279,8 @@ def believable_parts(
     alike &= blurred <= settings.blur + settings.blur_moved * moved
     least = np.where(found[:, FILLED] >= settings.inside, settings.seen_cut, settings.seen)
     edge = (share >= settings.whole) | (found[:, SEEN] >= least)
+    # All that covers it is left out: nearly all of the edge that is looked at must be its own.
+    edge &= np.isinf(expected[:, END]) | (found[:, SEEN] >= settings.seen_short)
     within = found[:, BEYOND] <= settings.beyond
     size = share_of_area(found, expected)
     differs = settings.differ * 2.0 * expected[:, SIZE_STD]

@@ -195,7 +195,7 @@ def with_partial(
         partial &= ~same
     found = np.full_like(row.table, np.nan)
     before_end = short_of_end(expected, starts[0], settings)
-    at_end = np.isfinite(before_end[:, END])
+    at_end, ended = np.isfinite(before_end[:, END]), False
     for places in starts:
         for outline, looked_at in ((expected, partial), (before_end, partial & at_end)):
             outline[:, [CENTER_U, CENTER_V]] = places
@@ -203,6 +203,7 @@ def with_partial(
             part = _parts_at(view, row, usual, there, outline, last)
             better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
             found[better] = part[better]
+            ended = bool(better[-1]) and outline is before_end or ended and not better[-1]
     believed = np.isfinite(found[:, U])
     # What is neither as large as it has been, nor a part of what its neighbors are, is something
     # else.
@@ -211,7 +212,12 @@ def with_partial(
         return row
     table = np.where(believed[:, None], found, row.table)
     table[other] = np.nan
-    return gate_row(view, table, usual, last, believed)
+    gated = gate_row(view, table, usual, last, believed)
+    if ended and np.isnan(gated.std[-2]):
+        # Of half of its edge alone, beyond a gap: what is behind the arm may look like that.
+        table[-1] = np.nan
+        gated = gate_row(view, table, usual, last, believed)
+    return gated
 
 
 def _parts_at(
