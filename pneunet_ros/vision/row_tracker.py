@@ -203,7 +203,7 @@ def with_partial(
             part = _parts_at(view, row, usual, there, outline, last)
             better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
             found[better] = part[better]
-            ended = bool(better[-1]) and outline is before_end or ended and not better[-1]
+            ended = (bool(better[-1]) and outline is before_end) or (ended and not better[-1])
     believed = np.isfinite(found[:, U])
     # What is neither as large as it has been, nor a part of what its neighbors are, is something
     # else.
