@@ -298,7 +298,7 @@ def part_stds(found: Array, expected: Array, settings: RowLookSettings = ROW_LOO
     smaller one fits as well. One whose level or blur is further off than neighbors allow for is
     not what is drawn: the error of the fit is larger by as many times.
     """
-    along = np.where(np.isfinite(expected[:, END]), 0.0, _error_along(found, settings))
+    along = _error_along(found, settings)
     size = settings.size_error * expected[:, SIZE_STD] * np.sqrt(found[:, AREA] / math.pi)
     level = np.abs(found[:, LEVEL] - expected[:, PLATEAU]) / expected[:, PLATEAU_STD]
     blur = np.abs(found[:, BLUR] - expected[:, WIDTH]) / expected[:, WIDTH_STD]
