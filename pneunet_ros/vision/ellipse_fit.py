@@ -40,7 +40,7 @@ PLATEAU, BEHIND = 8, 9
 # radius) are known, one sigma; infinite of a plateau that is not known.
 SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD, SIZE_STD = range(10, 15)
 # Only before: which way (a unit vector) something ends there, and how many px from the center
-# pixels take part that way; infinite where all do.
+# pixels take part that way; infinite where all do. 0 after.
 END_U, END_V, END = range(15, 18)
 # Only after: std of the center px; share near the ellipse of the edge that can be seen, and share
 # exactly on it of all the edge; share of what is within that is as bright as it is drawn; share of
@@ -684,6 +684,7 @@ def _results(
     fitted[:, ON_EDGE] = np.count_nonzero(on_edge, axis=1) / settings.sectors
     outside = clear & (edges > near + 2.0 * stds)
     fitted[:, OUTSIDE] = np.count_nonzero(outside, axis=1) / settings.sectors
+    fitted[:, [END_U, END_V, END]] = 0.0
     return fitted
 
 
