@@ -200,6 +200,8 @@ def with_partial(
         for outline, looked_at in ((expected, partial), (before_end, partial & at_end)):
             outline[:, [CENTER_U, CENTER_V]] = places
             there = looked_at & np.isfinite(places[:, 0])
+            if not there.any():
+                continue
             part = _parts_at(view, row, usual, there, outline, last)
             better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
             found[better] = part[better]
