@@ -477,8 +477,8 @@ def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
     share, names = item.gain / best.record.gain, ' + '.join(best.names)
     return (
         f'{item.name} beside {names} would take {item.gain:.0f} more from chi squared, '
-        f'{share:.1%} of what is explained: the law of a strong effect may miss as much, so it has no name; '
-        f'recordings in which {names} shows less would tell',
+        f'{share:.1%} of what is explained: the law of a strong effect may miss as much, '
+        f'so it has no name; recordings in which {names} shows less would tell',
     )
 
 
