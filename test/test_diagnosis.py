@@ -19,6 +19,7 @@ from pneunet_ros.diagnosis.diagnosis import (
     diagnose,
     effect_probabilities,
     is_settled,
+    notes_on_rest,
     passes_alike,
     Verdict,
 )
@@ -299,6 +300,16 @@ def test_sets_that_explain_as_much_are_said_as_sets():
     assert describe_verdict(single, before, after).startswith(
         'The model lacks creep or gravity, which cannot be distinguished with these data: '
     )
+
+
+def test_what_is_too_faint_beside_a_strong_effect_is_said_without_a_name():
+    best = SimpleNamespace(names=('hysteresis',), record=SimpleNamespace(gain=20000.0))
+    faint = SimpleNamespace(name='camera_scale', gain=200.0)
+    (note,) = notes_on_rest(SimpleNamespace(significant_candidate=lambda _: faint), best)
+    assert note.startswith(
+        'camera_scale beside hysteresis would take 200 more from chi squared, 1.0% of what'
+    )
+    assert notes_on_rest(SimpleNamespace(significant_candidate=lambda _: None), best) == ()
 
 
 def test_what_passes_alike():

@@ -336,7 +336,7 @@ def decide(
         probability=effect_probabilities(
             [best.record, *rivals], settings, confirmed=not confirmation.untested
         ),
-        notes=confirmation.untested,
+        notes=(*confirmation.untested, *notes_on_rest(selection, best)),
     )
 
 
@@ -466,6 +466,19 @@ def closest_notes(best: Record, objections: Sequence[str] = ()) -> tuple[str, ..
     return (
         f'closest is {names}, which reduces chi squared by {best.gain:.0f}; it is not named: '
         f'{"; ".join(objections)}',
+    )
+
+
+def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
+    """Say what else could be missing, too faint beside a strong effect to have a name."""
+    item = selection.significant_candidate(best)
+    if item is None:
+        return ()
+    share, names = item.gain / best.record.gain, ' + '.join(best.names)
+    return (
+        f'{item.name} beside {names} would take {item.gain:.0f} more from chi squared, '
+        f'{share:.1%} of what is explained: the law of a strong effect may miss as much, '
+        f'so it has no name; recordings in which {names} shows less would tell',
     )
 
 

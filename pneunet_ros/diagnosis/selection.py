@@ -190,17 +190,28 @@ class Selection:
 
     def has_significant_candidate(self, trial: Trial) -> bool:
         """Whether another effect has a significant score on top of these."""
-        candidates, level = self.score_candidates(trial), self.settings.lack_of_fit.level
-        settings = self.settings.selection
-        needed = max(
-            settings.least_gain,
-            largest_clean_score(
-                trial.refit.gaussian, candidates, level, self.seed, self.settings.score_test
-            ),
+        faint = self.significant_candidate(trial)
+        if faint is None or not is_adequate(trial.record.tests, self.settings.lack_of_fit.level):
+            return faint is not None
+        return faint.gain > self.settings.selection.next_gain * trial.record.gain
+
+    def significant_candidate(self, trial: Trial) -> Candidate | None:
+        """Return the effect with the best score on top of these, None where noise has as much.
+
+        It may be what the laws of these miss.
+        """
+        candidates, settings = self.score_candidates(trial), self.settings
+        if not candidates:
+            return None
+        noise = largest_clean_score(
+            trial.refit.gaussian,
+            candidates,
+            settings.lack_of_fit.level,
+            self.seed,
+            settings.score_test,
         )
-        if is_adequate(trial.record.tests, level):
-            needed = max(needed, settings.next_gain * trial.record.gain)
-        return bool(candidates) and candidates[0].gain > needed
+        needed = max(settings.selection.least_gain, noise)
+        return candidates[0] if candidates[0].gain > needed else None
 
     def add_effect(self, base: Trial, trial: Trial, *, thorough: bool) -> Trial | None:
         """Return the best set with one effect more; None where none is good enough.
