@@ -88,6 +88,23 @@ def test_harmless_departures_move_points_by_their_tolerance_together():
     assert np.array_equal(found.tolerance > 0.0, np.any(felt, axis=0))
 
 
+def test_a_frame_without_a_shape_counts_nothing_and_harmless_departures_stay():
+    found = design()
+    loaded = next(which for which, run in enumerate(found.runs) if run.loaded)
+    run = found.runs[loaded]
+    pressure = run.pressure.copy()
+    pressure[run.reading[5]] = 1e6  # Pa, far beyond what the curvature is known for
+    runs = [*found.runs[:loaded], replace(run, pressure=pressure), *found.runs[loaded + 1 :]]
+    lost = found.at(found.point, runs)
+    block = lost.blocks[loaded]
+    assert np.flatnonzero(~block.fitted.solved).tolist() == [5]
+    assert all(np.isfinite(columns).all() for columns in lost.fixed)
+    rows = lost.fixed[loaded].reshape(FRAMES, -1)
+    assert np.abs(block.whitening(block.fields.generic)[5]).max() == 0.0
+    assert np.abs(rows[4]).max() > 0.0
+    assert np.array_equal(lost.tolerance > 0.0, found.tolerance > 0.0)
+
+
 def test_what_was_not_seen_counts_nothing():
     found = design()
     hidden = ~np.concatenate([np.repeat(run.seen[:, None], 2, axis=1).ravel()

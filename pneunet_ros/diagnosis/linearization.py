@@ -236,10 +236,11 @@ class Linearization:
     def tolerances(self) -> Array:
         """Return the size of every generic field that is harmless, (fields,).
 
-        Together they move the points by `settings.tolerance` of the length, root mean square.
+        Together they move the points by `settings.tolerance` of the length, root mean square, in
+        frames that have a shape.
         """
         fields = [block.fields.generic for block in self.blocks]
-        squares = sum(np.sum(field**2, axis=(0, 1)) for field in fields)
+        squares = sum(np.nansum(field**2, axis=(0, 1)) for field in fields)
         rows = sum(field.shape[0] * field.shape[1] for field in fields)
         rms = np.sqrt(np.asarray(squares) / rows)
         tolerance = self.settings.tolerance * self.length / np.sqrt(rms.size)

@@ -69,6 +69,11 @@ class FittedRun:
             parts.append(np.isfinite(self.run.heading)[:, None])
         return np.concatenate(parts, axis=1) & self.solved[:, None]
 
+    def counting(self, solved: npt.NDArray[np.bool_]) -> FittedRun:
+        """Return the run of which only these frames (frames,) count."""
+        run = replace(self, solved=solved)
+        return replace(run, dof=np.count_nonzero(run.counted, axis=1))
+
     def whiten_residual(self, whitening: Whitening, tangent: Array) -> Array:
         """Return the whitened residual (frames, coordinates); tangent as of `RunLinearization`."""
         residual = self.residual.reshape(len(self.solved), -1)
@@ -122,7 +127,7 @@ def predict(
         dof=np.zeros(len(solved), dtype=np.int64),
         solved=solved,
     )
-    return replace(fitted, dof=np.count_nonzero(fitted.counted, axis=1)), moving
+    return fitted.counting(solved), moving
 
 
 def parameter_jacobian(
@@ -147,10 +152,14 @@ def linearize(
     starts. ModelError where there is no such arm.
     """
     arm = parameters.arm(values)
-    fitted, _ = predict(model, arm, run, inputs, disturbance)
+    fitted, moving = predict(model, arm, run, inputs, disturbance)
     load_error = probable_load_errors(model, arm, run, inputs, fitted.disturbance, noise)
-    inputs = inputs.with_loads(inputs.loads + load_error)
-    there, moving = predict(model, arm, run, inputs, disturbance)
+    there = fitted
+    if load_error.any():
+        inputs = inputs.with_loads(inputs.loads + load_error)
+        there, moving = predict(model, arm, run, inputs, disturbance)
+        solved = fitted.solved & there.solved
+        fitted, there = fitted.counting(solved), there.counting(solved)
     fields = model.jacobian(arm, inputs, parameters.columns)
     by_input = as_points(fields)
     moving = moving.reshape(*by_input.shape[:2], -1)
