@@ -16,7 +16,7 @@ import signal
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import rclpy
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -60,13 +60,17 @@ class SoftWall(Node):
 def main() -> None:
     # ROS must still be there after the signal, to take the load away.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # It ends nothing by itself: an exception in the middle of a call of ROS is no clean end.
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: stopped.append(number))
     node = SoftWall()
     node.get_logger().info('a soft wall stands in the way')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     try:
-        rclpy.spin(node, SingleThreadedExecutor())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        while not stopped:
+            executor.spin_once(timeout_sec=0.1)
     finally:
         node.push(0.0)
         node.loads.wait_for_all_acked(Duration(seconds=1.0))

@@ -21,7 +21,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import FluidPressure
@@ -198,12 +198,16 @@ class TipControllerNode(Node):
 def main() -> None:
     # ROS must still be there after the signal, to vent the arm.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # It ends nothing by itself: an exception in the middle of a call of ROS is no clean end.
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: stopped.append(number))
     node = TipControllerNode()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     try:
-        rclpy.spin(node, SingleThreadedExecutor())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        while not stopped:
+            executor.spin_once(timeout_sec=0.1)
     finally:
         # A valve holds what it was last told, so the arm is vented before leaving. Against a
         # process that is killed the valve must guard itself.
