@@ -217,6 +217,15 @@ class Subject(abc.ABC):
         self.expected[reason] += count
         self.rejected[reason] += count
 
+    def send_pressure(self, stamp_ns: int, value: float, reason: str) -> None:
+        """Send a pressure; reason: why it is rejected, empty where it must be answered."""
+        self.sent += 1
+        if reason:
+            self.expect(reason)
+        else:
+            self.due.add(stamp_of(stamp_ns))
+        self.publishers['pressure'].publish(pressure_message(stamp_ns, value))
+
     def end(self, number: int) -> None:
         """End its process by a signal, in the middle of things."""
         kept = self.memory[WARM_ROUNDS:]
@@ -273,14 +282,9 @@ class Estimator(Subject):
 
     def pressure(self, stamp_ns: int, value: float | None = None, reason: str = '') -> None:
         """Send a pressure that must be answered, or is rejected for a reason."""
-        self.sent += 1
-        if value is None:
-            value = 30e3 + 20e3 * math.sin(1e-9 * stamp_ns)
-        if reason:
-            self.expect(reason)
-        else:
-            self.due.add(stamp_of(stamp_ns))
-        self.publishers['pressure'].publish(pressure_message(stamp_ns, value))
+        self.send_pressure(
+            stamp_ns, 30e3 + 20e3 * math.sin(1e-9 * stamp_ns) if value is None else value, reason
+        )
 
     def introduce(self) -> None:
         """Nothing: a reading stands for itself."""
@@ -423,12 +427,7 @@ class Fusion(Subject):
 
     def pressure(self, stamp_ns: int, value: float = 30e3, reason: str = '') -> None:
         """Send a pressure that must be answered, or is rejected for a reason."""
-        self.sent += 1
-        if reason:
-            self.expect(reason)
-        else:
-            self.due.add(stamp_of(stamp_ns))
-        self.publishers['pressure'].publish(pressure_message(stamp_ns, value))
+        self.send_pressure(stamp_ns, value, reason)
 
     def introduce(self) -> None:
         """Show a frame, and wait until it is there: without one the tip is not known."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
-from pneunet_ros.measurement.probable_load import FURTHEST, probable_load_errors
+from pneunet_ros.measurement.probable_load import PROBABLE_LOAD, probable_load_errors
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import made, USUAL
@@ -50,7 +50,7 @@ def test_targets_say_what_the_sensor_misread_where_the_arm_is_compliant():
 
 def test_what_no_noise_explains_is_not_taken_for_noise():
     assert not misread(error=20.0 * MISREAD)[2][:2].any()
-    assert np.abs(misread()[2]).max() < FURTHEST * USUAL.force_std
+    assert np.abs(misread()[2]).max() < PROBABLE_LOAD.furthest * USUAL.force_std
 
 
 def test_a_known_load_and_no_load_have_no_errors():

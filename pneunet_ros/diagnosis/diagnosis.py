@@ -182,13 +182,13 @@ def investigate(
 
 
 def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
-    """Whether a step more would gain next to nothing: as of a calibration, or beside the cost.
+    """Whether a step more would gain next to nothing: as of a calibration, or beside the misfit.
 
     Of a model that lacks a strong effect the cost need not come to rest from one linearization to
     the next, so that is not asked.
     """
     nearly = 0.5 * settings.calibration.map_estimation.nearly**2
-    return fit.gain < max(nearly, settings.base_fit.unsettled * fit.cost)
+    return fit.gain < max(nearly, settings.base_fit.unsettled * fit.misfit)
 
 
 def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> UnsettledDiagnosis:

@@ -45,6 +45,11 @@ class Refit:
         return bounds.hold(gaussian.step, gaussian.gain, gaussian.solved)[1]
 
     @property
+    def misfit(self) -> float:
+        """The cost without the volume of errors: half of chi squared and prior."""
+        return self.cost - sum(self.gaussian.log_volumes)
+
+    @property
     def effects(self) -> tuple[Effect, ...]:
         """The effects with the fitted numbers."""
         return effects_of(self.hypotheses, self.numbers)

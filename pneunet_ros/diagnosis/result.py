@@ -127,7 +127,8 @@ class Shift:
 class Evidence:
     """What speaks for an effect, or for several together.
 
-    chi_squared: by how much the fit to the training recordings gets better; evidence: the gain in
+    chi_squared: by how much the fit to the training recordings gets better, prior and volume of
+    the errors counted; evidence: the gain in
     log probability of every recording predicted from the others, summed, NaN where only the score
     was tested; adequate: the residuals are then consistent with noise; alike: effects that cannot
     be distinguished from these with these data.

@@ -26,13 +26,14 @@ from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, Selectio
 class Record:
     """What came of effects that were fitted jointly.
 
-    dof: their numbers; evidence over the base, in log probability; gain in chi squared; tests:
-    what they leave; plausible: no size is far beyond its prior range. outside_prior: sentences on
-    parameters beyond theirs. run_chi_squared: of the whitened residuals of each run, held-out ones
-    too, and coordinates: their number. log_probability: of the training runs, without: of all but
-    each in turn, both linearized at the fit to all; predicted: of the held-out runs given the
-    training ones; nonuniform: of the training runs where the arm may bend unevenly along it, None
-    where its curvature is free there. held_out (rows,): whitened residuals of held-out runs.
+    dof: their numbers; evidence over the base, in log probability; gain in chi squared, with
+    prior and volume of the errors; tests: what they leave; plausible: no size is far beyond
+    its prior range. outside_prior: sentences on parameters beyond theirs. run_chi_squared: of
+    the whitened residuals of each run, held-out ones too, and coordinates: their number.
+    log_probability: of the training runs, without: of all but each in turn, both linearized at
+    the fit to all; predicted: of the held-out runs given the training ones; nonuniform: of the
+    training runs where the arm may bend unevenly along it, None where its curvature is free
+    there. held_out (rows,): whitened residuals of held-out runs.
     """
 
     names: tuple[str, ...]

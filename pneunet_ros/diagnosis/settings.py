@@ -19,7 +19,7 @@ class BaseFitSettings:
 
     frames: int = tuning(48, 'frames of every run; neighbors differ by white noise alone')
     first_frames: int = tuning(24, 'frames of every run for the fit of the base model')
-    unsettled: float = tuning(1e-3, 'gain of a step more that is no answer', unit='of cost')
+    unsettled: float = tuning(1e-3, 'gain of a step more that is no answer', unit='of misfit')
     harmless_camera: float = tuning(5e-4, 'camera motion that is no finding', unit='length')
 
 

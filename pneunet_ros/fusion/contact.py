@@ -194,12 +194,12 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     step = (fit.jacobian.T @ (left - weighed * force)).T - fit.trial.xi
     low, high = np.array(problem.settings.contact_places) * arm.length
     gain = np.where((place >= low) & (place <= high), score * force, 0.0)
-    moved, weighed_move = (
+    slide, weighed_slide = (
         force * np.gradient(side, place, axis=1) for side in (pushes.T, weighed)
     )
-    anywhere = 12.0 / arm.length**2
-    both = np.sum(moved * weighed, axis=0)
-    volume = information * (np.sum(moved * weighed_move, axis=0) + anywhere) - both**2
+    anywhere = 12.0 / arm.length**2  # 1 / variance of a place that may be any
+    both = np.sum(slide * weighed, axis=0)
+    volume = information * (np.sum(slide * weighed_slide, axis=0) + anywhere) - both**2
     evidence = gain - np.log(volume / (prior * anywhere))
     return PushScores(place=place, force=force, gain=gain, evidence=evidence, step=step)
 

@@ -84,7 +84,7 @@ from pneunet_ros.solver.columns import LOADS
 Event = Reading | TargetSightings
 OTHER_TARGETS = (
     'the targets are not painted where the calibration found them: what it knows of their places '
-    'is not used (without covariance.placement in the model file it never is)'
+    'is not used; calibrate anew, or take covariance.placement out of the model file'
 )
 
 

@@ -60,8 +60,17 @@ def chi_squared(residual: Array, std: float | Array, columns: Array) -> Array:
     """
     residual = residual / std
     columns = columns / np.broadcast_to(std, residual.shape)[..., None]
+    along, errors = probable_errors(residual, columns)
+    return np.asarray(np.sum(residual**2, axis=-1) - np.sum(along * errors, axis=-1))
+
+
+def probable_errors(residual: Array, columns: Array) -> tuple[Array, Array]:
+    """Return P^T r and the most probable common errors (1 + P^T P)^-1 P^T r, (..., errors) sigma.
+
+    residual (..., coordinates) and columns P (..., coordinates, errors), both over the std of the
+    white noise.
+    """
     transposed = np.swapaxes(columns, -1, -2)
     along = np.matmul(transposed, residual[..., None])
     small = np.eye(columns.shape[-1]) + np.matmul(transposed, columns)
-    explained = np.sum(along * np.linalg.solve(small, along), axis=(-1, -2))
-    return np.asarray(np.sum(residual**2, axis=-1) - explained)
+    return along[..., 0], np.linalg.solve(small, along)[..., 0]

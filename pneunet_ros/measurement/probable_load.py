@@ -7,8 +7,12 @@ that reading and targets together make most probable.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.measurement.covariance import probable_errors
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
@@ -16,10 +20,22 @@ from pneunet_ros.measurement.noise_model import attached_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 
-ROUNDS = 2  # of Gauss-Newton: what is left after them is a line
-# Sigma of a reading: what is further off is little by little, and from twice as far wholly, taken
-# for the error of a model that is not fitted yet.
-FURTHEST = 3.0
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProbableLoadSettings:
+    """How the most probable load is searched, and from when on it is no error of a reading."""
+
+    rounds: int = tuning(2, 'of Gauss-Newton', source='what is left after them is a line')
+    furthest: float = tuning(
+        3.0,
+        'that noise is a reading off; what is further is little by little, and from twice as far '
+        'wholly, taken for the error of a model that is not fitted yet',
+        unit='sigma',
+        source='invented',
+    )
+
+
+PROBABLE_LOAD = ProbableLoadSettings()
 
 
 def probable_load_errors(
@@ -29,6 +45,7 @@ def probable_load_errors(
     inputs: Inputs,
     disturbance: Array,
     noise: SensorNoise,
+    settings: ProbableLoadSettings = PROBABLE_LOAD,
 ) -> Array:
     """Return by how much the load differs from its reading, (frames, 3) N, N m.
 
@@ -43,9 +60,11 @@ def probable_load_errors(
     if run.load_known or not std.any():
         return shift
     read = model.solve(arm, inputs).copy()
-    for _ in range(ROUNDS):
+    for _ in range(settings.rounds):
         now = inputs.with_loads(inputs.loads + shift)
-        shift = std * linear_errors(model, arm, run, now, shift, disturbance, noise)
+        errors = linear_errors(model, arm, run, now, shift, disturbance, noise)
+        kept = np.clip(2.0 - np.abs(errors).max(axis=1) / settings.furthest, 0.0, 1.0)
+        shift = std * errors * kept[:, None]
         solved = model.solve(arm, inputs.with_loads(inputs.loads + shift))
         shift[read & ~solved] = 0.0
     return shift
@@ -72,8 +91,4 @@ def linear_errors(
     columns = by_load * attached_std(noise, run)[:, None]
     columns = np.where(seen[:, :, None], columns, 0.0) / noise.target_std
     residual = np.where(seen, residual, 0.0) / noise.target_std
-    across = columns.transpose(0, 2, 1)
-    small = np.eye(columns.shape[2]) + np.matmul(across, columns)
-    errors = np.linalg.solve(small, np.matmul(across, residual[:, :, None]))[:, :, 0]
-    kept = np.clip(2.0 - np.abs(errors).max(axis=1) / FURTHEST, 0.0, 1.0)
-    return np.asarray(errors * kept[:, None])
+    return probable_errors(residual, columns)[1]
