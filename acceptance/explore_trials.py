@@ -87,7 +87,7 @@ def tried(seed: int, fixed: bool, settings: ExplorationSettings) -> dict:
 
         try:
             for step in explore(frame, record, SAFE, in_order=fixed, settings=settings):
-                found = step.found.diagnosis
+                found = step.investigation.diagnosis
                 diagnosis = step.diagnosis
                 rounds.append(
                     {

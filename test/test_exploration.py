@@ -91,7 +91,7 @@ def test_a_load_effect_is_found_by_a_loaded_recording_that_was_chosen(tmp_path: 
         assert first.rivals[name] == pytest.approx(first.rivals[NOTHING], rel=0.05), name
     assert sum(first.rivals.values()) == pytest.approx(1.0)
     assert second.run.loaded
-    ranked = ranked_choices(first.found, first.rivals, SAFE)
+    ranked = ranked_choices(first.investigation, first.rivals, SAFE)
     assert ranked[0].rate > 3.0 * max(item.rate for item in ranked if not item.experiment.loaded)
     assert [item.name for item in rounds[-1].diagnosis.effects] == ['load_offset']
     assert [item.name for item in rounds[-2].diagnosis.effects] == ['load_offset']

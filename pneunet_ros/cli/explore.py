@@ -170,7 +170,7 @@ def run(arguments: Namespace) -> int:
             write_round(rounds, safe, provenance, folder)
             show_round(rounds, console)
         write_end(rounds[-1], model, provenance, folder)
-    last = rounds[-1].found.diagnosis
+    last = rounds[-1].investigation.diagnosis
     if arguments.json:
         content = exploration_content(rounds, safe, provenance)
         print_json(content | {'output': folder, 'seconds': time.perf_counter() - started})
@@ -271,7 +271,7 @@ def write_end(last: Round, model: Arm, provenance: dict[str, object], folder: Pa
     """Write the last diagnosis as `diagnose` does, where there is one."""
     if last.diagnosis is None:
         return
-    training = list(last.found.recordings[0])
+    training = list(last.investigation.recordings[0])
     paths = [Path(item.name) for item in training]
     about = {**provenance, 'inputs': inputs_of([('training', paths)])}
     about.pop('settings')
@@ -284,5 +284,5 @@ def write_end(last: Round, model: Arm, provenance: dict[str, object], folder: Pa
             training=training,
             held_out=[],
             provenance=about,
-            discovery=discover(last.found),
+            discovery=discover(last.investigation),
         )

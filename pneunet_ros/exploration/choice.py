@@ -51,7 +51,7 @@ class Choice:
 
 
 def next_choice(
-    found: Investigation,
+    investigation: Investigation,
     rivals: Mapping[str, float],
     safe: SafeSet,
     recorded: int,
@@ -59,7 +59,7 @@ def next_choice(
     diagnosis_settings: DiagnosisSettings = DEFAULTS,
 ) -> Choice:
     """Return the experiment of the largest expected divergence per second."""
-    ranked = ranked_choices(found, rivals, safe, settings, diagnosis_settings)
+    ranked = ranked_choices(investigation, rivals, safe, settings, diagnosis_settings)
     if ranked:
         return ranked[0]
     return choice_in_order(recorded)  # nothing settled: what was not recorded yet may help
@@ -73,21 +73,21 @@ def choice_in_order(recorded: int) -> Choice:
 
 
 def ranked_choices(
-    found: Investigation,
+    investigation: Investigation,
     rivals: Mapping[str, float],
     safe: SafeSet,
     settings: ExplorationSettings = EXPLORATION,
     diagnosis_settings: DiagnosisSettings = DEFAULTS,
 ) -> list[Choice]:
     """Return all experiments with what they are worth, the best first."""
-    trial = trial_in_question(found)
-    if found.selection is None or trial is None:
+    trial = trial_in_question(investigation)
+    if investigation.selection is None or trial is None:
         return []
     items = tuple(experiments())
     design = replace(diagnosis_settings.experiment_design, frames=settings.frames)
     refit = trial.refit
     linearization = linearize_experiments(refit, items, (safe.low, safe.high), safe.force, design)
-    candidates = rival_candidates(found.selection, trial)
+    candidates = rival_candidates(investigation.selection, trial)
     tried = (
         None
         if linearization is None
@@ -148,8 +148,8 @@ def informations(
             gaussian.position,
             [gaussian.grams[which] for which in kept],
         )
-        some = [columns[which] for which in kept]
-        return part.inner(some, some)
+        subset = [columns[which] for which in kept]
+        return part.inner(subset, subset)
 
     training = list(range(linearization.training))
     further = range(linearization.training, len(residuals))
@@ -160,8 +160,8 @@ def separations(inner: Array) -> Array:
     """Return chi squared (n, n + 1) of each effect beside each other one, and beside none."""
     own = np.diag(inner)
     explained = inner**2 / np.maximum(own, 1e-300)[None, :]
-    beside = np.maximum(own[:, None] - explained, 0.0)
-    return np.column_stack([beside, own])
+    separation = np.maximum(own[:, None] - explained, 0.0)
+    return np.column_stack([separation, own])
 
 
 def pair_divergences(
@@ -177,8 +177,8 @@ def pair_divergences(
     that an experiment adds, as of `separations`.
     """
     worth = 0.5 * np.log1p(squares[:, None] * gained)
-    found = {(name, NOTHING): float(worth[place, -1]) for place, name in enumerate(names)}
-    for one, other in itertools.combinations(range(len(names)), 2):
-        both = 0.5 * (worth[one, other] + worth[other, one])
-        found[names[one], names[other]] = float(both)
-    return found
+    divergence = {(name, NOTHING): float(worth[place, -1]) for place, name in enumerate(names)}
+    for first, second in itertools.combinations(range(len(names)), 2):
+        both = 0.5 * (worth[first, second] + worth[second, first])
+        divergence[names[first], names[second]] = float(both)
+    return divergence

@@ -33,15 +33,15 @@ class Round:
 
     choice: Choice
     run: RecordingData
-    found: Investigation
+    investigation: Investigation
     rivals: Mapping[str, float]
     predicted: float | None
 
     @property
     def diagnosis(self) -> Diagnosis | None:
         """The diagnosis of all recordings so far; None where it did not settle."""
-        found = self.found.diagnosis
-        return found if isinstance(found, Diagnosis) else None
+        diagnosis = self.investigation.diagnosis
+        return diagnosis if isinstance(diagnosis, Diagnosis) else None
 
 
 def explore(
@@ -82,17 +82,23 @@ def explore(
         run = record(choice.experiment, safe, len(runs))
         predicted = None if before is None else score(before.after.arm, run).rms
         runs.append(run)
-        found = investigate(
+        investigation = investigate(
             model, runs, [], seed=seed, on_progress=on_progress, settings=diagnosis_settings
         )
-        rivals = rival_probabilities(found)
-        yield Round(choice=choice, run=run, found=found, rivals=rivals, predicted=predicted)
-        before = found.diagnosis if isinstance(found.diagnosis, Diagnosis) else before
-        names.append(named_effects(found))
+        rivals = rival_probabilities(investigation)
+        yield Round(
+            choice=choice, run=run, investigation=investigation, rivals=rivals, predicted=predicted
+        )
+        before = (
+            investigation.diagnosis if isinstance(investigation.diagnosis, Diagnosis) else before
+        )
+        names.append(named_effects(investigation))
         if names[-1] and len(names) >= settings.stays and len({*names[-settings.stays :]}) == 1:
             return
         on_progress('the next recording', 0, 0)
         if in_order:
             choice = choice_in_order(len(runs))
         else:
-            choice = next_choice(found, rivals, safe, len(runs), settings, diagnosis_settings)
+            choice = next_choice(
+                investigation, rivals, safe, len(runs), settings, diagnosis_settings
+            )

@@ -17,20 +17,20 @@ from pneunet_ros.diagnosis.selection import evidence_margin, Selection, Trial
 NOTHING = 'nothing'  # the rival that nothing is missing, beside what is named
 
 
-def named_effects(found: Investigation) -> frozenset[str]:
+def named_effects(investigation: Investigation) -> frozenset[str]:
     """Return the names of the effects that are named; none where the answer is another one."""
-    diagnosis = found.diagnosis
+    diagnosis = investigation.diagnosis
     if not isinstance(diagnosis, Diagnosis) or diagnosis.answer != 'named':
         return frozenset()
     return frozenset(item.name for item in diagnosis.effects)
 
 
-def trial_in_question(found: Investigation) -> Trial | None:
+def trial_in_question(investigation: Investigation) -> Trial | None:
     """Return what rivals stand on top of: what is named, else the base; None for nothing settled.
 
     Where effects cannot be told apart each is a rival of the other, on top of the base.
     """
-    return found.trial if found.diagnosis.answer == 'named' else found.base
+    return investigation.trial if investigation.diagnosis.answer == 'named' else investigation.base
 
 
 def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
@@ -60,14 +60,14 @@ def rival_candidates(selection: Selection, trial: Trial) -> list[Candidate]:
     return [*scored, *unseen]
 
 
-def rival_probabilities(found: Investigation) -> dict[str, float]:
+def rival_probabilities(investigation: Investigation) -> dict[str, float]:
     """Return what is still possible: how probable each effect is, and that none is missing.
 
     Each on top of what is named, alone where nothing is. Of an effect that was fitted by its
     evidence; else by its score, as if points were linear in it. What no recording could have shown
     so far is as probable as nothing.
     """
-    selection, trial = found.selection, trial_in_question(found)
+    selection, trial = investigation.selection, trial_in_question(investigation)
     if selection is None or trial is None:
         return {}
     logs = {NOTHING: 0.0}

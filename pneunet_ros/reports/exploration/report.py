@@ -36,7 +36,7 @@ def exploration_page(rounds: Sequence[Round], safe: SafeSet, provenance: Mapping
 def last_sentence(rounds: Sequence[Round]) -> str:
     """Say what is known after the last round."""
     count = f'after {len(rounds)} recording{"" if len(rounds) == 1 else "s"}'
-    return f'{rounds[-1].found.diagnosis.sentence} ({count})'
+    return f'{rounds[-1].investigation.diagnosis.sentence} ({count})'
 
 
 def safe_sentence(safe: SafeSet) -> str:
@@ -65,7 +65,7 @@ def round_row(number: int, item: Round) -> dict[str, str]:
 
 def answer_of(item: Round) -> str:
     """Return the answer of a round, with the names of effects."""
-    found = item.found.diagnosis
+    found = item.investigation.diagnosis
     diagnosis = item.diagnosis
     names = '' if diagnosis is None else ' + '.join(effect.name for effect in diagnosis.effects)
     others = () if diagnosis is None else diagnosis.alternatives
@@ -117,7 +117,7 @@ def exploration_content(
     """Return the content of `exploration.json`; see docs/explore.md."""
     rows = []
     for item in rounds:
-        found, diagnosis = item.found.diagnosis, item.diagnosis
+        found, diagnosis = item.investigation.diagnosis, item.diagnosis
         best = sorted(item.choice.divergence.items(), key=lambda pair: -pair[1])[:SHOWN]
         rows.append(
             {
@@ -138,7 +138,7 @@ def exploration_content(
                 'notes': found.notes,
             }
         )
-    last = rounds[-1].found.diagnosis
+    last = rounds[-1].investigation.diagnosis
     content: dict[str, Any] = plain(
         {
             'answer': last.answer,
