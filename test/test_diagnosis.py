@@ -307,7 +307,7 @@ def test_what_is_too_faint_beside_a_strong_effect_is_said_without_a_name():
     faint = SimpleNamespace(name='camera_scale', gain=200.0)
     (note,) = notes_on_rest(SimpleNamespace(significant_candidate=lambda _: faint), best)
     assert note.startswith(
-        'camera_scale beside hysteresis would take 200 more from chi squared, 1.0% of what'
+        'camera_scale beside hysteresis would take 200 more from chi squared, which the law of '
     )
     assert notes_on_rest(SimpleNamespace(significant_candidate=lambda _: None), best) == ()
 

@@ -11,8 +11,10 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.fusion.belief import CAMERA
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.fusion import Fusion, OTHER_TARGETS
+from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
 from pneunet_ros.lab.lab_effects import LabCreep, LabEffect, LabHysteresis
@@ -326,6 +328,21 @@ def test_swapped_dots_do_not_move_the_force():
     sigma = np.array([np.sqrt(np.diag(one.force_covariance)) for one in right.estimates])
     assert np.nanmax(np.abs(between / sigma)) < 1.5
     assert found.state.frames >= 195
+
+
+def test_a_belief_that_keeps_all_frames_out_is_forgotten():
+    state = fuse(frames=range(60, 70)).state
+    mean = state.belief.mean.copy()
+    mean[CAMERA] = 0.2  # m: where no camera is
+    root = state.belief.root.copy()
+    root[CAMERA] = 0.0
+    state = replace(state, belief=replace(state.belief, mean=mean, root=root))
+    used = state.frames
+    for frame in range(70, 90):
+        for event in (sightings(frame), pressure(frame)):
+            state, _ = fusion().step(state, event)
+    assert state.unused['inconsistent'] + state.unused.get('no_equilibrium', 0) == FUSION.most_lost
+    assert state.frames == used + 20 - FUSION.most_lost
 
 
 def test_a_frame_that_is_no_arm_is_not_used():

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.calibration.consistency import check_same_arm, outlier_recordings
+from pneunet_ros.calibration.consistency import check_same_arm, outlier_recordings, tip_distance
 from pneunet_ros.calibration.preconditions import check_runs
 from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import CONSISTENCY
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects.hysteresis import Hysteresis
+from pneunet_ros.effects.pressure_lag import PressureLag
 import pytest
 from support.example_arms import paper_arm
 from support.made_datasets import experiments, made, USUAL
@@ -96,6 +98,22 @@ def test_the_past_of_an_arm_is_no_other_arm():
     loop = made(arm, np.concatenate([up, up[::-1]]), noise=USUAL, name='loop')
     down = made(arm, up[::-1], noise=USUAL, name='down', start=200)
     check_same_arm([loop, made(arm, up, noise=USUAL, name='up', start=400), down], arm.length)
+
+
+def test_a_line_that_fills_slowly_is_no_other_arm():
+    arm = paper_arm((PressureLag(time_constant=0.4),))
+    levels = np.array([0.0, 5e4, 1e4, 6e4, 2e4, 3e4])
+    one, other = (
+        made(arm, np.repeat(order, 60), noise=USUAL, name=name, start=start)
+        for order, name, start in ((levels, 'one', 0), (levels[::-1], 'other', 900))
+    )
+    top = float(levels.max())
+    moving = tip_distance(one, other, top, replace(CONSISTENCY, rest=0.0))
+    rested = tip_distance(one, other, top, CONSISTENCY)
+    assert moving is not None
+    assert rested is not None
+    assert rested < 0.03 * arm.length < moving
+    check_same_arm([one, other], arm.length)
 
 
 def test_one_recording_or_none_in_common_is_one_arm():

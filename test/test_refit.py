@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis import refit as refit_module
 from pneunet_ros.diagnosis.refit import effects_of, JointFit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.settings import DEFAULTS
@@ -220,3 +221,16 @@ def test_a_search_that_swings_from_model_to_model_comes_to_rest(monkeypatch):
     found = settle(start, 20)
     assert found.settled
     assert found.numbers == pytest.approx(0.0, abs=0.1)
+
+
+@dataclass(frozen=True)
+class Parted(Swinging):
+    """A fit between which and the one before there is no arm."""
+
+    def at(self, point: Array) -> Array:
+        raise ModelError('a rigidity passes through zero')
+
+
+def test_a_search_between_two_signs_of_a_rigidity_ends_with_what_it_has():
+    start = Parted(np.array([10.0]), np.array([10.0]), 1e4)
+    assert settle(start, 20) is start

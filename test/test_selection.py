@@ -270,7 +270,7 @@ def test_the_strongest_of_two_effects_is_held_against_what_scores_as_well(monkey
         return frozenset(fitted[-1])
 
     monkeypatch.setattr(selection, 'refit', refitted)
-    monkeypatch.setattr(Selection, 'test_trial', lambda self, names, base: self.sets[names])
+    monkeypatch.setattr(Selection, 'test_trial', lambda self, names, *rest: self.sets[names])
     search.tried[frozenset(both.names)] = both.record
     base = search.sets[frozenset()]
     assert search.fit_rivals(base, both).names == ('camera_rotation', 'gravity')
@@ -292,7 +292,7 @@ def test_an_effect_that_has_not_arrived_after_one_refit_is_fitted_until_settled(
         ),
     )
     monkeypatch.setattr(selection, 'settle', lambda fit, *rest: fit)
-    monkeypatch.setattr(Selection, 'test_trial', lambda self, fit, base: fit.names)
+    monkeypatch.setattr(Selection, 'test_trial', lambda self, fit, base, known: fit.names)
     search, known = Scripted(), trial('', 0.0, BASE)
     search.on_progress = lambda *rest: None
     known.refit.cost, known.refit.hypotheses = 1000.0, ()

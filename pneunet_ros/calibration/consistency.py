@@ -6,11 +6,12 @@ from collections.abc import Sequence
 import itertools
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CONSISTENCY, SameArmSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
-from pneunet_ros.core.units import millimeters
+from pneunet_ros.core.units import millimeters, NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.dataset import RecordingData
 
 
@@ -22,7 +23,8 @@ def check_same_arm(
     """Raise RecordingError, naming the two, where unloaded recordings are of different arms.
 
     length (m) of the arm. Hysteresis and creep make one arm differ, too: how much is seen where a
-    recording comes back to a pressure.
+    recording comes back to a pressure. What moves lags behind its sensor by as much as the line is
+    long, so that frames after a rest are compared where there are enough.
     """
     top = max((float(np.max(np.abs(run.frame_pressure))) for run in unloaded), default=0.0)
     past = [tip_distance(run, run, top, settings) for run in unloaded]
@@ -54,9 +56,28 @@ def tip_distance(
     same = np.abs(pressures) < settings.same_pressure * top
     if one is other:
         same &= np.abs(np.subtract.outer(one.progress, other.progress)) > settings.another_time
-    distance = np.hypot(*(first[:, :, None] - second[:, None, :]))[same]
-    distance = distance[np.isfinite(distance)]
+    distance = np.hypot(*(first[:, :, None] - second[:, None, :]))
+    same &= np.isfinite(distance)
+    resting = same & np.logical_and.outer(
+        has_rested(one, top, settings), has_rested(other, top, settings)
+    )
+    distance = distance[resting if resting.sum() >= settings.fewest_pairs else same]
     return float(np.percentile(distance, 90.0)) if distance.size >= settings.fewest_pairs else None
+
+
+def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt.NDArray[np.bool_]:
+    """Return in which frames (frames,) the pressure has rested for long enough, as in static ones.
+
+    top: the largest pressure (Pa).
+    """
+    if run.static:
+        return np.ones(len(run.stamp_ns), np.bool_)
+    stamps = run.reading_stamp_ns
+    began = np.searchsorted(stamps, stamps - round(settings.rest * NANOSECONDS_PER_SECOND))
+    swing = [np.ptp(run.pressure[began[last] : last + 1]) for last in run.reading]
+    known = stamps[run.reading] - stamps[0] >= round(settings.rest * NANOSECONDS_PER_SECOND)
+    rested: npt.NDArray[np.bool_] = known & (np.array(swing) < 2.0 * settings.same_pressure * top)
+    return rested
 
 
 def chord(run: RecordingData) -> Array:

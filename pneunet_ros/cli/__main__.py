@@ -9,12 +9,14 @@ import signal
 import sys
 
 from pneunet_ros.core.interrupt import forget_interrupt
+from pneunet_ros.core.threads import use_one_thread
 
 INTERRUPTED = 130  # exit code
 
 
 def main() -> int:
     """Run one verb of the command line; returns the exit code."""
+    use_one_thread()
     try:
         from pneunet_ros.cli.main import main as run
 

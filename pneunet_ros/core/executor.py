@@ -10,9 +10,8 @@ import os
 from typing import Any
 
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.threads import THREADS
 
-# One thread of linear algebra per process: more would only be in each other's way.
-THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 PATIENCE = 10  # s, to wait for a scheduler
 
 

@@ -40,7 +40,7 @@ from pneunet_ros.diagnosis.result import (
     UnsettledDiagnosis,
 )
 from pneunet_ros.diagnosis.score_test import Candidate, detection_limits, effect_cosines
-from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection, Trial
+from pneunet_ros.diagnosis.selection import Added, evidence_margin, Record, Selection, Trial
 from pneunet_ros.diagnosis.settings import (
     DEFAULTS,
     DiagnosisSettings,
@@ -349,8 +349,17 @@ def passes_alike(
     """
     if len(rival.names) > len(best.names):
         return False
-    least = best.evidence - evidence_margin(best.evidence, settings)
-    return rival.evidence > least or rival.gain > best.gain - 2.0 * settings.least_evidence
+    most, other = comparable([best, rival])
+    least = most.evidence - evidence_margin(most.evidence, settings)
+    return other.evidence > least or other.gain > most.gain - 2.0 * settings.least_evidence
+
+
+def comparable(records: Sequence[Record]) -> list[Added]:
+    """Return what sets explain: over the set that all were added to, else over the base."""
+    added = [item.added for item in records if item.added is not None]
+    if len(added) == len(records) and len({item.names for item in added}) == 1:
+        return added
+    return [Added(names=(), evidence=item.evidence, gain=item.gain) for item in records]
 
 
 def effect_probabilities(
@@ -361,7 +370,7 @@ def effect_probabilities(
     Evidence counts by what laws of effects are worth, as it does for the answer. None is surer
     than names were right in blind trials; confirmed: nothing of the name is untested.
     """
-    logs = np.array([item.evidence for item in records])
+    logs = np.array([item.evidence for item in comparable(records)])
     margin = evidence_margin(float(logs.max()), settings.selection)
     weights = np.exp((logs - logs.max()) * settings.selection.least_evidence / margin)
     known = settings.confirmation
@@ -474,11 +483,11 @@ def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
     item = selection.significant_candidate(best)
     if item is None:
         return ()
-    share, names = item.gain / best.record.gain, ' + '.join(best.names)
+    names = ' + '.join(best.names)
     return (
-        f'{item.name} beside {names} would take {item.gain:.0f} more from chi squared, '
-        f'{share:.1%} of what is explained: the law of a strong effect may miss as much, '
-        f'so it has no name; recordings in which {names} shows less would tell',
+        f'{item.name} beside {names} would take {item.gain:.0f} more from chi squared, which the '
+        f'law of {names} hardly misses, but the set of both does not hold, so it has no name; '
+        f'recordings in which {names} shows less would tell',
     )
 
 

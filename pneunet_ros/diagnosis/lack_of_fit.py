@@ -13,7 +13,7 @@ import zlib
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.settings import DEFAULTS, LackOfFitSettings
 from scipy.stats import gamma
@@ -76,17 +76,17 @@ MapFunction = Callable[
 
 def lack_of_fit_tests(
     linearization: Linearization,
-    gaussian: GaussianModel,
+    problem: OpenLaws,
     seed: int,
     map_function: MapFunction = map,
     settings: LackOfFitSettings = DEFAULTS.lack_of_fit,
 ) -> tuple[LackOfFit, ...]:
-    """Make all tests; gaussian: of all runs of the linearization.
+    """Make all tests; problem: of all runs of the linearization.
 
     map_function: runs the simulations, as `map` does.
     """
     statistics = [
-        score_statistic(name, linearization, gaussian, runs, fields, seed, settings)
+        score_statistic(name, linearization, problem, runs, fields, seed, settings)
         for name, runs, fields in tested_fields(linearization, settings)
     ]
     moments = map_function(clean_moments, statistics)
@@ -126,7 +126,7 @@ def tested_fields(
 def score_statistic(
     name: str,
     linearization: Linearization,
-    gaussian: GaussianModel,
+    problem: OpenLaws,
     runs: range,
     fields: Sequence[Array],
     seed: int,
@@ -136,14 +136,14 @@ def score_statistic(
     pairs = zip(runs, fields, strict=True)
     white = [linearization.blocks[which].white(item) for which, item in pairs]
     blocks, size = linearization.blocks, linearization.size
-    return white_statistic(name, blocks, size, gaussian, runs, white, seed, settings)
+    return white_statistic(name, blocks, size, problem, runs, white, seed, settings)
 
 
 def white_statistic(
     name: str,
     all_blocks: Sequence[LinearizedRun],
     size: int,
-    gaussian: GaussianModel,
+    problem: OpenLaws,
     runs: Sequence[int],
     white: Sequence[Array],
     seed: int,
@@ -153,7 +153,8 @@ def white_statistic(
 
     all_blocks: those of the problem, run by run; size: unknowns of the base model alone.
     """
-    blocks = [all_blocks[which] for which in runs]
+    gaussian = problem.gaussian
+    white = [problem.columns(which, item) for which, item in zip(runs, white, strict=True)]
     columns = [gaussian.columns[which] for which in runs]
     residuals = gaussian.best_residuals()
     score = sum(item.T @ residuals[which] for which, item in zip(runs, white, strict=True))
@@ -164,14 +165,16 @@ def white_statistic(
     seen = variances > settings.least_seen
     basis = axes[:, seen] / np.sqrt(variances[seen])
     # What more placement and camera would do than is expected: their part of the score.
+    moved = [
+        problem.columns(which, block.base[:, size:]) for which, block in enumerate(all_blocks)
+    ]
     placement = sum(
-        item.T @ block.base[:, size:] for block, item in zip(blocks, white, strict=True)
-    ) - solved.T @ sum(
-        x.T @ block.base[:, size:] for x, block in zip(gaussian.columns, all_blocks, strict=True)
-    )
+        item.T @ moved[which] for which, item in zip(runs, white, strict=True)
+    ) - solved.T @ sum(x.T @ item for x, item in zip(gaussian.columns, moved, strict=True))
     disturbances = [(settings.placement_dof, basis.T @ placement)]
-    for block, x, item in zip(blocks, columns, white, strict=True):
-        path = block.path_filter(block.path)
+    for which, x, item in zip(runs, columns, white, strict=True):
+        block = all_blocks[which]
+        path = problem.columns(which, block.path_filter(block.path))
         camera = item.T @ path - solved.T @ (x.T @ path)
         disturbances.append((settings.camera_dof, basis.T @ camera))
     return ScoreStatistic(

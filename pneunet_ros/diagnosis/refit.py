@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.errors import ModelError
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
@@ -274,13 +275,17 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
 
     What errors of readings move is that of the model around which is linearized, so that a search
     may swing from one model to another and back: where the cost rises, it goes on halfway. Where
-    it does not come to rest, the most probable fit of all rounds is returned.
+    it does not come to rest, or there is no arm halfway, the most probable fit of all rounds is
+    returned.
     """
     around, best = fit, None
     for _ in range(rounds):
         if fit.settled:
             break
-        linearization = fit.linearization.at(around.point)
+        try:
+            linearization = fit.linearization.at(around.point)
+        except ModelError:  # a rigidity through zero, between two signs
+            break
         again = JointFit(linearization, fit.hypotheses, settings).fit(around.numbers, around.base)
         if again is None:
             break

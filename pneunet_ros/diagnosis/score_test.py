@@ -14,6 +14,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
+from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.refit import effect_direction, Refit
 from pneunet_ros.diagnosis.result import Detectable
 from pneunet_ros.diagnosis.settings import DEFAULTS, ScoreTestSettings
@@ -46,15 +47,20 @@ def score_effects(
     refit: Refit,
     hypotheses: Sequence[Hypothesis],
     settings: ScoreTestSettings = DEFAULTS.score_test,
+    problem: OpenLaws | None = None,
 ) -> list[Candidate]:
-    """Score every hypothesis that is not in a refit, the most promising first."""
+    """Score every hypothesis that is not in a refit, the most promising first.
+
+    problem: the linear problem of the refit with errors of its laws; else as if they were exact.
+    """
     linearization = refit.linearization
+    problem = problem or OpenLaws(gaussian=refit.gaussian)
     runs = range(linearization.training)
     residuals = linearization.residual(refit.point.values, refit.effects, runs)
     if residuals is None:
         return []
     scored = [
-        score_effect(refit, item, residuals, settings)
+        score_effect(refit, problem, item, residuals, settings)
         for item in hypotheses
         if item.name not in refit.names
     ]
@@ -62,7 +68,11 @@ def score_effects(
 
 
 def score_effect(
-    refit: Refit, hypothesis: Hypothesis, residuals: list[Array], settings: ScoreTestSettings
+    refit: Refit,
+    problem: OpenLaws,
+    hypothesis: Hypothesis,
+    residuals: list[Array],
+    settings: ScoreTestSettings,
 ) -> Candidate | None:
     """Return the best start of an effect; None where the arm has no shape with it.
 
@@ -74,9 +84,10 @@ def score_effect(
         direction = effect_direction(refit.linearization, refit, residuals, effect)
         if direction is None:
             continue
+        direction = problem.white(direction)
         columns = [item[:, None] for item in direction]
-        score = float(refit.gaussian.score(columns)[0])
-        information = float(refit.gaussian.inner(columns, columns)[0, 0])
+        score = float(problem.gaussian.score(columns)[0])
+        information = float(problem.gaussian.inner(columns, columns)[0, 0])
         if information <= 0.0:
             continue
         share = score / information

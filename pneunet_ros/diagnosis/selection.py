@@ -12,6 +12,7 @@ from pneunet_ros.core.progress import OnProgress
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.lack_of_fit import lack_of_fit_tests, LackOfFit, MapFunction
+from pneunet_ros.diagnosis.law_errors import LawErrors, OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.nonuniform_arm import (
     log_probability_nonuniform,
@@ -20,6 +21,18 @@ from pneunet_ros.diagnosis.nonuniform_arm import (
 from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Added:
+    """What a set explains over another one (names): evidence, and gain in chi squared.
+
+    What the laws of that one may miss is taken off.
+    """
+
+    names: tuple[str, ...]
+    evidence: float
+    gain: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,7 +46,8 @@ class Record:
     log_probability: of the training runs, without: of all but each in turn, both linearized at
     the fit to all; predicted: of the held-out runs given the training ones; nonuniform: of the
     training runs where the arm may bend unevenly along it, None where its curvature is free
-    there. held_out (rows,): whitened residuals of held-out runs.
+    there. held_out (rows,): whitened residuals of held-out runs. added: over the set to which the
+    last effect was added.
     """
 
     names: tuple[str, ...]
@@ -51,6 +65,17 @@ class Record:
     predicted: float = 0.0
     nonuniform: float | None = None
     held_out: tuple[Array, ...] = ()
+    added: Added | None = None
+
+    def over(self, other: Record) -> Added:
+        """Return what the set explains over another one."""
+        if self.added is not None and self.added.names == other.names:
+            return self.added
+        return Added(
+            names=other.names,
+            evidence=self.evidence - other.evidence,
+            gain=self.gain - other.gain,
+        )
 
     @property
     def excess(self) -> float:
@@ -83,6 +108,7 @@ class Selection:
     settings: DiagnosisSettings = DEFAULTS
     tried: dict[frozenset[str], Record] = field(default_factory=dict)
     candidates: dict[frozenset[str], list[Candidate]] = field(default_factory=dict)
+    opened: tuple[frozenset[str], LawErrors, OpenLaws] | None = None
 
     def fit_base(self) -> Trial:
         """Fit the model without any further effect."""
@@ -94,8 +120,24 @@ class Selection:
             raise ModelError('the model has no shape in most of the training recordings')
         return self.test_trial(base, None)
 
-    def test_trial(self, trial: Refit, base: Trial | None) -> Trial:
-        """Test a joint fit on all recordings, and keep what came of it."""
+    def open_laws(self, trial: Trial) -> tuple[LawErrors, OpenLaws]:
+        """Return what the laws of a trial may miss, and its linear problem with that.
+
+        It is large: the last one alone is kept.
+        """
+        key = frozenset(trial.names)
+        if self.opened is None or self.opened[0] != key:
+            fit = trial.refit
+            errors = LawErrors.of(fit.linearization, fit, self.settings.law_errors)
+            problem = OpenLaws.of(fit.gaussian, fit.linearization.blocks, errors)
+            self.opened = key, errors, problem
+        return self.opened[1:]
+
+    def test_trial(self, trial: Refit, base: Trial | None, known: Trial | None = None) -> Trial:
+        """Test a joint fit on all recordings, and keep what came of it.
+
+        known: the set to which an effect was added.
+        """
         all_runs = self.linearization.at(trial.point)
         at_fit = linearize_all_runs(all_runs, trial, self.settings.refit)
         if at_fit is None:
@@ -104,8 +146,8 @@ class Selection:
             )
         nonuniform = nonuniform_columns(trial.linearization, self.settings.calibration.resolution)
         lack_of_fit, gaussian = self.settings.lack_of_fit, at_fit[1]
-        tests = lack_of_fit_tests(all_runs, gaussian, self.seed, self.map_function, lack_of_fit)
-        allowed = 0.0 if base is None else lack_of_fit.law_error * base.record.excess
+        exact = OpenLaws(gaussian=gaussian)
+        tests = lack_of_fit_tests(all_runs, exact, self.seed, self.map_function, lack_of_fit)
         reference = trial if base is None else base.refit
         record = Record(
             names=trial.names,
@@ -113,7 +155,8 @@ class Selection:
             evidence=trial.gaussian.evidence() - reference.gaussian.evidence(),
             gain=2.0 * (reference.cost - trial.cost),
             tests=tests,
-            adequate=is_adequate(tests, lack_of_fit.level, allowed),
+            adequate=is_adequate(tests, lack_of_fit.level)
+            or (base is not None and self.laws_may_miss(trial, base, all_runs, gaussian, tests)),
             plausible=is_plausible(trial, self.settings.selection.plausible),
             run_chi_squared=gaussian.squares,
             coordinates=tuple(2 * int(run.seen.sum()) for run in all_runs.runs),
@@ -127,16 +170,50 @@ class Selection:
                 log_probability_nonuniform(trial.gaussian, nonuniform) if nonuniform else None
             ),
             held_out=gaussian.residuals[all_runs.training :],
+            added=None if known is None or not known.names else self.added(trial, known),
         )
         self.tried[frozenset(record.names)] = record
         return Trial(record=record, refit=trial)
+
+    def added(self, trial: Refit, known: Trial) -> Added:
+        """Return what a fit explains over a set, beyond what the laws of that one may miss."""
+        errors, before = self.open_laws(known)
+        after = OpenLaws.of(trial.gaussian, trial.linearization.blocks, errors)
+        return Added(
+            names=known.names,
+            evidence=after.gaussian.evidence() - before.gaussian.evidence(),
+            gain=2.0 * (before.cost - after.cost),
+        )
+
+    def laws_may_miss(
+        self,
+        trial: Refit,
+        base: Trial,
+        all_runs: Linearization,
+        gaussian: GaussianModel,
+        tests: Sequence[LackOfFit],
+    ) -> bool:
+        """Whether what is left is what the laws of these effects may miss.
+
+        Little of what was left without them; or more, if it is nothing beside errors of the laws.
+        """
+        settings, most = self.settings, base.record.excess
+        lack_of_fit = settings.lack_of_fit
+        if is_adequate(tests, lack_of_fit.level, lack_of_fit.law_error * most):
+            return True
+        if max(item.excess for item in tests) > settings.law_errors.most_left * most:
+            return False
+        errors = LawErrors.of(all_runs, trial, settings.law_errors)
+        problem = OpenLaws.of(gaussian, all_runs.blocks, errors)
+        tests = lack_of_fit_tests(all_runs, problem, self.seed, self.map_function, lack_of_fit)
+        return is_adequate(tests, lack_of_fit.level, settings.law_errors.left_open * most)
 
     def select_forward(self, base: Trial) -> Trial:
         """Add effects one by one while that helps; return the best set."""
         settings = self.settings.selection
         best = base
         for count in range(settings.most_effects):
-            if best.record.adequate and not self.has_significant_candidate(best):
+            if best.record.adequate and self.significant_candidate(best) is None:
                 return best
             if count > 1 and best.record.excess > settings.hopeless * base.record.excess:
                 return best  # two effects that leave so much: a third would only hide it
@@ -186,26 +263,20 @@ class Selection:
             names = ' + '.join(trial.names) or 'the base model'
             self.on_progress(f'score tests on top of {names}', 0, 0)
             settings = self.settings.score_test
-            self.candidates[key] = score_effects(trial.refit, self.hypotheses, settings)
+            problem = self.open_laws(trial)[1]
+            self.candidates[key] = score_effects(trial.refit, self.hypotheses, settings, problem)
         return self.candidates[key]
 
-    def has_significant_candidate(self, trial: Trial) -> bool:
-        """Whether another effect has a significant score on top of these."""
-        faint = self.significant_candidate(trial)
-        if faint is None or not is_adequate(trial.record.tests, self.settings.lack_of_fit.level):
-            return faint is not None
-        return faint.gain > self.settings.selection.next_gain * trial.record.gain
-
     def significant_candidate(self, trial: Trial) -> Candidate | None:
-        """Return the effect with the best score on top of these, None where noise has as much.
+        """Return the effect with the best score on top of these.
 
-        It may be what the laws of these miss.
+        None where noise, or what the laws of these miss, has as much.
         """
         candidates, settings = self.score_candidates(trial), self.settings
         if not candidates:
             return None
         noise = largest_clean_score(
-            trial.refit.gaussian,
+            self.open_laws(trial)[1].gaussian,
             candidates,
             settings.lack_of_fit.level,
             self.seed,
@@ -263,7 +334,7 @@ class Selection:
         for place, fit in enumerate(chosen):
             self.on_progress('until settled: ' + ' + '.join(fit.names), place, len(chosen))
             settled = settle(fit, self.settings.refit.rounds, self.settings.refit)
-            finalists.append(self.test_trial(settled, base))
+            finalists.append(self.test_trial(settled, base, known=trial))
         return finalists
 
     def eliminate_backward(self, base: Trial, trial: Trial) -> Trial:
@@ -307,37 +378,33 @@ def choose_best(
     Adequate and plausible ones come first, unless a more probable one explains far more: an effect
     more may be all that it lacks. Of those with like evidence, the fewest numbers.
     """
+    over = {item: item.record.over(trial.record) for item in extended}
     better = [
         item
-        for item in extended
-        if item.record.evidence > trial.record.evidence + settings.least_evidence
-        and item.record.gain > trial.record.gain + settings.least_gain
+        for item, added in over.items()
+        if added.evidence > settings.least_evidence and added.gain > settings.least_gain
     ]
     plausible = [item for item in better if item.record.plausible]
     if plausible:
-        top = max(plausible, key=lambda item: item.record.evidence).record
-        better = [item for item in better if item.record.gain >= settings.partial * top.gain]
+        top = max(plausible, key=lambda item: over[item].evidence)
+        least = settings.partial * over[top].gain
+        better = [item for item in better if over[item].gain >= least]
     plausible = [item for item in better if item.record.plausible]
     adequate = [item for item in better if item.record.adequate]
     both = [item for item in plausible if item.record.adequate]
     chosen = both or adequate or plausible or better
-    most = max((item.record.evidence for item in chosen), default=0.0)
+    most = max((over[item].evidence for item in chosen), default=0.0)
     least = most - evidence_margin(most, settings)
-    alike = [item for item in chosen if item.record.evidence >= least]
-    return min(alike, key=lambda item: (item.record.dof, -item.record.evidence), default=None)
+    alike = [item for item in chosen if over[item].evidence >= least]
+    return min(alike, key=lambda item: (item.record.dof, -over[item].evidence), default=None)
 
 
 def is_worth_adding(
     trial: Trial, better: Trial, settings: SelectionSettings = DEFAULTS.selection
 ) -> bool:
-    """Whether one effect more is another effect, and not what the law of the first one misses.
-
-    It explains a good part of what the first does, or most of what is left.
-    """
-    gain = better.record.gain - trial.record.gain
-    if gain > settings.next_gain * trial.record.gain and better.record.adequate:
-        return True
-    return better.record.excess < settings.most_left * trial.record.excess
+    """Whether one effect more leaves nothing, or takes away most of what is left."""
+    record = better.record
+    return record.adequate or record.excess < settings.most_left * trial.record.excess
 
 
 def is_absent(fit: Refit, name: str, most: float) -> bool:
@@ -365,7 +432,8 @@ def is_plausible(fit: Refit, most: float) -> bool:
 def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
     """Return a sentence on every parameter that is beyond its prior range by two of its errors.
 
-    ends: of the range of a size, in prior standard deviations; that of a shape ends at one.
+    An error has that of the law of the effect in it. ends: of the range of a size, in prior
+    standard deviations; that of a shape ends at one.
     """
     stds = np.split(np.sqrt(np.diag(fit.covariance)), np.cumsum([i.size for i in fit.hypotheses]))
     parts = split_numbers(fit.hypotheses, fit.numbers)
@@ -374,7 +442,8 @@ def parameters_outside_prior(fit: Refit, ends: float) -> tuple[str, ...]:
         f'{coordinate.unit} lies outside its prior range'
         for item, numbers, errors in zip(fit.hypotheses, parts, stds, strict=False)
         for coordinate, number, error in zip(item.coordinates, numbers, errors, strict=True)
-        if abs(number - coordinate.mean) - 2.0 * error
+        if abs(number - coordinate.mean)
+        - 2.0 * np.hypot(error, 0.0 if coordinate.shape else item.kind.law_error * number)
         > (1.0 if coordinate.shape else ends) * coordinate.std
     )
 

@@ -77,6 +77,17 @@ class ScoreTestSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LawErrorSettings:
+    """What the law of an effect may miss, beside which another effect is scored and compared."""
+
+    size: float = tuning(0.3, 'error of a size in every frame, each for itself', unit='of it')
+    shapes: int = tuning(3, 'Legendre polynomials along the arm, each with such an error')
+    difference: float = tuning(0.1, 'step of the derivative by a size', unit='of it')
+    most_left: float = tuning(0.5, 'excess that such errors may be', unit='of the base')
+    left_open: float = tuning(0.05, 'excess that laws leave beside them', unit='of the base')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LackOfFitSettings:
     """The tests whether anything is left to explain."""
 
@@ -136,7 +147,6 @@ class SelectionSettings:
     partial: float = tuning(
         0.5, 'gain that is too little beside a more probable set', unit='of it'
     )
-    next_gain: float = tuning(0.02, 'gain of an effect more', unit='of what is explained')
     most_left: float = tuning(0.5, 'excess that an effect more may leave', unit='of that before')
     hopeless: float = tuning(0.2, 'excess with two effects; above no third', unit='of the base')
     plausible: float = tuning(4.0, 'distance of a size from its prior mean', unit='prior std')
@@ -200,6 +210,7 @@ class DiagnosisSettings:
     linearization: LinearizationSettings = LinearizationSettings()
     hypothesis: HypothesisSettings = HypothesisSettings()
     score_test: ScoreTestSettings = ScoreTestSettings()
+    law_errors: LawErrorSettings = LawErrorSettings()
     lack_of_fit: LackOfFitSettings = LackOfFitSettings()
     refit: RefitSettings = RefitSettings()
     reading_noise: ReadingNoiseSettings = ReadingNoiseSettings()

@@ -17,6 +17,7 @@ from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation
 from pneunet_ros.diagnosis.evaluation import removed_share
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_statistic
+from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
 from pneunet_ros.diagnosis.selection import evidence_margin, is_adequate, Selection, Trial
 from pneunet_ros.discovery.amplitude import FrameColumns, Runs
@@ -329,7 +330,9 @@ def predicted_p_value(
         [gaussian.grams[which] for which in tested],
     )
     name, every = f'split {suspect.kind.name}', range(len(tested))
-    statistic = white_statistic(name, blocks, linearization.size, alone, every, white, seed)
+    statistic = white_statistic(
+        name, blocks, linearization.size, OpenLaws(gaussian=alone), every, white, seed
+    )
     mean, variance = clean_moments(statistic)
     test = LackOfFit(
         name=statistic.name,

@@ -73,8 +73,9 @@ def rival_probabilities(investigation: Investigation) -> dict[str, float]:
     logs = {NOTHING: 0.0}
     for item in rival_candidates(selection, trial):
         fitted = selection.tried.get(frozenset([*trial.names, item.name]))
-        known = trial.record.evidence
-        logs[item.name] = linear_evidence(item) if fitted is None else fitted.evidence - known
+        logs[item.name] = (
+            linear_evidence(item) if fitted is None else fitted.over(trial.record).evidence
+        )
     values = np.array(list(logs.values()))
     settings = selection.settings.selection
     sharpness = settings.least_evidence / evidence_margin(float(values.max()), settings)

@@ -444,6 +444,8 @@ class Fusion:
         if not sightings.seen:
             return state.count_unused('not_seen')
         shown_ns = self.shown_ns(sightings)
+        if state.lost >= self.settings.most_lost:  # what is believed keeps all frames out
+            state = replace(state, belief=None, rival=None, log_odds=None, lost=0)
         before = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')

@@ -77,6 +77,7 @@ class FusionSettings:
         unit='sigma',
     )
     frames_lost: int = tuning(3, 'frames not used in a row, after which the force is forgotten')
+    most_lost: int = tuning(9, 'frames not used in a row, after which all is forgotten')
     restart_frames: int = tuning(6, 'frames over which the cold starts are tried, once a round')
     start_forces: tuple[float, ...] = tuning(
         (0.3, 0.9), 'cold starts in all directions, beside no force', unit='of the force scale'

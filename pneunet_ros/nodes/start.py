@@ -11,6 +11,7 @@ from importlib.util import find_spec
 import sys
 
 from pneunet_ros.core.kernel_cache import answer_first, compile_meanwhile
+from pneunet_ros.core.threads import use_one_thread
 from pneunet_ros.nodes.signals import end_at_signal, refuse_signals
 
 WITHOUT_ROS = "no ROS 2 here: source it, or install its wheels by pip install 'pneunet_ros[ros]'"
@@ -33,6 +34,7 @@ def start(*names: str, usage: str = '', arguments: list[str] | None = None) -> i
     """
     arguments = sys.argv if arguments is None else arguments
     end_at_signal()
+    use_one_thread()
     if find_spec('rclpy') is None:
         print(f'{names[0]}: {WITHOUT_ROS}', file=sys.stderr)
         return WRONG

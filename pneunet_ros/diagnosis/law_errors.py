@@ -1,0 +1,145 @@
+"""What the laws of effects may miss: the size of each, anew in every frame and along the arm.
+
+No law is exact: a line that fills faster than it empties, an elongation that is not even. What a
+strong effect's law misses may look like another effect, and be far above the noise. So what is
+said beside an effect is said with its size unknown to a share, of which frames and places are
+independent. These errors are integrated out run by run, as the path of the camera is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import legendre
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.diagnosis.gaussian_model import GaussianModel
+from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
+from pneunet_ros.diagnosis.refit import Refit, split_numbers
+from pneunet_ros.diagnosis.settings import DEFAULTS, LawErrorSettings
+from pneunet_ros.measurement.covariance import Whitening
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LawErrors:
+    """Errors of the laws of effects in every run, (frames, 2 targets, errors) m.
+
+    One standard deviation each; none where there is no effect.
+    """
+
+    fields: tuple[Array, ...]
+
+    @classmethod
+    def of(
+        cls,
+        linearization: Linearization,
+        fit: Refit,
+        settings: LawErrorSettings = DEFAULTS.law_errors,
+    ) -> LawErrors:
+        """Return what the laws of all effects of a fit may miss in all runs of a linearization."""
+        if not fit.hypotheses:
+            return cls(fields=())
+        arclength = linearization.point.arm.target_arclength / linearization.length
+        shapes = np.asarray(
+            legendre.legvander(2.0 * arclength - 1.0, settings.shapes - 1), np.float64
+        )
+        runs = range(len(linearization.blocks))
+        before = linearization.points(fit.point.arm, runs)
+        parts: list[list[Array]] = [[] for _ in runs]
+        for which in range(len(fit.hypotheses)):
+            smaller = replace(fit, numbers=smaller_numbers(fit, which, settings.difference))
+            after = linearization.points(smaller.point.arm, runs)
+            if before is None or after is None:
+                continue
+            for part, point, moved in zip(parts, before, after, strict=True):
+                unit = np.nan_to_num(point - moved) / settings.difference
+                errors = settings.size * along_arm(unit, shapes)
+                part.append(errors.reshape(len(unit), -1, settings.shapes))
+        fields = tuple(np.concatenate(part, axis=2) for part in parts if part)
+        return cls(fields=fields)
+
+
+def smaller_numbers(fit: Refit, which: int, share: float) -> Array:
+    """Return the numbers of a fit, the sizes of one of its effects less by a share."""
+    parts = split_numbers(fit.hypotheses, fit.numbers.copy())
+    parts[which][fit.hypotheses[which].sizes] *= 1.0 - share
+    return np.concatenate(parts)
+
+
+def along_arm(field: Array, shapes: Array) -> Array:
+    """Return a field (frames, 2, targets) that grows along the arm as it does, times shapes.
+
+    shapes (targets, n): factors of its growth from target to target; (frames, 2, targets, n).
+    """
+    growth = np.diff(field, axis=2, prepend=0.0)
+    grown: Array = np.cumsum(growth[:, :, :, None] * shapes, axis=2)
+    return grown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OpenLaws:
+    """The linear problem of a fit in which errors of laws are integrated out, run by run."""
+
+    gaussian: GaussianModel
+    filters: tuple[Whitening, ...] = ()
+
+    @classmethod
+    def of(
+        cls, known: GaussianModel, blocks: Sequence[LinearizedRun], errors: LawErrors
+    ) -> OpenLaws:
+        """Return that of a fit to runs; blocks: those, linearized, errors: of effects in them."""
+        pairs = zip(blocks, errors.fields, strict=False)
+        filters = tuple(
+            Whitening(1.0, independent(block.white(frame_by_frame(field))))
+            for block, field in pairs
+        )
+        filters = filters[: len(known.columns)]
+        if not filters:
+            return cls(gaussian=known)
+        columns = [white(item) for white, item in zip(filters, known.columns, strict=True)]
+        rest = zip(filters, known.residuals, strict=True)
+        volumes = zip(filters, known.log_volumes, strict=True)
+        opened = GaussianModel.of(
+            columns,
+            [white(item[:, None])[:, 0] for white, item in rest],
+            known.position,
+            log_volumes=[white.log_volume + volume for white, volume in volumes],
+        )
+        return cls(gaussian=opened, filters=filters)
+
+    def white(self, direction: Sequence[Array]) -> tuple[Array, ...]:
+        """Return a direction of whitened residuals (rows,) per run as it is in this problem."""
+        return tuple(
+            self.columns(which, item[:, None])[:, 0] for which, item in enumerate(direction)
+        )
+
+    def columns(self, run: int, white: Array) -> Array:
+        """Return whitened columns (rows, n) of a run as they are in this problem."""
+        return self.filters[run](white) if self.filters else white
+
+    @property
+    def cost(self) -> float:
+        """Half of chi squared and prior at the best step, and the log volume of the errors."""
+        gaussian = self.gaussian
+        squares = sum(gaussian.squares) + float(gaussian.position @ gaussian.position)
+        return 0.5 * squares - gaussian.gain + sum(gaussian.log_volumes)
+
+
+def frame_by_frame(field: Array) -> Array:
+    """Return a field (frames, points, n) as columns of its own in every frame."""
+    frames, points, count = field.shape
+    columns = np.zeros((frames, points, frames, count))
+    every = np.arange(frames)
+    columns[every, :, every] = field
+    return columns.reshape(frames, points, frames * count)
+
+
+def independent(columns: Array, least: float = 1e-6) -> Array:
+    """Return columns (rows, n) of the same covariance that are orthogonal, without empty ones.
+
+    least: variance that counts. Where an effect does nothing in a frame, an SVD would stumble.
+    """
+    variances, axes = np.linalg.eigh(columns.T @ columns)
+    kept: Array = columns @ axes[:, variances > least]
+    return kept
