@@ -10,6 +10,7 @@ import tempfile
 import zlib
 
 import hypothesis
+from pneunet_ros.core.threads import THREADS as NAMES_OF_THREADS, use_one_thread
 import pytest
 
 CHECKOUT = Path(__file__).resolve().parent.parent
@@ -32,10 +33,9 @@ os.environ['ROS_DOMAIN_ID'] = str(own_domain())
 os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='pneunet_ros_log_')
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ['MPLBACKEND'] = 'Agg'
-THREADS = {
-    name: os.environ.get(name)
-    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
-}
+# As commands and nodes have: with more threads the last digits of what they are compared with differ.
+use_one_thread()
+THREADS = {name: os.environ[name] for name in NAMES_OF_THREADS}
 
 # The first example may compile a kernel, so no deadline. CI draws the same examples every time.
 hypothesis.settings.register_profile('local', deadline=None)
@@ -91,13 +91,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def own_threads() -> None:
     """Give nodes and commands the threads of linear algebra that this process has.
 
-    With others the last digits differ: what one test sets must not reach the processes of another.
+    What one test sets must not reach the processes of another.
     """
-    for name, value in THREADS.items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
-            os.environ[name] = value
+    os.environ.update(THREADS)
 
 
 @pytest.fixture(scope='session')
