@@ -10,7 +10,8 @@ import tempfile
 import zlib
 
 import hypothesis
-from pneunet_ros.core.threads import THREADS as NAMES_OF_THREADS, use_one_thread
+from pneunet_ros.core.threads import THREADS as NAMES_OF_THREADS
+from pneunet_ros.core.threads import use_one_thread
 import pytest
 
 CHECKOUT = Path(__file__).resolve().parent.parent
@@ -33,7 +34,7 @@ os.environ['ROS_DOMAIN_ID'] = str(own_domain())
 os.environ['ROS_LOG_DIR'] = tempfile.mkdtemp(prefix='pneunet_ros_log_')
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 os.environ['MPLBACKEND'] = 'Agg'
-# As commands and nodes have: with more threads the last digits of what they are compared with differ.
+# As commands and nodes: with more threads the last digits of what is compared with them differ.
 use_one_thread()
 THREADS = {name: os.environ[name] for name in NAMES_OF_THREADS}
 
