@@ -153,7 +153,11 @@ def follow_row(view: View, last: TrackedRow) -> tuple[ObservedRow, TrackedRow] |
         if more.seen <= row.seen:
             break
         row = more
-    row = with_partial(view, row, last.area, last)
+    for _ in range(settings.most_passes):
+        before, row = row.seen, with_partial(view, row, last.area, last)
+        if row.seen == count or row.seen <= before:
+            break
+        # What was found tells better where those beyond it are.
     least = min(count, vision.association.least_followed)
     if row.seen < least or not is_at_clamp(view, row.points):
         return None
