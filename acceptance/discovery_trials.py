@@ -13,6 +13,7 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 import json
+import math
 import os
 from pathlib import Path
 import sys
@@ -41,7 +42,7 @@ from unnamed.causes import add_causes, Cause, CAUSES
 Row = dict[str, Any]
 BLOCKS = ('causes', 'clean', 'named')
 ABOVE = 3.0  # times the threshold of the lack-of-fit test: from there on a cause should be found
-NEAR = 0.05  # s / l
+TWO_SIDED = 1.96  # standard errors: 95 %
 
 
 def wanted(arguments: argparse.Namespace) -> Iterator[tuple[str, str, int, int]]:
@@ -145,6 +146,14 @@ def judge(row: Row) -> Row:
     }
     if cause.place and law['place'] is not None and law['kind'] in cause.kinds:
         judged['off'] = abs(law['place'][0] - row['truth'][row['name']][cause.place])
+    right = [place for place, term in enumerate(law['terms']) if term in cause.terms]
+    if math.isfinite(cause.coefficient) and right and law['kind'] in cause.kinds:
+        value, std = law['coefficients'][right[0]]
+        true = cause.coefficient * row['truth'][row['name']][cause.size[0]]
+        judged |= {
+            'size_off': abs(value / true - 1.0),
+            'covered': abs(value - true) <= TWO_SIDED * std,
+        }
     return judged
 
 
@@ -166,6 +175,7 @@ def summary_of(rows: list[Row]) -> Row:
         judged = [judge(row) for row in own]
         given = [item for item in judged if item['given']]
         off = [item['off'] for item in given if 'off' in item]
+        sizes = [item['size_off'] for item in given if 'size_off' in item]
         closed = [row['closed'] for row in own if row.get('closed') is not None]
         out['causes'][name] = {
             'above': len(own),
@@ -175,6 +185,9 @@ def summary_of(rows: list[Row]) -> Row:
             'alone': sum(item['alone'] for item in given),
             'term': sum(item['term'] for item in given),
             'off': float(np.median(off)) if off else None,
+            'size_off': float(np.median(sizes)) if sizes else None,
+            'sizes': len(sizes),
+            'covered': sum(item.get('covered', False) for item in given),
             'closed': float(np.median(closed)) if closed else None,
         }
     return out
@@ -188,7 +201,10 @@ def show(summary: Row) -> None:
         f'{summary["without_cause"]}'
     )
     table = Table()
-    columns = ('above', 'unknown', 'given', 'in_set', 'alone', 'term', 'off', 'closed')
+    columns = (
+        'above', 'unknown', 'given', 'in_set', 'alone', 'term', 'off', 'size_off', 'sizes',
+        'covered', 'closed',
+    )  # fmt: skip
     for column in ('cause', *columns):
         table.add_column(column)
     for name, values in summary['causes'].items():

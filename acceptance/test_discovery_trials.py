@@ -14,7 +14,10 @@ from unnamed.causes import CAUSES, NEW
 
 def row(name, kind=None, place=0.5, terms=('1',), tied=(), **more):
     """Return a trial with a law of this kind, or with none."""
-    law = {'kind': kind, 'tied': list(tied), 'terms': list(terms), 'place': [place, 0.01]}
+    law = {
+        'kind': kind, 'tied': list(tied), 'terms': list(terms), 'place': [place, 0.01],
+        'coefficients': [[0.033, 0.001]] * len(terms),
+    }  # fmt: skip
     return {
         'block': 'causes',
         'name': name,
@@ -22,7 +25,7 @@ def row(name, kind=None, place=0.5, terms=('1',), tied=(), **more):
         'excess': 5.0,
         'closed': 0.9,
         'found': [] if kind is None else [law],
-        'truth': {name: {'place': 0.53}},
+        'truth': {name: {'place': 0.53, 'force': 0.03}},
         **more,
     }
 
@@ -56,8 +59,11 @@ def test_an_answer_is_judged():
     right = judge(row('push', 'push', tied=('bump',)))
     assert (right['in_set'], right['alone'], right['term']) == (True, False, True)
     assert abs(right['off'] - 0.03) < 1e-9
+    assert abs(right['size_off'] - 0.1) < 1e-9
+    assert not right['covered']
     wrong = judge(row('push', 'bump', terms=('p',)))
     assert (wrong['in_set'], wrong['term'], 'off' in wrong) == (False, False, False)
+    assert 'size_off' not in wrong
     assert judge(row('push')) == {'given': False}
 
 

@@ -166,7 +166,8 @@ class Cause:
 
     effect: name in the lab; size: its parameter, weakest and strongest; fixed: its others;
     withheld: effects of the library that are not considered; kinds and terms: those of discovery
-    that a reader maps to it; place: parameter that says where, '' for none.
+    that a reader maps to it; place: parameter that says where, '' for none; coefficient: of the
+    term over the size, NaN where the term is not quite the law.
     """
 
     effect: str
@@ -176,6 +177,7 @@ class Cause:
     withheld: tuple[str, ...] = ()
     fixed: tuple[tuple[str, float], ...] = ()
     place: str = ''
+    coefficient: float = math.nan
     later: bool = False
 
 
@@ -189,6 +191,7 @@ FIRST = (
         terms=ALWAYS,
         withheld=('contact',),
         place='place',
+        coefficient=1.0,
     ),
     Cause(
         effect='leaning_push',
@@ -215,7 +218,7 @@ FIRST = (
     ),
     Cause(
         effect='lens_distortion',
-        size=('radial', 0.004, 0.03),
+        size=('radial', 1.6, 12.0),  # 1/m^2: 0.004 to 0.03 half a length from the middle
         kinds=frozenset({'camera_radial'}),
         terms=ALWAYS,
         withheld=('lens_distortion',),
@@ -233,6 +236,7 @@ FIRST = (
         kinds=frozenset({'chamber_pressure'}),
         terms=frozenset(PLAYS),
         withheld=('hysteresis',),
+        coefficient=-0.5,
     ),
     Cause(
         effect='wide_lens',
@@ -273,6 +277,7 @@ LATER = (
         kinds=frozenset({'camera_perspective_x'}),
         terms=ALWAYS,
         withheld=('camera_tilt', 'camera_scale'),
+        coefficient=1.0,
         later=True,
     ),
     Cause(

@@ -118,7 +118,12 @@ class Selection:
         base = refit(training, (), np.zeros(0), settings.base_rounds, settings)
         if base is None:
             raise ModelError('the model has no shape in most of the training recordings')
-        return self.test_trial(base, None)
+        trial = self.test_trial(base, None)
+        if trial is None:
+            raise ModelError(
+                'a held-out recording has no shape with the model of the training ones'
+            )
+        return trial
 
     def open_laws(self, trial: Trial) -> tuple[LawErrors, OpenLaws]:
         """Return what the laws of a trial may miss, and its linear problem with that.
@@ -133,17 +138,18 @@ class Selection:
             self.opened = key, errors, problem
         return self.opened[1:]
 
-    def test_trial(self, trial: Refit, base: Trial | None, known: Trial | None = None) -> Trial:
+    def test_trial(
+        self, trial: Refit, base: Trial | None, known: Trial | None = None
+    ) -> Trial | None:
         """Test a joint fit on all recordings, and keep what came of it.
 
-        known: the set to which an effect was added.
+        known: the set to which an effect was added. None where the arm has no shape in a held-out
+        recording with it.
         """
         all_runs = self.linearization.at(trial.point)
         at_fit = linearize_all_runs(all_runs, trial, self.settings.refit)
         if at_fit is None:
-            raise ModelError(
-                'a held-out recording has no shape with the model of the training ones'
-            )
+            return None
         nonuniform = nonuniform_columns(trial.linearization, self.settings.calibration.resolution)
         lack_of_fit, gaussian = self.settings.lack_of_fit, at_fit[1]
         exact = OpenLaws(gaussian=gaussian)
@@ -252,8 +258,9 @@ class Selection:
                 self.settings.refit.rounds,
                 self.settings.refit,
             )
-            if fit is not None:
-                sets.append(self.test_trial(fit, base))
+            rival = None if fit is None else self.test_trial(fit, base)
+            if rival is not None:
+                sets.append(rival)
         return choose_best(base, sets, self.settings.selection) or best
 
     def score_candidates(self, trial: Trial) -> list[Candidate]:
@@ -334,7 +341,9 @@ class Selection:
         for place, fit in enumerate(chosen):
             self.on_progress('until settled: ' + ' + '.join(fit.names), place, len(chosen))
             settled = settle(fit, self.settings.refit.rounds, self.settings.refit)
-            finalists.append(self.test_trial(settled, base, known=trial))
+            finalist = self.test_trial(settled, base, known=trial)
+            if finalist is not None:
+                finalists.append(finalist)
         return finalists
 
     def eliminate_backward(self, base: Trial, trial: Trial) -> Trial:
@@ -367,7 +376,7 @@ class Selection:
         if fit is None:
             return None
         smaller = self.test_trial(fit, base)
-        return smaller if smaller.record.evidence >= least else None
+        return smaller if smaller is not None and smaller.record.evidence >= least else None
 
 
 def choose_best(

@@ -89,15 +89,16 @@ class JointFits:
             return self.lengthened(self.fit(kind, (CONSTANT,), start))
         low, high = kind.positions
         steps = np.arange(self.settings.place.held) + 0.5
-        best: Proposal | None = None
-        for share in (steps / steps.size).tolist():
-            position = low + share * (high - low)
-            held = self.fit(kind, (CONSTANT,), np.append(start, np.log(position)), held=True)
-            if held is not None and (best is None or held.evidence > best.evidence):
-                best = held
-        if best is None:
-            return None
-        return self.lengthened(self.fit(kind, best.terms, best.numbers, best.trial.refit))
+        held = [
+            self.fit(kind, (CONSTANT,), np.append(start, np.log(position)), held=True)
+            for position in (low + steps / steps.size * (high - low)).tolist()
+        ]
+        found = [item for item in held if item is not None]
+        for item in sorted(found, key=lambda item: item.evidence, reverse=True):
+            free = self.fit(kind, item.terms, item.numbers, item.trial.refit)
+            if free is not None:
+                return self.lengthened(free)
+        return None
 
     def lengthened(self, proposal: Proposal | None) -> Proposal | None:
         """Return a fit with the terms that it lacks, as long as they gain enough."""
@@ -164,7 +165,10 @@ class JointFits:
         *,
         held: bool = False,
     ) -> Proposal | None:
-        """Fit jointly from these numbers until settled; held: the place stays where it begins."""
+        """Fit jointly from these numbers until settled; held: the place stays where it begins.
+
+        None where the arm has no shape with it, in a training recording or in a held-out one.
+        """
         parameters = parameters_of(kind, terms, self.covariates)
         source = effect_source(
             kind,
@@ -184,14 +188,10 @@ class JointFits:
             settings.rounds,
             settings,
         )
-        if found is None:
+        trial = None if found is None else self.selection.test_trial(found, self.first)
+        if trial is None:
             return None
-        return Proposal(
-            kind=kind,
-            terms=terms,
-            parameters=parameters,
-            trial=self.selection.test_trial(found, self.first),
-        )
+        return Proposal(kind=kind, terms=terms, parameters=parameters, trial=trial)
 
     def missing_terms(self, proposal: Proposal) -> tuple[str, ...]:
         """Return terms of the kind that the fit with the law still lacks."""
