@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 import math
 
 import numpy as np
@@ -16,7 +17,7 @@ pytest.importorskip('skimage', reason='the photographs of scikit-image')
 pytest.importorskip('sklearn', reason='the photographs of scikit-learn')
 
 from support.composed_pictures import Composer, Composition, HEIGHT, photograph, PHOTOGRAPHS, WIDTH
-from support.tracked_films import Score, score_film
+from support.tracked_films import Score, score_film, track_film
 
 
 @pytest.fixture(scope='module')
@@ -86,6 +87,16 @@ def test_the_arm_is_tracked_before_a_photograph(arm, name, polarity, disturbance
     assert numbers['false'] == numbers['swapped'] == 0
     assert numbers['rms_px'] < 0.1
     assert 0.7 < numbers['normalized'] < 1.5
+
+
+def test_a_tip_in_blur_is_found_from_neighbors_that_were_found_in_part(arm):
+    """The fastest frame of this film in which it is: no other fit begins near enough."""
+    composition = Composition(
+        photograph='china', polarity='bright', disturbances=frozenset({'blur'}), frames=60
+    )
+    *_, (frame, tracking, _) = islice(track_film(composition, arm), 16)
+    off = np.hypot(tracking.sightings.u - frame.u, tracking.sightings.v - frame.v)
+    assert off.max() < 2.0  # px: a radius is 5, its way 17
 
 
 def test_a_score_tells_what_is_lost_false_and_swapped():

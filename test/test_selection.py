@@ -278,6 +278,8 @@ def test_the_strongest_of_two_effects_is_held_against_what_scores_as_well(monkey
     worse = trial('camera_rotation gravity', 84.0, 25.0)
     search.sets[frozenset(worse.names)] = worse
     assert search.fit_rivals(base, both) is both
+    search.sets[frozenset(worse.names)] = None
+    assert search.fit_rivals(base, both) is both
     assert search.fit_rivals(base, base) is base
 
 
@@ -300,3 +302,11 @@ def test_an_effect_that_has_not_arrived_after_one_refit_is_fitted_until_settled(
     candidates = [candidate(name, score) for name, score in scores.items()]
     found = Selection.fit_finalists(search, known, known, candidates)
     assert found == [('gravity',), ('camera_rotation',)]
+    # With one of them a held-out recording has no shape: it is no answer, and the other may be.
+    monkeypatch.setattr(
+        Selection,
+        'test_trial',
+        lambda self, fit, base, known: None if fit.names == ('gravity',) else fit.names,
+    )
+    found = Selection.fit_finalists(search, known, known, candidates)
+    assert found == [('camera_rotation',)]
