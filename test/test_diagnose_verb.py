@@ -241,3 +241,21 @@ def test_an_effect_that_there_is_not_cannot_be_withheld(run, lab):
     code, _, err = run(*given(lab, '--without', 'magic'))
     assert code == 2
     assert '--without names an effect magic that there is not' in err
+
+
+def test_what_is_no_recording_is_said_before_any_is_read(run, lab, tmp_path, monkeypatch):
+    """A file of many GB that is none took as long to read as one that is."""
+    monkeypatch.setattr(
+        'pneunet_ros.offline.calibration_files.file_hash', lambda path: pytest.fail('read')
+    )
+    large = tmp_path / 'large.mcap'
+    with large.open('wb') as stream:
+        stream.truncate(8_000_000_000)
+    train = lab / 'strings.mcap'
+    for other, words in (
+        (large, 'large.mcap is no MCAP file'),
+        (tmp_path / 'missing.mcap', 'does not exist'),
+    ):
+        code, _, said = run('--model', ARM, '--train', train, other, '--output', 'out')
+        assert code == 2
+        assert words in said

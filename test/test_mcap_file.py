@@ -12,6 +12,7 @@ from mcap.records import Chunk, DataEnd, Footer
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType
 from pneunet_ros.core.errors import RecordingError
+from pneunet_ros.recordings import mcap_file
 from pneunet_ros.recordings.mcap_file import MAGIC, open_mcap, read_block
 from pneunet_ros.recordings.recording import open_recording
 import pytest
@@ -234,12 +235,22 @@ def test_a_chunk_of_empty_messages_is_refused(tmp_path):
     message = struct.pack('<BQHIQQ', Opcode.MESSAGE, 22, 1, 0, 0, 0)
     path = write_chunks(tmp_path / 'r.mcap', chunk_record(message * 200_000))
     assert path.stat().st_size < 9_000
-    with pytest.raises(RecordingError, match='more messages than it has bytes'):
+    with pytest.raises(RecordingError, match='more records than it has bytes'):
+        open_mcap(path)
+
+
+def test_a_chunk_of_records_of_no_kind_is_refused_at_once(tmp_path, monkeypatch):
+    path = write_chunks(tmp_path / 'r.mcap', chunk_record(bytes(90_000_000)))
+    heads = iter(range(10**6))  # ten million would be there
+    monkeypatch.setattr(
+        mcap_file, 'records', lambda data: ((0, next(heads), 0) for _ in range(10**7))
+    )
+    with pytest.raises(RecordingError, match='more records than it has bytes'):
         open_mcap(path)
 
 
 def test_chunks_of_nothing_are_refused_before_they_fill_the_memory(tmp_path):
-    nothing = chunk_record(bytes(30_000_000))
+    nothing = chunk_record(struct.pack('<BQ', 0x80, 30_000_000) + bytes(30_000_000))
     path = write_chunks(tmp_path / 'r.mcap', *[nothing] * 6)
     tracemalloc.start()
     try:

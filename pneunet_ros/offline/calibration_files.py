@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, MISSING, replace
 import hashlib
 from pathlib import Path
@@ -24,6 +24,7 @@ from pneunet_ros.files.regular_file import open_regular
 from pneunet_ros.files.yaml_file import one_line
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.recordings.bag_folder import mcap_files
+from pneunet_ros.recordings.mcap_file import check_is_mcap
 
 KNOWLEDGE_SUFFIX = '.knowledge.npz'
 PIECE = 1 << 20  # bytes read at a time
@@ -42,8 +43,13 @@ def file_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:
-    """Return file, hash and role of every recording."""
+def inputs_of(roles: Sequence[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:
+    """Return file, hash and role of every recording.
+
+    Raises RecordingError before any is read where one is missing, or none at all.
+    """
+    for file in (file for _, paths in roles for path in paths for file in mcap_files(path)):
+        check_is_mcap(file)
     return [
         {'file': printable(path.name), 'sha256': file_hash(path), 'role': role}
         for role, paths in roles

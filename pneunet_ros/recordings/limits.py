@@ -29,10 +29,10 @@ class RecordingLimits:
     unpacked: int = tuning(
         100_000_000, 'content that any file may have, however small it is', unit='byte'
     )
-    messages: int = tuning(
+    records: int = tuning(
         1,
-        'messages per byte of the file: packed as well as can be, one with a log time of its own '
-        'takes more than a byte',
+        'records in chunks per byte of the file: packed as well as can be, a message with a log '
+        'time of its own takes more than a byte',
         unit='1/byte',
     )
     waiting: int = tuning(

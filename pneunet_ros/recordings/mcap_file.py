@@ -92,17 +92,31 @@ def open_mcap(path: Path) -> McapFile:
     """
     try:
         with open_regular(path) as stream:
-            size = stream.seek(0, io.SEEK_END)
-            stream.seek(0)
-            if size == 0:
-                raise RecordingError(f'{path} is empty: an MCAP recording is needed')
-            if stream.read(len(MAGIC)) != MAGIC:
-                raise RecordingError(f'{path} {recording_from(path)}')
-            return _Scan(path, stream, size).run()
+            return _Scan(path, stream, _size_of_mcap(path, stream)).run()
     except UnknownCompression as error:
         raise RecordingError(f'{path}: {error}') from error
     except OSError as error:
         raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
+
+
+def check_is_mcap(path: Path) -> None:
+    """Raise RecordingError where a file does not begin as an MCAP file, or cannot be read."""
+    try:
+        with open_regular(path) as stream:
+            _size_of_mcap(path, stream)
+    except OSError as error:
+        raise RecordingError(f'{path} cannot be read: {error.strerror}') from error
+
+
+def _size_of_mcap(path: Path, stream: BinaryIO) -> int:
+    """Return the size of a file in bytes, if it begins as it must."""
+    size = stream.seek(0, io.SEEK_END)
+    stream.seek(0)
+    if size == 0:
+        raise RecordingError(f'{path} is empty: an MCAP recording is needed')
+    if stream.read(len(MAGIC)) != MAGIC:
+        raise RecordingError(f'{path} {recording_from(path)}')
+    return size
 
 
 def read_block(path: Path, stream: BinaryIO, block: Block) -> Iterator[tuple[int, int, bytes]]:
@@ -204,6 +218,7 @@ class _Scan:
     counts: Counter[int] = field(default_factory=Counter)
     blocks: list[Block] = field(default_factory=list)
     unpacked: int = 0  # bytes
+    packed: int = 0  # records in chunks
     skipped: list[tuple[int, str]] = field(default_factory=list)  # byte and reason of chunks
     too_late: int = 0  # messages
     data_end: tuple[int, int] | None = None  # byte and checksum
@@ -326,7 +341,11 @@ class _Scan:
             self.stream.seek(start)
             data = chunk_content(self.stream.read(end - start))
             self._unpacked(len(data))
+            most = LIMITS.records * self.size
             for opcode, first, last in records(data):
+                self.packed += 1
+                if self.packed > most:  # before all of them have taken their time
+                    raise self._refusal('more records than it has bytes')
                 if opcode == Opcode.MESSAGE:
                     self._message(run, *message_head(data, first, last))
                 elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -366,8 +385,6 @@ class _Scan:
         if not run.count:
             return
         self.counts.update(run.channels)
-        if self.counts.total() > LIMITS.messages * self.size:
-            raise self._refusal('more messages than it has bytes')
         self.blocks.append(
             Block(
                 offset=run.start,
