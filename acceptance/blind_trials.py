@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import argparse
 from concurrent.futures import as_completed
-import os
 from pathlib import Path
 import sys
 import tempfile
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 from blind.record import Record
 from blind.running import one_trial

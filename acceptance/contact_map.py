@@ -13,12 +13,12 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import os
 import sys
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 import numpy as np
 from pneunet_ros import load_model

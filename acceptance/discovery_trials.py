@@ -14,16 +14,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 import json
 import math
-import os
 from pathlib import Path
 import sys
 import time
 from typing import Any
 import zlib
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 from blind.hidden import hidden_effect, HIDEABLE, MISMATCH
 from blind.trials import Label, recorded, Trial

@@ -14,15 +14,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
 import zlib
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 from dataclasses import replace
 

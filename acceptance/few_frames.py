@@ -15,12 +15,12 @@ import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 import json
-import os
 from pathlib import Path
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 import numpy as np
 from pneunet_ros.calibration.calibration import calibrate

@@ -14,15 +14,15 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 import json
-import os
 from pathlib import Path
 import sys
 import tempfile
 from typing import Any, ClassVar
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
     sys.path.append(str(Path(__file__).resolve().parent.parent / 'test'))
 
 import numpy as np

@@ -17,12 +17,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 import sys
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 import numpy as np
 from pneunet_ros.core.arrays import Array

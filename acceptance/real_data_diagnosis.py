@@ -18,13 +18,13 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 import json
-import os
 from pathlib import Path
 import platform
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 import numpy as np
 from pneunet_ros.core.errors import PneunetError

@@ -18,11 +18,11 @@ import argparse
 from collections import Counter
 from dataclasses import asdict, dataclass
 import json
-import os
+
+from pneunet_ros.core.threads import use_one_thread
 
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 import numpy as np
 from pneunet_ros.diagnosis.diagnosis import diagnose

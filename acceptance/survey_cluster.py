@@ -17,9 +17,10 @@ import subprocess
 import sys
 import time
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 
 def survey_with_a_killed_worker(fleet: Path, output: Path, options: list[str]) -> dict:

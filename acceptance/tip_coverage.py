@@ -17,13 +17,13 @@ import dataclasses
 import json
 import math
 import multiprocessing
-import os
 import platform
 import sys
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 from calibration import LOADED, record, UNLOADED
 import numpy as np

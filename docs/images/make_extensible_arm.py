@@ -6,12 +6,12 @@ python docs/images/make_extensible_arm.py [--output FOLDER]
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 
+from pneunet_ros.core.threads import use_one_thread
+
 if __name__ == '__main__':  # not where a test imports this: its processes would inherit it
-    os.environ.setdefault('OMP_NUM_THREADS', '1')
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    use_one_thread()
 
 from extensible_arm_story import Forces, lines, Story, told, Z_95
 from matplotlib.axes import Axes
