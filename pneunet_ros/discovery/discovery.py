@@ -25,7 +25,7 @@ from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits, POSITION, Proposal
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Law
-from pneunet_ros.discovery.proposed_effect import effect_name, effect_source
+from pneunet_ros.discovery.proposed_effect import effect_name, effect_source, LAW_ERROR
 from pneunet_ros.discovery.result import (
     AmplitudeSeries,
     CauseMap,
@@ -394,7 +394,7 @@ def describe(finding: Finding, tied: Sequence[str], search: Search) -> Discovere
                 name=item.term,
                 function=item.name,
                 coefficient=float(number),
-                std=float(std),
+                std=float(np.hypot(std, LAW_ERROR * number)),
                 unit=item.unit,
             )
             for item, number, std in zip(
@@ -498,7 +498,7 @@ def linear_terms(suspect: Suspect) -> tuple[TermOfLaw, ...]:
                 name=name,
                 function=name,
                 coefficient=float(coefficient * size),
-                std=float(std * size),
+                std=float(np.hypot(std, LAW_ERROR * coefficient) * size),
                 unit=unit,
             )
         )

@@ -19,6 +19,7 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect
 
 MOST = 1e3  # bounds of a parameter: so many times what is usual
+LAW_ERROR = 0.1  # invented: as of most effects; an arm that is new follows no law of few terms
 PREFIX = 'proposed_'
 LINE = 99
 
@@ -80,6 +81,7 @@ class {class_name}(Effect):
     name: ClassVar[str] = {name!r}
     place: ClassVar[Place] = {place!r}
     meaning: ClassVar[str] = {meaning!r}
+    law_error: ClassVar[float] = {law_error!r}
 {body}'''
 FOLLOW = '''
 
@@ -247,6 +249,7 @@ def effect_source(
         name=name,
         place='material' if memory and kind.place == 'mechanics' else kind.place,
         meaning=kind.subject,
+        law_error=LAW_ERROR,
         body=body,
     )
 
