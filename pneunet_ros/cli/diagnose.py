@@ -40,7 +40,7 @@ from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.user_effects import add_effects
 from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
-from pneunet_ros.offline.calibration_files import inputs_of
+from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
 from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis, write_unsettled
 from rich.progress import Progress
 import scipy
@@ -126,9 +126,10 @@ def run(arguments: Namespace) -> int:
     """Read, diagnose, write."""
     started = time.perf_counter()
     frame = load_model(arguments.model)
+    recordings = (*arguments.train, *arguments.heldout)
+    check_recordings(recordings)
     inputs = inputs_of((('training', arguments.train), ('heldout', arguments.heldout)))
     check_distinct(inputs)
-    recordings = (*arguments.train, *arguments.heldout)
     with (
         atomic_output(
             arguments.output,

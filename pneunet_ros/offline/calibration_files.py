@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, MISSING, replace
 import hashlib
 from pathlib import Path
@@ -43,13 +43,15 @@ def file_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def inputs_of(roles: Sequence[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:
-    """Return file, hash and role of every recording.
+def check_recordings(paths: Iterable[Path]) -> None:
+    """Raise RecordingError where a recording is missing, or none, before any is read."""
+    for path in paths:
+        for file in mcap_files(path):
+            check_is_mcap(file)
 
-    Raises RecordingError before any is read where one is missing, or none at all.
-    """
-    for file in (file for _, paths in roles for path in paths for file in mcap_files(path)):
-        check_is_mcap(file)
+
+def inputs_of(roles: Iterable[tuple[str, Sequence[Path]]]) -> list[dict[str, str]]:
+    """Return file, hash and role of every recording."""
     return [
         {'file': printable(path.name), 'sha256': file_hash(path), 'role': role}
         for role, paths in roles
