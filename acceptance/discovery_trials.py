@@ -26,6 +26,7 @@ if __name__ == '__main__':
     use_one_thread()
 
 from blind.hidden import hidden_effect, HIDEABLE, MISMATCH
+from blind.scoring import Z_95
 from blind.trials import Label, recorded, Trial
 import numpy as np
 from pneunet_ros.core.errors import PneunetError
@@ -42,7 +43,6 @@ from unnamed.causes import add_causes, Cause, CAUSES
 Row = dict[str, Any]
 BLOCKS = ('causes', 'clean', 'named')
 ABOVE = 3.0  # times the threshold of the lack-of-fit test: from there on a cause should be found
-TWO_SIDED = 1.96  # standard errors: 95 %
 
 
 def wanted(arguments: argparse.Namespace) -> Iterator[tuple[str, str, int, int]]:
@@ -152,7 +152,7 @@ def judge(row: Row) -> Row:
         true = cause.coefficient * row['truth'][row['name']][cause.size[0]]
         judged |= {
             'size_off': abs(value / true - 1.0),
-            'covered': abs(value - true) <= TWO_SIDED * std,
+            'covered': abs(value - true) <= Z_95 * std,
         }
     return judged
 
@@ -163,6 +163,7 @@ def summary_of(rows: list[Row]) -> Row:
     clean = [row for row in rows if row['block'] != 'causes' and row['answer'] != 'not made']
     out['false_laws'] = sum(bool(row['found']) for row in clean)
     out['without_cause'] = len(clean)
+    out['failed'] = sum(row['answer'] == 'failed' for row in rows)
     for name in ['all', *CAUSES]:
         own = [
             row
@@ -198,7 +199,8 @@ def show(summary: Row) -> None:
     console = Console()
     console.print(
         f'{summary["trials"]} trials; a law where none is: {summary["false_laws"]} of '
-        f'{summary["without_cause"]}'
+        f'{summary["without_cause"]}; ended in an error, and counted nowhere below: '
+        f'{summary["failed"]}'
     )
     table = Table()
     columns = (

@@ -121,7 +121,8 @@ class Selection:
         trial = self.test_trial(base, None)
         if trial is None:
             raise ModelError(
-                'a held-out recording has no shape with the model of the training ones'
+                'a held-out recording has no shape with the model of the training ones: train '
+                'with its loads and pressures, or leave it out'
             )
         return trial
 
