@@ -61,7 +61,7 @@ def says_too_much() -> int:
 
 
 def takes_memory() -> int:
-    return len(b'x' * 800_000_000)
+    return len(b'x' * 400_000_000)
 
 
 def takes_time() -> int:
@@ -111,7 +111,9 @@ def behaves() -> int:
 )
 def test_what_must_not_be_is_seen(corpus, tmp_path, monkeypatch, verb, kind):
     monkeypatch.setattr(hostile.running, 'main', lambda words: verb())
-    limits = {'seconds': 3.0, 'patience': 20.0, 'megabytes': resident_megabytes() + 250.0}
+    # To take memory is slow on some machines, and is no hang.
+    seconds = 3.0 if kind == 'hang' else 30.0
+    limits = {'seconds': seconds, 'patience': 20.0, 'megabytes': resident_megabytes() + 250.0}
     monkeypatch.setattr(hostile.running, 'LIMITS', hostile.running.LIMITS | limits)
     outputs = (tmp_path / 'case' / 'out.npz',)
     case = Case(kind='made', folder=tmp_path / 'case', words=('verb',), outputs=outputs)
