@@ -93,7 +93,8 @@ def answer_of(trial: Trial, withheld: tuple[str, ...]) -> Row:
         found = discover(investigation)
     except PneunetError as error:
         return row | {'notes': [str(error)], 'seconds': time.process_time() - started}
-    diagnosis = investigation.diagnosis
+    diagnosis = found.overruling or investigation.diagnosis
+    row['overruled'] = found.overruling is not None
     row['answer'] = diagnosis.answer
     if isinstance(diagnosis, Diagnosis):
         test = diagnosis.adequacy_before

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.effects.effect import Effect
+from pneunet_ros.effects.pressure_elongation import PressureElongation
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
@@ -16,6 +18,7 @@ from pneunet_ros.measurement.noise_model import (
     coordinate_stds,
     EDGE,
     model_errors,
+    pressure_moves,
     reading_errors,
     target_std,
 )
@@ -60,7 +63,8 @@ def test_many_frames_under_a_known_load_know_it_no_better_than_one():
     jacobian = model.point_jacobian(arm, inputs, NONE)
     known = read.with_end_load(0.1, 0.05)
     errors, common = (
-        reading_errors(USUAL, arm, run, inputs, jacobian)[:, :, 1:3] for run in (read, known)
+        reading_errors(USUAL, model, arm, run, inputs, jacobian)[:, :, 1:3]
+        for run in (read, known)
     )
     np.testing.assert_allclose(common, 3.0 * errors)
     assert np.abs(errors).max() > 0.0
@@ -73,7 +77,8 @@ def test_columns_are_what_moved_readings_move():
     model = ForwardModel(arm.target_arclength)
     assert model.solve(arm, inputs).all()
     points = model.points.reshape(3, -1).copy()
-    found = reading_errors(USUAL, arm, run, inputs, model.point_jacobian(arm, inputs, NONE))
+    jacobian = model.point_jacobian(arm, inputs, NONE)
+    found = reading_errors(USUAL, model, arm, run, inputs, jacobian)
     assert model.solve(
         arm, inputs.with_loads(inputs.loads + np.array([0.0, USUAL.force_std, 0.0]))
     ).all()
@@ -89,6 +94,37 @@ def test_columns_are_what_moved_readings_move():
     whole = model_errors(replace(arm, sensors=USUAL, covariance=None), inputs)
     assert whole.shape == (3, 46, 1)
     assert found[1, :, 0] == pytest.approx(whole[1, :, 0], rel=1e-4, abs=1e-9)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DraggingHose(Effect):
+    """An end moment that goes with the pressure, as of a stiff hose."""
+
+    name = 'dragging_hose'
+    place = 'sensing'
+
+    def sense(self, load):
+        """Return the load with that of the hose."""
+        return replace(load, moment=load.moment + 3e-8 * load.pressure)
+
+
+@pytest.mark.parametrize(
+    'effect', [DraggingHose(), PressureElongation(strain_per_pascal=1e-6)], ids=['load', 'strain']
+)
+def test_a_pressure_reading_moves_also_by_the_effects_that_go_with_it(effect):
+    arm = replace(paper_arm(), effects=(effect,))
+    model, moved = ForwardModel(arm.target_arclength), []
+    for step in (-1.0, 1.0, 0.0):
+        run = made(arm, PRESSURE + 30.0 * step, FORCE)
+        (inputs,) = inputs_of(arm, [run])
+        assert model.solve(arm, inputs).all()
+        moved.append(model.points.reshape(3, -1).copy())
+    jacobian = model.point_jacobian(arm, inputs, NONE)
+    found = pressure_moves(model, arm, run, inputs, jacobian)
+    expected = (moved[1] - moved[0]) / 60.0
+    assert found == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
+    plain = pressure_moves(model, paper_arm(), run, inputs, jacobian)
+    assert np.abs(plain - expected).max() > 0.02 * np.abs(expected).max()
 
 
 def test_a_target_without_noise_has_a_sigma_all_the_same():

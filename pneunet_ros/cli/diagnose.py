@@ -152,8 +152,8 @@ def run(arguments: Namespace) -> int:
                 on_progress=on_progress,
                 settings=settings_without(arguments.without),
             )
-            found = investigation.diagnosis
             discovery = discover(investigation, on_progress=on_progress)
+            found = discovery.overruling or investigation.diagnosis
         provenance = {
             'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},
             'inputs': inputs,

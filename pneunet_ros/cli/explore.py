@@ -28,6 +28,7 @@ from pneunet_ros.diagnosis.experiment_design import Experiment
 from pneunet_ros.diagnosis.result import CLEAR
 from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.discovery.discovery import discover
+from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.exploration.exploration import explore, Round
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION
@@ -169,7 +170,12 @@ def run(arguments: Namespace) -> int:
             rounds.append(item)
             write_round(rounds, safe, provenance, folder)
             show_round(rounds, console)
-        write_end(rounds[-1], model, provenance, folder)
+        discovery = discover(rounds[-1].investigation, on_progress=on_progress)
+        if discovery.overruling is not None:
+            rounds[-1] = rounds[-1].overruled(discovery.overruling)
+            write_round(rounds, safe, provenance, folder)
+            show_round(rounds, console)
+        write_end(rounds[-1], discovery, model, provenance, folder)
     last = rounds[-1].investigation.diagnosis
     if arguments.json:
         content = exploration_content(rounds, safe, provenance)
@@ -267,7 +273,9 @@ def show_round(rounds: list[Round], console: Console) -> None:
     )
 
 
-def write_end(last: Round, model: Arm, provenance: dict[str, object], folder: Path) -> None:
+def write_end(
+    last: Round, discovery: Discovery, model: Arm, provenance: dict[str, object], folder: Path
+) -> None:
     """Write the last diagnosis as `diagnose` does, where there is one."""
     if last.diagnosis is None:
         return
@@ -284,5 +292,5 @@ def write_end(last: Round, model: Arm, provenance: dict[str, object], folder: Pa
             training=training,
             held_out=[],
             provenance=about,
-            discovery=discover(last.investigation),
+            discovery=discovery,
         )

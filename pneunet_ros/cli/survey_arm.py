@@ -130,7 +130,8 @@ class SurveyWork:
         origin = provenance_of(asked, calibration, roles)
         model = described_arm(calibration, arm.name, frame, origin)
         investigation = investigate(model, [*unloaded, *loaded], held_out, seed=self.request.seed)
-        diagnosis = investigation.diagnosis
+        discovery = discover(investigation)
+        diagnosis = discovery.overruling or investigation.diagnosis
         inputs = [
             ('training', (*arm.roles['unloaded'], *arm.roles['loaded'])),
             ('heldout', arm.roles['heldout']),
@@ -150,7 +151,7 @@ class SurveyWork:
                 training=[*unloaded, *loaded],
                 held_out=held_out,
                 provenance=provenance,
-                discovery=discover(investigation),
+                discovery=discovery,
             )
         save_model(model, folder / CALIBRATED)
         save_knowledge(calibration.posterior, folder / CALIBRATED, overwrite=False)

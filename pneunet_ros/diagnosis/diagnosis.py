@@ -78,7 +78,8 @@ class Investigation:
     """A diagnosis, and what it rests on, for who goes on from there.
 
     selection: all that was tried; base: the fit of the model without any further effect; trial:
-    the model of the answer; recordings: training and held out. None where nothing settled.
+    the model of the answer; recordings: training and held out; notes: on these, whatever the
+    answer. None where nothing settled.
     """
 
     diagnosis: Diagnosis | UnsettledDiagnosis
@@ -86,6 +87,7 @@ class Investigation:
     base: Trial | None = None
     trial: Trial | None = None
     recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]] = ((), ())
+    notes: tuple[str, ...] = ()
 
 
 def diagnose(
@@ -170,14 +172,15 @@ def investigate(
     detectable = detection_limits(asked, candidates, settings.score_test)
     verdict = decide(selection, first, best, detectable)
     on_progress('evaluation before and after', 0, 0)
-    notes = (*verdict.notes, *notes_on_time(selection, recordings[0]), *notes)
-    verdict = replace(verdict, notes=notes)
+    notes = (*notes_on_time(selection, recordings[0]), *notes)
+    verdict = replace(verdict, notes=(*verdict.notes, *notes))
     return Investigation(
         diagnosis=conclude(selection, first, best, verdict, detectable, recordings),
         selection=selection,
         base=first,
         trial=verdict.trial,
         recordings=recordings,
+        notes=notes,
     )
 
 
@@ -338,6 +341,25 @@ def decide(
         ),
         notes=(*confirmation.untested, *notes_on_rest(selection, best)),
     )
+
+
+def take_back(investigation: Investigation, objection: str) -> Diagnosis:
+    """Return the diagnosis without the name that it gave: the answer is `unknown`.
+
+    objection: what speaks against the name, which the notes say.
+    """
+    named, selection = investigation.diagnosis, investigation.selection
+    first, best = investigation.base, investigation.trial
+    assert isinstance(named, Diagnosis)
+    assert selection is not None
+    assert first is not None
+    assert best is not None
+    library = {item.name for item in selection.hypotheses}
+    tried = {names: item for names, item in selection.tried.items() if names <= library}
+    selection = replace(selection, tried=tried)
+    notes = (*closest_notes(best.record, (objection,)), *investigation.notes)
+    verdict = Verdict(answer='unknown', trial=first, notes=notes)
+    return conclude(selection, first, best, verdict, named.detectable, investigation.recordings)
 
 
 def passes_alike(

@@ -13,7 +13,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.confirmation import Confirmer
-from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation
+from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation, take_back
 from pneunet_ros.diagnosis.evaluation import removed_share
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_statistic
@@ -25,6 +25,7 @@ from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits, POSITION, Proposal
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Law
+from pneunet_ros.discovery.library_words import is_said_by
 from pneunet_ros.discovery.proposed_effect import effect_name, effect_source, LAW_ERROR
 from pneunet_ros.discovery.result import (
     AmplitudeSeries,
@@ -78,23 +79,79 @@ def discover(
 
     Returns:
         Laws that the recordings confirm, at most one with its rivals; none where the answer is
-        `none` or `unobservable`, or where named effects leave nothing but noise.
+        `none` or `unobservable`, or where named effects leave nothing but noise and no law says
+        it better.
 
     """
-    selection, first, diagnosis = (
-        investigation.selection,
-        investigation.base,
-        investigation.diagnosis,
-    )
-    if selection is None or first is None or not isinstance(diagnosis, Diagnosis):
+    if investigation.selection is None or investigation.base is None:
         return NOTHING_SEARCHED
+    overruling = overrule(investigation, on_progress, settings)
+    if overruling is not None:
+        return overruling
     base = starting_point(investigation, settings)
     if base is None:
         return NOTHING_SEARCHED
     on_progress('causes outside the library', 0, 0)
     search = Search(base.refit, settings)
-    suspects = search.suspects()
-    causes = cause_map(search, base)
+    return look_for_law(investigation, base, search, search.suspects(), on_progress)
+
+
+def overrule(
+    investigation: Investigation, on_progress: OnProgress, settings: DiscoverySettings
+) -> Discovery | None:
+    """Return a law that predicts recordings better than the effects that are named; None if none.
+
+    A name says which effect of the library explains most. Where what is missing is not in the
+    library, the one that comes nearest may leave nothing but noise.
+    """
+    diagnosis, first, trial = investigation.diagnosis, investigation.base, investigation.trial
+    if not isinstance(diagnosis, Diagnosis) or diagnosis.answer not in ('named', 'inseparable'):
+        return None
+    assert first is not None
+    assert trial is not None
+    on_progress('causes outside the library, in place of the name', 0, 0)
+    search, names = Search(first.refit, settings), (*trial.names, *diagnosis.alternatives)
+    suspects, evidence = search.suspects(), trial.record.evidence
+    limits = settings.confirmation
+    if not any(
+        item.left_out_gain > limits.worth_a_fit * evidence
+        and item.law is not None
+        and not is_said_by(item.kind.name, item.law.terms, names)
+        for item in suspects
+    ):
+        return None
+    discovery = look_for_law(investigation, first, search, suspects, on_progress)
+    law = discovery.found[0] if discovery.found else None
+    if law is None or law.effect_file is None:
+        return None
+    if is_said_by(law.kind, [item.name for item in law.covariates], names):
+        return None
+    if law.left_out_gain < evidence + max(limits.overrules, limits.overrules_share * evidence):
+        return None
+    objection = (
+        f'a law that is not in the library ({law.kind}) predicts recordings that are left out '
+        f'better, by {law.left_out_gain:.0f} in log probability where this has {evidence:.0f}'
+    )
+    return replace(discovery, overruling=take_back(investigation, objection))
+
+
+def look_for_law(
+    investigation: Investigation,
+    base: Trial,
+    search: Search,
+    suspects: Sequence[Suspect],
+    on_progress: OnProgress,
+) -> Discovery:
+    """Return the law of what is left by a model; none where recordings do not confirm it."""
+    selection, first, diagnosis = (
+        investigation.selection,
+        investigation.base,
+        investigation.diagnosis,
+    )
+    assert selection is not None
+    assert first is not None
+    assert isinstance(diagnosis, Diagnosis)
+    settings, causes = search.settings, cause_map(search, base)
     if not suspects:
         notes = ('no kind of cause that was tried predicts recordings that are left out',)
         return Discovery(searched=True, causes=causes, notes=notes, settings=settings)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.result import Estimated, Evaluation
+from pneunet_ros.diagnosis.result import Diagnosis, Estimated, Evaluation
 from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
 
 
@@ -85,7 +85,9 @@ class Discovery:
 
     searched: whether anything was looked for; found: empty where no law was found or confirmed,
     and the notes then say why. evaluation: of the model with the proposed effect, None without
-    one; closed: share of the reducible error on held-out recordings that it removes.
+    one; closed: share of the reducible error on held-out recordings that it removes. overruling:
+    the diagnosis without its name, where the law predicts recordings better than the effects that
+    were named; None where the diagnosis stands.
     """
 
     searched: bool
@@ -94,6 +96,7 @@ class Discovery:
     amplitudes: tuple[AmplitudeSeries, ...] = ()
     evaluation: Evaluation | None = None
     closed: float | None = None
+    overruling: Diagnosis | None = None
     notes: tuple[str, ...] = ()
     settings: DiscoverySettings = DISCOVERY
 

@@ -63,6 +63,15 @@ class LawConfirmationSettings:
     beside_named: float = tuning(
         0.1, 'gain of a law beside a named effect, at least', unit='evidence of that effect'
     )
+    worth_a_fit: float = tuning(
+        0.8,
+        'gain of a law, before any joint fit, that may overrule a name',
+        unit='evidence of the name',
+    )
+    overrules: float = tuning(
+        10.0, 'by how much a law must predict better than a name', unit='log probability'
+    )
+    overrules_share: float = tuning(0.1, 'the same', unit='evidence of the name')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

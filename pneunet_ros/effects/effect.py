@@ -30,7 +30,7 @@ effect with all of them does nothing at all.
 from __future__ import annotations
 
 import abc
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -161,6 +161,11 @@ class Terms:
         """Refuse a push that has no place."""
         if self.push is not NOTHING and self.part is None:
             raise ModelError('a push needs a part of the arm on which it acts')
+
+    def differs(self, other: Terms) -> bool:
+        """Whether any term is another one."""
+        pairs = ((getattr(self, item.name), getattr(other, item.name)) for item in fields(self))
+        return not all(one is two or np.array_equal(one, two) for one, two in pairs)
 
     def add_to(self, sections: Array, clamp: Array, inside: Array | None = None) -> None:
         """Add these terms to records of a rod: sections (n, sections, 8), clamp (n, 3).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pneunet_ros.calibration.held_out import score
 from pneunet_ros.core.progress import OnProgress, say_nothing
@@ -42,6 +42,11 @@ class Round:
         """The diagnosis of all recordings so far; None where it did not settle."""
         diagnosis = self.investigation.diagnosis
         return diagnosis if isinstance(diagnosis, Diagnosis) else None
+
+    def overruled(self, diagnosis: Diagnosis) -> Round:
+        """Return the round without the name that it gave."""
+        known = self.investigation
+        return replace(self, investigation=replace(known, diagnosis=diagnosis, trial=known.base))
 
 
 def explore(

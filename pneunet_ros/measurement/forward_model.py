@@ -265,6 +265,20 @@ class ForwardModel:
         out = out[:, :inputs] + np.einsum('npi,npfk->nifk', turned, by_heading)
         return np.asarray(out[..., np.searchsorted(self.stations, self.arclength)])
 
+    def difference(self, arm: Arm, low: Inputs, high: Inputs) -> Array:
+        """Return how points and the heading of the last move, (frames, 2 stations + 1).
+
+        From one input to another near those of the solutions; NaN where either has no shape.
+        """
+        sides = []
+        for inputs in (low, high):
+            beside = self.subset(np.arange(len(inputs.loads)))
+            solved = beside.solve(arm, inputs)
+            moved = beside.points.reshape(len(solved), -1)
+            side = np.column_stack([moved, beside.fields[:, THETA, -1]])
+            sides.append(np.where(solved[:, None], side, np.nan))
+        return sides[1] - sides[0]
+
     def load_differences(self, arm: Arm, inputs: Inputs) -> Array:
         """Return how true fields move per F1, F2, M, by solving anew: effects go with them."""
         frames, by_load = np.arange(len(inputs.loads)), []

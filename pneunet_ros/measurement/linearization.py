@@ -168,7 +168,7 @@ def linearize(
         by_input = np.concatenate([by_input, fields[:, None, :, THETA, -1]], axis=1)
         moving = np.pad(moving, ((0, 0), (0, 1), (0, 0)))
         std = np.append(np.full(by_input.shape[1] - 1, noise.target_std), noise.heading_std)
-    errors = reading_errors(noise, arm, run, inputs, by_input)
+    errors = reading_errors(noise, model, arm, run, inputs, by_input)
     tangent = np.matmul(by_input[:, :, :LOADS], load_error[:, :, None])[:, :, 0]
     whitening = Whitening(std, errors, there.counted)
     jacobian = parameter_jacobian(parameters, values, by_input, inputs)

@@ -16,7 +16,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
-from pneunet_ros.measurement.inputs import Inputs
+from pneunet_ros.measurement.inputs import Inputs, steady_inputs
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.neighbors import neighbors
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -63,24 +63,64 @@ def camera_errors(std: float, targets: int) -> Array:
 
 
 def reading_errors(
-    noise: SensorNoise, arm: Arm, run: RecordingData, inputs: Inputs, jacobian: Array
+    noise: SensorNoise,
+    model: ForwardModel,
+    arm: Arm,
+    run: RecordingData,
+    inputs: Inputs,
+    jacobian: Array,
 ) -> Array:
     """Return what one sigma of each reading of a frame moves, (frames, 2 targets, errors) m.
 
-    jacobian (frames, 2 targets, >= 3 + knots) as of `ForwardModel.point_jacobian`, and more rows
-    of what the camera does not move. Pressure acts by the table of kappa_p0. The last two are the
-    camera between the nodes of its path. A known load is wrong by the same in every frame: as an
-    error of each, it is larger by the root of their number, so that many know no more than one.
+    model: solved there; jacobian (frames, 2 targets, >= 3 + knots) as of
+    `ForwardModel.point_jacobian`, and a row more for a heading, which the camera does not move.
+    The last two are the camera between the nodes of its path. A known load is wrong by the same
+    in every frame: as an error of each, it is larger by the root of their number, so that many
+    know no more than one.
     """
-    slope = arm.intrinsic_curvature.slope(inputs.pressure)
-    knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
-    pressure = noise.pressure_std * np.matmul(knots, slope[:, :, None])
+    pressure = noise.pressure_std * pressure_moves(model, arm, run, inputs, jacobian)[:, :, None]
     together = np.sqrt(len(run.stamp_ns)) if run.load_known else 1.0
     loads = jacobian[:, :, :LOADS] * (together * attached_std(noise, run)[:, None])
     camera = camera_errors(noise.drift_std * BETWEEN_NODES, run.x.shape[1])
     camera = np.pad(camera, ((0, jacobian.shape[1] - len(camera)), (0, 0)))
     camera = np.broadcast_to(camera, (*jacobian.shape[:2], 2))
     return np.concatenate([pressure, loads, camera] if run.loaded else [pressure, camera], axis=2)
+
+
+def pressure_moves(
+    model: ForwardModel, arm: Arm, run: RecordingData, inputs: Inputs, jacobian: Array
+) -> Array:
+    """Return what a pascal of a reading moves, (frames, coordinates) m; as of `reading_errors`.
+
+    By the table of kappa_p0; where effects go with the pressure, too, or change a wrench by it, by
+    central differences. Else a law on the pressure would take the place of the table, and be free
+    of its noise.
+    """
+    slope = arm.intrinsic_curvature.slope(inputs.pressure)
+    knots = jacobian[:, :, LOADS : LOADS + slope.shape[1]]
+    by_table: Array = np.matmul(knots, slope[:, :, None])[:, :, 0]
+    if not arm.effects:
+        return by_table
+    read = [
+        replace(run, pressure=run.pressure + side * PRESSURE_STEP) if arm.sensing else run
+        for side in (-1.0, 1.0)
+    ]
+    below, above = (steady_inputs(arm, item).loads for item in read)
+    sides = [
+        replace(
+            inputs,
+            pressure=inputs.pressure + side * PRESSURE_STEP,
+            loads=inputs.loads + side * 0.5 * (above - below),
+        )
+        for side in (-1.0, 1.0)
+    ]
+    if np.array_equal(below, above) and not arm.effects_follow_pressure(
+        inputs.pressure, PRESSURE_STEP, inputs.histories, inputs.loads
+    ):
+        return by_table
+    moved = model.difference(arm, *sides) / (2.0 * PRESSURE_STEP)
+    moved = moved[:, : by_table.shape[1]]
+    return np.asarray(np.where(np.isfinite(moved), moved, by_table))
 
 
 def model_errors(arm: Arm, inputs: Inputs) -> Array:

@@ -319,6 +319,17 @@ class Arm:
             yield self.without_neutral_part(effect, effect.terms(pressure))
         yield from self.further_terms(pressure, history, loads)
 
+    def effects_follow_pressure(
+        self,
+        pressure: Array,
+        step: float,
+        history: tuple[History, ...] | tuple[Array, ...] | None,
+        loads: Array | None = None,
+    ) -> bool:
+        """Whether what effects add changes with the pressure; arguments as those of `terms`."""
+        sides = [self.terms(pressure + side * step, history, loads) for side in (-1.0, 1.0)]
+        return any(below.differs(above) for below, above in zip(*sides, strict=True))
+
     def further_terms(
         self,
         pressure: Array,

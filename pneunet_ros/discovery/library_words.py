@@ -1,0 +1,57 @@
+"""What a discovery would call each effect of the library: the same cause in other words.
+
+A law in the words of a named effect says what the name says. A law in others contradicts it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+
+from pneunet_ros.discovery.covariates import CONSTANT, ELAPSED, MEANINGS, PLAYS, RATE
+from pneunet_ros.discovery.kinds import KINDS
+
+LOADS = frozenset(name for name, item in MEANINGS.items() if item.group == 'load')
+MEANS = frozenset({'past 3 s', 'past 10 s', 'past 30 s'})
+# An effect of the pressure can be told from one of the free shape by its fit alone.
+ACTUATION = frozenset({'chamber_pressure', 'curvature'})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Words:
+    """Kinds of cause that an effect may be taken for, and terms, one of which its law has."""
+
+    kinds: frozenset[str]
+    terms: frozenset[str]
+
+
+def words(kinds: Iterable[str], terms: Iterable[str]) -> Words:
+    """Return words of kinds and terms."""
+    return Words(kinds=frozenset(kinds), terms=frozenset(terms))
+
+
+LIBRARY_WORDS: dict[str, Words] = {
+    'force_misalignment': words({'end_force_x', 'end_force_y'}, LOADS),
+    'camera_scale': words({'camera_scale'}, {CONSTANT}),
+    'camera_rotation': words({'camera_rotation'}, {CONSTANT}),
+    'camera_tilt': words({'camera_perspective_x'}, {CONSTANT}),
+    'lens_distortion': words({'camera_radial'}, {CONSTANT}),
+    'camera_delay': words({'time_offset'}, {CONSTANT}),
+    'pressure_lag': words(ACTUATION, {RATE, *MEANS}),
+    'hysteresis': words(ACTUATION, PLAYS),
+    'creep': words(ACTUATION, {*MEANS, ELAPSED}),
+    'softening': words({*ACTUATION, 'stiffness'}, {*MEANS, *PLAYS, ELAPSED}),
+    'stiffening': words({'stiffness'}, KINDS['stiffness'].natives),
+    'extensibility': words({'stretch'}, {*KINDS['stretch'].natives, *LOADS}),
+    'pressure_elongation': words({'stretch'}, {'p', 'p^2'}),
+    'gravity': words({'line_load_x', 'line_load_y'}, {CONSTANT}),
+    'clamp_compliance': words({'clamp_turn'}, {*KINDS['clamp_turn'].natives, *LOADS}),
+    'load_offset': words({'load_beside', 'end_moment'}, {CONSTANT, *LOADS}),
+    'contact': words({'push'}, {CONSTANT}),
+}
+
+
+def is_said_by(kind: str, terms: Collection[str], names: Iterable[str]) -> bool:
+    """Whether a law is one of these effects in other words."""
+    known = [LIBRARY_WORDS[name] for name in names if name in LIBRARY_WORDS]
+    return any(kind in item.kinds and bool(item.terms & {*terms}) for item in known)
