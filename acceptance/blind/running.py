@@ -20,10 +20,8 @@ Investigate = Callable[..., Investigation]
 
 def one_trial(block: str, seed: int, baselines: bool) -> tuple[Row, Row]:
     """Return (answer, truth) of a trial; runs in a process of its own."""
-    from pneunet_ros.diagnosis.diagnosis import investigate
-
     sealed, trial = made(block, seed)
-    answer, found = answered(trial, investigate)
+    answer, found = answered(trial, investigate_as_said)
     if baselines and found is not None:
         from blind.baselines import baselines_of
 
@@ -32,6 +30,18 @@ def one_trial(block: str, seed: int, baselines: bool) -> tuple[Row, Row]:
     if found is not None and len(sealed.label.effects) > 1:
         truth['shown_beside'] = shown_beside(found, list(sealed.label.effects))
     return answer, truth
+
+
+def investigate_as_said(*recordings: object) -> Investigation:
+    """Investigate as `pneunet diagnose` does: a law outside the library may take a name back."""
+    from pneunet_ros.diagnosis.diagnosis import investigate
+    from pneunet_ros.discovery.discovery import discover
+
+    investigation = investigate(*recordings)
+    overruling = discover(investigation).overruling
+    if overruling is None:
+        return investigation
+    return dataclasses.replace(investigation, diagnosis=overruling)
 
 
 def answered(trial: Trial, investigate: Investigate) -> tuple[Row, Investigation | None]:
