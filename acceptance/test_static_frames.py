@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from pneunet_ros.diagnosis.diagnosis import diagnose
+from pneunet_ros.diagnosis.settings import DEFAULTS
 import pytest
-from static_frames import diagnosed, Found, made, model, recorded, summary
+from static_frames import diagnosed, Found, made, model, recorded, summary, WANTED
 
 
 def found(**changes) -> Found:
@@ -66,3 +70,28 @@ def test_the_summary_counts_by_what_was_hidden():
 
 def test_elongation_is_named_and_nothing_is_not():
     assert [diagnosed(which, 0).score for which in (1, 4)] == ['right', 'right']
+
+
+def test_what_an_uneven_arm_does_as_well_is_not_observable():
+    bench = made(18, 0)
+    assert bench.uneven
+    assert not bench.strain
+    training, held_out = recorded(bench, 18)
+    answer = diagnose(model(bench), training, held_out)
+    assert answer.answer == 'unobservable'
+    assert 'bends unevenly' in answer.sentence
+    assert 'More targets' in answer.sentence
+    assert not answer.effects
+    assert not any(item.observable for item in answer.detectable.values())
+
+
+def test_detection_limits_are_those_beside_an_arm_that_may_bend_unevenly():
+    bench = made(4, 0)
+    training, _ = recorded(bench, 4)
+    certain = replace(DEFAULTS.calibration.resolution, nonuniform=1e-6)
+    even = replace(DEFAULTS, calibration=replace(DEFAULTS.calibration, resolution=certain))
+    limits = [
+        diagnose(model(bench), training, [], settings=settings).detectable[WANTED].smallest
+        for settings in (DEFAULTS, even)
+    ]
+    assert limits[0] > 1.2 * limits[1]

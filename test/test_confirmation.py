@@ -136,9 +136,9 @@ def test_what_hangs_on_one_recording_is_said():
 def test_an_arm_that_may_bend_unevenly():
     needed, needless = record('creep', nonuniform=950.0), record('creep', nonuniform=102.0)
     base = replace(BASE, nonuniform=100.0)
-    assert confirmer(needed, base=base).confirm(needed).objections == ()
+    assert confirmer(needed, base=base).nonuniform_arm(needed) == ()
     judge = confirmer(needless, base=base)
-    assert 'bends unevenly' in judge.confirm(needless).objections[0]
+    assert 'bends unevenly' in judge.nonuniform_arm(needless)[0]
     # What something else explains as well may still be what it is.
     assert judge.refutations(needless) == ()
 

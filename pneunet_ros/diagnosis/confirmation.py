@@ -53,7 +53,6 @@ class Confirmer:
         return Confirmation(
             objections=(
                 *self.refutations(record),
-                *self.nonuniform_arm(record),
                 *self.other_names(record, alternatives),
             ),
             untested=(*self.held_out_untested(record), *self.stability_untested(record)),

@@ -28,6 +28,7 @@ from pneunet_ros.diagnosis.localization import (
     heat_maps,
     misfit_shares,
 )
+from pneunet_ros.diagnosis.nonuniform_arm import beside_nonuniform, nonuniform_columns
 from pneunet_ros.diagnosis.reading_noise import with_reading_noise
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.result import (
@@ -55,14 +56,16 @@ from pneunet_ros.model.arm import Arm
 class Verdict:
     """The answer: the model that holds, and sets of effects that explain the recordings as well.
 
-    probability: how probable it is that each effect is missing; notes: why the best set of effects
-    is not named, or what of its name could not be tested.
+    probability: how probable it is that each effect is missing; mimicked: effects that an arm
+    which bends unevenly explains as well, where no target shows how it bends; notes: why the best
+    set of effects is not named, or what of its name could not be tested.
     """
 
     answer: Answer
     trial: Trial
     alike: tuple[tuple[str, ...], ...] = ()
     probability: Mapping[str, float] = field(default_factory=dict)
+    mimicked: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -168,9 +171,10 @@ def investigate(
     if not is_settled(first.refit, settings):
         return Investigation(diagnosis=unsettled(seed, notes, settings))
     best = selection.fit_rivals(first, selection.select_forward(first))
-    candidates = selection.score_candidates(first)
-    detectable = detection_limits(asked, candidates, settings.score_test)
+    detectable = limits_of(selection, first, asked)
     verdict = decide(selection, first, best, detectable)
+    if verdict.mimicked:
+        detectable = {name: replace(item, observable=False) for name, item in detectable.items()}
     on_progress('evaluation before and after', 0, 0)
     notes = (*notes_on_time(selection, recordings[0]), *notes)
     verdict = replace(verdict, notes=(*verdict.notes, *notes))
@@ -182,6 +186,17 @@ def investigate(
         recordings=recordings,
         notes=notes,
     )
+
+
+def limits_of(
+    selection: Selection, first: Trial, asked: Sequence[Hypothesis]
+) -> Mapping[str, Detectable]:
+    """Return the detection limits of effects, where the arm may bend as unevenly as it may."""
+    uneven = nonuniform_columns(
+        first.refit.linearization, selection.settings.calibration.resolution
+    )
+    candidates = beside_nonuniform(selection.score_candidates(first), first.refit.gaussian, uneven)
+    return detection_limits(asked, candidates, selection.settings.score_test)
 
 
 def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
@@ -313,6 +328,10 @@ def decide(
         observable = any(item.observable for item in detectable.values())
         return Verdict(answer='none' if observable else 'unobservable', trial=first)
     confirmer = Confirmer.of(selection, first.record)
+    uneven = confirmer.nonuniform_arm(best.record)
+    if uneven:
+        notes = closest_notes(best.record, uneven)
+        return Verdict(answer='unobservable', trial=first, mimicked=best.names, notes=notes)
     rivals = [
         item
         for item in selection.tried.values()
@@ -545,6 +564,12 @@ def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) ->
     match verdict.answer:
         case 'none':
             return 'The residuals are consistent with noise: no effect is missing that is visible.'
+        case 'unobservable' if verdict.mimicked:
+            return (
+                f'What shows may be {" and ".join(verdict.mimicked)}, or an arm that bends '
+                'unevenly: these targets cannot tell, so no effect of the library is observable '
+                'in these recordings. More targets along the arm would tell.'
+            )
         case 'unobservable':
             return 'No effect of the library is observable in these recordings.'
         case 'unknown':

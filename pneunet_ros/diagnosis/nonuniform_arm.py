@@ -7,13 +7,18 @@ fit; here its linear part, with the same prior, is one more unknown beside the e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from pneunet_ros.calibration.nonuniformity import linear_departure
 from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.linearization import Linearization
+from pneunet_ros.diagnosis.score_test import Candidate
 
+LEAST_INFORMATION = 1e-300  # of an effect of which nothing is left
 FIELD = 'curvature 1 x p'  # of `generic_field`: linear along the arm, proportional to pressure
 
 
@@ -36,11 +41,34 @@ def nonuniform_columns(
     ]
 
 
-def log_probability_nonuniform(gaussian: GaussianModel, columns: list[Array]) -> float:
-    """Return the log probability of the training runs where the arm may bend unevenly."""
+def beside_nonuniform(
+    candidates: Sequence[Candidate], gaussian: GaussianModel, columns: list[Array]
+) -> list[Candidate]:
+    """Return effects with the information that is left of them where the arm may bend unevenly.
+
+    gaussian: of the training runs without them; columns: `nonuniform_columns`, may be none.
+    """
+    if not columns:
+        return list(candidates)
+    uneven = with_columns(gaussian, columns)
+    left = []
+    for item in candidates:
+        direction = [run[:, None] for run in item.direction]
+        information = float(uneven.inner(direction, direction)[0, 0])
+        left.append(replace(item, information=max(information, LEAST_INFORMATION)))
+    return left
+
+
+def with_columns(gaussian: GaussianModel, columns: list[Array]) -> GaussianModel:
+    """Return the linear problem with one unknown more, of unit prior."""
     return GaussianModel.of(
         [np.concatenate(pair, axis=1) for pair in zip(gaussian.columns, columns, strict=True)],
         gaussian.residuals,
         np.append(gaussian.position, 0.0),
         log_volumes=gaussian.log_volumes,
-    ).log_probability()
+    )
+
+
+def log_probability_nonuniform(gaussian: GaussianModel, columns: list[Array]) -> float:
+    """Return the log probability of the training runs where the arm may bend unevenly."""
+    return with_columns(gaussian, columns).log_probability()

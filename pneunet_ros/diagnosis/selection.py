@@ -406,7 +406,11 @@ def choose_best(
     most = max((over[item].evidence for item in chosen), default=0.0)
     least = most - evidence_margin(most, settings)
     alike = [item for item in chosen if over[item].evidence >= least]
-    return min(alike, key=lambda item: (item.record.dof, -over[item].evidence), default=None)
+
+    def rank(item: Trial) -> tuple[bool, int, float]:
+        return bool(item.record.outside_prior), item.record.dof, -over[item].evidence
+
+    return min(alike, key=rank, default=None)
 
 
 def is_worth_adding(
