@@ -422,16 +422,22 @@ def is_worth_adding(
 
 
 def is_absent(fit: Refit, name: str, most: float) -> bool:
-    """Whether an effect of a fit has no size that differs from nothing by so many of its errors.
+    """Whether the sizes of an effect of a fit are within so many of their errors from nothing.
 
-    It led the fit out of a poor minimum of the others, and is not what explains.
+    Together, with their correlations. It led the fit out of a poor minimum of the others, and is
+    not what explains.
     """
-    stds = split_numbers(fit.hypotheses, np.sqrt(np.diag(fit.covariance)))
-    parts = zip(fit.hypotheses, split_numbers(fit.hypotheses, fit.numbers), stds, strict=True)
-    return any(
-        item.name == name and all(abs(numbers[size]) <= most * std[size] for size in item.sizes)
-        for item, numbers, std in parts
-    )
+    first = 0
+    for item, numbers in zip(
+        fit.hypotheses, split_numbers(fit.hypotheses, fit.numbers), strict=True
+    ):
+        if item.name == name:
+            sizes = numbers[list(item.sizes)]
+            places = first + np.array(item.sizes)
+            covariance = fit.covariance[np.ix_(places, places)]
+            return float(sizes @ np.linalg.solve(covariance, sizes)) <= most**2
+        first += item.size
+    return False
 
 
 def is_plausible(fit: Refit, most: float) -> bool:
