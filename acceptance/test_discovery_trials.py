@@ -5,11 +5,11 @@ from __future__ import annotations
 from argparse import Namespace
 
 import discovery_trials
-from discovery_trials import judge, label_of, summary_of, wanted
+from discovery_trials import judge, label_of, one_trial, summary_of, wanted
 from pneunet_ros.discovery.covariates import MEANINGS
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.lab.outside_effects import ALL_EFFECTS
-from unnamed.causes import CAUSES, NEW
+from unnamed.causes import add_causes, CAUSES, NEW
 
 
 def row(name, kind=None, place=0.5, terms=('1',), tied=(), **more):
@@ -81,3 +81,15 @@ def test_rates_are_over_causes_that_are_large_enough():
     assert summary['failed'] == 1
     found = summary['causes']['push']
     assert (found['above'], found['given'], found['in_set'], found['alone']) == (2, 1, 1, 1)
+
+
+def test_a_law_that_is_not_in_the_library_takes_a_name_back():
+    """A smooth play without `hysteresis` in the library: `creep` leaves noise, and is wrong."""
+    add_causes()
+    found = one_trial('causes', 'smooth_play', 1, 500, 5)
+    assert found['overruled']
+    assert found['answer'] == 'unknown'
+    assert found['effects'] == []
+    judged = judge({'name': 'smooth_play', **found})
+    assert judged['alone']
+    assert judged['term']

@@ -13,21 +13,33 @@ from pneunet_ros.discovery.kinds import KINDS
 
 LOADS = frozenset(name for name, item in MEANINGS.items() if item.group == 'load')
 MEANS = frozenset({'past 3 s', 'past 10 s', 'past 30 s'})
+PAST = frozenset({ELAPSED, *(name for name, item in MEANINGS.items() if item.group == 'past')})
 # An effect of the pressure can be told from one of the free shape by its fit alone.
 ACTUATION = frozenset({'chamber_pressure', 'curvature'})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Words:
-    """Kinds of cause that an effect may be taken for, and terms, one of which its law has."""
+    """Kinds of cause that an effect may be taken for, and terms, one of which its law has.
+
+    beside: terms that its law may have beside these, and no others.
+    """
 
     kinds: frozenset[str]
     terms: frozenset[str]
+    beside: frozenset[str] = frozenset()
+
+    def say(self, kind: str, terms: Collection[str]) -> bool:
+        """Whether a law is this effect."""
+        more = {*terms} - self.terms
+        return kind in self.kinds and len(more) < len({*terms}) and more <= self.beside
 
 
-def words(kinds: Iterable[str], terms: Iterable[str]) -> Words:
+def words(
+    kinds: Iterable[str], terms: Iterable[str], beside: frozenset[str] = frozenset()
+) -> Words:
     """Return words of kinds and terms."""
-    return Words(kinds=frozenset(kinds), terms=frozenset(terms))
+    return Words(kinds=frozenset(kinds), terms=frozenset(terms), beside=beside)
 
 
 LIBRARY_WORDS: dict[str, Words] = {
@@ -37,10 +49,10 @@ LIBRARY_WORDS: dict[str, Words] = {
     'camera_tilt': words({'camera_perspective_x'}, {CONSTANT}),
     'lens_distortion': words({'camera_radial'}, {CONSTANT}),
     'camera_delay': words({'time_offset'}, {CONSTANT}),
-    'pressure_lag': words(ACTUATION, {RATE, *MEANS}),
-    'hysteresis': words(ACTUATION, PLAYS),
-    'creep': words(ACTUATION, {*MEANS, ELAPSED}),
-    'softening': words({*ACTUATION, 'stiffness'}, {*MEANS, *PLAYS, ELAPSED}),
+    'pressure_lag': words(ACTUATION, {RATE, *MEANS}, PAST),
+    'hysteresis': words(ACTUATION, PLAYS, PAST),
+    'creep': words(ACTUATION, {*MEANS, ELAPSED}, PAST),
+    'softening': words({*ACTUATION, 'stiffness'}, {*MEANS, *PLAYS, ELAPSED}, PAST),
     'stiffening': words({'stiffness'}, KINDS['stiffness'].natives),
     'extensibility': words({'stretch'}, {*KINDS['stretch'].natives, *LOADS}),
     'pressure_elongation': words({'stretch'}, {'p', 'p^2'}),
@@ -53,5 +65,4 @@ LIBRARY_WORDS: dict[str, Words] = {
 
 def is_said_by(kind: str, terms: Collection[str], names: Iterable[str]) -> bool:
     """Whether a law is one of these effects in other words."""
-    known = [LIBRARY_WORDS[name] for name in names if name in LIBRARY_WORDS]
-    return any(kind in item.kinds and bool(item.terms & {*terms}) for item in known)
+    return any(LIBRARY_WORDS[name].say(kind, terms) for name in names if name in LIBRARY_WORDS)

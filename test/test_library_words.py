@@ -1,0 +1,41 @@
+"""Laws that are an effect of the library in other words."""
+
+from __future__ import annotations
+
+from pneunet_ros.diagnosis.hypothesis import hypotheses
+from pneunet_ros.discovery.covariates import MEANINGS
+from pneunet_ros.discovery.kinds import KINDS
+from pneunet_ros.discovery.library_words import is_said_by, LIBRARY_WORDS
+from pneunet_ros.effects import EFFECTS
+import pytest
+
+
+def test_every_effect_that_may_be_named_has_words_that_a_discovery_has():
+    may_be_named = {item.name for item in hypotheses() if not item.confounded_with_pressure_scale}
+    assert may_be_named <= set(LIBRARY_WORDS) <= set(EFFECTS)
+    for item in LIBRARY_WORDS.values():
+        assert item.kinds <= set(KINDS)
+        natives = {term for kind in item.kinds for term in KINDS[kind].natives}
+        assert item.terms <= {*MEANINGS, *natives}
+        assert item.terms
+
+
+@pytest.mark.parametrize(
+    ('kind', 'terms', 'name', 'said'),
+    [
+        ('line_load_y', ('1',), 'gravity', True),
+        ('line_load_y', ('p',), 'gravity', False),
+        ('line_load_y', ('1', 'p'), 'gravity', False),
+        ('push', ('1',), 'gravity', False),
+        ('push', ('1',), 'contact', True),
+        ('chamber_pressure', ('side of a wide play',), 'hysteresis', True),
+        ('chamber_pressure', ('side of a wide play', 'dp/dt'), 'hysteresis', True),
+        ('chamber_pressure', ('dp/dt',), 'hysteresis', False),
+        ('chamber_pressure', ('side of a wide play',), 'creep', False),
+        ('stretch', ('tension',), 'extensibility', True),
+        ('stretch', ('tension',), 'an_effect_of_a_user', False),
+    ],
+)
+def test_what_says_what(kind, terms, name, said):
+    assert is_said_by(kind, terms, [name]) is said
+    assert is_said_by(kind, terms, ['camera_delay', name]) is said
