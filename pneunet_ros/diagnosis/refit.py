@@ -276,7 +276,7 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
     What errors of readings move is that of the model around which is linearized, so that a search
     may swing from one model to another and back: where the cost rises, it goes on halfway. Where
     it does not come to rest, or there is no arm halfway, the most probable fit of all rounds is
-    returned, with the errors that it has itself: those of another round can be far smaller.
+    returned.
     """
     around, best = fit, None
     for _ in range(rounds):
@@ -292,21 +292,7 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
         around = again if again.cost < fit.cost else halfway(around, again)
         fit = replace(again, settled=abs(fit.cost - again.cost) < settings.settled)
         best = fit if best is None or fit.cost <= best.cost else best
-    return fit if fit.settled else relinearized(best or fit, settings)
-
-
-def relinearized(fit: Refit, settings: RefitSettings) -> Refit:
-    """Return a fit with the linear problem and the cost at its own point, where it has any."""
-    try:
-        linearization = fit.linearization.at(fit.point)
-    except ModelError:
-        return fit
-    search = JointFit(linearization, fit.hypotheses, settings)
-    at = search.iterate(fit.base, fit.numbers)
-    gaussian = None if at is None else search.linearize(at)
-    if at is None or gaussian is None:
-        return fit
-    return replace(fit, linearization=linearization, gaussian=gaussian, cost=at.cost)
+    return fit if fit.settled else best or fit
 
 
 def halfway(one: Refit, other: Refit) -> Refit:
