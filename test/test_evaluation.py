@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros.diagnosis.evaluation import distances, misfit, noise_floor, removed_share, scores
 from pneunet_ros.effects.pressure_lag import PressureLag
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.noise_model import attached_std
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
@@ -123,6 +124,18 @@ def test_the_floor_is_that_of_the_recordings_it_is_asked_of():
     (floor, _), (other, _) = (noise_floor(arm, runs, noise()) for runs in (apart, around.runs))
     assert floor != other
     assert floor > noise().target_std
+
+
+def test_frames_beside_a_load_are_without_it():
+    """What a fit allows a frame near the edge of a load for is in no clean run's error."""
+    _, run = clean(NOTHING, 0)
+    force = run.force.copy()
+    force[: FRAMES // 2] = 0.0
+    before = replace(run, force=force, wrench_stamp_ns=None, wrench=None)
+    beside = replace(before, wrench_stamp_ns=run.stamp_ns, wrench=before.load)
+    sensors = replace(NOTHING, force_std=5e-3)
+    assert attached_std(sensors, beside).sum() > attached_std(sensors, before).sum()
+    assert noise_floor(own(), [beside], sensors) == noise_floor(own(), [before], sensors)
 
 
 def test_what_an_arm_remembers_is_carried_from_run_to_run():
