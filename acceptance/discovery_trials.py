@@ -149,7 +149,9 @@ def judge(row: Row) -> Row:
         judged['off'] = abs(law['place'][0] - row['truth'][row['name']][cause.place])
     right = [place for place, term in enumerate(law['terms']) if term in cause.terms]
     if math.isfinite(cause.coefficient) and right and law['kind'] in cause.kinds:
-        value, std = law['coefficients'][right[0]]
+        # Of several plays a reader takes the sum: each side is a coarser or finer one of the same.
+        parts = [law['coefficients'][place] for place in right]
+        value, std = sum(part[0] for part in parts), math.hypot(*(part[1] for part in parts))
         true = cause.coefficient * row['truth'][row['name']][cause.size[0]]
         judged |= {
             'size_off': abs(value / true - 1.0),
