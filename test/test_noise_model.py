@@ -152,6 +152,23 @@ def test_one_sigma_of_a_coordinate_is_that_of_readings_drawn_again():
     )
 
 
+def test_between_two_readings_a_part_of_their_noise_averages_out():
+    arm = paper_arm()
+    run = made(arm, PRESSURE, FORCE)
+    (inputs,) = inputs_of(arm, [run])
+    noise = SensorNoise(pressure_std=0.0, force_std=1e-3, moment_std=0.0, target_std=0.0)
+    beside = run.stamp_ns - PERIOD // 5
+    twice = np.union1d(beside, beside + PERIOD // 2)
+    wrench = np.repeat(run.load, 2, axis=0)
+    halfway = [
+        coordinate_stds(arm, replace(run, wrench_stamp_ns=stamps, wrench=wrench), inputs, noise)
+        for stamps in (twice, np.union1d(run.stamp_ns, run.stamp_ns + PERIOD // 2))
+    ]
+    alone = coordinate_stds(arm, run, inputs, noise)
+    assert halfway[1] == pytest.approx(alone)
+    assert halfway[0] == pytest.approx(math.hypot(0.4, 0.6) * alone, abs=2e-7)
+
+
 def test_one_sigma_of_a_target_that_was_not_seen_is_not_known():
     arm = paper_arm()
     run = made(arm, PRESSURE, FORCE)

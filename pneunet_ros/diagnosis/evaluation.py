@@ -51,15 +51,13 @@ def noise_floor(
     """Return the rms (m) that a perfect model would have, and how far it scatters about that.
 
     White noise, placement, readings. White noise is every coordinate's own, what readings move is
-    one error of a frame, and a painted place one error of a target. A fit allows frames near the
-    edge of a load for its error; of these, where it is nearly singular, the whole rms would be.
+    one error of a frame, and a painted place one error of a target.
     """
     squares, variance = 0.0, 0.0
     seen = np.zeros((2, arm.target_arclength.size))
     white = target_stds(replace(noise, placement_std=0.0), np.array(noise.target_std))
     for run, inputs in zip(runs, inputs_of(arm, runs), strict=True):
-        own = replace(run, wrench_stamp_ns=None, wrench=None)
-        std = coordinate_stds(arm, own, inputs, noise)
+        std = coordinate_stds(arm, run, inputs, noise)
         known = np.isfinite(std)
         square = np.where(known, std, 0.0) ** 2
         by_readings = np.maximum(square - known * target_std(noise) ** 2, 0.0).sum(axis=(1, 2))

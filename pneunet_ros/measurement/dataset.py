@@ -187,7 +187,7 @@ class RecordingData:
         if self.wrench_stamp_ns is not None and self.wrench is not None:
             stamps, values = self.wrench_stamp_ns, self.wrench
             nearest, _ = match_stamps(self.stamp_ns, stamps, 0.0)
-            own, shown = stamps[nearest], frame_instants(self.stamp_ns, stamps, nearest)
+            own, shown = stamps[nearest], instants_among(self.stamp_ns, stamps)
         return np.column_stack(
             [
                 interpolate(shown - late, stamps, part) - interpolate(own, stamps, part)
@@ -259,6 +259,25 @@ def frame_instants(
     if apart <= settings.same_instant * period:
         return own
     return stamp_ns.clip(reading_stamp_ns[0], reading_stamp_ns[-1])
+
+
+def instants_among(stamp_ns: Stamps, reading_stamp_ns: Stamps) -> Stamps:
+    """Return when every frame was taken by the clock of some readings, (frames,) ns."""
+    nearest, _ = match_stamps(stamp_ns, reading_stamp_ns, 0.0)
+    return frame_instants(stamp_ns, reading_stamp_ns, nearest)
+
+
+def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
+    """Return the noise of values (stamps,) interpolated at other stamps, over that of one.
+
+    On a line between two readings a part of the white noise of both averages out.
+    """
+    if len(stamp_ns) < 2:
+        return np.ones(len(shown))
+    after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
+    between = (shown - stamp_ns[after - 1]) / (stamp_ns[after] - stamp_ns[after - 1])
+    share = np.clip(between, 0.0, 1.0)
+    return np.asarray(np.hypot(1.0 - share, share))
 
 
 def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:

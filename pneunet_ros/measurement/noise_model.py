@@ -13,7 +13,11 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.dataset import (
+    instants_among,
+    interpolated_noise,
+    RecordingData,
+)
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, steady_inputs
@@ -159,13 +163,21 @@ def solved_points(arm: Arm, inputs: Inputs) -> Array:
 def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorNoise) -> Array:
     """Return one sigma (m) of every measured coordinate by itself, (frames, 2, targets).
 
-    White noise, painted place, and what the noise of force and pressure readings moves; NaN where
-    a target was not seen or a frame has no equilibrium. Not for a fit: errors of a reading move
-    all targets of a frame together, which `reading_errors` says.
+    White noise, painted place, and what the noise of force and pressure readings moves, as they
+    are interpolated to a frame; NaN where a target was not seen or a frame has no equilibrium. Not
+    for a fit: errors of a reading move all targets of a frame together, which `reading_errors`
+    says, and that allows for a load that is late, and for noise that is not white.
     """
     model = ForwardModel(arm.target_arclength)
     seen = run.seen & model.solve(arm, inputs)[:, None]
-    by_load = model.load_jacobian(arm, inputs) * attached_std(noise, run)[:, None]
+    loads = attached_std(noise, replace(run, wrench_stamp_ns=None, wrench=None))
+    pressure = pressure_error(arm, inputs, noise.pressure_std)
+    if not run.static:
+        pressure *= interpolated_noise(run.instants, run.reading_stamp_ns)[:, None, None]
+    if run.wrench_stamp_ns is not None and not (run.static or run.load_known):
+        shown = instants_among(run.stamp_ns, run.wrench_stamp_ns)
+        loads = loads * interpolated_noise(shown, run.wrench_stamp_ns)[:, None]
+    by_load = model.load_jacobian(arm, inputs) * loads[:, None]
     variance = np.sum(by_load**2, axis=2).reshape(run.points.shape)
-    variance += pressure_error(arm, inputs, noise.pressure_std) ** 2 + target_std(noise) ** 2
+    variance += pressure**2 + target_std(noise) ** 2
     return np.sqrt(np.where(seen[:, None], variance, np.nan))
