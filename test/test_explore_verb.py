@@ -8,9 +8,12 @@ from pathlib import Path
 import subprocess
 
 from pneunet_ros import load_model
+from pneunet_ros.cli import explore
 from pneunet_ros.cli.main import main
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
+from pneunet_ros.diagnosis.diagnosis import take_back
+from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.exploration.experiments import BEGINNING, experiments
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.offline import live_arm
@@ -67,6 +70,28 @@ def test_after_a_recording_all_files_are_there(run):
     code, _, err = run('--simulated', 'small.yaml', '--output', 'out')
     assert code == 2
     assert 'exists already' in err
+
+
+def test_a_name_that_a_law_overrules_is_taken_back_in_every_file(run, monkeypatch):
+    def overruled(investigation, *, on_progress):
+        diagnosis = take_back(investigation, 'a law says it better')
+        return Discovery(searched=True, overruling=diagnosis)
+
+    monkeypatch.setattr(explore, 'discover', overruled)
+    hidden = ('--effect', 'pressure_elongation.strain_per_pascal=2e-6')
+    code, out, err = run('--simulated', 'small.yaml', *hidden, '--recordings', '1',
+                         '--output', 'out', '--json')  # fmt: skip
+    assert code == 1, err
+    kept = json.loads(Path('out/exploration.json').read_text())
+    diagnosis = json.loads(Path('out/diagnosis/diagnosis.json').read_text())
+    for content in (json.loads(out), kept, kept['rounds'][0], diagnosis):
+        assert content['answer'] == 'unknown'
+    for content in (kept['rounds'][0], diagnosis):
+        assert content['effects'] == []
+        assert 'pressure_elongation' in content['notes'][0]
+        assert 'a law says it better' in content['notes'][0]
+    assert not load_model('out/diagnosis/model.yaml').effects
+    assert 'The model lacks something' in Path('out/exploration.html').read_text()
 
 
 @pytest.mark.parametrize(
