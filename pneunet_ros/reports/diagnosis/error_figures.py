@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import kilopascals, millimeters, seconds_between
-from pneunet_ros.diagnosis.result import Diagnosis, Misfit
+from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.reports.diagnosis.figure_data import (
@@ -161,7 +161,16 @@ def error_sentence(diagnosis: Diagnosis) -> str:
     first, last, kind = before.training, after.training, 'training'
     if before.held_out is not None and after.held_out is not None:
         first, last, kind = before.held_out, after.held_out, 'held-out'
-    return f'On {kind} recordings {change_text(first, last)}{removed_text(diagnosis)}.'
+    start, end = millimeters(first.rms), millimeters(last.rms)
+    if start == end:
+        return (
+            f'On {kind} recordings the model error is {start:.3f} mm rms, '
+            f'{floor_text(diagnosis)}: nothing was added.'
+        )
+    return (
+        f'On {kind} recordings the model error goes from {start:.3f} mm to {end:.3f} mm rms'
+        f'{removed_text(diagnosis)}.'
+    )
 
 
 def discovered_sentence(diagnosis: Diagnosis, discovery: Discovery) -> str:
@@ -186,23 +195,15 @@ def removed_text(diagnosis: Diagnosis) -> str:
         return ''
     if diagnosis.closed >= 1.0:
         after = millimeters(diagnosis.after.rms)
-        floor, scatter = (
-            millimeters(value) for value in (diagnosis.noise_floor, diagnosis.noise_floor_std)
-        )
-        return (
-            f', all of what was reducible: {after:.3f} mm, noise alone {floor:.3f} '
-            f'± {scatter:.3f} mm'
-        )
+        return f', all of what was reducible: {after:.3f} mm, {floor_text(diagnosis)}'
     removed = min(100.0 * diagnosis.closed, 99.0)
     return f', which removed {removed:.0f} % of the reducible error'
 
 
-def change_text(first: Misfit, last: Misfit) -> str:
-    """Say how an error changed."""
-    before, after = millimeters(first.rms), millimeters(last.rms)
-    if first.rms == last.rms:
-        return f'the model error stays at {before:.3f} mm rms, for nothing was added'
-    return f'the model error goes from {before:.3f} mm to {after:.3f} mm rms'
+def floor_text(diagnosis: Diagnosis) -> str:
+    """Say what noise alone would leave."""
+    floor, scatter = diagnosis.noise_floor, diagnosis.noise_floor_std
+    return f'noise alone {millimeters(floor):.3f} ± {millimeters(scatter):.3f} mm'
 
 
 def draw_pairs(axes: Axes, names: list[str], before: list[float], after: list[float]) -> None:
