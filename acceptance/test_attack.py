@@ -61,7 +61,7 @@ def says_too_much() -> int:
 
 
 def takes_memory() -> int:
-    return len(b'x' * 400_000_000)
+    return len(b'x' * 800_000_000)
 
 
 def takes_time() -> int:
