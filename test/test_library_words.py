@@ -25,7 +25,7 @@ def test_every_effect_that_may_be_named_has_words_that_a_discovery_has():
     [
         ('line_load_y', ('1',), 'gravity', True),
         ('line_load_y', ('p',), 'gravity', False),
-        ('line_load_y', ('1', 'p'), 'gravity', False),
+        ('line_load_y', ('1', 'p'), 'gravity', True),
         ('push', ('1',), 'gravity', False),
         ('push', ('1',), 'contact', True),
         ('chamber_pressure', ('side of a wide play',), 'hysteresis', True),
@@ -33,6 +33,7 @@ def test_every_effect_that_may_be_named_has_words_that_a_discovery_has():
         ('chamber_pressure', ('dp/dt',), 'hysteresis', False),
         ('chamber_pressure', ('side of a wide play',), 'creep', False),
         ('stretch', ('tension',), 'extensibility', True),
+        ('stretch', ('tension', 'p'), 'extensibility', True),
         ('stretch', ('tension',), 'an_effect_of_a_user', False),
     ],
 )

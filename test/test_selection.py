@@ -219,7 +219,14 @@ def test_an_effect_without_a_size_is_absent():
     assert not is_absent(both, 'creep', 3.0)
     # A time constant is no size: it may be anything where there is no amplitude.
     assert is_absent(fit_of(creep=[-0.09, 2.0]), 'creep', 1.0)
-    assert not is_absent(fit_of(gravity=[0.0, 0.11]), 'gravity', 1.0)
+    assert not is_absent(fit_of(gravity=[0.0, 0.16]), 'gravity', 1.0)
+
+
+def test_sizes_that_are_known_together_alone_are_not_absent():
+    both = fit_of(creep=[0.5, 2.0], gravity=[0.2, 0.2])
+    assert is_absent(both, 'gravity', 3.0)
+    both.covariance[2:, 2:] = 0.01 * np.array([[1.0, -0.9], [-0.9, 1.0]])
+    assert not is_absent(both, 'gravity', 3.0)
 
 
 def test_a_single_effect_without_a_size_is_no_answer():

@@ -62,10 +62,10 @@ WriteRecording = Callable[[Experiment, SafeSet, Path], None]
 def options(parser: ArgumentParser) -> None:
     """Add the options."""
     parser.epilog = (
-        'Exit codes: 0 the answer is "named" or "none"; 1 the budget is used up and there is no '
-        'clear answer; 2 request or file was wrong. Files: recording_NN.mcap, exploration.html '
-        'and exploration.json after every recording, and at the end diagnosis/, as `diagnose` '
-        'writes it.'
+        'Exit codes: 0 the answer is "named" or "none"; 1 the budget is used up without a clear '
+        'answer, or a law took the last name back; 2 request or file was wrong. Files: '
+        'recording_NN.mcap, exploration.html and exploration.json after every recording, and at '
+        'the end diagnosis/, as `diagnose` writes it.'
     )
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(

@@ -121,7 +121,8 @@ def diagnose(
 
     Returns:
         The answer, with the model before and after, all numbers in SI; without any of them where
-        the fit of the base model does not settle.
+        the fit of the base model does not settle. A law outside the library may still take its
+        name back (`discovery.discover`), as `pneunet diagnose` does.
 
     Raises:
         RequestError: no training recording is without a load.
@@ -309,7 +310,9 @@ def conclude(
         shift=parameter_shifts(before.fit, after.fit) if added else {},
         evidence=collect_evidence(selection, candidates, cosines),
         cosines=cosines,
-        proposal=propose_experiment(first.refit, wanted, rivals, settings),
+        proposal=''
+        if verdict.mimicked  # more targets would tell, and no recording
+        else propose_experiment(first.refit, wanted, rivals, settings),
         notes=verdict.notes,
         seed=selection.seed,
         settings=settings,
@@ -378,7 +381,12 @@ def take_back(investigation: Investigation, objection: str) -> Diagnosis:
     selection = replace(selection, tried=tried)
     notes = (*closest_notes(best.record, (objection,)), *investigation.notes)
     verdict = Verdict(answer='unknown', trial=first, notes=notes)
-    return conclude(selection, first, best, verdict, named.detectable, investigation.recordings)
+    diagnosis = conclude(
+        selection, first, best, verdict, named.detectable, investigation.recordings
+    )
+    names = ' and '.join(best.names)
+    sentence = f'The model lacks something that {names} explains, and another law explains better.'
+    return replace(diagnosis, sentence=f'{sentence} The notes say how much.')
 
 
 def passes_alike(

@@ -21,6 +21,7 @@ from pneunet_ros.diagnosis.nonuniform_arm import (
 from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
+from scipy.stats import chi2, norm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -435,7 +436,8 @@ def is_absent(fit: Refit, name: str, most: float) -> bool:
             sizes = numbers[list(item.sizes)]
             places = first + np.array(item.sizes)
             covariance = fit.covariance[np.ix_(places, places)]
-            return float(sizes @ np.linalg.solve(covariance, sizes)) <= most**2
+            far = float(sizes @ np.linalg.solve(covariance, sizes))
+            return far <= float(chi2.isf(2.0 * norm.sf(most), sizes.size))
         first += item.size
     return False
 

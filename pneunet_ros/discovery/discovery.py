@@ -19,13 +19,19 @@ from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_statistic
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
-from pneunet_ros.diagnosis.selection import evidence_margin, is_adequate, Selection, Trial
+from pneunet_ros.diagnosis.selection import (
+    evidence_margin,
+    is_adequate,
+    Record,
+    Selection,
+    Trial,
+)
 from pneunet_ros.discovery.amplitude import FrameColumns, Runs
 from pneunet_ros.discovery.covariates import ELAPSED
 from pneunet_ros.discovery.joint_fit import JointFits, POSITION, Proposal
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Law
-from pneunet_ros.discovery.library_words import is_said_by
+from pneunet_ros.discovery.library_words import is_said_by, LIBRARY_WORDS
 from pneunet_ros.discovery.proposed_effect import effect_name, effect_source, LAW_ERROR
 from pneunet_ros.discovery.result import (
     AmplitudeSeries,
@@ -38,7 +44,11 @@ from pneunet_ros.discovery.result import (
 )
 from pneunet_ros.discovery.search import Search, Suspect
 from pneunet_ros.discovery.sentence import drift_sentence, law_sentence, swing_sentence
-from pneunet_ros.discovery.settings import DISCOVERY, DiscoverySettings
+from pneunet_ros.discovery.settings import (
+    DISCOVERY,
+    DiscoverySettings,
+    LawConfirmationSettings,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,7 +103,7 @@ def discover(
         return NOTHING_SEARCHED
     on_progress('causes outside the library', 0, 0)
     search = Search(base.refit, settings)
-    return look_for_law(investigation, base, search, search.suspects(), on_progress)
+    return look_for_law(investigation, base, search, search.suspects(), on_progress)[0]
 
 
 def overrule(
@@ -109,30 +119,41 @@ def overrule(
         return None
     assert first is not None
     assert trial is not None
+    names = (*trial.names, *diagnosis.alternatives)
+    if not {*names} <= {*LIBRARY_WORDS}:
+        return None  # an effect of a user: whether a law says the same is not known
     on_progress('causes outside the library, in place of the name', 0, 0)
-    search, names = Search(first.refit, settings), (*trial.names, *diagnosis.alternatives)
-    suspects, evidence = search.suspects(), trial.record.evidence
-    limits = settings.confirmation
+    search, named = Search(first.refit, settings), trial.record
+    suspects, limits = search.suspects(), settings.confirmation
     if not any(
-        item.left_out_gain > limits.worth_a_fit * evidence
+        item.left_out_gain > limits.worth_a_fit * named.evidence
         and item.law is not None
         and not is_said_by(item.kind.name, item.law.terms, names)
         for item in suspects
     ):
         return None
-    discovery = look_for_law(investigation, first, search, suspects, on_progress)
-    law = discovery.found[0] if discovery.found else None
-    if law is None or law.effect_file is None:
+    discovery, best = look_for_law(investigation, first, search, suspects, on_progress)
+    if best is None or best.proposal is None:
         return None
-    if is_said_by(law.kind, [item.name for item in law.covariates], names):
-        return None
-    if law.left_out_gain < evidence + max(limits.overrules, limits.overrules_share * evidence):
+    law, kind = best.proposal, best.suspect.kind.name
+    if is_said_by(kind, law.terms, names) or not predicts_better(law.trial.record, named, limits):
         return None
     objection = (
-        f'a law that is not in the library ({law.kind}) predicts recordings that are left out '
-        f'better, by {law.left_out_gain:.0f} in log probability where this has {evidence:.0f}'
+        f'a law of another kind ({kind}) predicts each training recording from the others better, '
+        f'by {best.gain:.0f} in log probability where this has {named.evidence:.0f}'
     )
     return replace(discovery, overruling=take_back(investigation, objection))
+
+
+def predicts_better(law: Record, named: Record, limits: LawConfirmationSettings) -> bool:
+    """Whether a law may take the place of a name: it meets what a name has to meet, by far better.
+
+    Held-out recordings must not be predicted worse.
+    """
+    least = named.evidence + max(limits.overrules, limits.overrules_share * named.evidence)
+    if law.outside_prior or law.evidence < least:
+        return False
+    return law.predicted >= named.predicted - limits.tied
 
 
 def look_for_law(
@@ -141,7 +162,7 @@ def look_for_law(
     search: Search,
     suspects: Sequence[Suspect],
     on_progress: OnProgress,
-) -> Discovery:
+) -> tuple[Discovery, Finding | None]:
     """Return the law of what is left by a model; none where recordings do not confirm it."""
     selection, first, diagnosis = (
         investigation.selection,
@@ -154,7 +175,8 @@ def look_for_law(
     settings, causes = search.settings, cause_map(search, base)
     if not suspects:
         notes = ('no kind of cause that was tried predicts recordings that are left out',)
-        return Discovery(searched=True, causes=causes, notes=notes, settings=settings)
+        nothing = Discovery(searched=True, causes=causes, notes=notes, settings=settings)
+        return nothing, None
     fits = JointFits(selection, first, base, search, settings)
     findings = judge(fits, suspects, on_progress)
     best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
@@ -163,9 +185,10 @@ def look_for_law(
     if objections:
         kind = best.suspect.kind.name
         notes = (f'the closest cause is {kind}; no law is given: {"; ".join(objections)}',)
-        return Discovery(
+        unconfirmed = Discovery(
             searched=True, causes=causes, amplitudes=amplitudes, notes=notes, settings=settings
         )
+        return unconfirmed, None
     evaluation = closed = None
     if best.proposal is not None:
         on_progress('evaluation of the discovered law', 0, 0)
@@ -175,7 +198,7 @@ def look_for_law(
         )
         closed = removed_share(diagnosis.before.rms, evaluation.rms, diagnosis.noise_floor)
     tied = tied_kinds(best, findings, suspects, settings)
-    return Discovery(
+    discovery = Discovery(
         searched=True,
         found=(describe(best, tied, search),),
         causes=causes,
@@ -184,6 +207,7 @@ def look_for_law(
         closed=closed,
         settings=settings,
     )
+    return discovery, best
 
 
 def starting_point(investigation: Investigation, settings: DiscoverySettings) -> Trial | None:
@@ -301,10 +325,7 @@ def suspect_explained(suspect: Suspect, search: Search) -> float:
 
 def cause_map(search: Search, base: Trial) -> CauseMap:
     """Return the share that every kind explains with its best law, over the place."""
-    every = [item for kind in KINDS.values() for item in search.positions(kind)]
-    positions = np.array(sorted({item for item in every if item is not None}))
     grid = np.linspace(0.0, 1.0, search.settings.place.grid)
-    del positions
     share, total = np.full((len(KINDS), grid.size), np.nan), excess_of(base)
     for row, kind in enumerate(KINDS.values()):
         for place, position in enumerate(search.positions(kind)):
@@ -340,6 +361,7 @@ def objections_to(
             )
         confirmer = Confirmer.of(selection, first.record)
         found += confirmer.held_out_objections(finding.proposal.trial.record)
+        found += confirmer.nonuniform_arm(finding.proposal.trial.record)
     return tuple(found)
 
 

@@ -1,6 +1,7 @@
 """What a discovery would call each effect of the library: the same cause in other words.
 
-A law in the words of a named effect says what the name says. A law in others contradicts it.
+A law in the words of a named effect says what the name says, and perhaps more. A law in others
+contradicts it.
 """
 
 from __future__ import annotations
@@ -13,33 +14,25 @@ from pneunet_ros.discovery.kinds import KINDS
 
 LOADS = frozenset(name for name, item in MEANINGS.items() if item.group == 'load')
 MEANS = frozenset({'past 3 s', 'past 10 s', 'past 30 s'})
-PAST = frozenset({ELAPSED, *(name for name, item in MEANINGS.items() if item.group == 'past')})
-# An effect of the pressure can be told from one of the free shape by its fit alone.
+# What the pressure does and what the free shape does differ along the arm alone.
 ACTUATION = frozenset({'chamber_pressure', 'curvature'})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Words:
-    """Kinds of cause that an effect may be taken for, and terms, one of which its law has.
-
-    beside: terms that its law may have beside these, and no others.
-    """
+    """Kinds of cause that an effect may be taken for, and terms, one of which its law has."""
 
     kinds: frozenset[str]
     terms: frozenset[str]
-    beside: frozenset[str] = frozenset()
 
     def say(self, kind: str, terms: Collection[str]) -> bool:
-        """Whether a law is this effect."""
-        more = {*terms} - self.terms
-        return kind in self.kinds and len(more) < len({*terms}) and more <= self.beside
+        """Whether a law is this effect, or this and more."""
+        return kind in self.kinds and bool(self.terms & {*terms})
 
 
-def words(
-    kinds: Iterable[str], terms: Iterable[str], beside: frozenset[str] = frozenset()
-) -> Words:
+def words(kinds: Iterable[str], terms: Iterable[str]) -> Words:
     """Return words of kinds and terms."""
-    return Words(kinds=frozenset(kinds), terms=frozenset(terms), beside=beside)
+    return Words(kinds=frozenset(kinds), terms=frozenset(terms))
 
 
 LIBRARY_WORDS: dict[str, Words] = {
@@ -49,10 +42,10 @@ LIBRARY_WORDS: dict[str, Words] = {
     'camera_tilt': words({'camera_perspective_x'}, {CONSTANT}),
     'lens_distortion': words({'camera_radial'}, {CONSTANT}),
     'camera_delay': words({'time_offset'}, {CONSTANT}),
-    'pressure_lag': words(ACTUATION, {RATE, *MEANS}, PAST),
-    'hysteresis': words(ACTUATION, PLAYS, PAST),
-    'creep': words(ACTUATION, {*MEANS, ELAPSED}, PAST),
-    'softening': words({*ACTUATION, 'stiffness'}, {*MEANS, *PLAYS, ELAPSED}, PAST),
+    'pressure_lag': words(ACTUATION, {RATE, *MEANS}),
+    'hysteresis': words(ACTUATION, PLAYS),
+    'creep': words(ACTUATION, {*MEANS, ELAPSED}),
+    'softening': words({*ACTUATION, 'stiffness'}, {*MEANS, *PLAYS, ELAPSED}),
     'stiffening': words({'stiffness'}, KINDS['stiffness'].natives),
     'extensibility': words({'stretch'}, {*KINDS['stretch'].natives, *LOADS}),
     'pressure_elongation': words({'stretch'}, {'p', 'p^2'}),

@@ -71,7 +71,9 @@ class LawConfirmationSettings:
     overrules: float = tuning(
         10.0, 'by how much a law must predict better than a name', unit='log probability'
     )
-    overrules_share: float = tuning(0.1, 'the same', unit='evidence of the name')
+    overrules_share: float = tuning(
+        0.1, 'by how much a law must predict better than a name', unit='evidence of the name'
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -46,7 +46,8 @@ class Round:
     def overruled(self, diagnosis: Diagnosis) -> Round:
         """Return the round without the name that it gave."""
         known = self.investigation
-        return replace(self, investigation=replace(known, diagnosis=diagnosis, trial=known.base))
+        revised = replace(known, diagnosis=diagnosis, trial=known.base)
+        return replace(self, investigation=revised, rivals=rival_probabilities(revised))
 
 
 def explore(

@@ -19,7 +19,7 @@ ANSWERS = {
     'named': 'named: with it the residuals are consistent with noise',
     'inseparable': 'inseparable: several effects cannot be distinguished with these data',
     'unknown': 'unknown: something is missing, and no effect of the library can be named',
-    'unobservable': 'unobservable: these recordings could not have shown any effect',
+    'unobservable': 'unobservable: these recordings cannot show whether an effect is there',
 }
 MOST_SHIFTS = 25  # quantities in the table of the report
 

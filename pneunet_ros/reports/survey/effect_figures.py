@@ -52,7 +52,7 @@ def effects(data: SurveyData) -> Picture | None:
         'What was missing, and what it was worth',
         '(a) Filled: named. Empty: one of several that the recordings cannot tell apart. A dot: '
         'nothing is missing that these recordings could show; ?: something is, and it has no name '
-        'in the library; ∅: these recordings could not have shown any effect. '
+        'in the library; ∅: these recordings cannot show whether one is there. '
         f'(b) on {where} recordings.',
         figure,
     )
