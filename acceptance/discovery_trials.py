@@ -93,7 +93,7 @@ def answer_of(trial: Trial, withheld: tuple[str, ...]) -> Row:
         found = discover(investigation)
     except PneunetError as error:
         return row | {'notes': [str(error)], 'seconds': time.process_time() - started}
-    diagnosis = found.overruling or investigation.diagnosis
+    diagnosis = investigation.overruled(found.overruling).diagnosis
     row['overruled'] = found.overruling is not None
     row['answer'] = diagnosis.answer
     if isinstance(diagnosis, Diagnosis):

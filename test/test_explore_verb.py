@@ -92,6 +92,7 @@ def test_a_name_that_a_law_overrules_is_taken_back_in_every_file(run, monkeypatc
         assert 'a law says it better' in content['notes'][0]
     assert not load_model('out/diagnosis/model.yaml').effects
     assert 'The model lacks something' in Path('out/exploration.html').read_text()
+    assert 'pressure_elongation' in kept['rounds'][0]['rivals']  # it is in question again
 
 
 @pytest.mark.parametrize(

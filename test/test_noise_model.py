@@ -9,6 +9,7 @@ import numpy as np
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.effects.pressure_elongation import PressureElongation
+from pneunet_ros.measurement.dataset import interpolated_noise
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
@@ -167,6 +168,11 @@ def test_between_two_readings_a_part_of_their_noise_averages_out():
     alone = coordinate_stds(arm, run, inputs, noise)
     assert halfway[1] == pytest.approx(alone)
     assert halfway[0] == pytest.approx(math.hypot(0.4, 0.6) * alone, abs=2e-7)
+    # Two readings of one stamp, and frames before the first and after the last.
+    stamps = np.array([10, 10, 30, 30])
+    assert interpolated_noise(np.array([5, 10, 20, 99]), stamps).tolist() == pytest.approx(
+        [1.0, 1.0, math.sqrt(0.5), 1.0]
+    )
 
 
 def test_one_sigma_of_a_target_that_was_not_seen_is_not_known():

@@ -38,10 +38,7 @@ def investigate_as_said(*recordings: object) -> Investigation:
     from pneunet_ros.discovery.discovery import discover
 
     investigation = investigate(*recordings)
-    overruling = discover(investigation).overruling
-    if overruling is None:
-        return investigation
-    return dataclasses.replace(investigation, diagnosis=overruling)
+    return investigation.overruled(discover(investigation).overruling)
 
 
 def answered(trial: Trial, investigate: Investigate) -> tuple[Row, Investigation | None]:

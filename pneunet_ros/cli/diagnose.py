@@ -153,7 +153,7 @@ def run(arguments: Namespace) -> int:
                 settings=settings_without(arguments.without),
             )
             discovery = discover(investigation, on_progress=on_progress)
-            found = discovery.overruling or investigation.diagnosis
+            found = investigation.overruled(discovery.overruling).diagnosis
         provenance = {
             'model': {'file': arguments.model.name, 'content_sha256': model_hash(frame)},
             'inputs': inputs,

@@ -131,7 +131,7 @@ class SurveyWork:
         model = described_arm(calibration, arm.name, frame, origin)
         investigation = investigate(model, [*unloaded, *loaded], held_out, seed=self.request.seed)
         discovery = discover(investigation)
-        diagnosis = discovery.overruling or investigation.diagnosis
+        diagnosis = investigation.overruled(discovery.overruling).diagnosis
         inputs = [
             ('training', (*arm.roles['unloaded'], *arm.roles['loaded'])),
             ('heldout', arm.roles['heldout']),

@@ -92,6 +92,12 @@ class Investigation:
     recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]] = ((), ())
     notes: tuple[str, ...] = ()
 
+    def overruled(self, diagnosis: Diagnosis | None) -> Investigation:
+        """Return the investigation with its name taken back; the same where none was: None."""
+        if diagnosis is None:
+            return self
+        return replace(self, diagnosis=diagnosis, trial=self.base)
+
 
 def diagnose(
     model: Arm,
@@ -384,7 +390,7 @@ def take_back(investigation: Investigation, objection: str) -> Diagnosis:
     diagnosis = conclude(
         selection, first, best, verdict, named.detectable, investigation.recordings
     )
-    names = ' and '.join(best.names)
+    names = ' or '.join((' and '.join(best.names), *named.alternatives))
     sentence = f'The model lacks something that {names} explains, and another law explains better.'
     return replace(diagnosis, sentence=f'{sentence} The notes say how much.')
 

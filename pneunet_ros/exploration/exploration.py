@@ -45,8 +45,7 @@ class Round:
 
     def overruled(self, diagnosis: Diagnosis) -> Round:
         """Return the round without the name that it gave."""
-        known = self.investigation
-        revised = replace(known, diagnosis=diagnosis, trial=known.base)
+        revised = self.investigation.overruled(diagnosis)
         return replace(self, investigation=revised, rivals=rival_probabilities(revised))
 
 

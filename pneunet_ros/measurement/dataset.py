@@ -275,8 +275,8 @@ def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
     if len(stamp_ns) < 2:
         return np.ones(len(shown))
     after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
-    between = (shown - stamp_ns[after - 1]) / (stamp_ns[after] - stamp_ns[after - 1])
-    share = np.clip(between, 0.0, 1.0)
+    apart = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)  # of one stamp: no line
+    share = np.clip((shown - stamp_ns[after - 1]) / apart, 0.0, 1.0)
     return np.asarray(np.hypot(1.0 - share, share))
 
 
