@@ -129,7 +129,8 @@ def weigh_hypotheses(
     log_odds = min(max(log_odds + gain / max(misfit, 1.0), -bound), bound)
     leading, trailing = (contact, none) if log_odds > 0.0 else (none, contact)
     if leading is not led:
-        update = replace(with_fit(update, leading, leading, seen), ambiguous=False)
+        led_to = with_fit(update, leading, leading, seen)
+        update = replace(led_to, ambiguous=False, unchecked=None)
     dropped = abs(log_odds) >= bound or update.belief is None
     return WeighedFrame(
         update=update,

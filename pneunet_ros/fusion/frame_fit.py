@@ -36,7 +36,7 @@ from pneunet_ros.fusion.belief import (
 from pneunet_ros.fusion.lack import LackGrowth, weights_after
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.disturbances import placement_jacobian
-from pneunet_ros.measurement.gauss_newton import gauss_newton
+from pneunet_ros.measurement.gauss_newton import End, gauss_newton
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import target_jacobian
 from pneunet_ros.model.arm import Arm
@@ -233,6 +233,17 @@ class FrameLinearization:
         step = self.weighed @ jacobian - xi
         return step, float(step @ (self.trial.residual @ jacobian - xi))
 
+    def stepped(self) -> FrameLinearization:
+        """Return it at the end of its step, as good as linear: what is solved with it stays."""
+        step, gain = self.newton_step()
+        trial = replace(
+            self.trial,
+            xi=self.trial.xi + step,
+            residual=self.trial.residual - self.jacobian @ step,
+            cost=self.cost - gain,
+        )
+        return replace(self, trial=trial)
+
     @property
     def log_evidence_cost(self) -> float:
         """Minus twice the log of the evidence of this solution, by Laplace, but for a constant.
@@ -352,7 +363,7 @@ class FrameProblem:
             trial = self.try_at(at.trial.xi + step, at.trial.bent.solution)
             return trial if trial is not None and trial.cost < at.cost else None
 
-        return gauss_newton(
+        found = gauss_newton(
             first,
             FrameLinearization.newton_step,
             lower,
@@ -360,7 +371,9 @@ class FrameProblem:
             small=self.settings.small_gain,
             most_steps=self.settings.most_steps,
             most_halvings=self.settings.most_halvings,
-        ).last
+            foresee=True,
+        )
+        return found.last.stepped() if found.end is End.CONVERGED else found.last
 
     def at_targets(self, fit: FrameLinearization) -> Array:
         """Return the chi squared (targets,) of each target against all others; NaN: not used.

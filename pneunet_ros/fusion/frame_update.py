@@ -7,7 +7,7 @@ hidden another equilibrium may look the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -36,9 +36,10 @@ class FrameUpdate:
 
     belief: after it, None where it was not used, for which `reason` is the key. nis: the least
     cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
-    that did not fit. ambiguous: another force explains it as well; everywhere: the search began at
-    every cold start; round_: the cold starts of the frames to come. fit: that it came from, also
-    where the frame was not used.
+    that did not fit. everywhere: the search began at every cold start, and ambiguous: another
+    force explains the frame as well. unchecked: the fit beside which others are still to be looked
+    for, None where they have been, or need not be. fit: that it came from, also where the frame
+    was not used.
     """
 
     belief: Belief | None
@@ -48,43 +49,53 @@ class FrameUpdate:
     left_out: int = 0
     ambiguous: bool = False
     everywhere: bool = False
-    round_: ColdRound = field(default_factory=ColdRound)
+    unchecked: Fit | None = None
     fit: Fit | None = None
 
 
 def take_frame(
-    problem: FrameProblem, *, cold: bool, round_: ColdRound, force_read: bool
+    problem: FrameProblem, *, cold: bool, doubted: bool, force_read: bool
 ) -> FrameUpdate:
     """Take a frame.
 
-    cold: nothing is known of the force, and the search begins everywhere; round_: of cold starts,
-    which find whether another force explains the frame; force_read: a sensor tells the force, and
-    neither makes sense.
+    cold: nothing is known of the force; doubted: another force explained the last frame better;
+    with either the search begins everywhere. force_read: a sensor tells the force, and no other
+    one is looked for.
     """
     if np.count_nonzero(problem.used) < problem.settings.fewest_targets:
         return FrameUpdate(belief=None, reason='too_few_targets')
-    fits: list[Fit] = []
+    tracked: Fit | None = None
     if force_read or not cold:
-        tracked = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
-        if tracked is not None:
-            fits = [leave_out(problem, tracked)]
-    believed = bool(fits) and (force_read or excess(fits[0]) <= 1.0)
-    if not (believed or force_read):  # the force may have jumped
-        starts = cold_starts(problem)[: problem.settings.starts_followed]
-        fits += [leave_out(*fit) for fit in solutions(problem, starts)[:1]]
-    if not fits:
+        followed = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
+        tracked = None if followed is None else leave_out(problem, followed)
+    if force_read or (tracked is not None and not doubted and excess(tracked) <= 1.0):
+        update = FrameUpdate(belief=None, unchecked=None if force_read else tracked)
+    else:  # the force may have jumped
+        tracked, ambiguous = search_everywhere(problem, tracked)
+        update = FrameUpdate(belief=None, ambiguous=ambiguous, everywhere=True)
+    if tracked is None:
         return FrameUpdate(belief=None, reason='no_equilibrium')
-    best = fits[0] if believed else min(fits, key=excess)
-    everywhere, ambiguous = not force_read and (cold or not believed), False
-    if everywhere:
-        starts = cold_starts(best[0])[: problem.settings.starts_followed]
-        best, ambiguous = look_for_rivals(best, starts)
-        round_ = ColdRound()
-    elif not force_read:
-        round_, starts = next_of_round(best[0], round_)
-        best, ambiguous = look_for_rivals(best, starts)
-    found = FrameUpdate(belief=None, ambiguous=ambiguous, everywhere=everywhere, round_=round_)
-    return with_fit(found, best, hold_force(best), int(np.count_nonzero(problem.used)))
+    return with_fit(update, tracked, hold_force(tracked), int(np.count_nonzero(problem.used)))
+
+
+def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit | None, bool]:
+    """Return the best of all solutions, and whether another one explains the frame as well.
+
+    tracked: the one from where the force was believed, if there is one.
+    """
+    found = solutions(problem, first_starts(problem))
+    begun = leave_out(*found[0]) if found else None
+    fits = [fit for fit in (tracked, begun) if fit is not None]
+    if not fits:
+        return None, False
+    best = min(fits, key=excess)
+    if best[0] is not problem:  # without some targets
+        found = solutions(best[0], first_starts(best[0]))
+    rival = best_rival(best, found)
+    if rival is None:
+        return best, False
+    gain, margin = gain_over(best, rival), problem.settings.rival
+    return (rival, False) if gain > margin else (best, gain > -margin)
 
 
 def with_fit(update: FrameUpdate, best: Fit, used: Fit, seen: int) -> FrameUpdate:
@@ -176,11 +187,26 @@ def cold_starts(problem: FrameProblem, which: slice = slice(None)) -> list[Trial
     return sorted(known, key=lambda trial: trial.cost)
 
 
+def first_starts(problem: FrameProblem) -> list[Trial]:
+    """Return the best of all cold starts, from which the search begins."""
+    return cold_starts(problem)[: problem.settings.starts_followed]
+
+
 def solutions(problem: FrameProblem, starts: list[Trial]) -> list[Fit]:
     """Return fits of a frame from cold starts, the best first."""
     found = [search_from(problem, trial) for trial in starts]
     fits = [(problem, fit) for fit in found if fit is not None]
     return sorted(fits, key=lambda fit: fit[1].log_evidence_cost)
+
+
+def look_elsewhere(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
+    """Return by how much the best solution found elsewhere is better than a fit, and the round.
+
+    -inf where none is found. Of a round of cold starts it takes as much as is due in one frame.
+    """
+    round_, starts = next_of_round(fit[0], round_)
+    rival = best_rival(fit, solutions(fit[0], starts))
+    return (-math.inf if rival is None else gain_over(fit, rival)), round_
 
 
 def next_of_round(problem: FrameProblem, round_: ColdRound) -> tuple[ColdRound, list[Trial]]:
@@ -205,20 +231,14 @@ def search_from(problem: FrameProblem, trial: Trial) -> FrameLinearization | Non
     return problem.search(trial.xi, trial.bent.solution)
 
 
-def look_for_rivals(best: Fit, starts: list[Trial]) -> tuple[Fit, bool]:
-    """Return the best of all solutions, and whether another one explains the frame as well.
+def best_rival(best: Fit, fits: list[Fit]) -> Fit | None:
+    """Return the first of some fits, the best first, that is another solution."""
+    return next((fit for fit in fits if are_apart(best, fit)), None)
 
-    One that is better by more than `rival` takes the place of the one that was followed.
-    """
-    problem, followed = best
-    settings = problem.settings
-    others = [rival for rival in solutions(problem, starts) if are_apart(best, rival)]
-    if not others:
-        return best, False
-    gain = followed.log_evidence_cost - others[0][1].log_evidence_cost
-    if gain > settings.rival:
-        return others[0], False
-    return best, gain > -settings.rival
+
+def gain_over(fit: Fit, rival: Fit) -> float:
+    """Return by how much (chi squared) a rival explains a frame better than a fit."""
+    return fit[1].log_evidence_cost - rival[1].log_evidence_cost
 
 
 def force_at(problem: FrameProblem, trial: Trial) -> Array:

@@ -66,7 +66,13 @@ from pneunet_ros.fusion.frame_fit import (
     FrameProblem,
     pressure_like,
 )
-from pneunet_ros.fusion.frame_update import excess, FrameUpdate, take_frame
+from pneunet_ros.fusion.frame_update import (
+    ColdRound,
+    excess,
+    FrameUpdate,
+    look_elsewhere,
+    take_frame,
+)
 from pneunet_ros.fusion.lack import lack_columns, LackGrowth, remember, scale_of
 from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
@@ -172,6 +178,7 @@ class Fusion:
             for what a reading holds.
 
         """
+        state = self.settle(state)
         if isinstance(event, TargetSightings):
             return self.take_targets(state, event)
         resets = state.readings.resets
@@ -184,6 +191,14 @@ class Fusion:
         if isinstance(event, WrenchReading):
             return self.take_wrench(state, event)
         return self.take_pressure(state, event, [note] if note else [])
+
+    def settle(self, state: FusionState) -> FusionState:
+        """Do what no estimate has to wait for: look for another force that explains the frame.
+
+        A node does it when an estimate is out; where nobody did, the next step does. What comes of
+        all steps is the same.
+        """
+        return self.check_frame(state) if state.told else state
 
     def take_wrench(
         self, state: FusionState, reading: WrenchReading
@@ -441,6 +456,7 @@ class Fusion:
 
     def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
         """Take a frame into the belief."""
+        state = self.check_frame(state)
         if not sightings.seen:
             return state.count_unused('not_seen')
         shown_ns = self.shown_ns(sightings)
@@ -495,7 +511,7 @@ class Fusion:
         update = take_frame(
             problem,
             cold=frame.force_lost or not before.frames,
-            round_=state.cold_round,
+            doubted=state.doubted,
             force_read=read,
         )
         rival = None if state.rival is None else self.problem_of(frame, state.rival)
@@ -588,20 +604,46 @@ class Fusion:
             )
         if update.belief is None:
             return replace(state, nis=nis, lost=state.lost + 1).count_unused(update.reason)
-        clear = 0 if update.ambiguous else state.since_restart + 1
-        whole = self.settings.restart_frames + self.settings.starts_followed
-        settled = update.everywhere or clear >= whole
-        ambiguous = update.ambiguous or (state.ambiguous and not settled)
-        return replace(
+        state = replace(
             state,
             belief=update.belief,
             wrench_used_ns=None if wrench is None else wrench.stamp_ns,
             nis=nis,
-            ambiguous=ambiguous and wrench is None,
-            since_restart=clear,
-            cold_round=update.round_,
+            ambiguous=state.ambiguous and wrench is None,
+            unchecked=update.unchecked,
+            told=False,
             lost=0,
             frames=state.frames + 1,
+        )
+        if not update.everywhere:
+            return state
+        return replace(
+            state,
+            ambiguous=update.ambiguous,
+            doubted=False,
+            since_restart=0,
+            cold_round=ColdRound(),
+        )
+
+    def check_frame(self, state: FusionState) -> FusionState:
+        """Look for another force that explains the last frame, where nobody did.
+
+        One that explains it better leaves the force ambiguous, and the search in the next frame
+        begins everywhere.
+        """
+        if state.unchecked is None:
+            return state
+        gain, round_ = look_elsewhere(state.unchecked, state.cold_round)
+        rival = self.settings.rival
+        clear = 0 if gain > -rival else state.since_restart + 1
+        whole = self.settings.restart_frames + self.settings.starts_followed
+        return replace(
+            state,
+            unchecked=None,
+            ambiguous=gain > -rival or (state.ambiguous and clear < whole),
+            doubted=gain > rival,
+            since_restart=clear,
+            cold_round=round_,
         )
 
     def publish(
@@ -652,7 +694,7 @@ class Fusion:
             wrench_age=None if wrench is None else age,
             warnings=(*notes, *position.notes, *estimate.warnings),
         )
-        state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
+        state = replace(state, solution=bent.solution, estimates=state.estimates + 1, told=True)
         contact = self.contact_at(state, belief, bent, mode, read=wrench is not None)
         ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
         force, covariance = self.known_force(belief, position, ambiguous)

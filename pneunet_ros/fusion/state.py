@@ -13,7 +13,7 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief
-from pneunet_ros.fusion.frame_update import ColdRound
+from pneunet_ros.fusion.frame_update import ColdRound, Fit
 from pneunet_ros.solver.solution import SolverNodes
 
 
@@ -81,7 +81,9 @@ class FusionState:
     contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
     contact, None before the first frame; elsewhere: one at another place may be it.
     wrench_used_ns: of the wrench in it. solution: of the last estimate. pressure_lost: the
-    belief's bias stands for the whole pressure. since_restart: frames in a row in which the
+    belief's bias stands for the whole pressure. unchecked: the last fit, beside which other
+    forces are still to be looked for; told: an estimate since then is out; doubted: one explained that frame better, and the next
+    search begins everywhere; since_restart: frames in a row in which the
     search, begun at a part of the cold starts each, found no other force; lost: frames in a
     row not used. frames: used so far; unused: others by reason.
     """
@@ -99,6 +101,9 @@ class FusionState:
     solution: SolverNodes | None = None
     pressure_lost: bool = False
     ambiguous: bool = False
+    unchecked: Fit | None = None
+    told: bool = False
+    doubted: bool = False
     since_restart: int = 0
     cold_round: ColdRound = field(default_factory=ColdRound)
     lost: int = 0

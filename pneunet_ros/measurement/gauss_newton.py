@@ -86,19 +86,24 @@ def gauss_newton(
     small: float,
     most_steps: int,
     most_halvings: int,
+    foresee: bool = False,
     on_step: Callable[[int, Linear], None] = lambda step, last: None,
 ) -> Search[Linear]:
     """Search from a linearization for the lowest cost.
 
     newton_step: the full step from a linearization and its gain, in any measure; below `small` the
     search ends. lower: where a step leads, None where that costs no less. relinearize: there; None
-    where it cannot be. on_step: is told the number of each step and where it starts.
+    where it cannot be. foresee: the search ends one step earlier, where gains fall so fast that
+    the step after the next one would gain less than `small`; the caller takes the next one, which
+    is then as good as linear. on_step: is told the number of each step and where it starts.
     """
     last, gain = start, float('inf')
     for count in range(1, most_steps + 1):
+        before = gain
         step, gain = newton_step(last)
         on_step(count, last)
-        if gain < small:
+        ahead = gain * min(gain / before, 1.0) if foresee and count > 1 else gain
+        if ahead < small:
             return Search(last=last, steps=count, gain=gain, end=End.CONVERGED)
         shares = (0.5**halvings for halvings in range(most_halvings))
         trials = (lower(last, share * step) for share in shares)

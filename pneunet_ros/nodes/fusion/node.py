@@ -81,6 +81,7 @@ class FusionNode(ConfiguredNode[FusionConfiguration]):
             self.health.published(1e-9 * (time.time_ns() - info['received_timestamp']))
         elif isinstance(outcome, Refusal):
             self.log_refusal(outcome)
+        self.state = self.configuration.fusion.settle(self.state)
         self.health.took(sensor.name, outcome, end, end - begin)
         if self.state.readings.resets > resets:
             sentence = 'time jumped back: the fusion has started anew'
