@@ -23,7 +23,7 @@ from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import PlacementKnown
 from pneunet_ros.solver.solution import SolverNodes
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 FORCE = slice(0, 2)
 BIAS = 2
@@ -287,7 +287,8 @@ def with_walk(settings: FusionSettings, before: Belief, after: Belief) -> Belief
     explained = np.sum(before.root[FORCES] ** 2, axis=1) + np.sum(after.root[FORCES] ** 2, axis=1)
     found = (change - explained) / seconds
     tip = slice(FORCE.start, FORCE.stop)
-    average = float(np.average(found[tip], weights=explained[tip] ** -2.0))
+    weights = explained[tip] ** -2.0
+    average = float(weights @ found[tip] / weights.sum())
     share = -math.expm1(-seconds / settings.usual_time)
     usual = before.usual_walk**2 + share * (average - before.usual_walk**2)
     usual = min(max(usual, settings.least_walk**2), settings.largest_walk**2)
@@ -303,21 +304,29 @@ def take_measurement(belief: Belief, response: Array, value: Array, std: Array) 
     std (k,) of the noise, independent. The square-root form of the Kalman update.
     """
     seen = response @ belief.root / std[:, None]
-    root = root_after(belief.root, seen)
+    factor = innovation_factor(seen)
+    root = root_after(belief.root, seen, factor)
     step = root @ (root.T @ (response.T @ ((value - response @ belief.mean) / std**2)))
     return replace(belief, mean=freeze(belief.mean + step), root=freeze(root))
 
 
-def root_after(root: Array, seen: Array) -> Array:
+def innovation_factor(seen: Array) -> Array:
+    """Return the Cholesky factor (k, k), below its diagonal, of what is seen with white noise 1.
+
+    seen (k, m): what a measurement sees of each column of the root.
+    """
+    factor, _ = dpotrf(np.eye(len(seen)) + seen @ seen.T, lower=1)
+    return np.asarray(factor)
+
+
+def root_after(root: Array, seen: Array, factor: Array) -> Array:
     """Return the root of the covariance after a measurement of white noise 1.
 
-    seen (k, m): what it sees of each column of the root (n, m).
+    seen (k, m): what it sees of each column of the root (n, m); factor: `innovation_factor`.
 
     Source: Andrews, AIAA Journal 6 (1968).
     """
     white = np.eye(len(seen))
-    factor = compress(np.hstack([seen, white]))
-    factor = factor * np.sign(np.diagonal(factor))
     gain, _ = dtrtrs(factor + white, seen, lower=1)
     gain, _ = dtrtrs(factor, gain, lower=1, trans=1)
     return np.asarray(root - (root @ seen.T) @ gain)

@@ -170,15 +170,39 @@ class PushScores:
     """What a push on each panel of the rod would gain, linearized around a fit without one.
 
     place (panels,) m; force (panels,) N, the likeliest there; gain (panels,) chi squared;
-    evidence (panels,): what is left of the gain, as force and place of a contact could have been
-    any; step (panels, unknowns): by how much the other unknowns in xi would follow.
+    pushes, weighed (coordinates, panels): what a push moves, whitened, and the inverse of the
+    covariance times that; information (panels,): of the force; freedom (N, m): one sigma of a
+    force that may be any, and the length of the arm.
     """
 
     place: Array
     force: Array
     gain: Array
-    evidence: Array
-    step: Array
+    pushes: Array
+    weighed: Array
+    information: Array
+    freedom: tuple[float, float]
+
+    def evidence(self) -> Array:
+        """Return what is left of the gain (panels,), as a contact could be of any force, anywhere.
+
+        By Laplace.
+        """
+        std, length = self.freedom
+        anywhere = 12.0 / length**2  # 1 / variance of a place that may be any
+        slide, weighed_slide = (
+            self.force * np.gradient(side, self.place, axis=1)
+            for side in (self.pushes, self.weighed)
+        )
+        both = np.sum(slide * self.weighed, axis=0)
+        along = np.sum(slide * weighed_slide, axis=0) + anywhere
+        volume = self.information * along - both**2
+        return np.asarray(self.gain - np.log(volume * std**2 / anywhere))
+
+    def step(self, fit: FrameLinearization, panel: int) -> Array:
+        """Return by how much the other unknowns (n,) in xi would follow a push on a panel."""
+        left = fit.weighed - self.weighed[:, panel] * self.force[panel]
+        return np.asarray(left @ fit.jacobian - fit.trial.xi)
 
 
 def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
@@ -186,23 +210,21 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     bent, arm = fit.trial.bent, problem.table.arm
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
     moved = measured_moves(arm, sensitivity)[LOADS:]
-    pushes = moved[:, :, problem.used].reshape(place.size, -1) / problem.std
-    weighed, left = fit.solve(pushes.T), fit.weighed[:, None]
-    prior = problem.unknowns.force_scale**-2
-    information = np.sum(pushes.T * weighed, axis=0) + prior
+    pushes = (moved[:, :, problem.used].reshape(place.size, -1) / problem.std).T
+    weighed, std = fit.solve(pushes), problem.unknowns.force_scale
+    information = np.sum(pushes * weighed, axis=0) + std**-2
     score = fit.innovation @ weighed
     force = score / information
-    step = (fit.jacobian.T @ (left - weighed * force)).T - fit.trial.xi
     low, high = np.array(problem.settings.contact_places) * arm.length
-    gain = np.where((place >= low) & (place <= high), score * force, 0.0)
-    slide, weighed_slide = (
-        force * np.gradient(side, place, axis=1) for side in (pushes.T, weighed)
+    return PushScores(
+        place=place,
+        force=force,
+        gain=np.where((place >= low) & (place <= high), score * force, 0.0),
+        pushes=pushes,
+        weighed=weighed,
+        information=information,
+        freedom=(std, arm.length),
     )
-    anywhere = 12.0 / arm.length**2  # 1 / variance of a place that may be any
-    both = np.sum(slide * weighed, axis=0)
-    volume = information * (np.sum(slide * weighed_slide, axis=0) + anywhere) - both**2
-    evidence = gain - np.log(volume / (prior * anywhere))
-    return PushScores(place=place, force=force, gain=gain, evidence=evidence, step=step)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -232,7 +254,8 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact
             return None
         fit = again
     scores = score_pushes(problem, fit)
-    if not np.any((scores.gain >= settings.contact_score) & (scores.evidence > 0.0)):
+    likely = scores.gain >= settings.contact_score
+    if not likely.any() or not np.any(likely & (scores.evidence() > 0.0)):
         return None
     padded = np.concatenate([[0.0], scores.gain, [0.0]])
     peaks = np.flatnonzero((scores.gain >= padded[:-2]) & (scores.gain >= padded[2:]))
@@ -274,6 +297,6 @@ def search_at(
             (scores.place[panel] - problem.mean[CONTACT.stop - 1]) / place_std,
         ]
     )
-    xi = np.concatenate([fit.trial.xi + scores.step[panel], contact])
+    xi = np.concatenate([fit.trial.xi + scores.step(fit, panel), contact])
     found = problem.search(xi, fit.trial.bent.solution)
     return None if found is None else leave_out(problem, found)

@@ -28,6 +28,7 @@ from pneunet_ros.fusion.belief import (
     CONTACT,
     DRIFT,
     FORCE,
+    innovation_factor,
     MOMENT_NOISE,
     PRESSURE_NOISE,
     root_after,
@@ -51,7 +52,7 @@ from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.solution import SolverNodes
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.lapack import dpotrs
 
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 
@@ -202,15 +203,8 @@ class FrameLinearization:
     jacobian: Array
     lacking: Array
     innovation: Array
-    covariance: Array
-    factor: Array = field(init=False)
-    weighed: Array = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Factorize the covariance, once for all that is solved with it."""
-        factor, _ = dpotrf(self.covariance, lower=1)
-        object.__setattr__(self, 'factor', factor)
-        object.__setattr__(self, 'weighed', self.solve(self.innovation))
+    factor: Array
+    weighed: Array
 
     def solve(self, sides: Array) -> Array:
         """Return S^-1 sides, of the covariance S of the innovation."""
@@ -343,13 +337,17 @@ class FrameProblem:
         jacobian = seen @ self.root / self.std[:, None]
         if not np.abs(jacobian).max() < LIMIT_POINT:
             return None
+        factor = innovation_factor(jacobian)
+        innovation = trial.residual + jacobian @ trial.xi
+        weighed, _ = dpotrs(factor, innovation, lower=1)
         lacking = unknowns.lacking
         return FrameLinearization(
             trial=trial,
             jacobian=jacobian,
             lacking=seen[:, lacking] * unknowns.std[lacking] / self.std[:, None],
-            innovation=trial.residual + jacobian @ trial.xi,
-            covariance=np.eye(len(jacobian)) + jacobian @ jacobian.T,
+            innovation=innovation,
+            factor=factor,
+            weighed=np.asarray(weighed),
         )
 
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
@@ -404,7 +402,7 @@ class FrameProblem:
         Where the search was stopped, as by a stability that ends, the step that it could not take
         is one more error.
         """
-        root = root_after(self.root, fit.jacobian)
+        root = root_after(self.root, fit.jacobian, fit.factor)
         step, gain = fit.newton_step()
         if gain > self.settings.small_gain:
             root = compress(np.column_stack([root, self.root @ step]))

@@ -149,8 +149,11 @@ def hold_force(found: Fit) -> Fit:
     there all that moves the arm sideways seems to be seen to a hair.
     """
     problem, fit = found
-    variances, axes = np.linalg.eigh(problem.force_covariance(fit))
+    covariance = problem.force_covariance(fit)
     largest = problem.settings.determined * problem.unknowns.force_scale
+    if np.trace(covariance) <= largest**2:
+        return found
+    variances, axes = np.linalg.eigh(covariance)
     unknown = axes[:, variances > largest**2]
     if not unknown.size:
         return found

@@ -82,10 +82,10 @@ class FusionState:
     contact, None before the first frame; elsewhere: one at another place may be it.
     wrench_used_ns: of the wrench in it. solution: of the last estimate. pressure_lost: the
     belief's bias stands for the whole pressure. unchecked: the last fit, beside which other
-    forces are still to be looked for; told: an estimate since then is out; doubted: one explained that frame better, and the next
-    search begins everywhere; since_restart: frames in a row in which the
-    search, begun at a part of the cold starts each, found no other force; lost: frames in a
-    row not used. frames: used so far; unused: others by reason.
+    forces are still to be looked for; told: an estimate since then is out; doubted: one
+    explained that frame better, and the next search begins everywhere; since_restart: frames in a
+    row in which the search, begun at a part of the cold starts each, found no other force; lost:
+    frames in a row not used. frames: used so far; unused: others by reason.
     """
 
     readings: EstimatorState = field(default_factory=EstimatorState)
