@@ -28,6 +28,8 @@ def rows(tip=5e-5, share=0.01, sure=1.0, seed=3):
             'force_nees': nees[..., 1],
             'pressed': 1.0,
             'mode': 1.0,
+            'predicted_alone': 8e-4,
+            'camera_alone': 4e-4,
         }
         for name, value in values.items():
             found[..., bench.COLUMNS.index(name)] = value
@@ -44,6 +46,7 @@ def test_errors_of_their_sigmas_reach_the_goals_and_others_miss_them():
     coarse = bench.summary_of([rows(tip=3e-4, share=0.045)])['missed']
     assert any('no wrench: tip_rms' in sentence for sentence in coarse)
     assert any('no wrench: sure_rms' in sentence for sentence in coarse)
+    assert any('no wrench: worst_of_better' in sentence for sentence in coarse)
 
 
 def test_a_recording_gives_an_estimate_at_nearly_every_frame():
@@ -57,3 +60,4 @@ def test_a_recording_gives_an_estimate_at_nearly_every_frame():
     assert numbers['frames'] > 0.98 * len(fused) / 2
     assert numbers['sure_rms'] < 0.05
     assert numbers['tip_rms'] < 2e-4
+    assert 0.0 < numbers['worst_of_better'] < 0.8

@@ -248,7 +248,7 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact
     """
     settings, length = problem.settings, problem.table.arm.length
     if fit.trial.residual.size != problem.std.size:  # of all targets, also of those left out
-        trial = problem.try_at(fit.trial.xi, fit.trial.bent.solution)
+        trial = problem.try_at(fit.trial.solved, fit.trial.bent.solution)
         again = None if trial is None else problem.linearize(trial)
         if again is None:
             return None

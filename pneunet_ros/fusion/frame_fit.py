@@ -181,9 +181,13 @@ def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trial:
-    """Unknowns that were tried: xi, the arm there, the whitened residual, and what it costs."""
+    """Unknowns that were tried: xi, the arm there, the whitened residual, and what it costs.
+
+    solved: xi of the arm; the others may be a last step further, as good as linear.
+    """
 
     xi: Array
+    solved: Array
     bent: BentArm
     residual: Array
     cost: float
@@ -318,7 +322,7 @@ class FrameProblem:
         cost = float(xi @ xi + residual @ residual)
         if not math.isfinite(cost):
             return None
-        return Trial(xi=xi, bent=bent, residual=residual, cost=cost)
+        return Trial(xi=xi, solved=xi, bent=bent, residual=residual, cost=cost)
 
     def linearize(self, trial: Trial) -> FrameLinearization | None:
         """Linearize what is predicted around a trial; None at a limit point of the arm."""
@@ -359,7 +363,8 @@ class FrameProblem:
 
         def lower(at: FrameLinearization, step: Array) -> Trial | None:
             trial = self.try_at(at.trial.xi + step, at.trial.bent.solution)
-            return trial if trial is not None and trial.cost < at.cost else None
+            most = at.cost - self.settings.small_gain
+            return trial if trial is not None and trial.cost < most else None
 
         found = gauss_newton(
             first,

@@ -92,8 +92,8 @@ def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit |
     if best[0] is not problem:  # without some targets
         found = solutions(best[0], first_starts(best[0]))
     rival = best_rival(best, found)
-    if rival is None:
-        return best, False
+    if rival is None:  # all are ends of one search, of which some may have got stuck
+        return min([best, *found], key=cost_of), False
     gain, margin = gain_over(best, rival), problem.settings.rival
     return (rival, False) if gain > margin else (best, gain > -margin)
 
@@ -135,7 +135,7 @@ def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
         used = problem.used.copy()
         used[worst] = False
         without = replace(problem, used=used)
-        again = without.search(fit.trial.xi, fit.trial.bent.solution)
+        again = without.search(fit.trial.solved, fit.trial.bent.solution)
         if again is None:
             break
         problem, fit = without, again
@@ -199,7 +199,12 @@ def solutions(problem: FrameProblem, starts: list[Trial]) -> list[Fit]:
     """Return fits of a frame from cold starts, the best first."""
     found = [search_from(problem, trial) for trial in starts]
     fits = [(problem, fit) for fit in found if fit is not None]
-    return sorted(fits, key=lambda fit: fit[1].log_evidence_cost)
+    return sorted(fits, key=cost_of)
+
+
+def cost_of(fit: Fit) -> float:
+    """Return minus twice the log of the evidence of a fit, but for a constant."""
+    return fit[1].log_evidence_cost
 
 
 def look_elsewhere(fit: Fit, round_: ColdRound) -> tuple[float, ColdRound]:
@@ -241,7 +246,7 @@ def best_rival(best: Fit, fits: list[Fit]) -> Fit | None:
 
 def gain_over(fit: Fit, rival: Fit) -> float:
     """Return by how much (chi squared) a rival explains a frame better than a fit."""
-    return fit[1].log_evidence_cost - rival[1].log_evidence_cost
+    return cost_of(fit) - cost_of(rival)
 
 
 def force_at(problem: FrameProblem, trial: Trial) -> Array:

@@ -43,8 +43,8 @@ class LackGrowth:
 
 
 def first_weights(settings: FusionSettings) -> Array:
-    """Return the log weights (scales,) before any frame: twice the scale, half as likely."""
-    return freeze(-np.log(np.array(settings.lack_scales)))
+    """Return the log weights (scales,) before any frame: the larger, the less likely."""
+    return freeze(-settings.lack_fall * np.log(np.array(settings.lack_scales)))
 
 
 def scale_of(settings: FusionSettings, log_weights: Array) -> float:

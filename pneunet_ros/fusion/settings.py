@@ -26,6 +26,9 @@ class FusionSettings:
         'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',
         unit='of the range',
     )
+    lack_fall: float = tuning(
+        1.5, 'power of the size with which a lack is less likely before any frame; invented'
+    )
     lack_stiffness: float = tuning(
         0.5, 'share of the stiffness that is missing with all of the range; invented'
     )
@@ -61,7 +64,12 @@ class FusionSettings:
         unit='natural log',
     )
     fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
-    small_gain: float = tuning(1e-3, 'gain of a step that ends the search', unit='chi squared')
+    small_gain: float = tuning(
+        0.05,
+        'gain of a step that ends the search, and fall of the cost below which a step is not '
+        'taken: along a valley that bends, steps gain next to nothing for long',
+        unit='chi squared',
+    )
     most_steps: int = tuning(12, 'steps of the search')
     most_halvings: int = tuning(6, 'halvings of a step that does not lower the cost')
     target_gate: float = tuning(
