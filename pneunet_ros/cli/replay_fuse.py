@@ -20,6 +20,7 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.files.model_file import model_hash
+from pneunet_ros.fusion.force_sensor import DISAGREES
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.messages.readings import SENSORS
@@ -67,6 +68,7 @@ def run_fusion(arguments: Namespace) -> int:
             )
             record_fusion(writer, recording, fusion, topics, on_progress)
     state, last = tally.state, tally.last
+    sensor = None if last is None else last.force_sensor
     summary = {
         'recording': arguments.recording,
         'output': arguments.output,
@@ -81,6 +83,7 @@ def run_fusion(arguments: Namespace) -> int:
         'force_determined': tally.determined,
         'ambiguous': tally.ambiguous,
         'contacts': tally.contacts,
+        'force_sensor': None if sensor is None else sensor.numbers,
         'nis': None if last is None else last.nis,
         'nis_limit': None if last is None else last.nis_limit,
         'beyond_noise': tally.beyond,
@@ -128,6 +131,8 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
             'last estimate',
             f'tip at ({millimeters(x):.2f}, {millimeters(y):.2f}) mm, force ({force}) N',
         )
+        if last.force_sensor is not None:
+            table.add_row('force sensor, off by', last.force_sensor.words)
         if last.contact is not None and not last.contact.ambiguous:
             touch = last.contact
             table.add_row(
@@ -144,6 +149,8 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
             f'in {tally.beyond} estimates targets were further from the fused shape than noise '
             'explains: run pneunet diagnose',
         ]
+    if last is not None and last.force_sensor is not None and last.force_sensor.beyond:
+        sentences = [*sentences, DISAGREES]
     if summary['std_leaves_out']:
         sentences = [*sentences, summary['std_leaves_out']]
     if summary['last_refusal']:

@@ -1,11 +1,11 @@
 """What is believed of all unknowns at the stamp of a frame: a mean, and a root of the covariance.
 
 The unknowns: the tip force, the pressure bias (what creep, hysteresis and a drifting sensor look
-like), the camera's drift and place, the columns of the model's covariance in sigma, the painted
-places of the targets along and across the arm, the force and place of a contact, and the noise of
-the readings at this stamp. Without a contact its force and place are known to be zero. In
-time the first ones move, each with a largest std of its own; model, camera and dots stay; noise is
-new in every reading.
+like), the camera's drift and place, by how much the force sensor is off (offset and gain), the
+columns of the model's covariance in sigma, the painted places of the targets along and across the
+arm, the force and place of a contact, and the noise of the readings at this stamp. Without a
+contact its force and place are known to be zero. In time the first ones move, each with a largest
+std of its own; model, camera, gain and dots stay; noise is new in every reading.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ CAMERA = slice(5, 7)
 CONTACT = slice(-4, -2)  # force N along the normal, place m along the arm
 FORCES = [0, 1, -4]  # of the tip and of a contact
 MOMENT_NOISE, PRESSURE_NOISE = -2, -1
-COLUMNS = 7  # where the columns of the model's covariance begin
+OFFSET = slice(7, 9)  # N, of the force sensor
+GAIN = 9  # of the force sensor, beyond 1
+COLUMNS = 10  # where the columns of the model's covariance begin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,10 +43,10 @@ class Unknowns:
     """The unknowns of an arm: how many, how uncertain without any frame, and how they move.
 
     std (n,): before any frame and reading, N, Pa, m, sigma, m; times (k,): correlation times (s)
-    of bias, drift, camera and columns, which follow the force. force_scale: the largest force (N)
-    that is likely. lacking: where the unknowns are that stand for what the model lacks, whose std
-    is that of a lack of all of the range; range (Pa): of the pressure. placement: of the targets
-    that the model was calibrated with, None where it is not known.
+    of bias, drift, camera, force sensor and columns, which follow the force. force_scale: the
+    largest force (N) that is likely. lacking: where the unknowns are that stand for what the model
+    lacks, whose std is that of a lack of all of the range; range (Pa): of the pressure. placement:
+    of the targets that the model was calibrated with, None where it is not known.
     """
 
     columns: int
@@ -99,6 +101,8 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
         [
             [scale, scale, high - low],
             np.repeat([noise.drift_std, noise.registration_std], 2),
+            np.repeat(settings.force_offset * scale, 2),
+            [settings.force_gain],
             np.ones(columns),
             np.full(len(settings.lag_times), settings.creep_fraction),
             [settings.play_share],
@@ -109,6 +113,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     times = np.concatenate(
         [
             [settings.bias_time, settings.drift_time, settings.drift_time, np.inf, np.inf],
+            [settings.offset_time, settings.offset_time, np.inf],
             np.full(known, np.inf),
             np.full(further, settings.bias_time),
         ]

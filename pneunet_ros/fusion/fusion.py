@@ -34,9 +34,11 @@ from pneunet_ros.fusion.belief import (
     first_belief,
     FORCE,
     forget,
+    GAIN,
     lack_grown,
     move_belief,
     OF_BIAS,
+    OFFSET,
     scaled_std,
     take_measurement,
     Unknowns,
@@ -56,6 +58,7 @@ from pneunet_ros.fusion.contact import (
     without_contact,
 )
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
+from pneunet_ros.fusion.force_sensor import DISAGREES, force_sensor_error
 from pneunet_ros.fusion.frame_fit import (
     bend_arm,
     BentArm,
@@ -443,6 +446,9 @@ class Fusion:
         true = self.arm.sense(reading)
         response = np.zeros((2, belief.mean.size))
         response[:, FORCE] = np.eye(2)
+        if not self.settings.free_tip:  # then nobody reads it
+            response[:, OFFSET] = np.eye(2)
+            response[:, GAIN] = true.force_x, true.force_y
         if self.arm.sensing:
             response[:, self.unknowns.of_columns] = -self.by_columns(reading)[:, FORCE].T
         std = math.hypot(self.arm.sensors.force_std, belief.walk * math.sqrt(abs(age)))
@@ -700,6 +706,11 @@ class Fusion:
         force, covariance = self.known_force(belief, position, ambiguous)
         if self.unknowns.placement is not None and not belief.same_targets:
             estimate = replace(estimate, warnings=(*estimate.warnings, OTHER_TARGETS))
+        sensor = None
+        if wrench is not None and not self.settings.free_tip:
+            sensor = force_sensor_error(self.unknowns, belief)
+            if sensor.beyond:
+                estimate = replace(estimate, warnings=(*estimate.warnings, DISAGREES))
         lacking = pressure_like(self.unknowns, inputs)
         return state, FusedEstimate(
             estimate=estimate,
@@ -709,6 +720,7 @@ class Fusion:
             contact=contact,
             pressure_bias=float(lacking @ belief.mean),
             pressure_bias_std=float(np.linalg.norm(lacking @ belief.root)),
+            force_sensor=sensor,
             ambiguous=ambiguous,
             nis=math.nan if state.nis is None else state.nis.mean,
             nis_limit=math.nan if state.nis is None else state.nis.limit,

@@ -21,6 +21,11 @@ class FusionSettings:
     force_gate: float = tuning(
         6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
     )
+    force_offset: float = tuning(
+        0.02, 'std of the offset of the force sensor; invented', unit='of the force scale'
+    )
+    force_gain: float = tuning(0.02, 'std of the error of its gain; invented')
+    offset_time: float = tuning(600.0, 'correlation time of that offset', unit='s')
     lack_scales: tuple[float, ...] = tuning(
         (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12),
         'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',

@@ -93,6 +93,7 @@ class FusionHealth(InputHealth):
         """Return numbers by name; those of an estimate only while there are estimates."""
         last, nis = None if silent else self._estimate, state.nis
         wrench_age = None if last is None else last.estimate.wrench_age
+        sensor = None if last is None else last.force_sensor
         values: dict[str, Any] = {
             'mode': 'none' if last is None else last.mode.name.lower(),
             'rate_hz': self.rate(now),
@@ -113,6 +114,7 @@ class FusionHealth(InputHealth):
             'contact': None if last is None else contact_words(last.contact),
             'pressure_bias_pa': None if last is None else last.pressure_bias,
             'pressure_bias_std_pa': None if last is None else last.pressure_bias_std,
+            'force_sensor': None if sensor is None else sensor.words,
             'extrapolated': None if last is None else last.estimate.shape.extrapolated,
             'solve_time_s': self._solve_time,
             'latency_p50_s': self.latency(50.0),
