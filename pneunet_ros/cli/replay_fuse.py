@@ -132,7 +132,7 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
             f'tip at ({millimeters(x):.2f}, {millimeters(y):.2f}) mm, force ({force}) N',
         )
         if last.force_sensor is not None:
-            table.add_row('force sensor, off by', last.force_sensor.words)
+            table.add_row('force sensor', last.force_sensor.words)
         if last.contact is not None and not last.contact.ambiguous:
             touch = last.contact
             table.add_row(
@@ -149,7 +149,7 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
             f'in {tally.beyond} estimates targets were further from the fused shape than noise '
             'explains: run pneunet diagnose',
         ]
-    if last is not None and last.force_sensor is not None and last.force_sensor.beyond:
+    if last is not None and last.force_sensor is not None:
         sentences = [*sentences, DISAGREES]
     if summary['std_leaves_out']:
         sentences = [*sentences, summary['std_leaves_out']]

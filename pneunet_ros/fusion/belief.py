@@ -5,7 +5,7 @@ like), the camera's drift and place, by how much the force sensor is off (offset
 columns of the model's covariance in sigma, the painted places of the targets along and across the
 arm, the force and place of a contact, and the noise of the readings at this stamp. Without a
 contact its force and place are known to be zero. In time the first ones move, each with a largest
-std of its own; model, camera, gain and dots stay; noise is new in every reading.
+std of its own; model, camera, force sensor and dots stay; noise is new in every reading.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     times = np.concatenate(
         [
             [settings.bias_time, settings.drift_time, settings.drift_time, np.inf, np.inf],
-            [settings.offset_time, settings.offset_time, np.inf],
+            np.full(3, np.inf),
             np.full(known, np.inf),
             np.full(further, settings.bias_time),
         ]
@@ -169,14 +169,19 @@ class Belief:
         return math.sqrt(float(self.root[which] @ self.root[which]))
 
 
-def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) -> Belief:
-    """Return what is believed before any frame.
+def first_belief(
+    unknowns: Unknowns, settings: FusionSettings, stamp_ns: int, *, sensor_off: bool = False
+) -> Belief:
+    """Return what is believed before any frame; sensor_off: the force sensor is known to be.
 
     Where the calibration knows the placement of the targets, model and placement go together: the
     same pictures must not tell of the model twice.
     """
     mean, weights = np.zeros(unknowns.std.size), first_weights(settings)
     root = np.diag(scaled_std(unknowns, scale_of(settings, weights)))
+    if sensor_off:
+        root[OFFSET, OFFSET] = np.eye(2) * settings.doubted_offset * unknowns.force_scale
+        root[GAIN, GAIN] = settings.doubted_gain
     placement = unknowns.placement
     if placement is not None:
         painted, columns = unknowns.painted, placement.factor.shape[1]

@@ -40,8 +40,8 @@ class FusedEstimate:
     force_covariance (2, 2) N^2, NaN in components that are not determined, and everywhere where it
     is ambiguous. contact: along the arm, None where none is likely. pressure_bias (Pa) and its
     std: what the model lacks, as an error of the pressure: creep, hysteresis and a drifting sensor
-    look like that. force_sensor: by how much the sensor of the tip force is off, None where none
-    is read. nis: running mean of the normalized innovation squared of frames per
+    look like that. force_sensor: by how much the sensor of the tip force is off, None where it is
+    in order or none is read. nis: running mean of the normalized innovation squared of frames per
     coordinate, 1 where all is noise, nis_limit what noise rarely exceeds; NaN before the first.
     target_age: s since the last frame that was used, None before the first.
     """

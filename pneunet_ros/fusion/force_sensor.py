@@ -1,38 +1,46 @@
-"""By how much the force sensor is off: an offset that nobody tared, a gain that is not 1.
+"""Is the force sensor off: an offset that nobody tared, a gain that is not 1.
 
-Without them a sensor that is off by a few millinewtons drags force and shape along, with intervals
-as narrow as its noise, and what does not fit is taken for a contact. So both are unknowns of the
-fusion, which the targets tell.
+A sensor that is off by a few millinewtons drags force and shape along, with intervals as narrow as
+its noise, and what does not fit is taken for a contact. So offset and gain are unknowns of the
+fusion. At first they are known to be small, and all that the targets say of them is gathered. Once
+they surely say that the sensor is off, the fusion begins anew with offset and gain free. Whether
+it is the sensor that is off or the model that is too stiff, nobody can know: the shape follows the
+targets, and the interval of the force holds both answers.
+
+Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948), of a prior that is narrow.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
-from pneunet_ros.core.arrays import Array, freeze, frozen_array
+from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.fusion.belief import Belief, GAIN, OFFSET, Unknowns
+from pneunet_ros.fusion.settings import FusionSettings
 
-UNUSUAL = 2.0  # std of sensors that are in order, beyond which an error is told
-SURE = 4.0  # sigma at which it is seen
 DISAGREES = (
-    'force sensor and targets disagree by more than such sensors err: tare it, check its gain, or '
-    'run pneunet diagnose'
+    'force sensor and targets disagree: tare the sensor and reset, or run pneunet diagnose; the '
+    'interval of the force holds what both say'
 )
+LEAST_TOLD = 1e-6  # share of the variance that frames took away, above rounding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForceSensorError:
-    """What the force sensor reads too much.
+    """What the force sensor reads too much, if the model is right.
 
-    offset (2,) N of F1 and F2 and its std; gain beyond 1, a share of the force, and its std;
-    beyond: it is more than sensors in order err, and surely so.
+    offset (2,) N of F1 and F2 and its std; gain beyond 1, a share of the force, and its std.
     """
 
     offset: Array
     offset_std: Array
     gain: float
     gain_std: float
-    beyond: bool
+
+    def at(self, force: Array) -> Array:
+        """Return what it reads too much (2,) N at a force (2,) N."""
+        return self.offset + self.gain * force
 
     @property
     def words(self) -> str:
@@ -52,17 +60,26 @@ class ForceSensorError:
         }
 
 
-def force_sensor_error(unknowns: Unknowns, belief: Belief) -> ForceSensorError:
-    """Return what a belief says of the force sensor."""
-    which = (*range(OFFSET.start, OFFSET.stop), GAIN)
-    std = [belief.std(one) for one in which]
+def force_sensor_error(belief: Belief) -> ForceSensorError:
+    """Return what a belief says of a force sensor that is off."""
     return ForceSensorError(
-        offset=freeze(belief.mean[OFFSET].copy()),
-        offset_std=frozen_array(std[:-1]),
+        offset=frozen_array(belief.mean[OFFSET]),
+        offset_std=frozen_array([belief.std(one) for one in range(OFFSET.start, OFFSET.stop)]),
         gain=float(belief.mean[GAIN]),
-        gain_std=std[-1],
-        beyond=any(
-            abs(belief.mean[one]) > max(UNUSUAL * unknowns.std[one], SURE * now)
-            for one, now in zip(which, std, strict=True)
-        ),
+        gain_std=belief.std(GAIN),
     )
+
+
+def is_off(unknowns: Unknowns, settings: FusionSettings, belief: Belief) -> bool:
+    """Whether frames have surely said that a sensor taken for one in order is off."""
+    tolerance = settings.force_tolerance
+    limits = (tolerance * unknowns.force_scale, tolerance * unknowns.force_scale, tolerance)
+    for which, limit in zip(range(OFFSET.start, GAIN + 1), limits, strict=True):
+        prior, mean = float(unknowns.std[which]), abs(float(belief.mean[which]))
+        told = 1.0 - (belief.std(which) / prior) ** 2
+        if told < LEAST_TOLD:
+            continue
+        # What they say by themselves: mean / told, of which the std is prior / sqrt(told).
+        if mean / told > limit and mean > settings.force_doubt * prior * math.sqrt(told):
+            return True
+    return False

@@ -376,7 +376,21 @@ class FrameProblem:
             most_halvings=self.settings.most_halvings,
             foresee=True,
         )
-        return found.last.stepped() if found.end is End.CONVERGED else found.last
+        return self.last_step(found.last) if found.end is End.CONVERGED else found.last
+
+    def last_step(self, fit: FrameLinearization) -> FrameLinearization:
+        """Take the last step of a search, which gains little.
+
+        Where it is small it is as good as linear. Along what frames hardly tell it may be long,
+        and lead to where the arm is about to buckle: then it is looked at.
+        """
+        step, _ = fit.newton_step()
+        if np.abs(step).max() < self.settings.linear_step:
+            return fit.stepped()
+        trial = self.try_at(fit.trial.xi + step, fit.trial.bent.solution)
+        if trial is None or trial.cost > fit.cost:
+            return fit
+        return self.linearize(trial) or fit
 
     def at_targets(self, fit: FrameLinearization) -> Array:
         """Return the chi squared (targets,) of each target against all others; NaN: not used.

@@ -58,7 +58,12 @@ from pneunet_ros.fusion.contact import (
     without_contact,
 )
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
-from pneunet_ros.fusion.force_sensor import DISAGREES, force_sensor_error
+from pneunet_ros.fusion.force_sensor import (
+    DISAGREES,
+    force_sensor_error,
+    ForceSensorError,
+    is_off,
+)
 from pneunet_ros.fusion.frame_fit import (
     bend_arm,
     BentArm,
@@ -468,7 +473,7 @@ class Fusion:
         shown_ns = self.shown_ns(sightings)
         if state.lost >= self.settings.most_lost:  # what is believed keeps all frames out
             state = replace(state, belief=None, rival=None, log_odds=None, lost=0)
-        before = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
+        before = state.belief or self.first_belief(state, shown_ns)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
         lost = state.lost >= self.settings.frames_lost
@@ -493,6 +498,16 @@ class Fusion:
         weighed = self.weigh(state, frame, before)
         if before.same_targets and weighed.update.fit and excess(weighed.update.fit) > 1.0:
             weighed = self.weigh_other_targets(state, frame, before, weighed)
+        believed = weighed.update.belief
+        if (
+            believed is not None
+            and wrench is not None
+            and not (state.sensor_off or self.settings.free_tip)
+            and is_off(self.unknowns, self.settings, believed)
+        ):  # what it has told so far is wrong
+            state = replace(state, sensor_off=True, rival=None, log_odds=None)
+            before = self.first_belief(state, shown_ns)
+            weighed = self.weigh(state, frame, before)
         update = weighed.update
         if update.belief is not None:
             belief = with_walk(self.settings, before, update.belief)
@@ -509,6 +524,10 @@ class Fusion:
             pressure_lost=alone,
         )
         return self.after_frame(state, shown_ns, update, wrench)
+
+    def first_belief(self, state: FusionState, stamp_ns: int) -> Belief:
+        """Return what is believed before any frame."""
+        return first_belief(self.unknowns, self.settings, stamp_ns, sensor_off=state.sensor_off)
 
     def weigh(self, state: FusionState, frame: ReadFrame, before: Belief) -> WeighedFrame:
         """Return what a frame says, of a contact and of none, to what was believed before it."""
@@ -657,7 +676,7 @@ class Fusion:
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
         """Estimate shape and force at a pressure: the belief moved to its stamp."""
         stamp_ns = instant.stamp_ns
-        belief = state.belief or first_belief(self.unknowns, self.settings, stamp_ns)
+        belief = state.belief or self.first_belief(state, stamp_ns)
         unseen = np.zeros((belief.mean.size, 0))
         wrench, age = self.wrench_at(state, stamp_ns)
         inputs = self.inputs_at(instant, wrench)
@@ -703,14 +722,13 @@ class Fusion:
         state = replace(state, solution=bent.solution, estimates=state.estimates + 1, told=True)
         contact = self.contact_at(state, belief, bent, mode, read=wrench is not None)
         ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
-        force, covariance = self.known_force(belief, position, ambiguous)
+        sensor = None
+        if state.sensor_off and wrench is not None:
+            sensor = force_sensor_error(belief)
+            estimate = replace(estimate, warnings=(*estimate.warnings, DISAGREES))
+        force, covariance = self.known_force(belief, position, sensor, ambiguous)
         if self.unknowns.placement is not None and not belief.same_targets:
             estimate = replace(estimate, warnings=(*estimate.warnings, OTHER_TARGETS))
-        sensor = None
-        if wrench is not None and not self.settings.free_tip:
-            sensor = force_sensor_error(self.unknowns, belief)
-            if sensor.beyond:
-                estimate = replace(estimate, warnings=(*estimate.warnings, DISAGREES))
         lacking = pressure_like(self.unknowns, inputs)
         return state, FusedEstimate(
             estimate=estimate,
@@ -841,10 +859,20 @@ class Fusion:
         return SeenShape(arclength=places, std=np.sqrt(std**2 + np.sum(moved**2, axis=0)))
 
     def known_force(
-        self, belief: Belief, position: DomainPosition, ambiguous: bool
+        self,
+        belief: Belief,
+        position: DomainPosition,
+        sensor: ForceSensorError | None,
+        ambiguous: bool,
     ) -> tuple[Array, Array]:
-        """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined or ambiguous."""
+        """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined or ambiguous.
+
+        sensor: that is off, None where it is in order or not read: then it may be right, too.
+        """
         covariance = belief.force_covariance + np.diag(np.square(position.error[:2]))
+        if sensor is not None:
+            error = sensor.at(belief.mean[FORCE])
+            covariance += np.outer(error, error)
         largest = self.settings.determined * self.unknowns.force_scale
         determined = np.sqrt(np.diagonal(covariance)) <= largest
         if ambiguous:

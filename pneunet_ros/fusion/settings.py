@@ -22,10 +22,21 @@ class FusionSettings:
         6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
     )
     force_offset: float = tuning(
-        0.02, 'std of the offset of the force sensor; invented', unit='of the force scale'
+        0.001, 'std of the offset of a force sensor in order; invented', unit='of the force scale'
     )
-    force_gain: float = tuning(0.02, 'std of the error of its gain; invented')
-    offset_time: float = tuning(600.0, 'correlation time of that offset', unit='s')
+    force_gain: float = tuning(0.001, 'std of the error of its gain; invented')
+    doubted_offset: float = tuning(
+        0.1, 'std of the offset of a force sensor that is off; invented', unit='of the force scale'
+    )
+    doubted_gain: float = tuning(0.1, 'std of the error of its gain; invented')
+    force_doubt: float = tuning(
+        5.0, 'at which the targets show that the force sensor is off', unit='sigma'
+    )
+    force_tolerance: float = tuning(
+        0.015,
+        'offset below which a force sensor is never called off, and error of its gain; invented',
+        unit='of the force scale',
+    )
     lack_scales: tuple[float, ...] = tuning(
         (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12),
         'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',
@@ -74,6 +85,9 @@ class FusionSettings:
         'gain of a step that ends the search, and fall of the cost below which a step is not '
         'taken: along a valley that bends, steps gain next to nothing for long',
         unit='chi squared',
+    )
+    linear_step: float = tuning(
+        0.05, 'largest last step of the search that is not looked at', unit='prior std'
     )
     most_steps: int = tuning(12, 'steps of the search')
     most_halvings: int = tuning(6, 'halvings of a step that does not lower the cost')

@@ -80,12 +80,13 @@ class FusionState:
     belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
     contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
     contact, None before the first frame; elsewhere: one at another place may be it.
-    wrench_used_ns: of the wrench in it. solution: of the last estimate. pressure_lost: the
-    belief's bias stands for the whole pressure. unchecked: the last fit, beside which other
-    forces are still to be looked for; told: an estimate since then is out; doubted: one
-    explained that frame better, and the next search begins everywhere; since_restart: frames in a
-    row in which the search, begun at a part of the cold starts each, found no other force; lost:
-    frames in a row not used. frames: used so far; unused: others by reason.
+    wrench_used_ns: of the wrench in it; sensor_off: frames have said that the force sensor is.
+    solution: of the last estimate. pressure_lost: the belief's bias stands for the whole pressure.
+    unchecked: the last fit, beside which other forces are still to be looked for; told: an
+    estimate since then is out; doubted: one explained that frame better, and the next search
+    begins everywhere; since_restart: frames in a row in which the search, begun at a part of the
+    cold starts each, found no other force; lost: frames in a row not used. frames: used so far;
+    unused: others by reason.
     """
 
     readings: EstimatorState = field(default_factory=EstimatorState)
@@ -98,6 +99,7 @@ class FusionState:
     log_odds: float | None = None
     elsewhere: bool = False
     wrench_used_ns: int | None = None
+    sensor_off: bool = False
     solution: SolverNodes | None = None
     pressure_lost: bool = False
     ambiguous: bool = False
