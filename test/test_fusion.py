@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from pneunet_ros.core.errors import ModelError
@@ -13,6 +13,7 @@ from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import CAMERA
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
+from pneunet_ros.fusion.force_sensor import DISAGREES
 from pneunet_ros.fusion.fusion import Fusion, OTHER_TARGETS
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
@@ -83,12 +84,12 @@ def pressure(frame: int) -> PressureReading:
     return PressureReading(stamp_ns=stamp_ns, pressure=float(readings()[frame, 3]))
 
 
-def wrench(frame: int) -> WrenchReading:
+def wrench(frame: int, off=(0.0, 0.0), gain: float = 1.0) -> WrenchReading:
     force_x, force_y, moment, _ = readings()[frame].tolist()
     return WrenchReading(
         stamp_ns=int(recorded().stamp_ns[frame]),
-        force_x=force_x,
-        force_y=force_y,
+        force_x=gain * force_x + off[0],
+        force_y=gain * force_y + off[1],
         moment=moment,
         frame_id='pneunet_base',
     )
@@ -140,12 +141,13 @@ def covered(error, covariance) -> float:
 def fuse(
     filter_=None, *, with_wrench=False, hidden=lambda frame: (), change=lambda frame, seen: seen,
     frames=range(200), pressures=lambda frame: True, targets=lambda frame: True, effects=(),
+    sensor=wrench,
 ) -> Result:  # fmt: skip
     """Fuse the recording, frames before the pressure of their stamp, and keep the estimates."""
     state, kept, estimates = FusionState(), [], []
     filter_ = filter_ or fusion()
     for frame in frames:
-        events = [wrench(frame)] if with_wrench else []
+        events = [sensor(frame)] if with_wrench else []
         if targets(frame):
             events.append(change(frame, sightings(frame, hidden(frame), effects=effects)))
         events += [pressure(frame)] if pressures(frame) else []
@@ -328,6 +330,53 @@ def test_swapped_dots_do_not_move_the_force():
     sigma = np.array([np.sqrt(np.diag(one.force_covariance)) for one in right.estimates])
     assert np.nanmax(np.abs(between / sigma)) < 1.5
     assert found.state.frames >= 195
+
+
+@pytest.mark.parametrize('off, gain', [((0.02, 0.0), 1.0), ((0.0, -0.01), 1.0), ((0, 0), 1.1)])
+def test_a_force_sensor_that_is_off_does_not_move_the_shape(off, gain):
+    sensor = partial(wrench, off=off, gain=gain)
+    found = fuse(with_wrench=True, sensor=sensor, frames=range(100))
+    told = np.array([one.force_sensor is not None for one in found.estimates])
+    first = int(np.argmax(told))
+    assert first < 60
+    assert told[first:].all()
+    assert all(DISAGREES in one.estimate.warnings for one in found.estimates[first:])
+    covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found.estimates])
+    assert covered(found.tip_error[first:], covariance[first:]) > 0.9
+    assert rms(found.tip_error[first:]) < 6e-5
+    assert not any(one.contact for one in found.estimates[first:])
+    last = found.estimates[-1].force_sensor
+    assert np.all(np.abs(last.offset - off) < 4.0 * last.offset_std)
+    assert abs(1.0 + last.gain - gain) < 4.0 * last.gain_std
+    missed = np.abs(found.force_error[first:])
+    std = np.array([np.sqrt(np.diag(one.force_covariance)) for one in found.estimates[first:]])
+    known = np.isfinite(missed)
+    assert np.mean(missed[known] < 1.96 * std[known]) > 0.9
+
+
+def test_a_force_sensor_in_order_is_never_called_off():
+    for found in (
+        fuse(with_wrench=True),
+        fuse(with_wrench=True, effects=(LabCreep(amplitude=0.15, time_constant=60.0),)),
+        fuse(with_wrench=True, hidden=lambda frame: range(12)),
+    ):
+        assert not any(one.force_sensor for one in found.estimates)
+    recording, state = recorded(straight=True), FusionState()
+    for frame, stamp_ns in enumerate(recording.stamp_ns.tolist()):
+        force_x, force_y = recording.truth.force[frame].tolist()
+        read = WrenchReading(
+            stamp_ns=stamp_ns,
+            force_x=force_x,
+            force_y=force_y,
+            moment=0.0,
+            frame_id='pneunet_base',
+        )
+        pressed = PressureReading(stamp_ns=stamp_ns, pressure=recording.truth.pressure[frame])
+        seen = sightings_at(stamp_ns, recording.x[frame], recording.y[frame])
+        for event in (read, seen, pressed):
+            state, _ = fusion().step(state, event)
+    assert state.frames > 190
+    assert not state.sensor_off
 
 
 def test_a_belief_that_keeps_all_frames_out_is_forgotten():

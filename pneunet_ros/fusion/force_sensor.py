@@ -23,7 +23,6 @@ DISAGREES = (
     'force sensor and targets disagree: tare the sensor and reset, or run pneunet diagnose; the '
     'interval of the force holds what both say'
 )
-LEAST_TOLD = 1e-6  # share of the variance that frames took away, above rounding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,9 +76,9 @@ def is_off(unknowns: Unknowns, settings: FusionSettings, belief: Belief) -> bool
     for which, limit in zip(range(OFFSET.start, GAIN + 1), limits, strict=True):
         prior, mean = float(unknowns.std[which]), abs(float(belief.mean[which]))
         told = 1.0 - (belief.std(which) / prior) ** 2
-        if told < LEAST_TOLD:
-            continue
-        # What they say by themselves: mean / told, of which the std is prior / sqrt(told).
+        if told <= (prior / limit) ** 2:
+            continue  # too little: a straight arm tells hardly anything, and that is not linear
+        # What they say by themselves is mean / told, of which the std is prior / sqrt(told).
         if mean / told > limit and mean > settings.force_doubt * prior * math.sqrt(told):
             return True
     return False

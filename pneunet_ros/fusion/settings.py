@@ -22,9 +22,9 @@ class FusionSettings:
         6.0, 'of a wrench, beyond which the last frame tells no force', unit='chi squared'
     )
     force_offset: float = tuning(
-        0.001, 'std of the offset of a force sensor in order; invented', unit='of the force scale'
+        0.0003, 'std of the offset of a force sensor in order; invented', unit='of the force scale'
     )
-    force_gain: float = tuning(0.001, 'std of the error of its gain; invented')
+    force_gain: float = tuning(0.0003, 'std of the error of its gain; invented')
     doubted_offset: float = tuning(
         0.1, 'std of the offset of a force sensor that is off; invented', unit='of the force scale'
     )
