@@ -82,7 +82,8 @@ class Way:
 
     hidden: targets that are not seen; lacking: of the arm; top (Pa), aside (N): the largest
     pressure, and force across the straight arm; lost: each sensor for some seconds in turn;
-    painted_anew: the targets, after the calibration.
+    painted_anew: the targets, after the calibration. untared (N): what the force sensor reads in
+    both components where nothing pulls.
     """
 
     wrench: bool = False
@@ -92,6 +93,7 @@ class Way:
     aside: float = 0.22
     lost: bool = False
     painted_anew: bool = False
+    untared: float = 0.0
 
 
 CREEP = (LabCreep(amplitude=0.15, time_constant=60.0),)
@@ -109,6 +111,8 @@ WAYS = {
     'straight': Way(top=5e3, aside=0.01),
     'other targets, no wrench': Way(painted_anew=True),
     'other targets, wrench': Way(wrench=True, painted_anew=True),
+    'wrench not tared, 5 mN': Way(wrench=True, untared=5e-3),
+    'wrench not tared, 20 mN': Way(wrench=True, untared=20e-3),
     'lost and back': Way(wrench=True, lost=True),
     'lost, no wrench': Way(lost=True),
 }
@@ -150,6 +154,11 @@ GOALS = {
             ('wrench', 'tip_covered', (0.92, 1.0)),
             ('wrench', 'tip_rms', (0.0, 0.11e-3)),
         )
+    },
+    **{
+        (f'wrench not tared, {size} mN', what): limits
+        for size in (5, 20)
+        for what, limits in (('tip_rms', (0.0, 0.16e-3)), ('tip_covered', (0.92, 1.0)))
     },
     ('straight', 'withheld'): (0.99, 1.0),
     ('lost and back', 'mode_right'): (1.0, 1.0),
@@ -234,7 +243,7 @@ def fuse(fusion: Fusion, recording: LabRecording, way: Way, seed: int) -> Array:
     for instant, stamp in enumerate(recording.stamp_ns.tolist()):
         time, pressure, events = float(truth.time[instant]), float(read[instant, 3]), []
         if way.wrench and not is_lost(way, NO_WRENCH, time):
-            events.append(wrench_of(stamp, read[instant]))
+            events.append(wrench_of(stamp, read[instant] + [way.untared, way.untared, 0.0, 0.0]))
         if instant % 2 == 0 and not is_lost(way, LOST['targets'], time):
             x = hide(way, recording.x[instant], random)
             y = np.where(np.isfinite(x), recording.y[instant], np.nan)
