@@ -317,6 +317,22 @@ def test_where_the_force_is_not_known_it_is_not_told():
     assert not np.any(np.array(off) & np.array(told))
 
 
+def test_settling_after_each_step_or_not_comes_to_the_same():
+    states, checked = [FusionState(), FusionState()], 0
+    for frame in range(60):
+        for event in (sightings(frame, hidden=range(12, 23)), pressure(frame)):
+            (one, left), (other, right) = (fusion().step(state, event) for state in states)
+            settled = fusion().settle(other)
+            checked += settled is not other
+            states = [one, settled]
+            assert type(left) is type(right)
+            if isinstance(left, FusedEstimate):
+                assert left.ambiguous == right.ambiguous
+                assert np.array_equal(left.force, right.force, equal_nan=True)
+                assert left.estimate.shape.tip == right.estimate.shape.tip
+    assert checked > 40
+
+
 def swapped(frame, seen):
     """Return a frame in which two dots have changed their names."""
     x, y = seen.x.copy(), seen.y.copy()
