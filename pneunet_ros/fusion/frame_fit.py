@@ -381,12 +381,12 @@ class FrameProblem:
     def last_step(self, fit: FrameLinearization) -> FrameLinearization:
         """Take the last step of a search, which gains little.
 
-        Where it is small it is as good as linear. Along what frames hardly tell it may be long,
-        and lead to where the arm is about to buckle: then it is looked at.
+        Where the frame tells the force well it is as good as linear. Along what a frame hardly
+        tells it may lead to where the arm is about to buckle: then it is looked at.
         """
-        step, _ = fit.newton_step()
-        if np.abs(step).max() < self.settings.linear_step:
+        if self.knows_force(fit, self.settings.linear):
             return fit.stepped()
+        step, _ = fit.newton_step()
         trial = self.try_at(fit.trial.xi + step, fit.trial.bent.solution)
         if trial is None or trial.cost > fit.cost:
             return fit
@@ -406,6 +406,11 @@ class FrameProblem:
             along_x * along_y - both**2
         )
         return found
+
+    def knows_force(self, fit: FrameLinearization, most: float) -> bool:
+        """Whether the force is known after the frame, to a share `most` of its scale."""
+        largest = most * self.unknowns.force_scale
+        return bool(np.trace(self.force_covariance(fit)) <= largest**2)
 
     def force_covariance(self, fit: FrameLinearization) -> Array:
         """Return the covariance (2, 2) N^2 of the force after the frame, as of the posterior."""

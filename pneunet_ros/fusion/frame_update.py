@@ -149,11 +149,10 @@ def hold_force(found: Fit) -> Fit:
     there all that moves the arm sideways seems to be seen to a hair.
     """
     problem, fit = found
-    covariance = problem.force_covariance(fit)
-    largest = problem.settings.determined * problem.unknowns.force_scale
-    if np.trace(covariance) <= largest**2:
+    if problem.knows_force(fit, problem.settings.determined):
         return found
-    variances, axes = np.linalg.eigh(covariance)
+    variances, axes = np.linalg.eigh(problem.force_covariance(fit))
+    largest = problem.settings.determined * problem.unknowns.force_scale
     unknown = axes[:, variances > largest**2]
     if not unknown.size:
         return found

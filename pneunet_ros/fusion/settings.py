@@ -86,8 +86,10 @@ class FusionSettings:
         'taken: along a valley that bends, steps gain next to nothing for long',
         unit='chi squared',
     )
-    linear_step: float = tuning(
-        0.05, 'largest last step of the search that is not looked at', unit='prior std'
+    linear: float = tuning(
+        0.015,
+        'std of a force after a frame with which the last step of the search is not looked at',
+        unit='of the scale',
     )
     most_steps: int = tuning(12, 'steps of the search')
     most_halvings: int = tuning(6, 'halvings of a step that does not lower the cost')
