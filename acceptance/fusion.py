@@ -83,7 +83,7 @@ class Way:
     hidden: targets that are not seen; lacking: of the arm; top (Pa), aside (N): the largest
     pressure, and force across the straight arm; lost: each sensor for some seconds in turn;
     painted_anew: the targets, after the calibration. untared (N): what the force sensor reads in
-    both components where nothing pulls.
+    both components where nothing pulls; gain: of the sensor.
     """
 
     wrench: bool = False
@@ -94,6 +94,7 @@ class Way:
     lost: bool = False
     painted_anew: bool = False
     untared: float = 0.0
+    gain: float = 1.0
 
 
 CREEP = (LabCreep(amplitude=0.15, time_constant=60.0),)
@@ -113,6 +114,8 @@ WAYS = {
     'other targets, wrench': Way(wrench=True, painted_anew=True),
     'wrench not tared, 5 mN': Way(wrench=True, untared=5e-3),
     'wrench not tared, 20 mN': Way(wrench=True, untared=20e-3),
+    'wrench not tared, -20 mN': Way(wrench=True, untared=-20e-3),
+    'wrench with a gain of 0.8': Way(wrench=True, gain=0.8),
     'lost and back': Way(wrench=True, lost=True),
     'lost, no wrench': Way(lost=True),
 }
@@ -156,8 +159,8 @@ GOALS = {
         )
     },
     **{
-        (f'wrench not tared, {size} mN', what): limits
-        for size in (5, 20)
+        (f'wrench {sensor}', what): limits
+        for sensor in ('not tared, 5 mN', 'not tared, 20 mN', 'not tared, -20 mN')
         for what, limits in (('tip_rms', (0.0, 0.16e-3)), ('tip_covered', (0.92, 1.0)))
     },
     ('straight', 'withheld'): (0.99, 1.0),
@@ -243,7 +246,9 @@ def fuse(fusion: Fusion, recording: LabRecording, way: Way, seed: int) -> Array:
     for instant, stamp in enumerate(recording.stamp_ns.tolist()):
         time, pressure, events = float(truth.time[instant]), float(read[instant, 3]), []
         if way.wrench and not is_lost(way, NO_WRENCH, time):
-            events.append(wrench_of(stamp, read[instant] + [way.untared, way.untared, 0.0, 0.0]))
+            wrench = read[instant].copy()
+            wrench[:2] = way.gain * wrench[:2] + way.untared
+            events.append(wrench_of(stamp, wrench))
         if instant % 2 == 0 and not is_lost(way, LOST['targets'], time):
             x = hide(way, recording.x[instant], random)
             y = np.where(np.isfinite(x), recording.y[instant], np.nan)

@@ -54,6 +54,11 @@ def arm():
 
 
 def fuse(recording, *, wrench=True, settings=FUSION) -> list[FusedEstimate]:
+    """Return the estimates of a recording."""
+    return fused(recording, wrench=wrench, settings=settings)[0]
+
+
+def fused(recording, *, wrench=True, settings=FUSION) -> tuple[list[FusedEstimate], FusionState]:
     """Fuse a recording; readings without noise, frames as they are."""
     fusion, state, found = Fusion(arm=arm(), settings=settings), FusionState(), []
     nothing = np.full(recording.x.shape[1], np.nan)
@@ -83,7 +88,7 @@ def fuse(recording, *, wrench=True, settings=FUSION) -> list[FusedEstimate]:
             state, outcome = fusion.step(state, event)
         assert isinstance(outcome, FusedEstimate)
         found.append(outcome)
-    return found
+    return found, state
 
 
 @cache
@@ -117,6 +122,12 @@ def test_a_contact_that_jumps_is_found_where_it_is():
     assert all(one is not None for one in contacts)
     assert np.median([abs(one.arclength - 0.35 * arm().length) for one in contacts]) < 3e-3
     assert np.median([abs(one.force - 0.04) for one in contacts]) < 4e-3
+
+
+def test_a_push_beyond_the_last_place_keeps_no_frame_out():
+    recording = recorded(place=0.97)
+    _, state = fused(recording)
+    assert state.frames == len(recording.stamp_ns)
 
 
 def test_the_tip_is_right_in_spite_of_the_push():

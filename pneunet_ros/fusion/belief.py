@@ -180,8 +180,8 @@ def first_belief(
     mean, weights = np.zeros(unknowns.std.size), first_weights(settings)
     root = np.diag(scaled_std(unknowns, scale_of(settings, weights)))
     if sensor_off:
-        root[OFFSET, OFFSET] = np.eye(2) * settings.doubted_offset * unknowns.force_scale
-        root[GAIN, GAIN] = settings.doubted_gain
+        root[OFFSET, OFFSET] = np.eye(2) * settings.untared_offset * unknowns.force_scale
+        root[GAIN, GAIN] = settings.untared_gain
     placement = unknowns.placement
     if placement is not None:
         painted, columns = unknowns.painted, placement.factor.shape[1]

@@ -193,14 +193,20 @@ class Trial:
     cost: float
 
 
+def solve_factored(factor: Array, sides: Array) -> Array:
+    """Return S^-1 sides, by the Cholesky factor of S below its diagonal."""
+    solved, _ = dpotrs(factor, sides, lower=1)
+    return np.asarray(solved)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameLinearization:
     """A trial with its Jacobian by xi, and what follows: the innovation and its covariance.
 
     jacobian (coordinates, unknowns): of what is predicted, whitened; lacking (coordinates,
     errors): of what the model lacks, for a lack of all of the range; innovation (coordinates,):
-    what would be left with the prior's mean, to first order; covariance: of it, factor: its
-    Cholesky factor, weighed (coordinates,): its inverse times the innovation.
+    what would be left with the prior's mean, to first order; factor: of its covariance, by
+    Cholesky; weighed (coordinates,): the inverse of that covariance times the innovation.
     """
 
     trial: Trial
@@ -212,8 +218,7 @@ class FrameLinearization:
 
     def solve(self, sides: Array) -> Array:
         """Return S^-1 sides, of the covariance S of the innovation."""
-        solved, _ = dpotrs(self.factor, sides, lower=1)
-        return np.asarray(solved)
+        return solve_factored(self.factor, sides)
 
     @property
     def cost(self) -> float:
@@ -343,7 +348,6 @@ class FrameProblem:
             return None
         factor = innovation_factor(jacobian)
         innovation = trial.residual + jacobian @ trial.xi
-        weighed, _ = dpotrs(factor, innovation, lower=1)
         lacking = unknowns.lacking
         return FrameLinearization(
             trial=trial,
@@ -351,7 +355,7 @@ class FrameProblem:
             lacking=seen[:, lacking] * unknowns.std[lacking] / self.std[:, None],
             innovation=innovation,
             factor=factor,
-            weighed=np.asarray(weighed),
+            weighed=solve_factored(factor, innovation),
         )
 
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
@@ -384,9 +388,9 @@ class FrameProblem:
         Where the frame tells the force well it is as good as linear. Along what a frame hardly
         tells it may lead to where the arm is about to buckle: then it is looked at.
         """
-        if self.knows_force(fit, self.settings.linear):
-            return fit.stepped()
         step, _ = fit.newton_step()
+        if self.knows_force(fit, self.settings.linear) and self.is_allowed(fit.trial.xi + step):
+            return fit.stepped()
         trial = self.try_at(fit.trial.xi + step, fit.trial.bent.solution)
         if trial is None or trial.cost > fit.cost:
             return fit
@@ -406,6 +410,12 @@ class FrameProblem:
             along_x * along_y - both**2
         )
         return found
+
+    def is_allowed(self, xi: Array) -> bool:
+        """Whether a contact, if there is one, is on the arm."""
+        x = self.mean + self.root @ xi
+        touched = self.prior.touched
+        return not touched or contact_of(self.table.arm, self.settings, x) is not None
 
     def knows_force(self, fit: FrameLinearization, most: float) -> bool:
         """Whether the force is known after the frame, to a share `most` of its scale."""

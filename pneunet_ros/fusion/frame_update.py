@@ -36,10 +36,10 @@ class FrameUpdate:
 
     belief: after it, None where it was not used, for which `reason` is the key. nis: the least
     cost, coordinates: how many it is of, both NaN and 0 where there was no fit; left_out: targets
-    that did not fit. everywhere: the search began at every cold start, and ambiguous: another
-    force explains the frame as well. unchecked: the fit beside which others are still to be looked
-    for, None where they have been, or need not be. fit: that it came from, also where the frame
-    was not used.
+    that did not fit. ambiguous: another force explains the frame as well; settled: that is known
+    already, as the search began at every cold start, or a sensor tells the force. unchecked: the
+    fit beside which others are still to be looked for, None where there is none. fit: that it came
+    from, also where the frame was not used.
     """
 
     belief: Belief | None
@@ -48,17 +48,17 @@ class FrameUpdate:
     coordinates: int = 0
     left_out: int = 0
     ambiguous: bool = False
-    everywhere: bool = False
+    settled: bool = False
     unchecked: Fit | None = None
     fit: Fit | None = None
 
 
 def take_frame(
-    problem: FrameProblem, *, cold: bool, doubted: bool, force_read: bool
+    problem: FrameProblem, *, cold: bool, found_better: bool, force_read: bool
 ) -> FrameUpdate:
     """Take a frame.
 
-    cold: nothing is known of the force; doubted: another force explained the last frame better;
+    cold: nothing is known of the force; found_better: another one explained the last frame better;
     with either the search begins everywhere. force_read: a sensor tells the force, and no other
     one is looked for.
     """
@@ -68,11 +68,12 @@ def take_frame(
     if force_read or not cold:
         followed = problem.search(np.zeros(problem.root.shape[1]), problem.prior.solution)
         tracked = None if followed is None else leave_out(problem, followed)
-    if force_read or (tracked is not None and not doubted and excess(tracked) <= 1.0):
-        update = FrameUpdate(belief=None, unchecked=None if force_read else tracked)
+    if force_read or (tracked is not None and not found_better and excess(tracked) <= 1.0):
+        unchecked = None if force_read else tracked
+        update = FrameUpdate(belief=None, unchecked=unchecked, settled=force_read)
     else:  # the force may have jumped
         tracked, ambiguous = search_everywhere(problem, tracked)
-        update = FrameUpdate(belief=None, ambiguous=ambiguous, everywhere=True)
+        update = FrameUpdate(belief=None, ambiguous=ambiguous, settled=True)
     if tracked is None:
         return FrameUpdate(belief=None, reason='no_equilibrium')
     return with_fit(update, tracked, hold_force(tracked), int(np.count_nonzero(problem.used)))

@@ -62,7 +62,8 @@ from pneunet_ros.fusion.force_sensor import (
     DISAGREES,
     force_sensor_error,
     ForceSensorError,
-    is_off,
+    Verdict,
+    verdict_on,
 )
 from pneunet_ros.fusion.frame_fit import (
     bend_arm,
@@ -472,8 +473,8 @@ class Fusion:
             return state.count_unused('not_seen')
         shown_ns = self.shown_ns(sightings)
         if state.lost >= self.settings.most_lost:  # what is believed keeps all frames out
-            state = replace(state, belief=None, rival=None, log_odds=None, lost=0)
-        before = state.belief or self.first_belief(state, shown_ns)
+            state = replace(state.without_belief(), lost=0)
+        before = state.belief or self.first_belief(shown_ns, state.sensor)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
         lost = state.lost >= self.settings.frames_lost
@@ -495,19 +496,14 @@ class Fusion:
             wrench=wrench,
             wrench_age=age,
         )
-        weighed = self.weigh(state, frame, before)
-        if before.same_targets and weighed.update.fit and excess(weighed.update.fit) > 1.0:
-            weighed = self.weigh_other_targets(state, frame, before, weighed)
-        believed = weighed.update.belief
-        if (
-            believed is not None
-            and wrench is not None
-            and not (state.sensor_off or self.settings.free_tip)
-            and is_off(self.unknowns, self.settings, believed)
-        ):  # what it has told so far is wrong
-            state = replace(state, sensor_off=True, rival=None, log_odds=None)
-            before = self.first_belief(state, shown_ns)
-            weighed = self.weigh(state, frame, before)
+        weighed = self.weigh_with_targets(state, frame, before)
+        if wrench is not None and not self.settings.free_tip:
+            verdict = self.judge_sensor(state, frame, weighed)
+            if verdict is Verdict.OFF is not state.sensor:  # what it has told so far is wrong
+                state = state.without_belief()
+                before = self.first_belief(shown_ns, verdict)
+                weighed = self.weigh_with_targets(replace(state, sensor=verdict), frame, before)
+            state = replace(state, sensor=verdict)
         update = weighed.update
         if update.belief is not None:
             belief = with_walk(self.settings, before, update.belief)
@@ -525,24 +521,65 @@ class Fusion:
         )
         return self.after_frame(state, shown_ns, update, wrench)
 
-    def first_belief(self, state: FusionState, stamp_ns: int) -> Belief:
+    def first_belief(self, stamp_ns: int, sensor: Verdict) -> Belief:
         """Return what is believed before any frame."""
-        return first_belief(self.unknowns, self.settings, stamp_ns, sensor_off=state.sensor_off)
+        off = sensor is Verdict.OFF
+        return first_belief(self.unknowns, self.settings, stamp_ns, sensor_off=off)
+
+    def judge_sensor(self, state: FusionState, frame: ReadFrame, weighed: WeighedFrame) -> Verdict:
+        """Return the verdict on the force sensor after a frame.
+
+        Once it is off it stays so. A contact confirms nothing. A frame that nothing explains says
+        that a sensor is off which was never confirmed, if that explains it.
+        """
+        update, known = weighed.update, state.sensor
+        if known is Verdict.OFF:
+            return known
+        if update.belief is not None:
+            verdict = verdict_on(self.unknowns, self.settings, update.belief)
+            confirmed = verdict is Verdict.IN_ORDER and not update.belief.touched
+            return verdict if confirmed or verdict is Verdict.OFF else known
+        if known is Verdict.IN_ORDER or update.reason not in ('inconsistent', 'no_equilibrium'):
+            return known
+        explained = {}
+        for verdict in (Verdict.OPEN, Verdict.OFF):
+            anew = replace(state.without_belief(), sensor=verdict)
+            fit = self.weigh(anew, frame, self.first_belief(frame.stamp_ns, verdict)).update.fit
+            explained[verdict] = fit is not None and excess(fit) <= 1.0
+        return Verdict.OFF if explained[Verdict.OFF] and not explained[Verdict.OPEN] else known
+
+    def reads_force(self, state: FusionState, wrench: WrenchReading | None) -> bool:
+        """Whether a confirmed sensor tells the tip force, or nothing pulls there."""
+        confirmed = self.settings.free_tip or state.sensor is Verdict.IN_ORDER
+        return wrench is not None and confirmed
+
+    def weigh_with_targets(
+        self, state: FusionState, frame: ReadFrame, before: Belief
+    ) -> WeighedFrame:
+        """Return what a frame says, also if other targets are painted than were."""
+        weighed = self.weigh(state, frame, before)
+        if before.same_targets and weighed.update.fit and excess(weighed.update.fit) > 1.0:
+            return self.weigh_other_targets(state, frame, before, weighed)
+        return weighed
 
     def weigh(self, state: FusionState, frame: ReadFrame, before: Belief) -> WeighedFrame:
         """Return what a frame says, of a contact and of none, to what was believed before it."""
         problem = self.problem_of(frame, before)
-        read = frame.wrench is not None
         update = take_frame(
             problem,
             cold=frame.force_lost or not before.frames,
-            doubted=state.doubted,
-            force_read=read,
+            found_better=state.found_better,
+            force_read=frame.wrench is not None and state.sensor is not Verdict.OFF,
         )
         rival = None if state.rival is None else self.problem_of(frame, state.rival)
         odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
         return weigh_hypotheses(
-            update, problem, rival, odds, elsewhere=state.elsewhere, force_read=read
+            update,
+            problem,
+            rival,
+            odds,
+            elsewhere=state.elsewhere,
+            force_read=self.reads_force(state, frame.wrench),
         )
 
     def weigh_other_targets(
@@ -634,18 +671,17 @@ class Fusion:
             belief=update.belief,
             wrench_used_ns=None if wrench is None else wrench.stamp_ns,
             nis=nis,
-            ambiguous=state.ambiguous and wrench is None,
             unchecked=update.unchecked,
             told=False,
             lost=0,
             frames=state.frames + 1,
         )
-        if not update.everywhere:
+        if not update.settled:
             return state
         return replace(
             state,
             ambiguous=update.ambiguous,
-            doubted=False,
+            found_better=False,
             since_restart=0,
             cold_round=ColdRound(),
         )
@@ -666,7 +702,7 @@ class Fusion:
             state,
             unchecked=None,
             ambiguous=gain > -rival or (state.ambiguous and clear < whole),
-            doubted=gain > rival,
+            found_better=gain > rival,
             since_restart=clear,
             cold_round=round_,
         )
@@ -675,8 +711,8 @@ class Fusion:
         self, state: FusionState, instant: PressureInstant, mode: Mode, notes: list[str]
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
         """Estimate shape and force at a pressure: the belief moved to its stamp."""
-        stamp_ns = instant.stamp_ns
-        belief = state.belief or self.first_belief(state, stamp_ns)
+        stamp_ns, state = instant.stamp_ns, replace(state, told=True)
+        belief = state.belief or self.first_belief(stamp_ns, state.sensor)
         unseen = np.zeros((belief.mean.size, 0))
         wrench, age = self.wrench_at(state, stamp_ns)
         inputs = self.inputs_at(instant, wrench)
@@ -719,11 +755,11 @@ class Fusion:
             wrench_age=None if wrench is None else age,
             warnings=(*notes, *position.notes, *estimate.warnings),
         )
-        state = replace(state, solution=bent.solution, estimates=state.estimates + 1, told=True)
-        contact = self.contact_at(state, belief, bent, mode, read=wrench is not None)
+        state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
+        contact = self.contact_at(state, belief, bent, mode, wrench)
         ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
         sensor = None
-        if state.sensor_off and wrench is not None:
+        if state.sensor is Verdict.OFF:
             sensor = force_sensor_error(belief)
             estimate = replace(estimate, warnings=(*estimate.warnings, DISAGREES))
         force, covariance = self.known_force(belief, position, sensor, ambiguous)
@@ -756,15 +792,22 @@ class Fusion:
         return contact_of(self.arm, self.settings, mean)
 
     def contact_at(
-        self, state: FusionState, belief: Belief, bent: BentArm, mode: Mode, *, read: bool
+        self,
+        state: FusionState,
+        belief: Belief,
+        bent: BentArm,
+        mode: Mode,
+        wrench: WrenchReading | None,
     ) -> Contact | None:
-        """Return the contact that is seen, None without one; read: the tip force is."""
+        """Return the contact that is seen, None without one."""
         if bent.contact is None or state.log_odds is None or mode is Mode.PREDICTION:
             return None
         force, place = bent.contact.force, bent.contact.place
         if abs(force) < self.settings.contact_least * self.unknowns.force_scale:
             return None
         shape, correlation = bent.shape, correlation_with_tip(belief)
+        unconfirmed = wrench is not None and state.sensor is Verdict.OPEN  # it may be the sensor
+        alike = unconfirmed or state.elsewhere or correlation > self.settings.contact_alike
         return Contact(
             x=float(np.interp(place, shape.arclength, shape.x)),
             y=float(np.interp(place, shape.arclength, shape.y)),
@@ -774,7 +817,7 @@ class Fusion:
             std_force=belief.std(CONTACT.start),
             log_odds=state.log_odds,
             correlation=correlation,
-            ambiguous=not read and (state.elsewhere or correlation > self.settings.contact_alike),
+            ambiguous=alike and not self.reads_force(state, wrench),
         )
 
     def position_of(self, belief: Belief, bent: BentArm, inputs: FrameInputs) -> DomainPosition:
@@ -867,7 +910,8 @@ class Fusion:
     ) -> tuple[Array, Array]:
         """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined or ambiguous.
 
-        sensor: that is off, None where it is in order or not read: then it may be right, too.
+        sensor: that is off, None where it is in order or none is read. It may be right, and the
+        model wrong: the covariance holds both.
         """
         covariance = belief.force_covariance + np.diag(np.square(position.error[:2]))
         if sensor is not None:

@@ -25,16 +25,17 @@ class FusionSettings:
         0.0003, 'std of the offset of a force sensor in order; invented', unit='of the force scale'
     )
     force_gain: float = tuning(0.0003, 'std of the error of its gain; invented')
-    doubted_offset: float = tuning(
+    untared_offset: float = tuning(
         0.1, 'std of the offset of a force sensor that is off; invented', unit='of the force scale'
     )
-    doubted_gain: float = tuning(0.1, 'std of the error of its gain; invented')
-    force_doubt: float = tuning(
+    untared_gain: float = tuning(0.1, 'std of the error of its gain; invented')
+    sensor_off: float = tuning(
         5.0, 'at which the targets show that the force sensor is off', unit='sigma'
     )
-    force_tolerance: float = tuning(
+    sensor_tolerance: float = tuning(
         0.015,
-        'offset below which a force sensor is never called off, and error of its gain; invented',
+        'offset below which a force sensor is never called off, and error of its gain; known so '
+        'exactly it is confirmed; invented',
         unit='of the force scale',
     )
     lack_scales: tuple[float, ...] = tuning(

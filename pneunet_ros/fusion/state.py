@@ -13,6 +13,7 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.force_sensor import Verdict
 from pneunet_ros.fusion.frame_update import ColdRound, Fit
 from pneunet_ros.solver.solution import SolverNodes
 
@@ -80,10 +81,10 @@ class FusionState:
     belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
     contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
     contact, None before the first frame; elsewhere: one at another place may be it.
-    wrench_used_ns: of the wrench in it; sensor_off: frames have said that the force sensor is.
+    wrench_used_ns: of the wrench in it; sensor: what frames have said of the force sensor.
     solution: of the last estimate. pressure_lost: the belief's bias stands for the whole pressure.
     unchecked: the last fit, beside which other forces are still to be looked for; told: an
-    estimate since then is out; doubted: one explained that frame better, and the next search
+    answer since then is out; found_better: one explained that frame better, and the next search
     begins everywhere; since_restart: frames in a row in which the search, begun at a part of the
     cold starts each, found no other force; lost: frames in a row not used. frames: used so far;
     unused: others by reason.
@@ -99,13 +100,13 @@ class FusionState:
     log_odds: float | None = None
     elsewhere: bool = False
     wrench_used_ns: int | None = None
-    sensor_off: bool = False
+    sensor: Verdict = Verdict.OPEN
     solution: SolverNodes | None = None
     pressure_lost: bool = False
     ambiguous: bool = False
     unchecked: Fit | None = None
     told: bool = False
-    doubted: bool = False
+    found_better: bool = False
     since_restart: int = 0
     cold_round: ColdRound = field(default_factory=ColdRound)
     lost: int = 0
@@ -127,6 +128,10 @@ class FusionState:
         """Forget also that there were readings, and with them the history of the arm."""
         return replace(self.fresh(), readings=self.readings.fresh())
 
+    def without_belief(self) -> FusionState:
+        """Forget what frames have told, but for the force sensor."""
+        return replace(self, belief=None, rival=None, log_odds=None, elsewhere=False)
+
     def without_frames(self) -> FusionState:
         """Forget the frames; readings and counts go on."""
         return replace(
@@ -134,6 +139,7 @@ class FusionState:
             pressures=self.pressures,
             wrenches=self.wrenches,
             solution=self.solution,
+            sensor=self.sensor,
         )
 
     def count_unused(self, reason: str) -> FusionState:
