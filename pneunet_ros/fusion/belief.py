@@ -169,19 +169,14 @@ class Belief:
         return math.sqrt(float(self.root[which] @ self.root[which]))
 
 
-def first_belief(
-    unknowns: Unknowns, settings: FusionSettings, stamp_ns: int, *, sensor_off: bool = False
-) -> Belief:
-    """Return what is believed before any frame; sensor_off: the force sensor is known to be.
+def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) -> Belief:
+    """Return what is believed before any frame.
 
     Where the calibration knows the placement of the targets, model and placement go together: the
     same pictures must not tell of the model twice.
     """
     mean, weights = np.zeros(unknowns.std.size), first_weights(settings)
     root = np.diag(scaled_std(unknowns, scale_of(settings, weights)))
-    if sensor_off:
-        root[OFFSET, OFFSET] = np.eye(2) * settings.untared_offset * unknowns.force_scale
-        root[GAIN, GAIN] = settings.untared_gain
     placement = unknowns.placement
     if placement is not None:
         painted, columns = unknowns.painted, placement.factor.shape[1]

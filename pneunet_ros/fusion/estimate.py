@@ -9,7 +9,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.fusion.contact import Contact
-from pneunet_ros.fusion.force_sensor import ForceSensorError
+from pneunet_ros.fusion.force_sensor import ForceSensorFault
 
 
 class Mode(IntEnum):
@@ -40,10 +40,10 @@ class FusedEstimate:
     force_covariance (2, 2) N^2, NaN in components that are not determined, and everywhere where it
     is ambiguous. contact: along the arm, None where none is likely. pressure_bias (Pa) and its
     std: what the model lacks, as an error of the pressure: creep, hysteresis and a drifting sensor
-    look like that. force_sensor: by how much the sensor of the tip force is off, None where it is
-    in order or none is read. nis: running mean of the normalized innovation squared of frames per
-    coordinate, 1 where all is noise, nis_limit what noise rarely exceeds; NaN before the first.
-    target_age: s since the last frame that was used, None before the first.
+    look like that. force_sensor: one that is off and not used, None where none is known to be.
+    nis: running mean of the normalized innovation squared of frames per coordinate, 1 where all is
+    noise, nis_limit what noise rarely exceeds; NaN before the first. target_age: s since the last
+    frame that was used, None before the first.
     """
 
     estimate: ShapeEstimate
@@ -53,7 +53,7 @@ class FusedEstimate:
     contact: Contact | None
     pressure_bias: float
     pressure_bias_std: float
-    force_sensor: ForceSensorError | None
+    force_sensor: ForceSensorFault | None
     ambiguous: bool
     nis: float
     nis_limit: float

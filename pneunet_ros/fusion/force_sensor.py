@@ -1,11 +1,11 @@
-"""Is the force sensor off: an offset that nobody tared, a gain that is not 1.
+"""Is the force sensor off: not tared, another gain, a swapped axis, a dead cable.
 
 A sensor that is off by a few millinewtons drags force and shape along, with intervals as narrow as
 its noise, and what does not fit is taken for a contact. So offset and gain are unknowns of the
-fusion. At first they are known to be small, and all that the targets say of them is gathered. Once
-they surely say that the sensor is off, the fusion begins anew with offset and gain free. Whether
-it is the sensor that is off or the model that is too stiff, nobody can know: the shape follows the
-targets, and the interval of the force holds both answers.
+fusion, known to be small, and all that the targets say of them is gathered. Once they surely say
+that the sensor is off, the fusion begins anew without it, as there are many ways to be off.
+Whether the sensor is wrong or the model too stiff nobody can know: while it reads, the interval of
+the force holds both answers.
 
 A contact along the arm, too, looks like a sensor that is off. So contacts are told apart from a
 tip force only once the targets have confirmed the sensor, without a contact.
@@ -19,64 +19,46 @@ from dataclasses import dataclass
 from enum import Enum
 import math
 
-import numpy as np
-from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.fusion.belief import Belief, GAIN, OFFSET, Unknowns
 from pneunet_ros.fusion.settings import FusionSettings
 
 DISAGREES = (
-    'force sensor and targets disagree: tare the sensor and reset, or run pneunet diagnose; the '
-    'interval of the force holds what both say'
+    'force sensor and targets disagree, and the sensor is not used: check its sign, axes and '
+    'cable, tare it with nothing at the arm and reset, or run pneunet diagnose'
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ForceSensorError:
-    """What the force sensor reads, if the model is right: offset + gain F.
+class ForceSensorFault:
+    """What a force sensor that is off reads, beside what the targets say: (2,) N of F1 and F2.
 
-    offset (2,) N of F1 and F2 and its std; gain, 1 where it is right, and its std.
+    reading: NaN while none is fresh; targets and targets_std: NaN where not determined.
     """
 
-    offset: Array
-    offset_std: Array
-    gain: float
-    gain_std: float
-
-    def at(self, force: Array) -> Array:
-        """Return what it reads too much (2,) N at a force (2,) N."""
-        return self.offset + (self.gain - 1.0) * force
+    reading: Array
+    targets: Array
+    targets_std: Array
 
     @property
     def words(self) -> str:
         """Say it in numbers."""
-        pairs = zip(self.offset.tolist(), self.offset_std.tolist(), strict=True)
-        off = ', '.join(f'{value:.4f} +- {std:.4f}' for value, std in pairs)
-        return f'offset {off} N, gain {self.gain:.3f} +- {self.gain_std:.3f}'
+        read = ', '.join(f'{value:.4f}' for value in self.reading.tolist())
+        pairs = zip(self.targets.tolist(), self.targets_std.tolist(), strict=True)
+        said = ', '.join(f'{value:.4f} +- {std:.4f}' for value, std in pairs)
+        return f'not used: it reads ({read}) N, the targets say ({said}) N'
 
     @property
-    def numbers(self) -> dict[str, list[float] | float]:
-        """Say it to a program: offset and its std (N), gain (1 is right) and its std."""
+    def numbers(self) -> dict[str, list[float | None]]:
+        """Say it to a program, in N."""
         return {
-            'offset': self.offset.tolist(),
-            'offset_std': self.offset_std.tolist(),
-            'gain': self.gain,
-            'gain_std': self.gain_std,
+            name: [value if math.isfinite(value) else None for value in values.tolist()]
+            for name, values in (
+                ('reading', self.reading),
+                ('targets', self.targets),
+                ('targets_std', self.targets_std),
+            )
         }
-
-
-def force_sensor_error(belief: Belief) -> ForceSensorError:
-    """Return what a belief says of a force sensor that is off.
-
-    The unknowns are of the reading: F = (1 - GAIN) reading - OFFSET.
-    """
-    share = 1.0 - float(belief.mean[GAIN])
-    std = np.array([belief.std(one) for one in range(OFFSET.start, OFFSET.stop)])
-    return ForceSensorError(
-        offset=freeze(belief.mean[OFFSET] / share),
-        offset_std=freeze(std / abs(share)),
-        gain=1.0 / share,
-        gain_std=belief.std(GAIN) / share**2,
-    )
 
 
 class Verdict(Enum):

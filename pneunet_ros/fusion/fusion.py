@@ -60,8 +60,7 @@ from pneunet_ros.fusion.contact import (
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.force_sensor import (
     DISAGREES,
-    force_sensor_error,
-    ForceSensorError,
+    ForceSensorFault,
     Verdict,
     verdict_on,
 )
@@ -124,6 +123,13 @@ def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
     return min(beside, key=lambda one: abs(one.stamp_ns - stamp_ns))
 
 
+def load_read(wrench: WrenchReading, gauge: float) -> Load:
+    """Return what sensors read of the load: an end wrench and a pressure (Pa)."""
+    return Load(
+        pressure=gauge, force_x=wrench.force_x, force_y=wrench.force_y, moment=wrench.moment
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadFrame:
     """A frame with what was read at the stamp of what it shows.
@@ -140,6 +146,10 @@ class ReadFrame:
     force_lost: bool
     wrench: WrenchReading | None
     wrench_age: float
+
+    def without_wrench(self) -> ReadFrame:
+        """Return it as if nobody had read the force."""
+        return replace(self, wrench=None, wrench_age=math.nan)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -402,6 +412,12 @@ class Fusion:
         age = seconds_between(wrench.stamp_ns, stamp_ns)
         return (wrench, age) if abs(age) <= self.sensors.wrench_timeout else (None, math.nan)
 
+    def used_wrench_at(
+        self, state: FusionState, stamp_ns: int
+    ) -> tuple[WrenchReading | None, float]:
+        """Return the wrench nearest to a stamp and its age (s), if the sensor is not off."""
+        return (None, math.nan) if state.sensor is Verdict.OFF else self.wrench_at(state, stamp_ns)
+
     def with_pressure(self, state: FusionState) -> FusionState:
         """Return the state where the pressure is read again."""
         if not state.pressure_lost or state.belief is None:
@@ -443,12 +459,7 @@ class Fusion:
         By its age (s) the force may have walked. One that is not where it was believed makes its
         past forgotten.
         """
-        reading = Load(
-            pressure=gauge,
-            force_x=wrench.force_x,
-            force_y=wrench.force_y,
-            moment=wrench.moment,
-        )
+        reading = load_read(wrench, gauge)
         true = self.arm.sense(reading)
         response = np.zeros((2, belief.mean.size))
         response[:, FORCE] = np.eye(2)
@@ -474,7 +485,7 @@ class Fusion:
         shown_ns = self.shown_ns(sightings)
         if state.lost >= self.settings.most_lost:  # what is believed keeps all frames out
             state = replace(state.without_belief(), lost=0)
-        before = state.belief or self.first_belief(shown_ns, state.sensor)
+        before = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
         lost = state.lost >= self.settings.frames_lost
@@ -485,7 +496,7 @@ class Fusion:
         alone = not state.pressures or self.is_stale(
             nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns
         )
-        wrench, age = self.wrench_at(state, shown_ns)
+        wrench, age = self.used_wrench_at(state, shown_ns)
         frame = ReadFrame(
             stamp_ns=shown_ns,
             sightings=sightings,
@@ -499,11 +510,11 @@ class Fusion:
         weighed = self.weigh_with_targets(state, frame, before)
         if wrench is not None and not self.settings.free_tip:
             verdict = self.judge_sensor(state, frame, weighed)
-            if verdict is Verdict.OFF is not state.sensor:  # what it has told so far is wrong
-                state = state.without_belief()
-                before = self.first_belief(shown_ns, verdict)
-                weighed = self.weigh_with_targets(replace(state, sensor=verdict), frame, before)
             state = replace(state, sensor=verdict)
+            if verdict is Verdict.OFF:  # what it has told so far is wrong
+                state, frame, wrench = state.without_belief(), frame.without_wrench(), None
+                before = first_belief(self.unknowns, self.settings, shown_ns)
+                weighed = self.weigh_with_targets(state, frame, before)
         update = weighed.update
         if update.belief is not None:
             belief = with_walk(self.settings, before, update.belief)
@@ -521,32 +532,28 @@ class Fusion:
         )
         return self.after_frame(state, shown_ns, update, wrench)
 
-    def first_belief(self, stamp_ns: int, sensor: Verdict) -> Belief:
-        """Return what is believed before any frame."""
-        off = sensor is Verdict.OFF
-        return first_belief(self.unknowns, self.settings, stamp_ns, sensor_off=off)
-
     def judge_sensor(self, state: FusionState, frame: ReadFrame, weighed: WeighedFrame) -> Verdict:
-        """Return the verdict on the force sensor after a frame.
+        """Return the verdict on a force sensor that is used, after a frame.
 
-        Once it is off it stays so. A contact confirms nothing. A frame that nothing explains says
-        that a sensor is off which was never confirmed, if that explains it.
+        A contact confirms nothing. A frame that nothing explains says that a sensor is off which
+        was never confirmed, if the frame is explained without it.
         """
         update, known = weighed.update, state.sensor
-        if known is Verdict.OFF:
-            return known
         if update.belief is not None:
             verdict = verdict_on(self.unknowns, self.settings, update.belief)
             confirmed = verdict is Verdict.IN_ORDER and not update.belief.touched
             return verdict if confirmed or verdict is Verdict.OFF else known
         if known is Verdict.IN_ORDER or update.reason not in ('inconsistent', 'no_equilibrium'):
             return known
-        explained = {}
-        for verdict in (Verdict.OPEN, Verdict.OFF):
-            anew = replace(state.without_belief(), sensor=verdict)
-            fit = self.weigh(anew, frame, self.first_belief(frame.stamp_ns, verdict)).update.fit
-            explained[verdict] = fit is not None and excess(fit) <= 1.0
-        return Verdict.OFF if explained[Verdict.OFF] and not explained[Verdict.OPEN] else known
+        anew = state.without_belief()
+        explained = self.explains(anew, frame.without_wrench()) and not self.explains(anew, frame)
+        return Verdict.OFF if explained else known
+
+    def explains(self, state: FusionState, frame: ReadFrame) -> bool:
+        """Whether noise explains a frame to which nothing is known."""
+        before = first_belief(self.unknowns, self.settings, frame.stamp_ns)
+        fit = self.weigh(state, frame, before).update.fit
+        return fit is not None and excess(fit) <= 1.0
 
     def reads_force(self, state: FusionState, wrench: WrenchReading | None) -> bool:
         """Whether a confirmed sensor tells the tip force, or nothing pulls there."""
@@ -569,7 +576,7 @@ class Fusion:
             problem,
             cold=frame.force_lost or not before.frames,
             found_better=state.found_better,
-            force_read=frame.wrench is not None and state.sensor is not Verdict.OFF,
+            force_read=frame.wrench is not None,
         )
         rival = None if state.rival is None else self.problem_of(frame, state.rival)
         odds = -self.settings.contact_bound if state.log_odds is None else state.log_odds
@@ -712,9 +719,9 @@ class Fusion:
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
         """Estimate shape and force at a pressure: the belief moved to its stamp."""
         stamp_ns, state = instant.stamp_ns, replace(state, told=True)
-        belief = state.belief or self.first_belief(stamp_ns, state.sensor)
+        belief = state.belief or first_belief(self.unknowns, self.settings, stamp_ns)
         unseen = np.zeros((belief.mean.size, 0))
-        wrench, age = self.wrench_at(state, stamp_ns)
+        wrench, age = self.used_wrench_at(state, stamp_ns)
         inputs = self.inputs_at(instant, wrench)
         if belief.stamp_ns != stamp_ns or not belief.frames:
             pressed = abs(instant.chamber - belief.chamber)
@@ -758,11 +765,10 @@ class Fusion:
         state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
         contact = self.contact_at(state, belief, bent, mode, wrench)
         ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
-        sensor = None
-        if state.sensor is Verdict.OFF:
-            sensor = force_sensor_error(belief)
+        fault = self.sensor_fault(state, belief, instant, ambiguous=ambiguous)
+        if fault is not None:
             estimate = replace(estimate, warnings=(*estimate.warnings, DISAGREES))
-        force, covariance = self.known_force(belief, position, sensor, ambiguous)
+        force, covariance = self.known_force(belief, position, fault, ambiguous=ambiguous)
         if self.unknowns.placement is not None and not belief.same_targets:
             estimate = replace(estimate, warnings=(*estimate.warnings, OTHER_TARGETS))
         lacking = pressure_like(self.unknowns, inputs)
@@ -774,7 +780,7 @@ class Fusion:
             contact=contact,
             pressure_bias=float(lacking @ belief.mean),
             pressure_bias_std=float(np.linalg.norm(lacking @ belief.root)),
-            force_sensor=sensor,
+            force_sensor=fault,
             ambiguous=ambiguous,
             nis=math.nan if state.nis is None else state.nis.mean,
             nis_limit=math.nan if state.nis is None else state.nis.limit,
@@ -901,24 +907,48 @@ class Fusion:
         moved = np.tensordot(unseen.T, sensitivity.stations(places)[:, :2], axes=1)
         return SeenShape(arclength=places, std=np.sqrt(std**2 + np.sum(moved**2, axis=0)))
 
+    def sensor_fault(
+        self, state: FusionState, belief: Belief, instant: PressureInstant, *, ambiguous: bool
+    ) -> ForceSensorFault | None:
+        """Return what a force sensor that is off reads, beside what is believed without it."""
+        if state.sensor is not Verdict.OFF:
+            return None
+        reading = np.full(2, np.nan)
+        wrench, _ = self.wrench_at(state, instant.stamp_ns)
+        if wrench is not None:
+            true = self.arm.sense(load_read(wrench, instant.gauge))
+            reading = np.array([true.force_x, true.force_y])
+        std = np.sqrt(np.diagonal(belief.force_covariance))
+        unknown = np.full(2, ambiguous) | (std > self.largest_force_std)
+        return ForceSensorFault(
+            reading=freeze(reading),
+            targets=freeze(np.where(unknown, np.nan, belief.mean[FORCE])),
+            targets_std=freeze(np.where(unknown, np.nan, std)),
+        )
+
+    @property
+    def largest_force_std(self) -> float:
+        """The standard deviation (N) beyond which a component of the force is not determined."""
+        return self.settings.determined * self.unknowns.force_scale
+
     def known_force(
         self,
         belief: Belief,
         position: DomainPosition,
-        sensor: ForceSensorError | None,
+        fault: ForceSensorFault | None,
+        *,
         ambiguous: bool,
     ) -> tuple[Array, Array]:
         """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined or ambiguous.
 
-        sensor: that is off, None where it is in order or none is read. It may be right, and the
-        model wrong: the covariance holds both.
+        fault: of a force sensor that is off. It may be right, and the model wrong: while it reads,
+        the covariance holds both.
         """
         covariance = belief.force_covariance + np.diag(np.square(position.error[:2]))
-        if sensor is not None:
-            error = sensor.at(belief.mean[FORCE])
+        if fault is not None and np.isfinite(fault.reading).all():
+            error = fault.reading - belief.mean[FORCE]
             covariance += np.outer(error, error)
-        largest = self.settings.determined * self.unknowns.force_scale
-        determined = np.sqrt(np.diagonal(covariance)) <= largest
+        determined = np.sqrt(np.diagonal(covariance)) <= self.largest_force_std
         if ambiguous:
             determined = np.zeros(2, dtype=bool)
         force = np.where(determined, belief.mean[FORCE], np.nan)

@@ -25,10 +25,6 @@ class FusionSettings:
         0.0003, 'std of the offset of a force sensor in order; invented', unit='of the force scale'
     )
     force_gain: float = tuning(0.0003, 'std of the error of its gain; invented')
-    untared_offset: float = tuning(
-        0.1, 'std of the offset of a force sensor that is off; invented', unit='of the force scale'
-    )
-    untared_gain: float = tuning(0.1, 'std of the error of its gain; invented')
     sensor_off: float = tuning(
         5.0, 'at which the targets show that the force sensor is off', unit='sigma'
     )

@@ -108,9 +108,7 @@ class FusionHealth(InputHealth):
             'wrench_age_s': age(self._at.get('end_wrench'), now),
             'target_lag_s': None if last is None else last.target_age,
             'wrench_lag_s': wrench_age,
-            'force_judged': None
-            if last is None
-            else force_judged(wrench_age is not None and sensor is None),
+            'force_judged': None if last is None else force_judged(wrench_age is not None),
             'ambiguous': None if last is None else last.ambiguous,
             'determined': None if last is None else determined_words(last),
             'contact': None if last is None else contact_words(last.contact),
