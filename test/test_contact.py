@@ -12,6 +12,7 @@ from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import CONTACT, first_belief
 from pneunet_ros.fusion.contact import correlation_with_tip, with_any_contact, without_contact
 from pneunet_ros.fusion.estimate import FusedEstimate
+from pneunet_ros.fusion.force_sensor import Verdict
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
@@ -31,11 +32,11 @@ FORCE, PLACE = -0.018, 0.6  # N, s / l
 
 
 @cache
-def recorded(place=PLACE, force=FORCE, pulled=True) -> LabRecording:
+def recorded(place=PLACE, force=FORCE, pulled=True, begins=BEGINS) -> LabRecording:
     """Return eight seconds, with a push in the middle."""
     scenario = load_scenario(share_path('scenarios/random_mix.yaml'))
     tip = {} if pulled else {'force_x': (0.0, 0.0), 'force_y': (0.0, 0.0)}
-    push = {'force': force, 'place': place, 'begins': BEGINS, 'ends': ENDS, 'ramp': 0.1}
+    push = {'force': force, 'place': place, 'begins': begins, 'ends': ENDS, 'ramp': 0.1}
     changes = {
         'name': 'contact',
         'seed': 11,
@@ -130,16 +131,36 @@ def test_a_push_beyond_the_last_place_keeps_no_frame_out():
     assert state.frames == len(recording.stamp_ns)
 
 
-def test_the_tip_is_right_in_spite_of_the_push():
-    found, truth = with_wrench(), recorded().truth
+def test_begun_in_contact_that_is_ambiguous_and_the_sensor_is_confirmed_once_it_has_gone():
+    recording = recorded(begins=0.0)
+    found, state = fused(recording)
+    time = recording.truth.time
+    assert all(one.contact and one.contact.ambiguous for one in np.array(found)[time < ENDS])
+    assert state.sensor is Verdict.IN_ORDER
+    error, covariance = tip_errors(recording, found)
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1.0e-4
+    assert np.mean(squares(error, covariance) < 5.991) > 0.9
+
+
+def tip_errors(recording, found) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors (n, 2) m of the tip and their covariances."""
+    truth = recording.truth
     tip = np.array([one.estimate.shape.tip[:2] for one in found])
-    missed = np.hypot(truth.x[:, -1] - tip[:, 0], truth.y[:, -1] - tip[:, 1])
-    settled = (truth.time > BEGINS + 0.35) & (truth.time < ENDS - 0.1)
-    assert np.sqrt(np.mean(missed[settled] ** 2)) < 1.5e-4
-    covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found])[settled]
-    off = np.stack([truth.x[:, -1], truth.y[:, -1]], axis=1)[settled] - tip[settled]
-    nees = np.sum(off * np.linalg.solve(covariance, off[:, :, None])[:, :, 0], axis=1)
-    assert np.mean(nees < 5.991) > 0.85
+    covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found])
+    return np.stack([truth.x[:, -1], truth.y[:, -1]], axis=1) - tip, covariance
+
+
+def squares(error, covariance) -> np.ndarray:
+    """Return the chi squared of errors."""
+    return np.sum(error * np.linalg.solve(covariance, error[:, :, None])[:, :, 0], axis=1)
+
+
+def test_the_tip_is_right_in_spite_of_the_push():
+    found, time = with_wrench(), recorded().truth.time
+    settled = (time > BEGINS + 0.35) & (time < ENDS - 0.1)
+    error, covariance = (values[settled] for values in tip_errors(recorded(), found))
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1.5e-4
+    assert np.mean(squares(error, covariance) < 5.991) > 0.85
 
 
 def test_without_a_force_sensor_it_may_be_the_tip_force_and_says_so():

@@ -194,6 +194,20 @@ def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) ->
     )
 
 
+def without_lessons(unknowns: Unknowns, settings: FusionSettings, belief: Belief) -> Belief:
+    """Return what is believed before any frame, to be sought from where the arm is believed."""
+    first = first_belief(unknowns, settings, belief.stamp_ns)
+    mean = first.mean.copy()
+    mean[FORCE] = belief.mean[FORCE]
+    return replace(
+        first,
+        mean=freeze(mean),
+        chamber=belief.chamber,
+        solution=belief.solution,
+        frames=belief.frames,
+    )
+
+
 def with_other_targets(unknowns: Unknowns, belief: Belief) -> Belief:
     """Return the belief of somebody who knows that other targets are painted on the arm."""
     forgotten = forget(belief, unknowns.painted, unknowns.std[unknowns.painted])

@@ -8,7 +8,8 @@ Whether the sensor is wrong or the model too stiff nobody can know: while it rea
 the force holds both answers.
 
 A contact along the arm, too, looks like a sensor that is off. So contacts are told apart from a
-tip force only once the targets have confirmed the sensor, without a contact.
+tip force only once the targets have confirmed the sensor, without a contact; till then the errors
+of an estimate hold both answers.
 
 Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948), of a prior that is narrow.
 """

@@ -48,6 +48,7 @@ from pneunet_ros.fusion.belief import (
     with_other_targets,
     with_strange_targets,
     with_walk,
+    without_lessons,
 )
 from pneunet_ros.fusion.contact import (
     Contact,
@@ -516,6 +517,7 @@ class Fusion:
                 before = first_belief(self.unknowns, self.settings, shown_ns)
                 weighed = self.weigh_with_targets(state, frame, before)
         update = weighed.update
+        state = replace(state, otherwise=self.without_sensor(state, frame, update))
         if update.belief is not None:
             belief = with_walk(self.settings, before, update.belief)
             if belief.same_targets and update.left_out and update.fit:
@@ -548,6 +550,21 @@ class Fusion:
         anew = state.without_belief()
         explained = self.explains(anew, frame.without_wrench()) and not self.explains(anew, frame)
         return Verdict.OFF if explained else known
+
+    def without_sensor(
+        self, state: FusionState, frame: ReadFrame, update: FrameUpdate
+    ) -> Belief | None:
+        """Return what a frame says if a sensor is off that nothing has confirmed yet.
+
+        None without a contact, which a sensor that is off looks like.
+        """
+        belief = update.belief
+        confirmed = state.sensor is not Verdict.OPEN or self.settings.free_tip
+        if belief is None or not belief.touched or frame.wrench is None or confirmed:
+            return None
+        before = without_lessons(self.unknowns, self.settings, belief)
+        problem = self.problem_of(frame.without_wrench(), before)
+        return take_frame(problem, cold=False, found_better=False, force_read=False).belief
 
     def explains(self, state: FusionState, frame: ReadFrame) -> bool:
         """Whether noise explains a frame to which nothing is known."""
@@ -762,6 +779,8 @@ class Fusion:
             wrench_age=None if wrench is None else age,
             warnings=(*notes, *position.notes, *estimate.warnings),
         )
+        if state.otherwise is not None and mode is not Mode.PREDICTION:
+            estimate = self.holding(estimate, state.otherwise, instant)
         state = replace(state, solution=bent.solution, estimates=state.estimates + 1)
         contact = self.contact_at(state, belief, bent, mode, wrench)
         ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
@@ -895,6 +914,27 @@ class Fusion:
             position=position,
             noise=freeze(noise),
             curved=errors.second_order,
+        )
+
+    def holding(
+        self, estimate: ShapeEstimate, other: Belief, instant: PressureInstant
+    ) -> ShapeEstimate:
+        """Return an estimate whose errors hold another shape too, of which nobody can know."""
+        inputs = self.inputs_at(instant, None)
+        changes = causes_of(self.unknowns, inputs) @ other.mean
+        bent = bend_arm(self.table, inputs, changes, other.solution, self.arclength, quick=False)
+        here, there = estimate.shape, bent.shape
+        if not there.converged:
+            return estimate
+        tip = np.array(there.tip) - np.array(here.tip)
+        return replace(
+            estimate,
+            tip_covariance=freeze(estimate.tip_covariance + np.outer(tip, tip)),
+            std_x=freeze(np.hypot(estimate.std_x, there.x - here.x)),
+            std_y=freeze(np.hypot(estimate.std_y, there.y - here.y)),
+            std_curvature=freeze(
+                np.hypot(estimate.std_curvature, there.curvature - here.curvature)
+            ),
         )
 
     def seen_shape(self, unseen: Array, sensitivity: Sensitivity) -> SeenShape:
