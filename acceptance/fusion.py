@@ -116,6 +116,8 @@ WAYS = {
     'wrench not tared, 20 mN': Way(wrench=True, untared=20e-3),
     'wrench not tared, -20 mN': Way(wrench=True, untared=-20e-3),
     'wrench with a gain of 0.8': Way(wrench=True, gain=0.8),
+    'wrench of a sensor that is dead': Way(wrench=True, gain=0.0),
+    'wrench of the wrong sign': Way(wrench=True, gain=-1.0),
     'lost and back': Way(wrench=True, lost=True),
     'lost, no wrench': Way(lost=True),
 }
@@ -159,8 +161,9 @@ GOALS = {
         )
     },
     **{
-        (f'wrench {sensor}', what): limits
-        for sensor in ('not tared, 5 mN', 'not tared, 20 mN', 'not tared, -20 mN')
+        (name, what): limits
+        for name, way in WAYS.items()
+        if way.untared or way.gain != 1.0
         for what, limits in (('tip_rms', (0.0, 0.16e-3)), ('tip_covered', (0.92, 1.0)))
     },
     ('straight', 'withheld'): (0.99, 1.0),
