@@ -394,6 +394,31 @@ def test_a_force_sensor_in_order_is_never_called_off():
         assert found.state.sensor is Verdict.IN_ORDER
 
 
+def died(frame):
+    return wrench(frame, gain=1.0 if frame < 80 else 0.0)
+
+
+def froze(frame):
+    read = wrench(min(frame, 80))
+    return replace(read, stamp_ns=wrench(frame).stamp_ns)
+
+
+def jumped(frame):
+    return wrench(frame, off=(0.0, 0.0) if frame < 80 else (0.03, 0.03))
+
+
+@pytest.mark.parametrize('sensor', [died, froze, jumped])
+def test_a_force_sensor_that_breaks_after_it_was_confirmed_is_called_off(sensor):
+    found = fuse(with_wrench=True, sensor=sensor)
+    told = np.array([one.force_sensor is not None for one in found.estimates])
+    first = int(np.argmax(told))
+    assert 80 < first < 130
+    assert told[first:].all()
+    covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found.estimates])
+    assert covered(found.tip_error[first:], covariance[first:]) > 0.9
+    assert not any(one.contact for one in found.estimates[first:])
+
+
 def test_a_contact_is_not_told_from_a_sensor_that_reads_a_fifth_too_little():
     found = fuse(with_wrench=True, sensor=partial(wrench, gain=0.8))
     assert not any(one.contact and not one.contact.ambiguous for one in found.estimates)

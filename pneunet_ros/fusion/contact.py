@@ -125,8 +125,8 @@ def weigh_hypotheses(
         return alone
     seen = int(np.count_nonzero(frame.used))
     gain = 0.5 * (evidence_cost(none, seen) - evidence_cost(contact, seen))
-    misfit = contact[1].cost / contact[1].trial.residual.size
-    log_odds = min(max(log_odds + gain / max(misfit, 1.0), -bound), bound)
+    per_coordinate = contact[1].cost / contact[1].trial.residual.size
+    log_odds = min(max(log_odds + gain / max(per_coordinate, 1.0), -bound), bound)
     leading, trailing = (contact, none) if log_odds > 0.0 else (none, contact)
     if leading is not led:
         led_to = with_fit(update, leading, leading, seen)
@@ -147,9 +147,24 @@ def is_sure(fit: Fit) -> bool:
 
 def evidence_cost(fit: Fit, seen: int) -> float:
     """Return minus twice the log of the evidence, where a target left out costs its gate."""
-    problem, found = fit
-    left_out = seen - int(np.count_nonzero(problem.used))
-    return found.log_evidence_cost + problem.settings.target_gate * left_out
+    return fit[1].log_evidence_cost + left_out_cost(fit, seen)
+
+
+def left_out_cost(fit: Fit, seen: int) -> float:
+    """Return what the targets cost (chi squared) that were left out: each its gate."""
+    problem = fit[0]
+    return problem.settings.target_gate * (seen - int(np.count_nonzero(problem.used)))
+
+
+def gain_without(without: FrameUpdate | None, update: FrameUpdate, seen: int) -> float:
+    """Return by how much (chi squared) a frame fits better without force sensor and contact.
+
+    without: the frame taken so, None where it was not; seen: how many targets were.
+    """
+    if without is None or without.fit is None or update.fit is None:
+        return 0.0
+    with_, alone = (one[1].cost + left_out_cost(one, seen) for one in (update.fit, without.fit))
+    return with_ - alone
 
 
 def differs_from_zero(fit: Fit, limit: float) -> bool:

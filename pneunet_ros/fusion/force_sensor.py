@@ -9,9 +9,11 @@ the force holds both answers.
 
 A contact along the arm, too, looks like a sensor that is off. So contacts are told apart from a
 tip force only once the targets have confirmed the sensor, without a contact; till then the errors
-of an estimate hold both answers.
+of an estimate hold both answers. A sensor that breaks afterwards is told by frames that even a
+contact hardly explains, and the targets alone do.
 
-Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948), of a prior that is narrow.
+Source: score test, Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948), of a prior that is narrow;
+cumulative sum, Page, Biometrika 41 (1954), of what fits better without the sensor.
 """
 
 from __future__ import annotations
@@ -84,3 +86,9 @@ def verdict_on(unknowns: Unknowns, settings: FusionSettings, belief: Belief) -> 
         elif mean > max(limit * share, settings.sensor_off * prior * math.sqrt(share)):
             return Verdict.OFF
     return verdict
+
+
+def doubt_after(settings: FusionSettings, doubt: float, gain: float) -> float:
+    """Return the cumulative sum of doubts after a frame that fits better by a gain without it."""
+    least, most = settings.sensor_gain
+    return max(doubt + min(gain, most) - least, 0.0)

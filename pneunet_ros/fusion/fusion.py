@@ -54,6 +54,7 @@ from pneunet_ros.fusion.contact import (
     Contact,
     correlation_with_tip,
     evidence_cost,
+    gain_without,
     weigh_hypotheses,
     WeighedFrame,
     without_contact,
@@ -61,6 +62,7 @@ from pneunet_ros.fusion.contact import (
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.force_sensor import (
     DISAGREES,
+    doubt_after,
     ForceSensorFault,
     Verdict,
     verdict_on,
@@ -510,14 +512,12 @@ class Fusion:
         )
         weighed = self.weigh_with_targets(state, frame, before)
         if wrench is not None and not self.settings.free_tip:
-            verdict = self.judge_sensor(state, frame, weighed)
-            state = replace(state, sensor=verdict)
-            if verdict is Verdict.OFF:  # what it has told so far is wrong
+            state = self.judge_sensor(state, frame, weighed)
+            if state.sensor is Verdict.OFF:  # what it has told so far is wrong
                 state, frame, wrench = state.without_belief(), frame.without_wrench(), None
                 before = first_belief(self.unknowns, self.settings, shown_ns)
                 weighed = self.weigh_with_targets(state, frame, before)
         update = weighed.update
-        state = replace(state, otherwise=self.without_sensor(state, frame, update))
         if update.belief is not None:
             belief = with_walk(self.settings, before, update.belief)
             if belief.same_targets and update.left_out and update.fit:
@@ -534,37 +534,56 @@ class Fusion:
         )
         return self.after_frame(state, shown_ns, update, wrench)
 
-    def judge_sensor(self, state: FusionState, frame: ReadFrame, weighed: WeighedFrame) -> Verdict:
-        """Return the verdict on a force sensor that is used, after a frame.
+    def judge_sensor(
+        self, state: FusionState, frame: ReadFrame, weighed: WeighedFrame
+    ) -> FusionState:
+        """Return the state with the verdict on a force sensor that is used, after a frame.
 
-        A contact confirms nothing. A frame that nothing explains says that a sensor is off which
-        was never confirmed, if the frame is explained without it.
+        A contact confirms nothing. What fits better without sensor and contact is summed up, by
+        how much; of a sensor that was never confirmed one frame is enough which nothing explains.
         """
         update, known = weighed.update, state.sensor
-        if update.belief is not None:
-            verdict = verdict_on(self.unknowns, self.settings, update.belief)
-            confirmed = verdict is Verdict.IN_ORDER and not update.belief.touched
-            return verdict if confirmed or verdict is Verdict.OFF else known
-        if known is Verdict.IN_ORDER or update.reason not in ('inconsistent', 'no_equilibrium'):
-            return known
-        anew = state.without_belief()
-        explained = self.explains(anew, frame.without_wrench()) and not self.explains(anew, frame)
-        return Verdict.OFF if explained else known
+        verdict, without = known, None
+        if update.belief is None:
+            _, gain = self.settings.sensor_gain
+            if not self.fits_without(state, frame, update):
+                gain = 0.0
+            elif known is Verdict.OPEN:
+                verdict = Verdict.OFF
+        else:
+            said = verdict_on(self.unknowns, self.settings, update.belief)
+            if said is Verdict.OFF or (said is Verdict.IN_ORDER and not update.belief.touched):
+                verdict = said
+            without = self.without_sensor(state, frame, update)
+            gain = gain_without(without, update, frame.sightings.seen)
+        doubt = doubt_after(self.settings, state.doubt, gain)
+        if doubt >= self.settings.sensor_doubt:
+            verdict = Verdict.OFF
+        otherwise = None if without is None or known is not Verdict.OPEN else without.belief
+        return replace(state, sensor=verdict, doubt=doubt, otherwise=otherwise)
 
     def without_sensor(
         self, state: FusionState, frame: ReadFrame, update: FrameUpdate
-    ) -> Belief | None:
-        """Return what a frame says if a sensor is off that nothing has confirmed yet.
+    ) -> FrameUpdate | None:
+        """Return what became of a frame with a contact if the sensor is off and nothing touches.
 
-        None without a contact, which a sensor that is off looks like.
+        None without a contact, and where it explains the frame and the sensor is confirmed.
         """
-        belief = update.belief
-        confirmed = state.sensor is not Verdict.OPEN or self.settings.free_tip
-        if belief is None or not belief.touched or frame.wrench is None or confirmed:
+        belief, fit = update.belief, update.fit
+        if belief is None or fit is None or not belief.touched:
+            return None
+        if state.sensor is Verdict.IN_ORDER and excess(fit) < self.settings.sensor_misfit:
             return None
         before = without_lessons(self.unknowns, self.settings, belief)
         problem = self.problem_of(frame.without_wrench(), before)
-        return take_frame(problem, cold=False, found_better=False, force_read=False).belief
+        return take_frame(problem, cold=False, found_better=False, force_read=False)
+
+    def fits_without(self, state: FusionState, frame: ReadFrame, update: FrameUpdate) -> bool:
+        """Whether a frame that was not used is explained if the sensor is off, and only then."""
+        if update.reason not in ('inconsistent', 'no_equilibrium'):
+            return False
+        anew = state.without_belief()
+        return self.explains(anew, frame.without_wrench()) and not self.explains(anew, frame)
 
     def explains(self, state: FusionState, frame: ReadFrame) -> bool:
         """Whether noise explains a frame to which nothing is known."""

@@ -34,6 +34,20 @@ class FusionSettings:
         'exactly it is confirmed; invented',
         unit='of the force scale',
     )
+    sensor_misfit: float = tuning(
+        0.5,
+        'of a frame with a contact, above which it is tried without the force sensor; invented',
+        unit='limit of the NIS of noise',
+    )
+    sensor_gain: tuple[float, float] = tuning(
+        (3.0, 25.0),
+        'by which a frame must fit better without the sensor to count against it, and the most '
+        'that one counts; invented',
+        unit='chi squared',
+    )
+    sensor_doubt: float = tuning(
+        60.0, 'of all frames together, with which the sensor is off; invented', unit='chi squared'
+    )
     lack_scales: tuple[float, ...] = tuning(
         (0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12),
         'sizes that what the model lacks may have: std of the pressure bias, and of the curvature',

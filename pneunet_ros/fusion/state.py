@@ -82,7 +82,8 @@ class FusionState:
     contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
     contact, None before the first frame; elsewhere: one at another place may be it.
     wrench_used_ns: of the wrench in it; sensor: what frames have said of the force sensor;
-    otherwise: what would be believed without it and without the contact, where that may be so.
+    doubt: by how much (chi squared) frames have lately fitted better without it; otherwise: what
+    would be believed without it and without the contact, where that may be so.
     solution: of the last estimate. pressure_lost: the belief's bias stands for the whole pressure.
     unchecked: the last fit, beside which other forces are still to be looked for; told: an
     answer since then is out; found_better: one explained that frame better, and the next search
@@ -102,6 +103,7 @@ class FusionState:
     elsewhere: bool = False
     wrench_used_ns: int | None = None
     sensor: Verdict = Verdict.OPEN
+    doubt: float = 0.0
     otherwise: Belief | None = None
     solution: SolverNodes | None = None
     pressure_lost: bool = False
