@@ -87,7 +87,7 @@ from pneunet_ros.fusion.frame_update import (
 from pneunet_ros.fusion.lack import lack_columns, LackGrowth, remember, scale_of
 from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
-from pneunet_ros.fusion.state import FusionState, PressureInstant, RunningNis
+from pneunet_ros.fusion.state import FusionState, PressureInstant, RunningNis, SeenFrame
 from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
 from pneunet_ros.measurement.noise_model import target_std
@@ -491,14 +491,21 @@ class Fusion:
         before = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
-        lost = state.lost >= self.settings.frames_lost
-        if lost:
-            before = without_contact(before)
-            state = replace(state, rival=None, log_odds=None)
         instant = self.pressure_at(state, shown_ns)
         alone = not state.pressures or self.is_stale(
             nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns
         )
+        if state.seen is None or not state.seen.is_same(sightings):
+            shown = SeenFrame(x=sightings.x, y=sightings.y, chamber=instant.chamber)
+            state = replace(state, seen=shown)
+        elif not alone:
+            moved = abs(instant.chamber - state.seen.chamber)
+            if moved > self.settings.frozen * instant.std:
+                return state.count_unused('repeated')
+        lost = state.lost >= self.settings.frames_lost
+        if lost:
+            before = without_contact(before)
+            state = replace(state, rival=None, log_odds=None)
         wrench, age = self.used_wrench_at(state, shown_ns)
         frame = ReadFrame(
             stamp_ns=shown_ns,

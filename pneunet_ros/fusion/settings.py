@@ -90,6 +90,12 @@ class FusionSettings:
         'is forgotten; invented',
         unit='natural log',
     )
+    frozen: float = tuning(
+        7.0,
+        'change of the pressure during which no target moved in the least, beyond which a frame '
+        'is a copy of the one before',
+        unit='sigma',
+    )
     fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
     small_gain: float = tuning(
         0.05,

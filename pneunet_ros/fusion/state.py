@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 import math
 from types import MappingProxyType
 
+import numpy as np
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import count_reason
 from pneunet_ros.core.units import seconds_between
@@ -31,6 +33,20 @@ class PressureInstant:
     std: float
     history: tuple[History, ...]
     memory: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenFrame:
+    """Where targets were first seen just so (targets,) m, and the chamber (Pa) then."""
+
+    x: Array
+    y: Array
+    chamber: float
+
+    def is_same(self, sightings: TargetSightings) -> bool:
+        """Whether targets are seen there again to the last bit, which noise never allows."""
+        pairs = ((self.x, sightings.x), (self.y, sightings.y))
+        return all(np.array_equal(one, other, equal_nan=True) for one, other in pairs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +93,8 @@ class FusionState:
     """All that a fusion remembers from one reading or frame to the next.
 
     readings: as of an estimator, which admits pressures and wrenches; pressures, wrenches: the
-    last ones, for frames that come late; waiting: frames whose pressure has not come yet.
+    last ones, for frames that come late; waiting: frames whose pressure has not come yet; seen:
+    the last one that was no copy.
     belief: at the last frame that was used, by the likelier of two hypotheses, no contact and
     contact; rival: by the other one, None where that is as good as excluded; log_odds: of a
     contact, None before the first frame; elsewhere: one at another place may be it.
@@ -97,6 +114,7 @@ class FusionState:
     wrenches: tuple[WrenchReading, ...] = ()
     waiting: tuple[TargetSightings, ...] = ()
     frame_stamp_ns: int | None = None
+    seen: SeenFrame | None = None
     belief: Belief | None = None
     rival: Belief | None = None
     log_odds: float | None = None
