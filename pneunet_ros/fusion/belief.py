@@ -1,11 +1,12 @@
 """What is believed of all unknowns at the stamp of a frame: a mean, and a root of the covariance.
 
 The unknowns: the tip force, the pressure bias (what creep, hysteresis and a drifting sensor look
-like), the camera's drift and place, by how much the force sensor is off (offset and gain), the
-columns of the model's covariance in sigma, the painted places of the targets along and across the
-arm, the force and place of a contact, and the noise of the readings at this stamp. Without a
-contact its force and place are known to be zero. In time the first ones move, each with a largest
-std of its own; model, camera, force sensor and dots stay; noise is new in every reading.
+like), the camera's drift and place, by how much it is turned, by how much the force sensor is off
+(offset and gain), the columns of the model's covariance in sigma, the painted places of the
+targets along and across the arm, the force and place of a contact, and the noise of the readings
+at this stamp. Without a contact its force and place are known to be zero, and the camera is known
+not to be turned unless it was moved. In time the first ones move, each with a largest std of its
+own; model, camera, force sensor and dots stay; noise is new in every reading.
 """
 
 from __future__ import annotations
@@ -33,9 +34,10 @@ CAMERA = slice(5, 7)
 CONTACT = slice(-4, -2)  # force N along the normal, place m along the arm
 FORCES = [0, 1, -4]  # of the tip and of a contact
 MOMENT_NOISE, PRESSURE_NOISE = -2, -1
-OFFSET = slice(7, 9)  # N, of the force sensor
-GAIN = 9  # of the force sensor, beyond 1
-COLUMNS = 10  # where the columns of the model's covariance begin
+TURN = 7  # rad, of the camera around the base
+OFFSET = slice(8, 10)  # N, of the force sensor
+GAIN = 10  # of the force sensor, beyond 1
+COLUMNS = 11  # where the columns of the model's covariance begin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,6 +103,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
         [
             [scale, scale, high - low],
             np.repeat([noise.drift_std, noise.registration_std], 2),
+            [0.0],
             np.repeat(settings.force_offset * scale, 2),
             [settings.force_gain],
             np.ones(columns),
@@ -113,7 +116,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     times = np.concatenate(
         [
             [settings.bias_time, settings.drift_time, settings.drift_time, np.inf, np.inf],
-            np.full(3, np.inf),
+            np.full(4, np.inf),
             np.full(known, np.inf),
             np.full(further, settings.bias_time),
         ]
@@ -139,7 +142,8 @@ class Belief:
     on average; lack_weights (scales,): of the sizes of
     what the model lacks, log; chamber: the pressure (Pa) as read, NaN where it was not; solution:
     the rod there, None before the first; frames: how many have been used. same_targets: they are
-    taken for those of the calibration, which knows where they are painted.
+    taken for those of the calibration, which knows where they are painted; camera_moved: it is not
+    where it was when the base frame was found.
     """
 
     stamp_ns: int
@@ -152,6 +156,7 @@ class Belief:
     solution: SolverNodes | None = None
     frames: int = 0
     same_targets: bool = False
+    camera_moved: bool = False
 
     @property
     def touched(self) -> bool:
@@ -212,6 +217,13 @@ def with_other_targets(unknowns: Unknowns, belief: Belief) -> Belief:
     """Return the belief of somebody who knows that other targets are painted on the arm."""
     forgotten = forget(belief, unknowns.painted, unknowns.std[unknowns.painted])
     return replace(forgotten, same_targets=False)
+
+
+def with_moved_camera(settings: FusionSettings, belief: Belief) -> Belief:
+    """Return the belief of somebody who knows that the camera is not where it was."""
+    where = np.array([CAMERA.start, CAMERA.start + 1, TURN])
+    std = np.array([settings.camera_moved, settings.camera_moved, settings.camera_turned])
+    return replace(forget(belief, where, std), camera_moved=True)
 
 
 def with_strange_targets(

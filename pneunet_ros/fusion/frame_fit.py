@@ -32,6 +32,7 @@ from pneunet_ros.fusion.belief import (
     MOMENT_NOISE,
     PRESSURE_NOISE,
     root_after,
+    TURN,
     Unknowns,
 )
 from pneunet_ros.fusion.lack import LackGrowth, weights_after
@@ -179,16 +180,24 @@ def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:
     return np.vstack([causes, own])
 
 
+def turned(angle: float) -> Array:
+    """Return the matrix (2, 2) that turns places in the base frame by an angle (rad)."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return np.array([[cosine, -sine], [sine, cosine]])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trial:
     """Unknowns that were tried: xi, the arm there, the whitened residual, and what it costs.
 
-    solved: xi of the arm; the others may be a last step further, as good as linear.
+    places (2, targets) m: where the targets would be seen; solved: xi of the arm; the others may be
+    a last step further, as good as linear.
     """
 
     xi: Array
     solved: Array
     bent: BentArm
+    places: Array
     residual: Array
     cost: float
 
@@ -321,13 +330,13 @@ class FrameProblem:
         cosine, sine = np.cos(shape.theta), np.sin(shape.theta)
         along, across = x[unknowns.along], x[unknowns.across]
         places += np.stack([cosine * along - sine * across, sine * along + cosine * across])
-        places += (x[CAMERA] + x[DRIFT])[:, None]
+        places = turned(x[TURN]) @ places + (x[CAMERA] + x[DRIFT])[:, None]
         measured = np.stack([self.sightings.x, self.sightings.y])
         residual = (measured - places)[:, self.used].ravel() / self.std
         cost = float(xi @ xi + residual @ residual)
         if not math.isfinite(cost):
             return None
-        return Trial(xi=xi, solved=xi, bent=bent, residual=residual, cost=cost)
+        return Trial(xi=xi, solved=xi, bent=bent, places=places, residual=residual, cost=cost)
 
     def linearize(self, trial: Trial) -> FrameLinearization | None:
         """Linearize what is predicted around a trial; None at a limit point of the arm."""
@@ -337,11 +346,16 @@ class FrameProblem:
         targets = unknowns.targets
         causes = causes_with_contact(self.causes, bent.contact)
         response = (by_cause.reshape(len(by_cause), -1).T @ causes).reshape(2, targets, -1)
+        painted = slice(unknowns.along.start, unknowns.across.stop)
+        response[:, :, painted] = placement_jacobian(bent.shape.theta)
+        if self.prior.camera_moved:
+            x = self.mean + self.root @ trial.xi
+            response = np.tensordot(turned(x[TURN]), response, axes=1)
+            across, along = trial.places - (x[CAMERA] + x[DRIFT])[:, None]
+            response[:, :, TURN] = -along, across
         for axis in range(2):
             response[axis, :, DRIFT.start + axis] = 1.0
             response[axis, :, CAMERA.start + axis] = 1.0
-        painted = slice(unknowns.along.start, unknowns.across.stop)
-        response[:, :, painted] = placement_jacobian(bent.shape.theta)
         seen = response[:, self.used].reshape(-1, self.mean.size)
         jacobian = seen @ self.root / self.std[:, None]
         if not np.abs(jacobian).max() < LIMIT_POINT:

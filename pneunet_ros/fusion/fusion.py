@@ -44,6 +44,7 @@ from pneunet_ros.fusion.belief import (
     Unknowns,
     unknowns_of,
     widen,
+    with_moved_camera,
     with_noise,
     with_other_targets,
     with_strange_targets,
@@ -103,7 +104,10 @@ OTHER_TARGETS = (
     'the targets are not painted where the calibration found them: what it knows of their places '
     'is not used; calibrate anew, or take covariance.placement out of the model file'
 )
-
+CAMERA_MOVED = (
+    'the camera is not where it was when its place was found: the arm tells where it is; find '
+    'base_from_camera anew and reset'
+)
 
 Stamped = TypeVar('Stamped', bound=PressureInstant | WrenchReading)
 
@@ -608,8 +612,16 @@ class Fusion:
     ) -> WeighedFrame:
         """Return what a frame says, also if other targets are painted than were."""
         weighed = self.weigh(state, frame, before)
-        if before.same_targets and weighed.update.fit and excess(weighed.update.fit) > 1.0:
-            return self.weigh_other_targets(state, frame, before, weighed)
+        fit, belief = weighed.update.fit, weighed.update.belief
+        if fit is None:
+            return weighed
+        settings, misfit = self.settings, excess(fit) > 1.0
+        if misfit and before.same_targets:
+            other = with_other_targets(self.unknowns, before)
+            weighed = self.better_with(state, frame, other, weighed, settings.other_targets)
+        if misfit or (belief is not None and belief.touched and not before.touched):
+            other = with_moved_camera(settings, before)
+            weighed = self.better_with(state, frame, other, weighed, settings.moved_camera)
         return weighed
 
     def weigh(self, state: FusionState, frame: ReadFrame, before: Belief) -> WeighedFrame:
@@ -632,17 +644,24 @@ class Fusion:
             force_read=self.reads_force(state, frame.wrench),
         )
 
-    def weigh_other_targets(
-        self, state: FusionState, frame: ReadFrame, before: Belief, weighed: WeighedFrame
+    def better_with(
+        self,
+        state: FusionState,
+        frame: ReadFrame,
+        other: Belief,
+        weighed: WeighedFrame,
+        log_odds: float,
     ) -> WeighedFrame:
-        """Return what a frame says if other targets are painted now, where it says so."""
-        other = with_other_targets(self.unknowns, before)
+        """Return what a frame says to another belief, if it surely says that this one is right.
+
+        log_odds: against it, before the frame.
+        """
         again = self.weigh(replace(state, rival=None, log_odds=None), frame, other)
         seen = frame.sightings.seen
         if weighed.update.fit is None or again.update.fit is None:
             return weighed
         gain = evidence_cost(weighed.update.fit, seen) - evidence_cost(again.update.fit, seen)
-        return again if gain > 2.0 * self.settings.other_targets else weighed
+        return again if gain > 2.0 * log_odds else weighed
 
     def problem_of(self, frame: ReadFrame, belief: Belief) -> FrameProblem:
         """Return a frame beside what was believed before it.
@@ -816,6 +835,8 @@ class Fusion:
         force, covariance = self.known_force(belief, position, fault, ambiguous=ambiguous)
         if self.unknowns.placement is not None and not belief.same_targets:
             estimate = replace(estimate, warnings=(*estimate.warnings, OTHER_TARGETS))
+        if belief.camera_moved:
+            estimate = replace(estimate, warnings=(*estimate.warnings, CAMERA_MOVED))
         lacking = pressure_like(self.unknowns, inputs)
         return state, FusedEstimate(
             estimate=estimate,

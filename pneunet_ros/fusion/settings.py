@@ -96,6 +96,16 @@ class FusionSettings:
         'is a copy of the one before',
         unit='sigma',
     )
+    moved_camera: float = tuning(
+        18.0,
+        'log odds that the camera is not where it was, beyond which its place is forgotten; '
+        'invented',
+        unit='natural log',
+    )
+    camera_moved: float = tuning(
+        5e-3, 'std of the place of a camera that was moved; invented', unit='m'
+    )
+    camera_turned: float = tuning(0.05, 'std of its turn around the base; invented', unit='rad')
     fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
     small_gain: float = tuning(
         0.05,
