@@ -11,10 +11,10 @@ from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchReading
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
-from pneunet_ros.fusion.belief import CAMERA
+from pneunet_ros.fusion.belief import COLUMNS
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.force_sensor import DISAGREES, Verdict
-from pneunet_ros.fusion.fusion import Fusion, OTHER_TARGETS
+from pneunet_ros.fusion.fusion import CAMERA_MOVED, Fusion, OTHER_TARGETS
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
@@ -447,16 +447,70 @@ def test_a_straight_arm_says_nothing_of_the_force_sensor():
 def test_a_belief_that_keeps_all_frames_out_is_forgotten():
     state = fuse(frames=range(60, 70)).state
     mean = state.belief.mean.copy()
-    mean[CAMERA] = 0.2  # m: where no camera is
+    mean[COLUMNS] = 300.0  # sigma: what no arm is
     root = state.belief.root.copy()
-    root[CAMERA] = 0.0
+    root[COLUMNS] = 0.0
     state = replace(state, belief=replace(state.belief, mean=mean, root=root))
     used = state.frames
     for frame in range(70, 90):
         for event in (sightings(frame), pressure(frame)):
             state, _ = fusion().step(state, event)
-    assert state.unused['inconsistent'] + state.unused.get('no_equilibrium', 0) == FUSION.most_lost
+    assert sum(state.unused.values()) == FUSION.most_lost
     assert state.frames == used + 20 - FUSION.most_lost
+
+
+def moved_camera(frame, seen, turn=0.0, along=0.0, since=60):
+    """Return a frame as a camera sees it that was turned (rad) and moved (m)."""
+    if frame < since:
+        return seen
+    cosine, sine = np.cos(turn), np.sin(turn)
+    x, y = cosine * seen.x - sine * seen.y + along, sine * seen.x + cosine * seen.y
+    return sightings_at(seen.stamp_ns, x, y)
+
+
+@pytest.mark.parametrize('with_wrench', [False, True])
+@pytest.mark.parametrize('turn, along', [(0.0, 3e-4), (0.0, 4e-3), (0.035, 0.0), (-0.05, 2e-3)])
+def test_a_camera_that_is_moved_is_found_and_the_tip_stays_right(turn, along, with_wrench):
+    change = partial(moved_camera, turn=turn, along=along)
+    found = fuse(change=change, with_wrench=with_wrench, frames=range(120))
+    assert found.state.belief.camera_moved
+    assert CAMERA_MOVED in found.estimates[-1].estimate.warnings
+    assert not any(CAMERA_MOVED in one.estimate.warnings for one in found.estimates[:60])
+    covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found.estimates])
+    assert covered(found.tip_error[60:], covariance[60:]) > 0.9
+    assert rms(found.tip_error[70:]) < 1.5e-4
+    assert found.state.sensor is not Verdict.OFF
+
+
+def test_a_camera_that_was_turned_before_the_start_is_found():
+    change = partial(moved_camera, turn=0.015, since=0)
+    found = fuse(change=change, with_wrench=True)
+    moved = [CAMERA_MOVED in one.estimate.warnings for one in found.estimates]
+    assert moved[-1]
+    covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found.estimates])
+    assert covered(found.tip_error[moved], covariance[moved]) > 0.9
+
+
+def test_a_camera_that_stays_is_never_taken_for_moved():
+    for found in (
+        without_wrench(),
+        fuse(with_wrench=True),
+        fuse(effects=(LabCreep(amplitude=0.15, time_constant=60.0),)),
+        fuse(hidden=lambda frame: range(12)),
+    ):
+        assert not found.state.belief.camera_moved
+
+
+def test_a_camera_that_hangs_is_not_believed():
+    def hang(frame, seen):
+        still = sightings(min(frame, 60))
+        return sightings_at(seen.stamp_ns, still.x, still.y)
+
+    found = fuse(change=hang, frames=range(120))
+    assert found.state.unused['repeated'] >= 50
+    assert found.state.frames < 70
+    last = found.estimates[-1]
+    assert found.frame[-1] < 119 or last.mode is Mode.PREDICTION
 
 
 def test_a_frame_that_is_no_arm_is_not_used():

@@ -4,9 +4,10 @@ The unknowns: the tip force, the pressure bias (what creep, hysteresis and a dri
 like), the camera's drift and place, by how much it is turned, by how much the force sensor is off
 (offset and gain), the columns of the model's covariance in sigma, the painted places of the
 targets along and across the arm, the force and place of a contact, and the noise of the readings
-at this stamp. Without a contact its force and place are known to be zero, and the camera is known
-not to be turned unless it was moved. In time the first ones move, each with a largest std of its
-own; model, camera, force sensor and dots stay; noise is new in every reading.
+at this stamp. Without a contact its force and place are known to be zero; a camera that nobody
+moved and a force sensor in order are known to be right, to a hair. In time the first ones move,
+each with a largest std of its own; model, camera, force sensor and dots stay; noise is new in
+every reading.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
         [
             [scale, scale, high - low],
             np.repeat([noise.drift_std, noise.registration_std], 2),
-            [0.0],
+            [settings.camera_turn],
             np.repeat(settings.force_offset * scale, 2),
             [settings.force_gain],
             np.ones(columns),
@@ -219,11 +220,35 @@ def with_other_targets(unknowns: Unknowns, belief: Belief) -> Belief:
     return replace(forgotten, same_targets=False)
 
 
-def with_moved_camera(settings: FusionSettings, belief: Belief) -> Belief:
-    """Return the belief of somebody who knows that the camera is not where it was."""
-    where = np.array([CAMERA.start, CAMERA.start + 1, TURN])
-    std = np.array([settings.camera_moved, settings.camera_moved, settings.camera_turned])
+def with_moved_camera(unknowns: Unknowns, settings: FusionSettings, belief: Belief) -> Belief:
+    """Return the belief of somebody who knows that the camera is not where it was.
+
+    What frames have said of the force sensor may have come from that.
+    """
+    of_sensor = np.arange(OFFSET.start, GAIN + 1)
+    where = np.array([CAMERA.start, CAMERA.start + 1, TURN, *of_sensor])
+    std = np.array(
+        [
+            settings.camera_moved,
+            settings.camera_moved,
+            settings.camera_turned,
+            *unknowns.std[of_sensor],
+        ]
+    )
     return replace(forget(belief, where, std), camera_moved=True)
+
+
+def told_by_frames(unknowns: Unknowns, belief: Belief, which: int) -> tuple[float, float]:
+    """Return what frames say by themselves of an unknown that is known to a hair, and its std.
+
+    By the score of the narrow prior; infinite where they say nothing.
+    Source: Rao, Math. Proc. Cambridge Phil. Soc. 44 (1948).
+    """
+    prior = float(unknowns.std[which])
+    share = 1.0 - (belief.std(which) / prior) ** 2 if prior > 0.0 else 0.0
+    if share <= 0.0:
+        return 0.0, math.inf
+    return float(belief.mean[which]) / share, prior / math.sqrt(share)
 
 
 def with_strange_targets(

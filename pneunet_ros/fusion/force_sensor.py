@@ -23,7 +23,7 @@ from enum import Enum
 import math
 
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.fusion.belief import Belief, GAIN, OFFSET, Unknowns
+from pneunet_ros.fusion.belief import Belief, GAIN, OFFSET, told_by_frames, Unknowns
 from pneunet_ros.fusion.settings import FusionSettings
 
 DISAGREES = (
@@ -78,14 +78,18 @@ def verdict_on(unknowns: Unknowns, settings: FusionSettings, belief: Belief) -> 
     limits = (tolerance * unknowns.force_scale, tolerance * unknowns.force_scale, tolerance)
     verdict = Verdict.IN_ORDER
     for which, limit in zip(range(OFFSET.start, GAIN + 1), limits, strict=True):
-        prior, mean = float(unknowns.std[which]), abs(float(belief.mean[which]))
-        # What frames say by themselves is mean / share, of which the std is prior / sqrt(share).
-        share = 1.0 - (belief.std(which) / prior) ** 2 if prior > 0.0 else 0.0
-        if prior >= limit * math.sqrt(max(share, 0.0)):
+        value, std = told_by_frames(unknowns, belief, which)
+        if std >= limit:
             verdict = Verdict.OPEN  # a straight arm tells hardly anything, and that is not linear
-        elif mean > max(limit * share, settings.sensor_off * prior * math.sqrt(share)):
+        elif abs(value) > max(limit, settings.sure * std):
             return Verdict.OFF
     return verdict
+
+
+def sensor_score(unknowns: Unknowns, belief: Belief) -> float:
+    """Return by how many sigma frames say that the sensor is off."""
+    told = [told_by_frames(unknowns, belief, which) for which in range(OFFSET.start, GAIN + 1)]
+    return max(abs(value) / std for value, std in told)
 
 
 def doubt_after(settings: FusionSettings, doubt: float, gain: float) -> float:

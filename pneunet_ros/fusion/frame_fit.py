@@ -190,8 +190,8 @@ def turned(angle: float) -> Array:
 class Trial:
     """Unknowns that were tried: xi, the arm there, the whitened residual, and what it costs.
 
-    places (2, targets) m: where the targets would be seen; solved: xi of the arm; the others may be
-    a last step further, as good as linear.
+    places (2, targets) m: where targets would be seen; solved: xi of the arm; the others may be a
+    last step further, as good as linear.
     """
 
     xi: Array
@@ -348,11 +348,11 @@ class FrameProblem:
         response = (by_cause.reshape(len(by_cause), -1).T @ causes).reshape(2, targets, -1)
         painted = slice(unknowns.along.start, unknowns.across.stop)
         response[:, :, painted] = placement_jacobian(bent.shape.theta)
+        x = self.mean + self.root @ trial.xi
         if self.prior.camera_moved:
-            x = self.mean + self.root @ trial.xi
             response = np.tensordot(turned(x[TURN]), response, axes=1)
-            across, along = trial.places - (x[CAMERA] + x[DRIFT])[:, None]
-            response[:, :, TURN] = -along, across
+        across, along = trial.places - (x[CAMERA] + x[DRIFT])[:, None]
+        response[:, :, TURN] = -along, across
         for axis in range(2):
             response[axis, :, DRIFT.start + axis] = 1.0
             response[axis, :, CAMERA.start + axis] = 1.0

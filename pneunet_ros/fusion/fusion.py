@@ -41,6 +41,8 @@ from pneunet_ros.fusion.belief import (
     OFFSET,
     scaled_std,
     take_measurement,
+    told_by_frames,
+    TURN,
     Unknowns,
     unknowns_of,
     widen,
@@ -65,6 +67,7 @@ from pneunet_ros.fusion.force_sensor import (
     DISAGREES,
     doubt_after,
     ForceSensorFault,
+    sensor_score,
     Verdict,
     verdict_on,
 )
@@ -522,6 +525,11 @@ class Fusion:
             wrench_age=age,
         )
         weighed = self.weigh_with_targets(state, frame, before)
+        if self.shows_turn(weighed.update.belief):  # all that frames told since has it in it
+            before = without_lessons(self.unknowns, self.settings, before)
+            before = with_moved_camera(self.unknowns, self.settings, before)
+            state = replace(state.without_belief(), sensor=Verdict.OPEN)
+            weighed = self.weigh(state, frame, before)
         if wrench is not None and not self.settings.free_tip:
             state = self.judge_sensor(state, frame, weighed)
             if state.sensor is Verdict.OFF:  # what it has told so far is wrong
@@ -544,6 +552,19 @@ class Fusion:
             pressure_lost=alone,
         )
         return self.after_frame(state, shown_ns, update, wrench)
+
+    def shows_turn(self, belief: Belief | None) -> bool:
+        """Whether frames have surely said that the camera was turned, rather than the sensor off.
+
+        Too little to leave a misfit: a tip force moves the arm much like that.
+        """
+        if belief is None or belief.camera_moved:
+            return False
+        turn, std = told_by_frames(self.unknowns, belief, TURN)
+        limit = self.settings.turn_tolerance
+        if std >= limit or abs(turn) <= max(limit, self.settings.sure * std):
+            return False
+        return abs(turn) > std * sensor_score(self.unknowns, belief)
 
     def judge_sensor(
         self, state: FusionState, frame: ReadFrame, weighed: WeighedFrame
@@ -620,7 +641,7 @@ class Fusion:
             other = with_other_targets(self.unknowns, before)
             weighed = self.better_with(state, frame, other, weighed, settings.other_targets)
         if misfit or (belief is not None and belief.touched and not before.touched):
-            other = with_moved_camera(settings, before)
+            other = with_moved_camera(self.unknowns, settings, before)
             weighed = self.better_with(state, frame, other, weighed, settings.moved_camera)
         return weighed
 

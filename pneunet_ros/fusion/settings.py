@@ -25,8 +25,10 @@ class FusionSettings:
         0.0003, 'std of the offset of a force sensor in order; invented', unit='of the force scale'
     )
     force_gain: float = tuning(0.0003, 'std of the error of its gain; invented')
-    sensor_off: float = tuning(
-        5.0, 'at which the targets show that the force sensor is off', unit='sigma'
+    sure: float = tuning(
+        5.0,
+        'at which the targets show that the force sensor is off, or that the camera was turned',
+        unit='sigma',
     )
     sensor_tolerance: float = tuning(
         0.015,
@@ -95,6 +97,12 @@ class FusionSettings:
         'change of the pressure during which no target moved in the least, beyond which a frame '
         'is a copy of the one before',
         unit='sigma',
+    )
+    camera_turn: float = tuning(
+        3e-5, 'std of the turn of a camera that nobody moved; invented', unit='rad'
+    )
+    turn_tolerance: float = tuning(
+        0.002, 'turn below which a camera is never taken for moved; invented', unit='rad'
     )
     moved_camera: float = tuning(
         18.0,
