@@ -45,6 +45,8 @@ def test_all_fused_topics_are_written_beside_the_inputs(replayed):
     assert all(recording.count([name]) == summary['estimates'] > 0 for name in names)
     assert summary['topics'].keys() == {'pressure', 'targets'}
     assert 'it has no covariance' in summary['std_leaves_out']
+    assert summary['of_the_bench'] == {}
+    assert summary['force_sensor'] is None
     assert recording.count(['/pneunet/targets']) == FRAMES
 
 

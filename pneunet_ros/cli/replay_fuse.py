@@ -20,7 +20,6 @@ from pneunet_ros.cli.verb import (
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.files.model_file import model_hash
-from pneunet_ros.fusion.force_sensor import DISAGREES
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.messages.readings import SENSORS
@@ -87,6 +86,7 @@ def run_fusion(arguments: Namespace) -> int:
         'nis': None if last is None else last.nis,
         'nis_limit': None if last is None else last.nis_limit,
         'beyond_noise': tally.beyond,
+        'of_the_bench': {sentence: count for sentence, count in tally.said.items() if count},
         'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'settings': settings_used(fusion.settings),
         'seconds': time.perf_counter() - begun,
@@ -149,8 +149,9 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
             f'in {tally.beyond} estimates targets were further from the fused shape than noise '
             'explains: run pneunet diagnose',
         ]
-    if last is not None and last.force_sensor is not None:
-        sentences = [*sentences, DISAGREES]
+    for sentence, count in tally.said.items():
+        if count:
+            sentences = [*sentences, f'{sentence} (in {count} estimates)']
     if summary['std_leaves_out']:
         sentences = [*sentences, summary['std_leaves_out']]
     if summary['last_refusal']:

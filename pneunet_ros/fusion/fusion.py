@@ -111,6 +111,7 @@ CAMERA_MOVED = (
     'the camera is not where it was when its place was found: the arm tells where it is; find '
     'base_from_camera anew and reset'
 )
+OF_THE_BENCH = (OTHER_TARGETS, CAMERA_MOVED, DISAGREES)  # what somebody has to mend there
 
 Stamped = TypeVar('Stamped', bound=PressureInstant | WrenchReading)
 
@@ -553,13 +554,20 @@ class Fusion:
         )
         return self.after_frame(state, shown_ns, update, wrench)
 
+    @property
+    def tells_camera(self) -> bool:
+        """Whether the error of the model is known, which else looks like a moved camera."""
+        return self.arm.covariance is not None
+
     def shows_turn(self, belief: Belief | None) -> bool:
         """Whether frames have surely said that the camera was turned, rather than the sensor off.
 
         Too little to leave a misfit: a tip force moves the arm much like that.
         """
-        if belief is None or belief.camera_moved:
+        if belief is None or belief.camera_moved or not self.tells_camera:
             return False
+        if np.trace(belief.force_covariance) > self.largest_force_std**2:
+            return False  # what holds a force that is not determined tells of the rest as well
         turn, std = told_by_frames(self.unknowns, belief, TURN)
         limit = self.settings.turn_tolerance
         if std >= limit or abs(turn) <= max(limit, self.settings.sure * std):
@@ -640,7 +648,8 @@ class Fusion:
         if misfit and before.same_targets:
             other = with_other_targets(self.unknowns, before)
             weighed = self.better_with(state, frame, other, weighed, settings.other_targets)
-        if misfit or (belief is not None and belief.touched and not before.touched):
+        touches = belief is not None and belief.touched and not before.touched
+        if self.tells_camera and (misfit or touches):
             other = with_moved_camera(self.unknowns, settings, before)
             weighed = self.better_with(state, frame, other, weighed, settings.moved_camera)
         return weighed

@@ -9,7 +9,7 @@ from typing import Any
 
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
-from pneunet_ros.fusion.fusion import Fusion
+from pneunet_ros.fusion.fusion import Fusion, OF_THE_BENCH
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS
@@ -90,7 +90,8 @@ class FusionTally:
 
     modes: estimates by mode; determined: estimates with F1, and with F2; contacts: those with a
     contact, and those in which it may be the tip force as well; beyond: those made while the
-    running NIS was more than noise explains.
+    running NIS was more than noise explains; said: those that say what is wrong with the bench, by
+    sentence.
     """
 
     messages: int = 0
@@ -102,6 +103,7 @@ class FusionTally:
     ambiguous: int = 0
     contacts: list[int] = field(default_factory=lambda: [0, 0])
     beyond: int = 0
+    said: dict[str, int] = field(default_factory=lambda: dict.fromkeys(OF_THE_BENCH, 0))
 
     def count(self, step: FusionStep) -> None:
         """Take one step into account."""
@@ -117,5 +119,7 @@ class FusionTally:
             if outcome.contact is not None:
                 self.contacts[outcome.contact.ambiguous] += 1
             self.beyond += outcome.nis > outcome.nis_limit
+            for sentence in self.said:
+                self.said[sentence] += sentence in outcome.estimate.warnings
             for which, value in enumerate(outcome.force.tolist()):
                 self.determined[which] += not math.isnan(value)
