@@ -499,44 +499,17 @@ class Fusion:
         before = state.belief or first_belief(self.unknowns, self.settings, shown_ns)
         if before.frames and shown_ns < before.stamp_ns:
             return state.count_unused('older')
-        instant = self.pressure_at(state, shown_ns)
-        alone = not state.pressures or self.is_stale(
-            nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns
-        )
-        if state.seen is None or not state.seen.is_same(sightings):
-            shown = SeenFrame(x=sightings.x, y=sightings.y, chamber=instant.chamber)
-            state = replace(state, seen=shown)
-        elif not alone:
-            moved = abs(instant.chamber - state.seen.chamber)
-            if moved > self.settings.frozen * instant.std:
-                return state.count_unused('repeated')
         lost = state.lost >= self.settings.frames_lost
+        frame = self.read_frame(state, sightings, force_lost=lost)
+        if state.seen is None or not state.seen.is_same(sightings):
+            chamber = frame.instant.chamber
+            state = replace(state, seen=SeenFrame(x=sightings.x, y=sightings.y, chamber=chamber))
+        elif self.is_copy(state.seen, frame):
+            return state.count_unused('repeated')
         if lost:
             before = without_contact(before)
             state = replace(state, rival=None, log_odds=None)
-        wrench, age = self.used_wrench_at(state, shown_ns)
-        frame = ReadFrame(
-            stamp_ns=shown_ns,
-            sightings=sightings,
-            instant=instant,
-            alone=alone,
-            pressure_lost=state.pressure_lost,
-            force_lost=lost,
-            wrench=wrench,
-            wrench_age=age,
-        )
-        weighed = self.weigh_with_targets(state, frame, before)
-        if self.shows_turn(weighed.update.belief):  # all that frames told since has it in it
-            before = without_lessons(self.unknowns, self.settings, before)
-            before = with_moved_camera(self.unknowns, self.settings, before)
-            state = replace(state.without_belief(), sensor=Verdict.OPEN)
-            weighed = self.weigh(state, frame, before)
-        if wrench is not None and not self.settings.free_tip:
-            state = self.judge_sensor(state, frame, weighed)
-            if state.sensor is Verdict.OFF:  # what it has told so far is wrong
-                state, frame, wrench = state.without_belief(), frame.without_wrench(), None
-                before = first_belief(self.unknowns, self.settings, shown_ns)
-                weighed = self.weigh_with_targets(state, frame, before)
+        state, frame, before, weighed = self.weigh_and_judge(state, frame, before)
         update = weighed.update
         if update.belief is not None:
             belief = with_walk(self.settings, before, update.belief)
@@ -550,9 +523,56 @@ class Fusion:
             rival=weighed.rival,
             log_odds=weighed.log_odds,
             elsewhere=weighed.elsewhere,
-            pressure_lost=alone,
+            pressure_lost=frame.alone,
         )
-        return self.after_frame(state, shown_ns, update, wrench)
+        return self.after_frame(state, shown_ns, update, frame.wrench)
+
+    def read_frame(
+        self, state: FusionState, sightings: TargetSightings, *, force_lost: bool
+    ) -> ReadFrame:
+        """Return a frame with what was read at the stamp of what it shows."""
+        shown_ns = self.shown_ns(sightings)
+        wrench, age = self.used_wrench_at(state, shown_ns)
+        return ReadFrame(
+            stamp_ns=shown_ns,
+            sightings=sightings,
+            instant=self.pressure_at(state, shown_ns),
+            alone=not state.pressures
+            or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
+            pressure_lost=state.pressure_lost,
+            force_lost=force_lost,
+            wrench=wrench,
+            wrench_age=age,
+        )
+
+    def is_copy(self, seen: SeenFrame, frame: ReadFrame) -> bool:
+        """Whether a frame, the same as one before to the last bit, should have been another."""
+        pressed = abs(frame.instant.chamber - seen.chamber)
+        return not frame.alone and pressed > self.settings.frozen * frame.instant.std
+
+    def weigh_and_judge(
+        self, state: FusionState, frame: ReadFrame, before: Belief
+    ) -> tuple[FusionState, ReadFrame, Belief, WeighedFrame]:
+        """Return what a frame says, once it has said whether camera and force sensor are right.
+
+        Beside it the state, the frame and what was believed before it: without what a sensor that
+        is not right has told so far.
+        """
+        state = replace(state, otherwise=None)
+        weighed = self.weigh_with_targets(state, frame, before)
+        if self.shows_turn(weighed.update.belief):
+            before = without_lessons(self.unknowns, self.settings, before)
+            before = with_moved_camera(self.unknowns, self.settings, before)
+            state = replace(state.without_belief(), sensor=Verdict.OPEN)
+            weighed = self.weigh(state, frame, before)
+        if frame.wrench is None or self.settings.free_tip:
+            return state, frame, before, weighed
+        state = self.judge_sensor(state, frame, weighed)
+        if state.sensor is Verdict.OFF:
+            state, frame = state.without_belief(), frame.without_wrench()
+            before = first_belief(self.unknowns, self.settings, frame.stamp_ns)
+            weighed = self.weigh_with_targets(state, frame, before)
+        return state, frame, before, weighed
 
     @property
     def tells_camera(self) -> bool:

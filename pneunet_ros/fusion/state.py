@@ -151,8 +151,16 @@ class FusionState:
         return replace(self.fresh(), readings=self.readings.fresh())
 
     def without_belief(self) -> FusionState:
-        """Forget what frames have told, but for the force sensor."""
-        return replace(self, belief=None, rival=None, log_odds=None, elsewhere=False)
+        """Forget what frames have told, but for the verdict on the force sensor."""
+        return replace(
+            self,
+            belief=None,
+            rival=None,
+            log_odds=None,
+            elsewhere=False,
+            doubt=0.0,
+            otherwise=None,
+        )
 
     def without_frames(self) -> FusionState:
         """Forget the frames; readings and counts go on."""
