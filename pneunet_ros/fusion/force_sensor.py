@@ -28,7 +28,8 @@ from pneunet_ros.fusion.settings import FusionSettings
 
 DISAGREES = (
     'force sensor and targets disagree, and the sensor is not used: check its sign, axes and '
-    'cable, tare it with nothing at the arm and reset, or run pneunet diagnose'
+    'cable, the pressure, and that the camera was not turned; tare it with nothing at the arm and '
+    'reset, or run pneunet diagnose'
 )
 
 

@@ -560,7 +560,7 @@ class Fusion:
         """
         state = replace(state, otherwise=None)
         weighed = self.weigh_with_targets(state, frame, before)
-        if self.shows_turn(weighed.update.belief):
+        if state.sensor is not Verdict.OFF and self.shows_turn(weighed.update.belief):
             before = without_lessons(self.unknowns, self.settings, before)
             before = with_moved_camera(self.unknowns, self.settings, before)
             state = replace(state.without_belief(), sensor=Verdict.OPEN)
