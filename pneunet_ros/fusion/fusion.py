@@ -640,7 +640,7 @@ class Fusion:
 
     def fits_without(self, state: FusionState, frame: ReadFrame, update: FrameUpdate) -> bool:
         """Whether a frame that was not used is explained if the sensor is off, and only then."""
-        if update.reason not in ('inconsistent', 'no_equilibrium'):
+        if frame.force_lost or update.reason not in ('inconsistent', 'no_equilibrium'):
             return False
         anew = state.without_belief()
         return self.explains(anew, frame.without_wrench()) and not self.explains(anew, frame)
@@ -659,10 +659,10 @@ class Fusion:
     def weigh_with_targets(
         self, state: FusionState, frame: ReadFrame, before: Belief
     ) -> WeighedFrame:
-        """Return what a frame says, also if other targets are painted than were."""
+        """Return what a frame says, also if other targets are painted, or the camera was moved."""
         weighed = self.weigh(state, frame, before)
         fit, belief = weighed.update.fit, weighed.update.belief
-        if fit is None:
+        if fit is None or frame.force_lost:  # it was tried with the frames before
             return weighed
         settings, misfit = self.settings, excess(fit) > 1.0
         if misfit and before.same_targets:
