@@ -26,7 +26,7 @@ HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.ge
 )
 WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'no_cfunc_wrapper': True}
 CACHED = {**WITHIN, 'cache': True}
-INLINED = {**WITHIN, 'forceinline': True, 'no_cpython_wrapper': True}
+INLINED = {**WITHIN, 'forceinline': True}
 
 
 def fingerprint(package: Path) -> str:
