@@ -25,6 +25,7 @@ from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.messages.fusion import contact_points
 import pytest
 from support.lab_run import true_model
+from support.nees import squares
 
 RATE = 10.0
 BEGINS, ENDS = 3.0, 6.0  # s
@@ -148,11 +149,6 @@ def tip_errors(recording, found) -> tuple[np.ndarray, np.ndarray]:
     tip = np.array([one.estimate.shape.tip[:2] for one in found])
     covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in found])
     return np.stack([truth.x[:, -1], truth.y[:, -1]], axis=1) - tip, covariance
-
-
-def squares(error, covariance) -> np.ndarray:
-    """Return the chi squared of errors."""
-    return np.sum(error * np.linalg.solve(covariance, error[:, :, None])[:, :, 0], axis=1)
 
 
 def test_the_tip_is_right_in_spite_of_the_push():

@@ -26,6 +26,7 @@ from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 import pytest
 from support.lab_run import true_model
+from support.nees import squares
 
 IN_95 = 5.991  # chi squared of two coordinates
 RATE = 10.0
@@ -127,11 +128,6 @@ class Result:
         known = np.isfinite(self.force_error).all(axis=1)
         covariance = np.array([one.force_covariance for one in self.estimates])
         return covered(self.force_error[known], covariance[known])
-
-
-def squares(error, covariance) -> np.ndarray:
-    solved = np.linalg.solve(covariance, error[:, :, None])[:, :, 0]
-    return np.asarray(np.sum(error * solved, axis=1))
 
 
 def covered(error, covariance) -> float:

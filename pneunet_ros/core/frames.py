@@ -7,12 +7,16 @@ the bending plane, right-handed; angles are counter-clockwise about z.
 from __future__ import annotations
 
 import math
+from typing import TypeVar
+
+from pneunet_ros.core.arrays import Array
 
 BASE_FRAME = 'pneunet_base'
+Coordinate = TypeVar('Coordinate', float, Array)
 
 
-def rotate(angle: float, x: float, y: float) -> tuple[float, float]:
-    """Turn a vector of the plane counter-clockwise by `angle` (rad)."""
+def rotate(angle: float, x: Coordinate, y: Coordinate) -> tuple[Coordinate, Coordinate]:
+    """Turn vectors of the plane counter-clockwise by `angle` (rad)."""
     cosine, sine = math.cos(angle), math.sin(angle)
     return cosine * x - sine * y, sine * x + cosine * y
 

@@ -7,6 +7,7 @@ import math
 from typing import ClassVar
 
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.units import quantity
 from pneunet_ros.effects.effect import Effect, Place
 
@@ -29,5 +30,4 @@ class CameraRotation(Effect):
 
     def see(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Turn the points."""
-        cosine, sine = math.cos(self.angle), math.sin(self.angle)
-        return cosine * x - sine * y, sine * x + cosine * y
+        return rotate(self.angle, x, y)

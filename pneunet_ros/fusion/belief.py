@@ -143,8 +143,8 @@ class Belief:
     on average; lack_weights (scales,): of the sizes of
     what the model lacks, log; chamber: the pressure (Pa) as read, NaN where it was not; solution:
     the rod there, None before the first; frames: how many have been used. same_targets: they are
-    taken for those of the calibration, which knows where they are painted; camera_moved: it is not
-    where it was when the base frame was found.
+    taken for those of the calibration, which knows where they are painted; camera_moved: the
+    camera is not where it was when the base frame was found.
     """
 
     stamp_ns: int
@@ -227,14 +227,8 @@ def with_moved_camera(unknowns: Unknowns, settings: FusionSettings, belief: Beli
     """
     of_sensor = np.arange(OFFSET.start, GAIN + 1)
     where = np.array([CAMERA.start, CAMERA.start + 1, TURN, *of_sensor])
-    std = np.array(
-        [
-            settings.camera_moved,
-            settings.camera_moved,
-            settings.camera_turned,
-            *unknowns.std[of_sensor],
-        ]
-    )
+    moved, turned = settings.camera_moved_by, settings.camera_turned_by
+    std = np.array([moved, moved, turned, *unknowns.std[of_sensor]])
     return replace(forget(belief, where, std), camera_moved=True)
 
 

@@ -17,6 +17,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.fusion.belief import (
@@ -180,12 +181,6 @@ def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:
     return np.vstack([causes, own])
 
 
-def turned(angle: float) -> Array:
-    """Return the matrix (2, 2) that turns places in the base frame by an angle (rad)."""
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return np.array([[cosine, -sine], [sine, cosine]])
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trial:
     """Unknowns that were tried: xi, the arm there, the whitened residual, and what it costs.
@@ -330,7 +325,7 @@ class FrameProblem:
         cosine, sine = np.cos(shape.theta), np.sin(shape.theta)
         along, across = x[unknowns.along], x[unknowns.across]
         places += np.stack([cosine * along - sine * across, sine * along + cosine * across])
-        places = turned(x[TURN]) @ places + (x[CAMERA] + x[DRIFT])[:, None]
+        places = np.stack(rotate(x[TURN], *places)) + (x[CAMERA] + x[DRIFT])[:, None]
         measured = np.stack([self.sightings.x, self.sightings.y])
         residual = (measured - places)[:, self.used].ravel() / self.std
         cost = float(xi @ xi + residual @ residual)
@@ -350,7 +345,7 @@ class FrameProblem:
         response[:, :, painted] = placement_jacobian(bent.shape.theta)
         x = self.mean + self.root @ trial.xi
         if self.prior.camera_moved:
-            response = np.tensordot(turned(x[TURN]), response, axes=1)
+            response = np.stack(rotate(x[TURN], *response))
         across, along = trial.places - (x[CAMERA] + x[DRIFT])[:, None]
         response[:, :, TURN] = -along, across
         for axis in range(2):

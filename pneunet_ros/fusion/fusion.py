@@ -671,7 +671,7 @@ class Fusion:
         touches = belief is not None and belief.touched and not before.touched
         if self.tells_camera and (misfit or touches):
             other = with_moved_camera(self.unknowns, settings, before)
-            weighed = self.better_with(state, frame, other, weighed, settings.moved_camera)
+            weighed = self.better_with(state, frame, other, weighed, settings.camera_moved)
         return weighed
 
     def weigh(self, state: FusionState, frame: ReadFrame, before: Belief) -> WeighedFrame:

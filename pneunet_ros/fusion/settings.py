@@ -27,7 +27,7 @@ class FusionSettings:
     force_gain: float = tuning(0.0003, 'std of the error of its gain; invented')
     sure: float = tuning(
         5.0,
-        'at which the targets show that the force sensor is off, or that the camera was turned',
+        'at which targets show that the force sensor is off, or the camera turned; invented',
         unit='sigma',
     )
     sensor_tolerance: float = tuning(
@@ -95,7 +95,7 @@ class FusionSettings:
     frozen: float = tuning(
         7.0,
         'change of the pressure during which no target moved in the least, beyond which a frame '
-        'is a copy of the one before',
+        'is a copy of the one before; invented',
         unit='sigma',
     )
     camera_turn: float = tuning(
@@ -104,16 +104,16 @@ class FusionSettings:
     turn_tolerance: float = tuning(
         0.002, 'turn below which a camera is never taken for moved; invented', unit='rad'
     )
-    moved_camera: float = tuning(
+    camera_moved: float = tuning(
         18.0,
         'log odds that the camera is not where it was, beyond which its place is forgotten; '
         'invented',
         unit='natural log',
     )
-    camera_moved: float = tuning(
+    camera_moved_by: float = tuning(
         5e-3, 'std of the place of a camera that was moved; invented', unit='m'
     )
-    camera_turned: float = tuning(0.05, 'std of its turn around the base; invented', unit='rad')
+    camera_turned_by: float = tuning(0.05, 'std of its turn around the base; invented', unit='rad')
     fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
     small_gain: float = tuning(
         0.05,
