@@ -48,7 +48,7 @@ def posterior(
     fusion: Fusion, place: float, pressure: float, force: tuple[float, float], way: str
 ) -> Belief | None:
     """Return what one frame tells around the truth; None where there is no stable shape."""
-    arm, unknowns = fusion.arm, fusion.unknowns
+    arm, unknowns = fusion.arm, fusion.bench.unknowns
     prior = with_any_contact(
         first_belief(unknowns, fusion.settings, 0), unknowns.force_scale, arm.length
     )
@@ -63,7 +63,7 @@ def posterior(
     nothing = np.full(count, np.nan)
     names = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
     problem = FrameProblem(
-        table=fusion.table,
+        table=fusion.bench.table,
         unknowns=unknowns,
         settings=fusion.settings,
         prior=dataclasses.replace(prior, mean=freeze(mean)),

@@ -200,7 +200,7 @@ def test_the_point_says_what_was_found_and_there_is_none_without_a_contact():
 
 def test_the_correlation_with_the_tip_force_is_that_of_the_covariance():
     fusion = Fusion(arm=arm())
-    belief = with_any_contact(first_belief(fusion.unknowns, FUSION, 0), 0.1, 0.1)
+    belief = with_any_contact(first_belief(fusion.bench.unknowns, FUSION, 0), 0.1, 0.1)
     assert correlation_with_tip(belief) == 0.0
     root = belief.root.copy()
     root[0, -2], root[0, 0] = 0.6, 0.8

@@ -12,9 +12,10 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import COLUMNS
+from pneunet_ros.fusion.belief_estimate import CAMERA_MOVED, OTHER_TARGETS
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.force_sensor import DISAGREES, Verdict
-from pneunet_ros.fusion.fusion import CAMERA_MOVED, Fusion, OTHER_TARGETS
+from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.settings import FUSION
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.lab.lab_arm import vary_arm
@@ -230,7 +231,7 @@ def test_a_target_that_was_painted_over_is_learned_anew_and_the_others_stay():
     painted = recorded().truth.placement.T.ravel()
     filter_ = with_placement(painted)
     belief = fuse(filter_, change=repainted, frames=range(12)).state.belief
-    off = belief.mean[filter_.unknowns.painted] - painted
+    off = belief.mean[filter_.bench.unknowns.painted] - painted
     assert belief.same_targets
     assert np.hypot(off[moved], off[23 + moved]) == pytest.approx(by, rel=0.3)
     others = np.delete(off, [moved, 23 + moved])
@@ -267,7 +268,7 @@ def test_what_the_model_lacks_is_covered(effect, with_wrench):
 
 def test_creep_outside_the_model_is_measured():
     creeping, sound = fuse(with_wrench=True, effects=(CREEP,)), fuse(with_wrench=True)
-    memory = fusion().unknowns.of_memory
+    memory = fusion().bench.unknowns.of_memory
     late = slice(memory.start, memory.stop - 1)
     assert creeping.state.belief.mean[late].sum() == pytest.approx(CREEP.amplitude, abs=0.05)
     assert sound.state.belief.mean[late].sum() == pytest.approx(0.0, abs=0.05)

@@ -7,46 +7,15 @@ from dataclasses import dataclass, field, replace
 import math
 from types import MappingProxyType
 
-import numpy as np
-from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import count_reason
 from pneunet_ros.core.units import seconds_between
-from pneunet_ros.effects.effect import History
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.force_sensor import Verdict
 from pneunet_ros.fusion.frame_update import ColdRound, Fit
+from pneunet_ros.fusion.readings import PressureInstant, SeenFrame
 from pneunet_ros.solver.solution import SolverNodes
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PressureInstant:
-    """The chamber (Pa, one sigma of its noise) and the effects' history at a pressure reading.
-
-    memory: the pressures (Pa) that lag behind the chamber, and that behind a play.
-    """
-
-    stamp_ns: int
-    gauge: float
-    chamber: float
-    std: float
-    history: tuple[History, ...]
-    memory: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SeenFrame:
-    """Where targets were first seen just so (targets,) m, and the chamber (Pa) then."""
-
-    x: Array
-    y: Array
-    chamber: float
-
-    def is_same(self, sightings: TargetSightings) -> bool:
-        """Whether targets are seen there again to the last bit, which noise never allows."""
-        pairs = ((self.x, sightings.x), (self.y, sightings.y))
-        return all(np.array_equal(one, other, equal_nan=True) for one, other in pairs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,6 +105,12 @@ class FusionState:
     estimates: int = 0
     frames: int = 0
     unused: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+
+    def target_age(self, stamp_ns: int) -> float | None:
+        """Return the age (s) of the last frame that was used; None before the first."""
+        if self.belief is None or not self.belief.frames:
+            return None
+        return seconds_between(self.belief.stamp_ns, stamp_ns)
 
     def fresh(self) -> FusionState:
         """Forget all readings and frames; only the counts go on."""

@@ -143,7 +143,8 @@ def fuse_message(
     event: Event
     try:
         if sensor is TARGETS:
-            event = decode_targets(message, fusion.sensors.frame_id, fusion.unknowns.targets)
+            targets = len(fusion.arm.target_arclength)
+            event = decode_targets(message, fusion.sensors.frame_id, targets)
         else:
             event = sensor.decode(message)
     except MessageError as error:

@@ -8,8 +8,9 @@ import math
 from typing import Any
 
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.fusion.belief_estimate import OF_THE_BENCH
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
-from pneunet_ros.fusion.fusion import Fusion, OF_THE_BENCH
+from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.fusion import fuse_message, FUSION_OUTPUTS
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS

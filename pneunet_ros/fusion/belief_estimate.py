@@ -1,0 +1,345 @@
+"""From what is believed to an estimate at the stamp of a pressure reading, with all its errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import refuse
+from pneunet_ros.estimation.out_of_plane import out_of_plane
+from pneunet_ros.fusion.belief import (
+    Belief,
+    compress,
+    CONTACT,
+    first_belief,
+    FORCE,
+    with_noise,
+)
+from pneunet_ros.fusion.bench import Bench
+from pneunet_ros.fusion.contact import Contact, correlation_with_tip
+from pneunet_ros.fusion.estimate import FusedEstimate, Mode
+from pneunet_ros.fusion.force_sensor import DISAGREES, ForceSensorFault, Verdict
+from pneunet_ros.fusion.frame_fit import (
+    bend_arm,
+    BentArm,
+    causes_of,
+    causes_with_contact,
+    FrameInputs,
+    pressure_like,
+)
+from pneunet_ros.fusion.judgement import confirmed
+from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
+from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
+from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
+from pneunet_ros.measurement.noise_model import target_std
+from pneunet_ros.model.domain_position import DomainPosition, locate_load
+from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
+from pneunet_ros.solver.solution import SolverNodes
+
+OTHER_TARGETS = (
+    'the targets are not painted where the calibration found them: what it knows of their places '
+    'is not used; calibrate anew, or take covariance.placement out of the model file'
+)
+CAMERA_MOVED = (
+    'the camera is not where it was when its place was found: the arm tells where it is; find '
+    'base_from_camera anew and reset'
+)
+OF_THE_BENCH = (OTHER_TARGETS, CAMERA_MOVED, DISAGREES)  # what somebody has to mend there
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BelievedArm:
+    """The arm as it is believed to be at the stamp of a reading.
+
+    belief: moved there; unseen (unknowns, errors): what has moved since the last frame; inputs:
+    what was read; causes: what one of each unknown changes; bent: the rod; position: of its load
+    to the domain of the model.
+    """
+
+    belief: Belief
+    unseen: Array
+    inputs: FrameInputs
+    causes: Array
+    bent: BentArm
+    position: DomainPosition
+
+
+def estimate_at(
+    bench: Bench,
+    state: FusionState,
+    instant: PressureInstant,
+    read: NearWrench | None,
+    mode: Mode,
+    notes: list[str],
+) -> tuple[FusionState, FusedEstimate | Refusal]:
+    """Estimate shape and force at a pressure: the belief moved to its stamp.
+
+    read: the wrench nearest to it, used if the sensor is not off; notes: what to say beside it.
+    """
+    stamp_ns, state = instant.stamp_ns, replace(state, told=True)
+    used = None if state.sensor is Verdict.OFF else read
+    if used is not None:
+        beside = out_of_plane(bench.arm, bench.sensors, used.reading)
+        if beside.stops:
+            return state, refuse(stamp_ns, 'out_of_plane', beside.sentence)
+        notes = [*notes, *([beside.note] if beside.warns else [])]
+    start = state.solution if mode is Mode.PREDICTION else None
+    arm = arm_at(bench, state, instant, used, start)
+    if not arm.bent.shape.converged:
+        state = replace(state, solution=None)
+        return state, refuse(stamp_ns, 'no_equilibrium', arm.bent.shape.status)
+    if arm.position.reason:
+        return state, refuse(stamp_ns, arm.position.reason, arm.position.sentence)
+    estimate = shape_estimate(bench, arm, stamp_ns, mode)
+    if isinstance(estimate, Refusal):
+        return state, estimate
+    if state.otherwise is not None and mode is not Mode.PREDICTION:
+        estimate = holding(bench, estimate, state.otherwise, instant)
+    contact = None if mode is Mode.PREDICTION else contact_at(bench, state, arm, used)
+    ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
+    fault = None
+    if state.sensor is Verdict.OFF:
+        fault = sensor_fault(bench, arm.belief, instant, read, ambiguous=ambiguous)
+    force, covariance = known_force(bench, arm, fault, ambiguous=ambiguous)
+    said = said_of_bench(bench, arm.belief, fault)
+    lacking = pressure_like(bench.unknowns, arm.inputs)
+    fused = FusedEstimate(
+        estimate=replace(
+            estimate,
+            wrench_age=None if used is None else used.age,
+            warnings=(*notes, *arm.position.notes, *estimate.warnings, *said),
+        ),
+        mode=mode,
+        force=force,
+        force_covariance=covariance,
+        contact=contact,
+        pressure_bias=float(lacking @ arm.belief.mean),
+        pressure_bias_std=float(np.linalg.norm(lacking @ arm.belief.root)),
+        force_sensor=fault,
+        ambiguous=ambiguous,
+        nis=math.nan if state.nis is None else state.nis.mean,
+        nis_limit=math.nan if state.nis is None else state.nis.limit,
+        target_age=state.target_age(stamp_ns),
+    )
+    return replace(state, solution=arm.bent.solution, estimates=state.estimates + 1), fused
+
+
+def arm_at(
+    bench: Bench,
+    state: FusionState,
+    instant: PressureInstant,
+    wrench: NearWrench | None,
+    start: SolverNodes | None,
+) -> BelievedArm:
+    """Return the arm as it is believed to be at a reading.
+
+    start: from where the rod is solved, None for where the last frame saw it.
+    """
+    stamp_ns = instant.stamp_ns
+    belief = state.belief or first_belief(bench.unknowns, bench.settings, stamp_ns)
+    inputs = bench.inputs_at(instant, wrench)
+    unseen = np.zeros((belief.mean.size, 0))
+    if belief.stamp_ns != stamp_ns or not belief.frames:
+        pressed = abs(instant.chamber - belief.chamber)
+        columns = belief.root.shape[1]
+        belief = bench.move(belief, stamp_ns, pressed if math.isfinite(pressed) else 0.0)
+        unseen = belief.root[:, columns:]
+        belief = with_noise(belief, inputs.moment_std, inputs.chamber_std)
+    if wrench is not None and wrench.reading.stamp_ns != state.wrench_used_ns:
+        belief = bench.with_wrench(belief, wrench, instant.gauge)
+    causes = causes_of(bench.unknowns, inputs)
+    bent = bend_arm(
+        bench.table,
+        inputs,
+        causes @ belief.mean,
+        start or belief.solution,
+        bench.arclength,
+        quick=False,
+        contact=bench.held_contact(belief),
+    )
+    return BelievedArm(
+        belief=belief,
+        unseen=unseen,
+        inputs=inputs,
+        causes=causes,
+        bent=bent,
+        position=position_of(bench, belief, bent, inputs),
+    )
+
+
+def said_of_bench(bench: Bench, belief: Belief, fault: ForceSensorFault | None) -> list[str]:
+    """Return what somebody has to mend at the bench."""
+    other_targets = bench.unknowns.placement is not None and not belief.same_targets
+    found = (other_targets, belief.camera_moved, fault is not None)
+    return [sentence for sentence, true in zip(OF_THE_BENCH, found, strict=True) if true]
+
+
+def contact_at(
+    bench: Bench, state: FusionState, arm: BelievedArm, wrench: NearWrench | None
+) -> Contact | None:
+    """Return the contact that is seen, None without one."""
+    belief, bent = arm.belief, arm.bent
+    if bent.contact is None or state.log_odds is None:
+        return None
+    force, place = bent.contact.force, bent.contact.place
+    if abs(force) < bench.settings.contact_least * bench.unknowns.force_scale:
+        return None
+    shape, correlation = bent.shape, correlation_with_tip(belief)
+    unconfirmed = wrench is not None and state.sensor is Verdict.OPEN  # it may be the sensor
+    alike = unconfirmed or state.elsewhere or correlation > bench.settings.contact_alike
+    return Contact(
+        x=float(np.interp(place, shape.arclength, shape.x)),
+        y=float(np.interp(place, shape.arclength, shape.y)),
+        arclength=place,
+        std_arclength=belief.std(CONTACT.stop - 1),
+        force=force,
+        std_force=belief.std(CONTACT.start),
+        log_odds=state.log_odds,
+        correlation=correlation,
+        ambiguous=alike and (wrench is None or not confirmed(bench, state)),
+    )
+
+
+def position_of(
+    bench: Bench, belief: Belief, bent: BentArm, inputs: FrameInputs
+) -> DomainPosition:
+    """Return where the load believed stands to the domain of the model."""
+    shape = bent.shape
+    load = Load(
+        pressure=shape.pressure,
+        force_x=shape.force[0],
+        force_y=shape.force[1],
+        moment=shape.end_moment,
+    )
+    force_x, force_y = np.sqrt(np.diagonal(belief.force_covariance)).tolist()
+    std = (force_x, force_y, inputs.moment_std, inputs.chamber_std)
+    return locate_load(bench.arm, load, shape.pressure, std)
+
+
+def shape_estimate(
+    bench: Bench, arm: BelievedArm, stamp_ns: int, mode: Mode
+) -> ShapeEstimate | Refusal:
+    """Return the shape with the errors that the belief carries into it, to second order."""
+    bent, position = arm.bent, arm.position
+    sensitivity = bent.linearize()
+    causes = causes_with_contact(arm.causes, bent.contact)
+    noise = np.ascontiguousarray(compress(causes @ arm.belief.root).T)
+    seen: SeenShape | None = None
+    if mode is Mode.PREDICTION:
+        noise = with_extrapolation_error(noise, position)
+    else:
+        seen = seen_shape(bench, causes @ arm.unseen, sensitivity)
+    errors = propagate_errors(sensitivity, noise, bench.arclength, seen)
+    largest = math.inf
+    if errors is not None:
+        largest = math.sqrt(np.linalg.eigvalsh(errors.tip_covariance[:2, :2])[-1])
+    held = mode is not Mode.PREDICTION or largest <= bench.settings.largest_tip_std
+    if errors is None or not held:
+        return refuse(
+            stamp_ns,
+            'too_uncertain',
+            f'the tip is known to {1e3 * largest:.3g} mm only, more than largest_tip_std = '
+            f'{1e3 * bench.settings.largest_tip_std:.3g} mm'
+            + (': no target was seen lately' if mode is Mode.PREDICTION else ''),
+        )
+    notes = []
+    if bent.shape.stable is False:
+        notes.append('the equilibrium is unstable under dead load')
+    if errors.second_order is None or errors.second_order.step < 1.0:
+        notes.append('an error of one sigma leads to no equilibrium, or to another one')
+    std_x, std_y, std_curvature = errors.std
+    return ShapeEstimate(
+        stamp_ns=stamp_ns,
+        shape=replace(bent.shape, extrapolated=position.extrapolated),
+        chamber_pressure=bent.shape.pressure,
+        jacobian=jacobian_of(bench.arm, sensitivity, arm.inputs.history or ()),
+        tip_covariance=errors.tip_covariance,
+        std_x=std_x,
+        std_y=std_y,
+        std_curvature=std_curvature,
+        wrench_age=None,
+        warnings=tuple(notes),
+        position=position,
+        noise=freeze(noise),
+        curved=errors.second_order,
+    )
+
+
+def holding(
+    bench: Bench, estimate: ShapeEstimate, other: Belief, instant: PressureInstant
+) -> ShapeEstimate:
+    """Return an estimate whose errors hold another shape too, of which nobody can know."""
+    inputs = bench.inputs_at(instant, None)
+    changes = causes_of(bench.unknowns, inputs) @ other.mean
+    bent = bend_arm(bench.table, inputs, changes, other.solution, bench.arclength, quick=False)
+    here, there = estimate.shape, bent.shape
+    if not there.converged:
+        return estimate
+    tip = np.array(there.tip) - np.array(here.tip)
+    return replace(
+        estimate,
+        tip_covariance=freeze(estimate.tip_covariance + np.outer(tip, tip)),
+        std_x=freeze(np.hypot(estimate.std_x, there.x - here.x)),
+        std_y=freeze(np.hypot(estimate.std_y, there.y - here.y)),
+        std_curvature=freeze(np.hypot(estimate.std_curvature, there.curvature - here.curvature)),
+    )
+
+
+def seen_shape(bench: Bench, unseen: Array, sensitivity: Sensitivity) -> SeenShape:
+    """Return where the camera saw the shape, and how well it still says where it is.
+
+    unseen (causes, errors): what has moved since.
+    """
+    noise, places = bench.arm.sensors, bench.arm.target_arclength
+    std = math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
+    moved = np.tensordot(unseen.T, sensitivity.stations(places)[:, :2], axes=1)
+    return SeenShape(arclength=places, std=np.sqrt(std**2 + np.sum(moved**2, axis=0)))
+
+
+def sensor_fault(
+    bench: Bench,
+    belief: Belief,
+    instant: PressureInstant,
+    read: NearWrench | None,
+    *,
+    ambiguous: bool,
+) -> ForceSensorFault:
+    """Return what a force sensor that is off reads, beside what is believed without it."""
+    reading = np.full(2, np.nan)
+    if read is not None:
+        true = bench.arm.sense(load_read(read.reading, instant.gauge))
+        reading = np.array([true.force_x, true.force_y])
+    std = np.sqrt(np.diagonal(belief.force_covariance))
+    unknown = np.full(2, ambiguous) | (std > bench.largest_force_std)
+    return ForceSensorFault(
+        reading=freeze(reading),
+        targets=freeze(np.where(unknown, np.nan, belief.mean[FORCE])),
+        targets_std=freeze(np.where(unknown, np.nan, std)),
+    )
+
+
+def known_force(
+    bench: Bench, arm: BelievedArm, fault: ForceSensorFault | None, *, ambiguous: bool
+) -> tuple[Array, Array]:
+    """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined or ambiguous.
+
+    fault: of a force sensor that is off. It may be right, and the model wrong: while it reads,
+    the covariance holds both.
+    """
+    belief, beyond = arm.belief, np.square(arm.position.error[:2])
+    covariance = belief.force_covariance + np.diag(beyond)
+    if fault is not None and np.isfinite(fault.reading).all():
+        error = fault.reading - belief.mean[FORCE]
+        covariance += np.outer(error, error)
+    determined = np.sqrt(np.diagonal(covariance)) <= bench.largest_force_std
+    if ambiguous:
+        determined = np.zeros(2, dtype=bool)
+    force = np.where(determined, belief.mean[FORCE], np.nan)
+    both = determined[:, None] & determined[None, :]
+    return freeze(force), freeze(np.where(both, covariance, np.nan))

@@ -1,0 +1,154 @@
+"""All that stands still while a fusion runs: the arm, its sensors, and how unknowns act on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.readings import TargetSightings
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
+from pneunet_ros.effects.effect import Load
+from pneunet_ros.estimation.settings import EstimatorSettings
+from pneunet_ros.fusion.belief import (
+    Belief,
+    CONTACT,
+    FORCE,
+    forget,
+    GAIN,
+    move_belief,
+    OFFSET,
+    scaled_std,
+    take_measurement,
+    Unknowns,
+    unknowns_of,
+    widen,
+)
+from pneunet_ros.fusion.frame_fit import contact_of, FrameInputs
+from pneunet_ros.fusion.lack import lack_columns, scale_of
+from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
+from pneunet_ros.fusion.settings import FusionSettings
+from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
+from pneunet_ros.model.arm import Arm
+from pneunet_ros.model.equilibrium import station_arclength
+from pneunet_ros.model.part_load import PartLoad
+from pneunet_ros.model.perturbation import PerturbationTable
+from pneunet_ros.solver.columns import LOADS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bench:
+    """A calibrated arm with its sensors and painted targets, prepared for the fusion.
+
+    Raises ModelError where the arm has no targets.
+    """
+
+    arm: Arm
+    sensors: EstimatorSettings
+    settings: FusionSettings
+    arclength: Array = field(init=False, repr=False)
+    table: PerturbationTable = field(init=False, repr=False)
+    unknowns: Unknowns = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Prepare stations, the table of the model's neighbors, and the unknowns."""
+        if not self.arm.target_arclength.size:
+            raise ModelError('arm.target_arclength is empty: without targets nothing can be fused')
+        stations = station_arclength(self.arm.reach, self.sensors.stations)
+        object.__setattr__(self, 'arclength', stations)
+        object.__setattr__(
+            self,
+            'table',
+            PerturbationTable(arm=self.arm, further=lack_columns(self.settings, self.arm)),
+        )
+        object.__setattr__(self, 'unknowns', unknowns_of(self.arm, self.settings))
+
+    def without(self, belief: Belief, where: slice) -> Belief:
+        """Return a belief that knows of some unknowns what was known before any frame."""
+        scale = scale_of(self.settings, belief.lack_weights)
+        return forget(belief, where, scaled_std(self.unknowns, scale)[where])
+
+    def inputs_at(self, instant: PressureInstant, wrench: NearWrench | None) -> FrameInputs:
+        """Return what acted on the arm, and what columns of the covariance change of it."""
+        std = 0.0 if wrench is None else self.arm.sensors.moment_std
+        columns = self.unknowns.columns
+        by_column = np.zeros(columns)
+        if self.arm.sensing:
+            by_column = self.by_columns(Load(pressure=instant.gauge))[:, PRESSURE]
+        return FrameInputs(
+            chamber=instant.chamber,
+            chamber_std=instant.std,
+            history=instant.history,
+            moment=0.0 if wrench is None else wrench.reading.moment,
+            moment_std=std,
+            by_column=by_column,
+            late=np.array(instant.memory) - instant.chamber,
+        )
+
+    def by_columns(self, reading: Load) -> Array:
+        """Return what one sigma of each column changes of F1, F2, M, pressure: (columns, 4)."""
+        return noise_jacobian(self.table, reading, (0.0,) * 4)[LOADS + 1 :, : PRESSURE + 1]
+
+    def with_wrench(self, belief: Belief, wrench: NearWrench, gauge: float) -> Belief:
+        """Return the belief after an end wrench (base frame), a linear measurement of the force.
+
+        By its age the force may have walked. One that is not where it was believed makes its
+        past forgotten.
+        """
+        reading = load_read(wrench.reading, gauge)
+        true = self.arm.sense(reading)
+        response = np.zeros((2, belief.mean.size))
+        response[:, FORCE] = np.eye(2)
+        if not self.settings.free_tip:  # then nobody reads it
+            response[:, OFFSET] = np.eye(2)
+            response[:, GAIN] = true.force_x, true.force_y
+        if self.arm.sensing:
+            response[:, self.unknowns.of_columns] = -self.by_columns(reading)[:, FORCE].T
+        std = math.hypot(self.arm.sensors.force_std, belief.walk * math.sqrt(abs(wrench.age)))
+        value = np.array([true.force_x, true.force_y])
+        innovation = value - response @ belief.mean
+        spread = response @ belief.root
+        covariance = spread @ spread.T + std**2 * np.eye(2)
+        if innovation @ np.linalg.solve(covariance, innovation) > self.settings.force_gate:
+            belief = self.without(belief, FORCE)
+        return take_measurement(belief, response, value, np.full(2, std))
+
+    def move(self, belief: Belief, stamp_ns: int, pressed: float) -> Belief:
+        """Return the belief at a later stamp, with a contact that may have walked.
+
+        pressed (Pa): by how much the pressure has moved since.
+        """
+        scale = scale_of(self.settings, belief.lack_weights)
+        moved = move_belief(self.unknowns, belief, stamp_ns, scale, pressed)
+        if not belief.touched:
+            return moved
+        seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
+        force_walk = min(belief.walk, self.settings.contact_walk)
+        walk = np.array([force_walk, self.settings.place_walk])
+        return widen(moved, CONTACT, walk * math.sqrt(seconds))
+
+    @property
+    def largest_force_std(self) -> float:
+        """The standard deviation (N) beyond which a component of the force is not determined."""
+        return self.settings.determined * self.unknowns.force_scale
+
+    def shown_ns(self, sightings: TargetSightings) -> int:
+        """Return the stamp of what a frame shows."""
+        return sightings.stamp_ns - round(self.arm.frame_delay * NANOSECONDS_PER_SECOND)
+
+    def held_contact(self, belief: Belief) -> PartLoad | None:
+        """Return the contact that is believed, on the arm; None without one."""
+        if not belief.touched:
+            return None
+        low, high = self.settings.contact_places
+        mean = belief.mean.copy()
+        place = CONTACT.stop - 1
+        mean[place] = min(max(mean[place], low * self.arm.length), high * self.arm.length)
+        return contact_of(self.arm, self.settings, mean)
+
+    @property
+    def tells_camera(self) -> bool:
+        """Whether the error of the model is known, which else looks like a moved camera."""
+        return self.arm.covariance is not None

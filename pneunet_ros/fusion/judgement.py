@@ -1,0 +1,259 @@
+"""What a frame says: of the arm, of a contact, and of who is wrong where nothing explains it.
+
+A frame is taken by the belief that led, and weighed against the others: a contact along the arm
+(`contact`), targets painted elsewhere, a camera that was moved or turned, a force sensor that is
+off (`force_sensor`). Where one of them is surely right, what had been learned without it is
+forgotten.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from pneunet_ros.core.units import seconds_between
+from pneunet_ros.fusion.belief import (
+    Belief,
+    compress,
+    first_belief,
+    FORCE,
+    lack_grown,
+    OF_BIAS,
+    told_by_frames,
+    TURN,
+    widen,
+    with_moved_camera,
+    with_noise,
+    with_other_targets,
+    without_lessons,
+)
+from pneunet_ros.fusion.bench import Bench
+from pneunet_ros.fusion.contact import (
+    evidence_cost,
+    gain_without,
+    weigh_hypotheses,
+    WeighedFrame,
+)
+from pneunet_ros.fusion.force_sensor import doubt_after, sensor_score, Verdict, verdict_on
+from pneunet_ros.fusion.frame_fit import FrameProblem
+from pneunet_ros.fusion.frame_update import excess, FrameUpdate, take_frame
+from pneunet_ros.fusion.lack import LackGrowth, scale_of
+from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
+from pneunet_ros.fusion.state import FusionState
+
+
+def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
+    """Whether a frame, the same as one before to the last bit, should have been another."""
+    pressed = abs(frame.instant.chamber - seen.chamber)
+    return not frame.alone and pressed > bench.settings.frozen * frame.instant.std
+
+
+def weigh_and_judge(
+    bench: Bench, state: FusionState, frame: ReadFrame, before: Belief
+) -> tuple[FusionState, ReadFrame, Belief, WeighedFrame]:
+    """Return what a frame says, once it has said whether camera and force sensor are right.
+
+    Beside it the state, the frame and what was believed before it: without what a sensor that
+    is not right has told so far.
+    """
+    state = replace(state, otherwise=None)
+    weighed = weigh_with_targets(bench, state, frame, before)
+    if state.sensor is not Verdict.OFF and shows_turn(bench, weighed.update.belief):
+        before = without_lessons(bench.unknowns, bench.settings, before)
+        before = with_moved_camera(bench.unknowns, bench.settings, before)
+        state = replace(state.without_belief(), sensor=Verdict.OPEN)
+        weighed = weigh(bench, state, frame, before)
+    if frame.wrench is None or bench.settings.free_tip:
+        return state, frame, before, weighed
+    state = judge_sensor(bench, state, frame, weighed)
+    if state.sensor is Verdict.OFF:
+        state, frame = state.without_belief(), frame.without_wrench()
+        before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
+        weighed = weigh_with_targets(bench, state, frame, before)
+    return state, frame, before, weighed
+
+
+def shows_turn(bench: Bench, belief: Belief | None) -> bool:
+    """Whether frames have surely said that the camera was turned, rather than the sensor off.
+
+    Too little to leave a misfit: a tip force moves the arm much like that.
+    """
+    if belief is None or belief.camera_moved or not bench.tells_camera:
+        return False
+    if np.trace(belief.force_covariance) > bench.largest_force_std**2:
+        return False  # what holds a force that is not determined tells of the rest as well
+    turn, std = told_by_frames(bench.unknowns, belief, TURN)
+    limit = bench.settings.turn_tolerance
+    if std >= limit or abs(turn) <= max(limit, bench.settings.sure * std):
+        return False
+    return abs(turn) > std * sensor_score(bench.unknowns, belief)
+
+
+def judge_sensor(
+    bench: Bench, state: FusionState, frame: ReadFrame, weighed: WeighedFrame
+) -> FusionState:
+    """Return the state with the verdict on a force sensor that is used, after a frame.
+
+    A contact confirms nothing. What fits better without sensor and contact is summed up, by
+    how much; of a sensor that was never confirmed one frame is enough which nothing explains.
+    """
+    update, known = weighed.update, state.sensor
+    verdict, without = known, None
+    if update.belief is None:
+        _, gain = bench.settings.sensor_gain
+        if not fits_without(bench, state, frame, update):
+            gain = 0.0
+        elif known is Verdict.OPEN:
+            verdict = Verdict.OFF
+    else:
+        said = verdict_on(bench.unknowns, bench.settings, update.belief)
+        if said is Verdict.OFF or (said is Verdict.IN_ORDER and not update.belief.touched):
+            verdict = said
+        without = without_sensor(bench, state, frame, update)
+        gain = gain_without(without, update, frame.sightings.seen)
+    doubt = doubt_after(bench.settings, state.doubt, gain)
+    if doubt >= bench.settings.sensor_doubt:
+        verdict = Verdict.OFF
+    otherwise = None if without is None or known is not Verdict.OPEN else without.belief
+    return replace(state, sensor=verdict, doubt=doubt, otherwise=otherwise)
+
+
+def without_sensor(
+    bench: Bench, state: FusionState, frame: ReadFrame, update: FrameUpdate
+) -> FrameUpdate | None:
+    """Return what became of a frame with a contact if the sensor is off and nothing touches.
+
+    None without a contact, and where it explains the frame and the sensor is confirmed.
+    """
+    belief, fit = update.belief, update.fit
+    if belief is None or fit is None or not belief.touched:
+        return None
+    if state.sensor is Verdict.IN_ORDER and excess(fit) < bench.settings.sensor_misfit:
+        return None
+    before = without_lessons(bench.unknowns, bench.settings, belief)
+    problem = problem_of(bench, frame.without_wrench(), before)
+    return take_frame(problem, cold=False, found_better=False, force_read=False)
+
+
+def fits_without(bench: Bench, state: FusionState, frame: ReadFrame, update: FrameUpdate) -> bool:
+    """Whether a frame that was not used is explained if the sensor is off, and only then."""
+    if frame.force_lost or update.reason not in ('inconsistent', 'no_equilibrium'):
+        return False
+    anew = state.without_belief()
+    return explains(bench, anew, frame.without_wrench()) and not explains(bench, anew, frame)
+
+
+def explains(bench: Bench, state: FusionState, frame: ReadFrame) -> bool:
+    """Whether noise explains a frame to which nothing is known."""
+    before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
+    fit = weigh(bench, state, frame, before).update.fit
+    return fit is not None and excess(fit) <= 1.0
+
+
+def confirmed(bench: Bench, state: FusionState) -> bool:
+    """Whether a wrench surely tells the tip force: of a confirmed sensor, or nothing pulls."""
+    return bench.settings.free_tip or state.sensor is Verdict.IN_ORDER
+
+
+def weigh_with_targets(
+    bench: Bench, state: FusionState, frame: ReadFrame, before: Belief
+) -> WeighedFrame:
+    """Return what a frame says, also if other targets are painted, or the camera was moved."""
+    weighed = weigh(bench, state, frame, before)
+    fit, belief = weighed.update.fit, weighed.update.belief
+    if fit is None or frame.force_lost:  # it was tried with the frames before
+        return weighed
+    settings, misfit = bench.settings, excess(fit) > 1.0
+    if misfit and before.same_targets:
+        other = with_other_targets(bench.unknowns, before)
+        weighed = better_with(bench, state, frame, other, weighed, settings.other_targets)
+    touches = belief is not None and belief.touched and not before.touched
+    if bench.tells_camera and (misfit or touches):
+        other = with_moved_camera(bench.unknowns, settings, before)
+        weighed = better_with(bench, state, frame, other, weighed, settings.camera_moved)
+    return weighed
+
+
+def weigh(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> WeighedFrame:
+    """Return what a frame says, of a contact and of none, to what was believed before it."""
+    problem = problem_of(bench, frame, before)
+    update = take_frame(
+        problem,
+        cold=frame.force_lost or not before.frames,
+        found_better=state.found_better,
+        force_read=frame.wrench is not None,
+    )
+    rival = None if state.rival is None else problem_of(bench, frame, state.rival)
+    odds = -bench.settings.contact_bound if state.log_odds is None else state.log_odds
+    return weigh_hypotheses(
+        update,
+        problem,
+        rival,
+        odds,
+        elsewhere=state.elsewhere,
+        force_read=frame.wrench is not None and confirmed(bench, state),
+    )
+
+
+def better_with(
+    bench: Bench,
+    state: FusionState,
+    frame: ReadFrame,
+    other: Belief,
+    weighed: WeighedFrame,
+    log_odds: float,
+) -> WeighedFrame:
+    """Return what a frame says to another belief, if it surely says that this one is right.
+
+    log_odds: against it, before the frame.
+    """
+    again = weigh(bench, replace(state, rival=None, log_odds=None), frame, other)
+    seen = frame.sightings.seen
+    if weighed.update.fit is None or again.update.fit is None:
+        return weighed
+    gain = evidence_cost(weighed.update.fit, seen) - evidence_cost(again.update.fit, seen)
+    return again if gain > 2.0 * log_odds else weighed
+
+
+def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
+    """Return a frame beside what was believed before it.
+
+    From frame to frame the force is free: a frame must not inherit what the last one erred.
+    But it is not drawn to zero either, frame after frame, which the unknowns that stay would
+    take for evidence.
+    """
+    free = replace(belief, walk=bench.settings.largest_walk)
+    pressed = abs(frame.instant.chamber - belief.chamber)
+    pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
+    moved, growth = bench.move(free, frame.stamp_ns, pressed), None
+    prior = replace(moved, root=compress(moved.root))
+    if frame.alone:
+        std = bench.settings.unknown_pressure * bench.unknowns.range
+        prior = widen(prior, OF_BIAS, np.array([std]))
+    else:
+        seconds = seconds_between(free.stamp_ns, frame.stamp_ns) if free.frames else math.inf
+        growth = LackGrowth(
+            scale=scale_of(bench.settings, belief.lack_weights),
+            grown=lack_grown(bench.unknowns, seconds, pressed),
+            seconds=seconds,
+        )
+        if frame.pressure_lost:
+            prior = bench.without(prior, OF_BIAS)
+    if frame.force_lost:
+        prior = bench.without(prior, FORCE)
+    if frame.wrench is not None:
+        prior = bench.with_wrench(prior, frame.wrench, frame.instant.gauge)
+    instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
+    inputs = bench.inputs_at(instant, frame.wrench)
+    sightings = frame.sightings
+    return FrameProblem(
+        table=bench.table,
+        unknowns=bench.unknowns,
+        settings=bench.settings,
+        prior=with_noise(prior, inputs.moment_std, inputs.chamber_std),
+        growth=growth,
+        inputs=inputs,
+        sightings=sightings,
+        used=np.isfinite(sightings.x) & np.isfinite(sightings.y),
+    )

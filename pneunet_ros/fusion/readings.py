@@ -1,0 +1,98 @@
+"""Readings and frames as a fusion keeps them, until those come that belong to them."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.readings import TargetSightings, WrenchReading
+from pneunet_ros.effects.effect import History, Load
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureInstant:
+    """The chamber (Pa, one sigma of its noise) and the effects' history at a pressure reading.
+
+    memory: the pressures (Pa) that lag behind the chamber, and that behind a play.
+    """
+
+    stamp_ns: int
+    gauge: float
+    chamber: float
+    std: float
+    history: tuple[History, ...]
+    memory: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenFrame:
+    """Where targets were first seen just so (targets,) m, and the chamber (Pa) then."""
+
+    x: Array
+    y: Array
+    chamber: float
+
+    def is_same(self, sightings: TargetSightings) -> bool:
+        """Whether targets are seen there again to the last bit, which noise never allows."""
+        pairs = ((self.x, sightings.x), (self.y, sightings.y))
+        return all(np.array_equal(one, other, equal_nan=True) for one, other in pairs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NearWrench:
+    """The end wrench (base frame) nearest to a stamp, and its age (s) there."""
+
+    reading: WrenchReading
+    age: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReadFrame:
+    """A frame with what was read at the stamp of what it shows.
+
+    alone: no pressure is known there; pressure_lost: it was not at the frame before; force_lost:
+    nothing is known of the force; wrench: None where none is near that may be used.
+    """
+
+    stamp_ns: int
+    sightings: TargetSightings
+    instant: PressureInstant
+    alone: bool
+    pressure_lost: bool
+    force_lost: bool
+    wrench: NearWrench | None
+
+    def without_wrench(self) -> ReadFrame:
+        """Return it as if nobody had read the force."""
+        return replace(self, wrench=None)
+
+
+Stamped = TypeVar('Stamped', bound=PressureInstant | WrenchReading)
+
+
+def stamp_of(reading: Stamped) -> int:
+    """Return the stamp (ns) of a reading."""
+    return reading.stamp_ns
+
+
+def followed_by(known: tuple[Stamped, ...], reading: Stamped, most: int) -> tuple[Stamped, ...]:
+    """Return readings in the order of their stamps and one that makes later ones void."""
+    earlier = bisect_left(known, reading.stamp_ns, key=stamp_of)
+    return (*known[max(earlier + 1 - most, 0) : earlier], reading)
+
+
+def nearest_to(known: tuple[Stamped, ...], stamp_ns: int) -> Stamped:
+    """Return the reading nearest to a stamp, of two the earlier one."""
+    after = bisect_left(known, stamp_ns, key=stamp_of)
+    beside = known[max(after - 1, 0) : after + 1]
+    return min(beside, key=lambda one: abs(one.stamp_ns - stamp_ns))
+
+
+def load_read(wrench: WrenchReading, gauge: float) -> Load:
+    """Return what sensors read of the load: an end wrench and a pressure (Pa)."""
+    return Load(
+        pressure=gauge, force_x=wrench.force_x, force_y=wrench.force_y, moment=wrench.moment
+    )
