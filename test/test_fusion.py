@@ -442,7 +442,7 @@ def test_a_straight_arm_says_nothing_of_the_force_sensor():
 
 
 def test_a_belief_that_keeps_all_frames_out_is_forgotten():
-    state = fuse(frames=range(60, 70)).state
+    state = fusion().settle(fuse(frames=range(60, 70)).state)
     mean = state.belief.mean.copy()
     mean[COLUMNS] = 300.0  # sigma: what no arm is
     root = state.belief.root.copy()

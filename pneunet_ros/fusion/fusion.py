@@ -22,14 +22,20 @@ from pneunet_ros.estimation.estimator import reference_hint, refuse
 from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit
-from pneunet_ros.fusion.belief import first_belief, OF_BIAS, with_strange_targets, with_walk
+from pneunet_ros.fusion.belief import (
+    Belief,
+    first_belief,
+    OF_BIAS,
+    with_strange_targets,
+    with_walk,
+)
 from pneunet_ros.fusion.belief_estimate import estimate_at
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.contact import without_contact
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.force_sensor import Verdict
-from pneunet_ros.fusion.frame_update import ColdRound, FrameUpdate, look_elsewhere
-from pneunet_ros.fusion.judgement import is_copy, weigh_and_judge
+from pneunet_ros.fusion.frame_update import ColdRound, look_elsewhere
+from pneunet_ros.fusion.judgement import explains_all, is_copy, take, weigh_and_judge
 from pneunet_ros.fusion.lack import remember
 from pneunet_ros.fusion.readings import (
     followed_by,
@@ -41,7 +47,7 @@ from pneunet_ros.fusion.readings import (
     stamp_of,
 )
 from pneunet_ros.fusion.settings import FUSION, FusionSettings
-from pneunet_ros.fusion.state import FusionState, RunningNis
+from pneunet_ros.fusion.state import FusionState, RunningNis, TakenFrame
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.domain_position import locate_load, OUT_OF_RANGE
 
@@ -98,12 +104,12 @@ class Fusion:
         return self.take_pressure(state, event, [note] if note else [])
 
     def settle(self, state: FusionState) -> FusionState:
-        """Do what no estimate has to wait for: look for another force that explains the frame.
+        """Do what no estimate has to wait for: doubt the last frame.
 
         A node does it when an estimate is out; where nobody did, the next step does. What comes of
         all steps is the same.
         """
-        return self.check_frame(state) if state.told else state
+        return self.doubt_frame(state) if state.told else state
 
     def take_wrench(
         self, state: FusionState, reading: WrenchReading
@@ -297,12 +303,15 @@ class Fusion:
         """Return the state where the pressure is read again."""
         if not state.pressure_lost or state.belief is None:
             return state
+        state = self.doubt_frame(state)  # of a frame whose pressure nobody had read
+        if state.belief is None:
+            return state
         belief = self.bench.without(state.belief, OF_BIAS)
         return replace(state, belief=belief, pressure_lost=False)
 
     def use_frame(self, state: FusionState, sightings: TargetSightings) -> FusionState:
         """Take a frame into the belief."""
-        state = self.check_frame(state)
+        state = self.doubt_frame(state)
         if not sightings.seen:
             return state.count_unused('not_seen')
         shown_ns = self.bench.shown_ns(sightings)
@@ -321,23 +330,13 @@ class Fusion:
         if lost:
             before = without_contact(before)
             state = replace(state, rival=None, log_odds=None)
-        state, frame, before, weighed = weigh_and_judge(self.bench, state, frame, before)
-        update = weighed.update
-        if update.belief is not None:
-            belief = with_walk(self.settings, before, update.belief)
-            if belief.same_targets and update.left_out and update.fit:
-                seen = np.isfinite(sightings.x) & np.isfinite(sightings.y)
-                strange = np.flatnonzero(seen & ~update.fit[0].used)
-                belief = with_strange_targets(self.bench.unknowns, self.settings, belief, strange)
-            update = replace(update, belief=belief)
-        state = replace(
-            state,
-            rival=weighed.rival,
-            log_odds=weighed.log_odds,
-            elsewhere=weighed.elsewhere,
-            pressure_lost=frame.alone,
-        )
-        return self.after_frame(state, shown_ns, update, frame.wrench)
+        taken, unweighed = take(self.bench, state, frame, before), None
+        if explains_all(taken) and not lost:
+            unweighed = taken
+        else:
+            state, taken = weigh_and_judge(self.bench, state, taken)
+        state = replace(state, unweighed=unweighed, pressure_lost=frame.alone)
+        return self.after_frame(state, taken)
 
     def read_frame(
         self, state: FusionState, sightings: TargetSightings, *, force_lost: bool
@@ -356,11 +355,9 @@ class Fusion:
             wrench=None if state.sensor is Verdict.OFF else wrench,
         )
 
-    def after_frame(
-        self, state: FusionState, shown_ns: int, update: FrameUpdate, wrench: NearWrench | None
-    ) -> FusionState:
-        """Remember what became of a frame."""
-        nis = state.nis
+    def after_frame(self, state: FusionState, taken: TakenFrame) -> FusionState:
+        """Remember what became of a frame, and count it."""
+        nis, update, shown_ns = state.nis, taken.update, taken.frame.stamp_ns
         if update.coordinates:
             limit = chi_square_limit(update.coordinates, self.settings.quantile)
             value = update.nis / update.coordinates
@@ -372,15 +369,21 @@ class Fusion:
             )
         if update.belief is None:
             return replace(state, nis=nis, lost=state.lost + 1).count_unused(update.reason)
+        state = replace(state, nis=nis, told=False, lost=0, frames=state.frames + 1)
+        return self.with_taken(state, taken, update.belief)
+
+    def with_taken(self, state: FusionState, taken: TakenFrame, after: Belief) -> FusionState:
+        """Remember what is believed after a frame, and what of it is still to be looked at."""
+        frame, update, settings = taken.frame, taken.update, self.settings
+        belief = with_walk(settings, taken.before, after)
+        if belief.same_targets and update.left_out and update.fit:
+            strange = np.flatnonzero(taken.problem.used & ~update.fit[0].used)
+            belief = with_strange_targets(self.bench.unknowns, settings, belief, strange)
         state = replace(
             state,
-            belief=update.belief,
-            wrench_used_ns=None if wrench is None else wrench.reading.stamp_ns,
-            nis=nis,
+            belief=belief,
+            wrench_used_ns=None if frame.wrench is None else frame.wrench.reading.stamp_ns,
             unchecked=update.unchecked,
-            told=False,
-            lost=0,
-            frames=state.frames + 1,
         )
         if not update.settled:
             return state
@@ -392,12 +395,21 @@ class Fusion:
             cold_round=ColdRound(),
         )
 
-    def check_frame(self, state: FusionState) -> FusionState:
-        """Look for another force that explains the last frame, where nobody did.
+    def doubt_frame(self, state: FusionState) -> FusionState:
+        """Weigh the last frame against all else that it may be, then look for another force.
 
-        One that explains it better leaves the force ambiguous, and the search in the next frame
-        begins everywhere.
+        A force that explains it better leaves the force ambiguous, and the search in the next
+        frame begins everywhere.
         """
+        if state.unweighed is not None:
+            state, taken = weigh_and_judge(
+                self.bench, replace(state, unweighed=None), state.unweighed
+            )
+            belief = taken.update.belief
+            if belief is None:
+                state = replace(state, belief=None, unchecked=None)
+            else:
+                state = self.with_taken(state, taken, belief)
         if state.unchecked is None:
             return state
         gain, round_ = look_elsewhere(state.unchecked, state.cold_round)

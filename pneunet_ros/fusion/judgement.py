@@ -1,9 +1,10 @@
 """What a frame says: of the arm, of a contact, and of who is wrong where nothing explains it.
 
-A frame is taken by the belief that led, and weighed against the others: a contact along the arm
-(`contact`), targets painted elsewhere, a camera that was moved or turned, a force sensor that is
-off (`force_sensor`). Where one of them is surely right, what had been learned without it is
-forgotten.
+A frame is taken by what was believed, and then weighed against all else that it may be: a contact
+along the arm (`contact`), targets painted elsewhere, a camera that was moved or turned, a force
+sensor that is off (`force_sensor`). Where one of them is surely right, what had been learned
+without it is forgotten. If noise explains a frame as it was taken, the weighing can wait until the
+estimate is out.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import excess, FrameUpdate, take_frame
 from pneunet_ros.fusion.lack import LackGrowth, scale_of
 from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
-from pneunet_ros.fusion.state import FusionState
+from pneunet_ros.fusion.state import FusionState, TakenFrame
 
 
 def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
@@ -49,29 +50,56 @@ def is_copy(bench: Bench, seen: SeenFrame, frame: ReadFrame) -> bool:
     return not frame.alone and pressed > bench.settings.frozen * frame.instant.std
 
 
+def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> TakenFrame:
+    """Return what a frame says by the hypothesis that led, to what was believed before it."""
+    problem = problem_of(bench, frame, before)
+    update = take_frame(
+        problem,
+        cold=frame.force_lost or not before.frames,
+        found_better=state.found_better,
+        force_read=frame.wrench is not None,
+    )
+    return TakenFrame(frame=frame, before=before, problem=problem, update=update)
+
+
+def explains_all(taken: TakenFrame) -> bool:
+    """Whether noise explains every target of a frame that was taken, so that doubts can wait."""
+    fit = taken.update.fit
+    return (
+        taken.update.belief is not None
+        and fit is not None
+        and not taken.update.left_out
+        and excess(fit) <= 1.0
+    )
+
+
 def weigh_and_judge(
-    bench: Bench, state: FusionState, frame: ReadFrame, before: Belief
-) -> tuple[FusionState, ReadFrame, Belief, WeighedFrame]:
+    bench: Bench, state: FusionState, taken: TakenFrame
+) -> tuple[FusionState, TakenFrame]:
     """Return what a frame says, once it has said whether camera and force sensor are right.
 
-    Beside it the state, the frame and what was believed before it: without what a sensor that
-    is not right has told so far.
+    Beside it the state: without what a sensor that is not right has told so far.
     """
     state = replace(state, otherwise=None)
-    weighed = weigh_with_targets(bench, state, frame, before)
+    frame, before = taken.frame, taken.before
+    weighed = weigh_with_targets(bench, state, taken)
     if state.sensor is not Verdict.OFF and shows_turn(bench, weighed.update.belief):
         before = without_lessons(bench.unknowns, bench.settings, before)
         before = with_moved_camera(bench.unknowns, bench.settings, before)
         state = replace(state.without_belief(), sensor=Verdict.OPEN)
-        weighed = weigh(bench, state, frame, before)
-    if frame.wrench is None or bench.settings.free_tip:
-        return state, frame, before, weighed
-    state = judge_sensor(bench, state, frame, weighed)
-    if state.sensor is Verdict.OFF:
-        state, frame = state.without_belief(), frame.without_wrench()
-        before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
-        weighed = weigh_with_targets(bench, state, frame, before)
-    return state, frame, before, weighed
+        taken = take(bench, state, frame, before)
+        weighed = weigh(bench, state, taken)
+    if frame.wrench is not None and not bench.settings.free_tip:
+        state = judge_sensor(bench, state, frame, weighed)
+        if state.sensor is Verdict.OFF:
+            state = state.without_belief()
+            before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
+            taken = take(bench, state, frame.without_wrench(), before)
+            weighed = weigh_with_targets(bench, state, taken)
+    state = replace(
+        state, rival=weighed.rival, log_odds=weighed.log_odds, elsewhere=weighed.elsewhere
+    )
+    return state, replace(taken, update=weighed.update)
 
 
 def shows_turn(bench: Bench, belief: Belief | None) -> bool:
@@ -147,7 +175,7 @@ def fits_without(bench: Bench, state: FusionState, frame: ReadFrame, update: Fra
 def explains(bench: Bench, state: FusionState, frame: ReadFrame) -> bool:
     """Whether noise explains a frame to which nothing is known."""
     before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
-    fit = weigh(bench, state, frame, before).update.fit
+    fit = weigh(bench, state, take(bench, state, frame, before)).update.fit
     return fit is not None and excess(fit) <= 1.0
 
 
@@ -156,39 +184,31 @@ def confirmed(bench: Bench, state: FusionState) -> bool:
     return bench.settings.free_tip or state.sensor is Verdict.IN_ORDER
 
 
-def weigh_with_targets(
-    bench: Bench, state: FusionState, frame: ReadFrame, before: Belief
-) -> WeighedFrame:
+def weigh_with_targets(bench: Bench, state: FusionState, taken: TakenFrame) -> WeighedFrame:
     """Return what a frame says, also if other targets are painted, or the camera was moved."""
-    weighed = weigh(bench, state, frame, before)
+    weighed, before = weigh(bench, state, taken), taken.before
     fit, belief = weighed.update.fit, weighed.update.belief
-    if fit is None or frame.force_lost:  # it was tried with the frames before
+    if fit is None or taken.frame.force_lost:  # it was tried with the frames before
         return weighed
     settings, misfit = bench.settings, excess(fit) > 1.0
     if misfit and before.same_targets:
         other = with_other_targets(bench.unknowns, before)
-        weighed = better_with(bench, state, frame, other, weighed, settings.other_targets)
+        weighed = better_with(bench, state, taken.frame, other, weighed, settings.other_targets)
     touches = belief is not None and belief.touched and not before.touched
     if bench.tells_camera and (misfit or touches):
         other = with_moved_camera(bench.unknowns, settings, before)
-        weighed = better_with(bench, state, frame, other, weighed, settings.camera_moved)
+        weighed = better_with(bench, state, taken.frame, other, weighed, settings.camera_moved)
     return weighed
 
 
-def weigh(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> WeighedFrame:
-    """Return what a frame says, of a contact and of none, to what was believed before it."""
-    problem = problem_of(bench, frame, before)
-    update = take_frame(
-        problem,
-        cold=frame.force_lost or not before.frames,
-        found_better=state.found_better,
-        force_read=frame.wrench is not None,
-    )
+def weigh(bench: Bench, state: FusionState, taken: TakenFrame) -> WeighedFrame:
+    """Return what a frame says, of a contact and of none."""
+    frame = taken.frame
     rival = None if state.rival is None else problem_of(bench, frame, state.rival)
     odds = -bench.settings.contact_bound if state.log_odds is None else state.log_odds
     return weigh_hypotheses(
-        update,
-        problem,
+        taken.update,
+        taken.problem,
         rival,
         odds,
         elsewhere=state.elsewhere,
@@ -208,7 +228,11 @@ def better_with(
 
     log_odds: against it, before the frame.
     """
-    again = weigh(bench, replace(state, rival=None, log_odds=None), frame, other)
+    again = weigh(
+        bench,
+        replace(state, rival=None, log_odds=None),
+        take(bench, state, frame, other),
+    )
     seen = frame.sightings.seen
     if weighed.update.fit is None or again.update.fit is None:
         return weighed

@@ -13,8 +13,9 @@ from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.force_sensor import Verdict
-from pneunet_ros.fusion.frame_update import ColdRound, Fit
-from pneunet_ros.fusion.readings import PressureInstant, SeenFrame
+from pneunet_ros.fusion.frame_fit import FrameProblem
+from pneunet_ros.fusion.frame_update import ColdRound, Fit, FrameUpdate
+from pneunet_ros.fusion.readings import PressureInstant, ReadFrame, SeenFrame
 from pneunet_ros.solver.solution import SolverNodes
 
 
@@ -58,6 +59,20 @@ class RunningNis:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TakenFrame:
+    """A frame as it was taken.
+
+    before: what was believed before it; problem: of all targets that were seen; update: what came
+    of it.
+    """
+
+    frame: ReadFrame
+    before: Belief
+    problem: FrameProblem
+    update: FrameUpdate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FusionState:
     """All that a fusion remembers from one reading or frame to the next.
 
@@ -71,8 +86,9 @@ class FusionState:
     doubt: by how much (chi squared) frames have lately fitted better without it; otherwise: what
     would be believed without it and without the contact, where that may be so.
     solution: of the last estimate. pressure_lost: the belief's bias stands for the whole pressure.
-    unchecked: the last fit, beside which other forces are still to be looked for; told: an
-    answer since then is out; found_better: one explained that frame better, and the next search
+    unweighed: the last frame, which is still to be weighed against all else that it may be;
+    unchecked: its fit, beside which other forces are still to be looked for; told: an answer since
+    then is out; found_better: one explained that frame better, and the next search
     begins everywhere; since_restart: frames in a row in which the search, begun at a part of the
     cold starts each, found no other force; lost: frames in a row not used. frames: used so far;
     unused: others by reason.
@@ -95,6 +111,7 @@ class FusionState:
     solution: SolverNodes | None = None
     pressure_lost: bool = False
     ambiguous: bool = False
+    unweighed: TakenFrame | None = None
     unchecked: Fit | None = None
     told: bool = False
     found_better: bool = False
