@@ -50,7 +50,16 @@ CAMERA_MOVED = (
     'the camera is not where it was when its place was found: the arm tells where it is; find '
     'base_from_camera anew and reset'
 )
-OF_THE_BENCH = (OTHER_TARGETS, CAMERA_MOVED, DISAGREES)  # what somebody has to mend there
+PRESSURE_OFF = (
+    'pressure and targets disagree, and the pressure is not used: check that its sensor does not '
+    'hang, its unit, its zero and the valve, then reset; if it is right, run pneunet diagnose'
+)
+OF_THE_BENCH = (
+    OTHER_TARGETS,
+    CAMERA_MOVED,
+    PRESSURE_OFF,
+    DISAGREES,
+)  # what somebody has to mend there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,7 +116,7 @@ def estimate_at(
     if state.sensor is Verdict.OFF:
         fault = sensor_fault(bench, arm.belief, instant, read, ambiguous=ambiguous)
     force, covariance = known_force(bench, arm, fault, ambiguous=ambiguous)
-    said = said_of_bench(bench, arm.belief, fault)
+    said = said_of_bench(bench, state, arm.belief)
     lacking = pressure_like(bench.unknowns, arm.inputs)
     fused = FusedEstimate(
         estimate=replace(
@@ -173,10 +182,11 @@ def arm_at(
     )
 
 
-def said_of_bench(bench: Bench, belief: Belief, fault: ForceSensorFault | None) -> list[str]:
+def said_of_bench(bench: Bench, state: FusionState, belief: Belief) -> list[str]:
     """Return what somebody has to mend at the bench."""
     other_targets = bench.unknowns.placement is not None and not belief.same_targets
-    found = (other_targets, belief.camera_moved, fault is not None)
+    sensor_off = state.sensor is Verdict.OFF
+    found = (other_targets, belief.camera_moved, state.pressure_off, sensor_off)
     return [sentence for sentence, true in zip(OF_THE_BENCH, found, strict=True) if true]
 
 

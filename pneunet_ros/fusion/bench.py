@@ -27,7 +27,7 @@ from pneunet_ros.fusion.belief import (
     widen,
 )
 from pneunet_ros.fusion.frame_fit import contact_of, FrameInputs
-from pneunet_ros.fusion.lack import lack_columns, scale_of
+from pneunet_ros.fusion.lack import lack_columns, remember, scale_of
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
@@ -90,6 +90,18 @@ class Bench:
     def by_columns(self, reading: Load) -> Array:
         """Return what one sigma of each column changes of F1, F2, M, pressure: (columns, 4)."""
         return noise_jacobian(self.table, reading, (0.0,) * 4)[LOADS + 1 :, : PRESSURE + 1]
+
+    def unread(self, stamp_ns: int) -> PressureInstant:
+        """Return what stands for a pressure that nobody has read: the middle of the range."""
+        middle = 0.5 * sum(self.arm.pressure_range)
+        return PressureInstant(
+            stamp_ns=stamp_ns,
+            gauge=middle,
+            chamber=middle,
+            std=0.0,
+            history=self.arm.initial_history(middle),
+            memory=remember(self.settings, (), middle, 0.0, 0.0),
+        )
 
     def with_wrench(self, belief: Belief, wrench: NearWrench, gauge: float) -> Belief:
         """Return the belief after an end wrench (base frame), a linear measurement of the force.

@@ -29,7 +29,7 @@ from pneunet_ros.fusion.belief import (
     with_strange_targets,
     with_walk,
 )
-from pneunet_ros.fusion.belief_estimate import estimate_at
+from pneunet_ros.fusion.belief_estimate import estimate_at, PRESSURE_OFF
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.contact import without_contact
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
@@ -129,6 +129,8 @@ class Fusion:
         self, state: FusionState, reading: PressureReading, notes: list[str]
     ) -> tuple[FusionState, FusedEstimate | Refusal]:
         """Take the frames that have waited for a pressure reading, and estimate at its stamp."""
+        if state.pressure_off:
+            return self.refuse_pressure(state, reading)
         instant = self.instant_at(state, reading)
         position = locate_load(self.arm, Load(pressure=instant.gauge), instant.chamber)
         if position.reason == OUT_OF_RANGE:
@@ -148,6 +150,8 @@ class Fusion:
         )
         for sightings in ready:
             state = self.use_frame(state, sightings)
+        if state.pressure_off:
+            return self.refuse_pressure(state, reading)
         state = self.with_pressure(state)
         age = state.target_age(instant.stamp_ns)
         late = age is None or abs(age) > self.settings.target_timeout
@@ -158,6 +162,15 @@ class Fusion:
             state = state.count_rejected(outcome.reason)
             outcome = replace(outcome, sentence='; '.join([outcome.sentence, *ahead]))
         return state, outcome
+
+    def refuse_pressure(
+        self, state: FusionState, reading: PressureReading
+    ) -> tuple[FusionState, Refusal]:
+        """Do not use the reading of a sensor that is off."""
+        refusal = Refusal(
+            stamp_ns=reading.stamp_ns, reason='pressure_off', sentence=PRESSURE_OFF, error=False
+        )
+        return state.count_rejected(refusal.reason), refusal
 
     def ahead_notes(self, state: FusionState) -> list[str]:
         """Say that frames come long before the pressure that they were taken at, by the stamps."""
@@ -252,15 +265,7 @@ class Fusion:
         """
         known = state.pressures
         if not known:
-            middle = 0.5 * sum(self.arm.pressure_range)
-            return PressureInstant(
-                stamp_ns=stamp_ns,
-                gauge=middle,
-                chamber=middle,
-                std=0.0,
-                history=self.arm.initial_history(middle),
-                memory=remember(self.settings, (), middle, 0.0, 0.0),
-            )
+            return self.bench.unread(stamp_ns)
         after = bisect_left(known, stamp_ns, key=stamp_of)
         if after in (0, len(known)):
             return replace(known[min(after, len(known) - 1)], stamp_ns=stamp_ns)

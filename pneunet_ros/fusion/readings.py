@@ -69,6 +69,10 @@ class ReadFrame:
         """Return it as if nobody had read the force."""
         return replace(self, wrench=None)
 
+    def without_pressure(self, instant: PressureInstant) -> ReadFrame:
+        """Return it as if nobody had read the pressure; instant: what stands for it."""
+        return replace(self, instant=instant, alone=True)
+
 
 Stamped = TypeVar('Stamped', bound=PressureInstant | WrenchReading)
 

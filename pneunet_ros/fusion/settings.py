@@ -114,6 +114,16 @@ class FusionSettings:
         5e-3, 'std of the place of a camera that was moved; invented', unit='m'
     )
     camera_turned_by: float = tuning(0.05, 'std of its turn around the base; invented', unit='rad')
+    pressure_off: float = tuning(
+        5.0,
+        'log odds that the pressure is not what is read, beyond which it is not used; invented',
+        unit='natural log',
+    )
+    most_lacking: float = tuning(
+        0.05,
+        'size of what the model lacks, beyond which the pressure is not used; invented',
+        unit='of the range',
+    )
     fewest_targets: int = tuning(3, 'targets seen in a frame that is used')
     small_gain: float = tuning(
         0.05,

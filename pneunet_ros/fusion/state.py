@@ -85,7 +85,8 @@ class FusionState:
     wrench_used_ns: of the wrench in it; sensor: what frames have said of the force sensor;
     doubt: by how much (chi squared) frames have lately fitted better without it; otherwise: what
     would be believed without it and without the contact, where that may be so.
-    solution: of the last estimate. pressure_lost: the belief's bias stands for the whole pressure.
+    solution: of the last estimate. pressure_lost: the belief's bias stands for the whole pressure;
+    pressure_off: targets say that it is not what is read.
     unweighed: the last frame, which is still to be weighed against all else that it may be;
     unchecked: its fit, beside which other forces are still to be looked for; told: an answer since
     then is out; found_better: one explained that frame better, and the next search
@@ -110,6 +111,7 @@ class FusionState:
     otherwise: Belief | None = None
     solution: SolverNodes | None = None
     pressure_lost: bool = False
+    pressure_off: bool = False
     ambiguous: bool = False
     unweighed: TakenFrame | None = None
     unchecked: Fit | None = None
@@ -154,6 +156,16 @@ class FusionState:
             otherwise=None,
         )
 
+    def without_pressure(self) -> FusionState:
+        """Forget the pressure, which is not what is read, and what frames have told beside it."""
+        return replace(
+            self.without_belief(),
+            pressures=(),
+            pressure_lost=True,
+            pressure_off=True,
+            sensor=Verdict.OPEN,
+        )
+
     def without_frames(self) -> FusionState:
         """Forget the frames; readings and counts go on."""
         return replace(
@@ -162,6 +174,8 @@ class FusionState:
             wrenches=self.wrenches,
             solution=self.solution,
             sensor=self.sensor,
+            pressure_lost=self.pressure_off,
+            pressure_off=self.pressure_off,
         )
 
     def count_unused(self, reason: str) -> FusionState:
