@@ -354,6 +354,7 @@ class Fusion:
             sightings=sightings,
             instant=self.pressure_at(state, shown_ns),
             alone=not state.pressures
+            or state.pressures[-1].stamp_ns < shown_ns  # it has waited for one in vain
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
             pressure_lost=state.pressure_lost,
             force_lost=force_lost,

@@ -82,33 +82,77 @@ def weigh_and_judge(
     """
     state = replace(state, otherwise=None)
     frame, before = taken.frame, taken.before
-    taken, weighed = weigh_others(bench, state, taken)
+    weighed = weigh_others(bench, state, taken)
     if state.sensor is not Verdict.OFF and shows_turn(bench, weighed.update.belief):
         before = without_lessons(bench.unknowns, bench.settings, before)
         before = with_moved_camera(bench.unknowns, bench.settings, before)
         state = replace(state.without_belief(), sensor=Verdict.OPEN)
         taken = take(bench, state, frame, before)
         weighed = weigh(bench, state, taken)
-    if lacks_all(bench, taken, weighed):
-        before = without_lessons(bench.unknowns, bench.settings, before)
-        taken = take(bench, state, unread(bench, frame), before)
-        weighed = weigh(bench, state.without_belief(), taken)
-    if taken.frame.alone and not frame.alone:
-        state = state.without_pressure()
-    elif frame.wrench is not None and not bench.settings.free_tip:
-        state, taken, weighed = judge_sensor(bench, state, taken, weighed)
-    state = replace(
-        state, rival=weighed.rival, log_odds=weighed.log_odds, elsewhere=weighed.elsewhere
+    after = state
+    if frame.wrench is not None and not bench.settings.free_tip:
+        after = judge_sensor(bench, state, frame, weighed)
+    sensor_off = after.sensor is Verdict.OFF and frame.wrench is not None
+    if sensor_off or doubts_pressure(bench, taken, weighed):
+        unpressed = take_unpressed(bench, state, taken, weighed)
+        if unpressed is not None:
+            after, taken = state.without_pressure(), unpressed
+            weighed = weigh(bench, after, taken)
+        elif sensor_off:
+            after = state.without_belief()
+            after = replace(after, sensor=Verdict.OFF)
+            before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
+            taken = take(bench, after, frame.without_wrench(), before)
+            weighed = weigh_others(bench, after, taken)
+    after = replace(
+        after, rival=weighed.rival, log_odds=weighed.log_odds, elsewhere=weighed.elsewhere
     )
-    return state, replace(taken, update=weighed.update)
+    return after, replace(taken, update=weighed.update)
 
 
-def lacks_all(bench: Bench, taken: TakenFrame, weighed: WeighedFrame) -> bool:
-    """Whether frames have said that the model lacks so much that the pressure is no other one."""
-    belief = weighed.update.belief
-    if belief is None or taken.frame.alone or not bench.tells_camera:
+def doubts_pressure(bench: Bench, taken: TakenFrame, weighed: WeighedFrame) -> bool:
+    """Whether a frame asks if the pressure is what is read.
+
+    One that fits badly, or only with a contact, where no sensor tells the tip force; or one with
+    which the model seems to lack very much.
+    """
+    fit, belief = weighed.update.fit, weighed.update.belief
+    if fit is None or taken.frame.force_lost:
+        return False
+    touches = belief is not None and belief.touched and not taken.before.touched
+    if taken.frame.wrench is None and (excess(fit) > 1.0 or touches):
+        return True
+    if belief is None:
         return False
     return scale_of(bench.settings, belief.lack_weights) > bench.settings.most_lacking
+
+
+def take_unpressed(
+    bench: Bench, state: FusionState, taken: TakenFrame, weighed: WeighedFrame
+) -> TakenFrame | None:
+    """Return a frame taken without its pressure, if that surely is not what is read.
+
+    It fits better than the frame as it is, and than without the force sensor, by somebody to whom
+    no frame has told anything. None where not, or where the error of the model is not known.
+    """
+    frame, settings = taken.frame, bench.settings
+    if frame.alone or not bench.tells_camera:
+        return None
+    anew = replace(state.without_belief(), sensor=Verdict.OPEN)
+    before = without_lessons(bench.unknowns, settings, weighed.update.belief or taken.before)
+    instant = bench.unread(frame.stamp_ns)
+    unpressed = take(bench, anew, frame.without_pressure(instant), before)
+    others = [take(bench, anew, frame, before)]
+    if frame.wrench is not None and not settings.free_tip:
+        others.append(take(bench, anew, frame.without_wrench(), before))
+    least = min(map(cost_of, others))
+    return unpressed if cost_of(unpressed) < least - 2.0 * settings.pressure_off else None
+
+
+def cost_of(taken: TakenFrame) -> float:
+    """Return minus twice the log of the evidence of a frame; infinite where nothing fits."""
+    fit = taken.update.fit
+    return math.inf if fit is None else evidence_cost(fit, taken.frame.sightings.seen)
 
 
 def shows_turn(bench: Bench, belief: Belief | None) -> bool:
@@ -128,41 +172,6 @@ def shows_turn(bench: Bench, belief: Belief | None) -> bool:
 
 
 def judge_sensor(
-    bench: Bench, state: FusionState, taken: TakenFrame, weighed: WeighedFrame
-) -> tuple[FusionState, TakenFrame, WeighedFrame]:
-    """Return what a frame says once it has said whether the force sensor is off.
-
-    A pressure that is not what is read looks like that as well: the frame says which of the two.
-    """
-    frame = taken.frame
-    state = with_verdict(bench, state, frame, weighed)
-    if state.sensor is not Verdict.OFF:
-        return state, taken, weighed
-    anew = replace(state.without_belief(), sensor=Verdict.OPEN)
-    before = without_lessons(bench.unknowns, bench.settings, weighed.update.belief or taken.before)
-    unpressed = take(bench, anew, unread(bench, frame), before)
-    others = (take(bench, anew, one, before) for one in (frame, frame.without_wrench()))
-    margin = 2.0 * bench.settings.pressure_off
-    if not frame.alone and cost_of(unpressed) < min(map(cost_of, others)) - margin:
-        return state.without_pressure(), unpressed, weigh(bench, anew, unpressed)
-    state = state.without_belief()
-    before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
-    taken = take(bench, state, frame.without_wrench(), before)
-    return state, *weigh_others(bench, state, taken)
-
-
-def unread(bench: Bench, frame: ReadFrame) -> ReadFrame:
-    """Return a frame as if nobody had read the pressure."""
-    return frame.without_pressure(bench.unread(frame.stamp_ns))
-
-
-def cost_of(taken: TakenFrame) -> float:
-    """Return minus twice the log of the evidence of a frame; infinite where nothing fits."""
-    fit = taken.update.fit
-    return math.inf if fit is None else evidence_cost(fit, taken.frame.sightings.seen)
-
-
-def with_verdict(
     bench: Bench, state: FusionState, frame: ReadFrame, weighed: WeighedFrame
 ) -> FusionState:
     """Return the state with the verdict on a force sensor that is used, after a frame.
@@ -228,30 +237,21 @@ def confirmed(bench: Bench, state: FusionState) -> bool:
     return bench.settings.free_tip or state.sensor is Verdict.IN_ORDER
 
 
-def weigh_others(
-    bench: Bench, state: FusionState, taken: TakenFrame
-) -> tuple[TakenFrame, WeighedFrame]:
-    """Return what a frame says, also if targets, camera or pressure are not what they were.
-
-    Beside it the frame, as it was taken then.
-    """
-    best, before, frame = (taken, weigh(bench, state, taken)), taken.before, taken.frame
-    fit, belief = best[1].update.fit, best[1].update.belief
-    if fit is None or frame.force_lost:  # it was tried with the frames before
-        return best
+def weigh_others(bench: Bench, state: FusionState, taken: TakenFrame) -> WeighedFrame:
+    """Return what a frame says, also if other targets are painted, or the camera was moved."""
+    weighed, before = weigh(bench, state, taken), taken.before
+    fit, belief = weighed.update.fit, weighed.update.belief
+    if fit is None or taken.frame.force_lost:  # it was tried with the frames before
+        return weighed
     settings, misfit = bench.settings, excess(fit) > 1.0
-    touches = belief is not None and belief.touched and not before.touched
     if misfit and before.same_targets:
         other = with_other_targets(bench.unknowns, before)
-        best = better_with(bench, state, frame, other, best, settings.other_targets)
-    if not bench.tells_camera or not (misfit or touches):
-        return best
-    other = with_moved_camera(bench.unknowns, settings, before)
-    best = better_with(bench, state, frame, other, best, settings.camera_moved)
-    if frame.alone:
-        return best
-    other = without_lessons(bench.unknowns, settings, before)
-    return better_with(bench, state, unread(bench, frame), other, best, settings.pressure_off)
+        weighed = better_with(bench, state, taken.frame, other, weighed, settings.other_targets)
+    touches = belief is not None and belief.touched and not before.touched
+    if bench.tells_camera and (misfit or touches):
+        other = with_moved_camera(bench.unknowns, settings, before)
+        weighed = better_with(bench, state, taken.frame, other, weighed, settings.camera_moved)
+    return weighed
 
 
 def weigh(bench: Bench, state: FusionState, taken: TakenFrame) -> WeighedFrame:
@@ -274,20 +274,23 @@ def better_with(
     state: FusionState,
     frame: ReadFrame,
     other: Belief,
-    best: tuple[TakenFrame, WeighedFrame],
+    weighed: WeighedFrame,
     log_odds: float,
-) -> tuple[TakenFrame, WeighedFrame]:
+) -> WeighedFrame:
     """Return what a frame says to another belief, if it surely says that this one is right.
 
-    best: what it says so far; log_odds: against the other one, before the frame.
+    log_odds: against it, before the frame.
     """
-    taken = take(bench, state, frame, other)
-    again = weigh(bench, replace(state, rival=None, log_odds=None), taken)
+    again = weigh(
+        bench,
+        replace(state, rival=None, log_odds=None),
+        take(bench, state, frame, other),
+    )
     seen = frame.sightings.seen
-    if best[1].update.fit is None or again.update.fit is None:
-        return best
-    gain = evidence_cost(best[1].update.fit, seen) - evidence_cost(again.update.fit, seen)
-    return (taken, again) if gain > 2.0 * log_odds else best
+    if weighed.update.fit is None or again.update.fit is None:
+        return weighed
+    gain = evidence_cost(weighed.update.fit, seen) - evidence_cost(again.update.fit, seen)
+    return again if gain > 2.0 * log_odds else weighed
 
 
 def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
