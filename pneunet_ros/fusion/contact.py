@@ -118,7 +118,7 @@ def weigh_hypotheses(
     lost = contact is None or excess(contact) > 1.0
     if lost and none is not None:  # nobody has looked for one, or it is not where it was
         seen_again = frame if none[0].prior is frame.prior else replace(none[0], used=frame.used)
-        found = find_contact(seen_again, none[1])
+        found = find_contact(seen_again, none[1], unexplained=excess(none) > 1.0)
         if found is not None and (contact is None or found.explains_better(contact)):
             contact, elsewhere = found.fit, found.elsewhere
     if none is None or contact is None:
@@ -255,11 +255,14 @@ class FoundContact:
         return evidence_cost(self.fit, seen) < evidence_cost(other, seen)
 
 
-def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact | None:
+def find_contact(
+    problem: FrameProblem, fit: FrameLinearization, *, unexplained: bool
+) -> FoundContact | None:
     """Return the fit with a contact anywhere; None where nothing asks for one, or none is found.
 
-    fit: without a contact. The best places are those no worse than their neighbors: weak contacts
-    have several minima along the arm.
+    fit: without a contact. Whether anything asks for one its linearization tells, but not of a
+    fit that leaves the frame unexplained: that is far from any other. The best places are those no
+    worse than their neighbors: weak contacts have several minima along the arm.
     """
     settings, length = problem.settings, problem.table.arm.length
     if fit.trial.residual.size != problem.std.size:  # of all targets, also of those left out
@@ -270,7 +273,8 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact
         fit = again
     scores = score_pushes(problem, fit)
     likely = scores.gain >= settings.contact_score
-    if not likely.any() or not np.any(likely & (scores.evidence() > 0.0)):
+    asked = likely.any() and np.any(likely & (scores.evidence() > 0.0))
+    if not asked and not unexplained:
         return None
     padded = np.concatenate([[0.0], scores.gain, [0.0]])
     peaks = np.flatnonzero((scores.gain >= padded[:-2]) & (scores.gain >= padded[2:]))
@@ -279,11 +283,21 @@ def find_contact(problem: FrameProblem, fit: FrameLinearization) -> FoundContact
     touched = replace(problem, prior=prior)
     tried = [search_at(touched, fit, scores, int(panel)) for panel in starts]
     fits = [item for item in tried if item is not None]
+    seen = problem.used.size
+    foreseen = 2.0 * float(
+        scores.gain.max()
+    )  # beyond it nothing is linear, also no std of a force
+
+    def is_needed(item: Fit) -> bool:
+        left = item[1].cost + left_out_cost(item, seen)
+        return unexplained and excess(item) <= 1.0 and fit.cost - left > foreseen
+
     # A contact of no force is another minimum without one, or a tip force.
-    pressing = [item for item in fits if differs_from_zero(item, settings.contact_score)]
+    pressing = [
+        item for item in fits if differs_from_zero(item, settings.contact_score) or is_needed(item)
+    ]
     if not pressing:
         return None
-    seen = problem.used.size
     best = min(pressing, key=lambda item: evidence_cost(item, seen))
     most = evidence_cost(best, seen) + settings.rival
     distance = settings.contact_apart * length

@@ -133,7 +133,8 @@ def take_unpressed(
     """Return a frame taken without its pressure, if that surely is not what is read.
 
     It fits better than the frame as it is, and than without the force sensor, by somebody to whom
-    no frame has told anything. None where not, or where the error of the model is not known.
+    no frame has told anything, and better than with a contact. None where not, or where the error
+    of the model is not known.
     """
     frame, settings = taken.frame, bench.settings
     if frame.alone or not bench.tells_camera:
@@ -145,7 +146,9 @@ def take_unpressed(
     others = [take(bench, anew, frame, before)]
     if frame.wrench is not None and not settings.free_tip:
         others.append(take(bench, anew, frame.without_wrench(), before))
-    least = min(map(cost_of, others))
+    least, fit = min(map(cost_of, others)), weighed.update.fit
+    if fit is not None and (fit[0].prior.touched or excess(fit) > 1.0):
+        least = min(least, evidence_cost(fit, frame.sightings.seen))
     return unpressed if cost_of(unpressed) < least - 2.0 * settings.pressure_off else None
 
 
