@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.estimate import ShapeEstimate
@@ -14,10 +15,12 @@ from pneunet_ros.estimation.estimator import refuse
 from pneunet_ros.estimation.out_of_plane import out_of_plane
 from pneunet_ros.fusion.belief import (
     Belief,
+    CAMERA,
     compress,
     CONTACT,
     first_belief,
     FORCE,
+    TURN,
     with_noise,
 )
 from pneunet_ros.fusion.bench import Bench
@@ -40,6 +43,7 @@ from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.noise_model import target_std
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
+from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.solution import SolverNodes
 
 OTHER_TARGETS = (
@@ -47,8 +51,8 @@ OTHER_TARGETS = (
     'is not used; calibrate anew, or take covariance.placement out of the model file'
 )
 CAMERA_MOVED = (
-    'the camera is not where it was when its place was found: the arm tells where it is; find '
-    'base_from_camera anew and reset'
+    'the camera is not where it was when its place was found: the arm tells where it is, and the '
+    'errors hold both; find base_from_camera anew and reset; if it is right, run pneunet diagnose'
 )
 PRESSURE_OFF = (
     'pressure and targets disagree, and the pressure is not used: check that its sensor does not '
@@ -108,8 +112,8 @@ def estimate_at(
     estimate = shape_estimate(bench, arm, stamp_ns, mode)
     if isinstance(estimate, Refusal):
         return state, estimate
-    if state.otherwise is not None and mode is not Mode.PREDICTION:
-        estimate = holding(bench, estimate, state.otherwise, instant)
+    for other in others_likely(bench, state, arm, instant, mode):
+        estimate = holding(estimate, other)
     contact = None if mode is Mode.PREDICTION else contact_at(bench, state, arm, used)
     ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
     fault = None
@@ -180,6 +184,20 @@ def arm_at(
         bent=bent,
         position=position_of(bench, belief, bent, inputs),
     )
+
+
+def others_likely(
+    bench: Bench, state: FusionState, arm: BelievedArm, instant: PressureInstant, mode: Mode
+) -> list[Shape]:
+    """Return shapes that may be right as well, of which nobody can know."""
+    if mode is Mode.PREDICTION:
+        return []
+    found = []
+    if state.otherwise is not None:
+        found.append(other_shape(bench, state.otherwise, instant))
+    if arm.belief.camera_moved:  # what the model lacks may look like that
+        found.append(shape_in_place(arm.bent.shape, arm.belief))
+    return [shape for shape in found if shape is not None]
 
 
 def said_of_bench(bench: Bench, state: FusionState, belief: Belief) -> list[str]:
@@ -281,16 +299,24 @@ def shape_estimate(
     )
 
 
-def holding(
-    bench: Bench, estimate: ShapeEstimate, other: Belief, instant: PressureInstant
-) -> ShapeEstimate:
-    """Return an estimate whose errors hold another shape too, of which nobody can know."""
+def other_shape(bench: Bench, other: Belief, instant: PressureInstant) -> Shape | None:
+    """Return the shape that another belief has at a pressure; None where there is none."""
     inputs = bench.inputs_at(instant, None)
     changes = causes_of(bench.unknowns, inputs) @ other.mean
     bent = bend_arm(bench.table, inputs, changes, other.solution, bench.arclength, quick=False)
-    here, there = estimate.shape, bent.shape
-    if not there.converged:
-        return estimate
+    return bent.shape if bent.shape.converged else None
+
+
+def shape_in_place(shape: Shape, belief: Belief) -> Shape:
+    """Return the shape that a camera sees which is taken for moved, if it is where it was."""
+    turn = float(belief.mean[TURN])
+    x, y = np.stack(rotate(turn, shape.x, shape.y)) + belief.mean[CAMERA][:, None]
+    return replace(shape, x=freeze(x), y=freeze(y), theta=freeze(shape.theta + turn))
+
+
+def holding(estimate: ShapeEstimate, there: Shape) -> ShapeEstimate:
+    """Return an estimate whose errors hold another shape too: nobody can know which is right."""
+    here = estimate.shape
     tip = np.array(there.tip) - np.array(here.tip)
     return replace(
         estimate,

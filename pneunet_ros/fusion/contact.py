@@ -19,7 +19,14 @@ import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.fusion.belief import Belief, CONTACT, FORCE
 from pneunet_ros.fusion.frame_fit import FrameLinearization, FrameProblem
-from pneunet_ros.fusion.frame_update import excess, Fit, FrameUpdate, leave_out, with_fit
+from pneunet_ros.fusion.frame_update import (
+    excess,
+    Fit,
+    FrameUpdate,
+    leave_out,
+    misfits,
+    with_fit,
+)
 from pneunet_ros.measurement.predicted_targets import measured_moves
 from pneunet_ros.model.part_load import pushed_on_panels
 from pneunet_ros.solver.columns import LOADS
@@ -118,7 +125,7 @@ def weigh_hypotheses(
     lost = contact is None or excess(contact) > 1.0
     if lost and none is not None:  # nobody has looked for one, or it is not where it was
         seen_again = frame if none[0].prior is frame.prior else replace(none[0], used=frame.used)
-        found = find_contact(seen_again, none[1], unexplained=excess(none) > 1.0)
+        found = find_contact(seen_again, none[1], unexplained=misfits(none))
         if found is not None and (contact is None or found.explains_better(contact)):
             contact, elsewhere = found.fit, found.elsewhere
     if none is None or contact is None:

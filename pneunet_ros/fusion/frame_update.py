@@ -124,6 +124,19 @@ def excess(fit: Fit) -> float:
     return found.cost / (coordinates * chi_square_limit(coordinates, problem.settings.quantile))
 
 
+def misfits(fit: Fit) -> bool:
+    """Whether noise does not explain a frame, nor would it where the search could not get to.
+
+    Along a straight arm the force ends where it buckles, and the search with it.
+    """
+    problem, found = fit
+    coordinates = found.trial.residual.size
+    _, gain = found.newton_step()
+    return found.cost - gain > coordinates * chi_square_limit(
+        coordinates, problem.settings.quantile
+    )
+
+
 def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
     """Return the fit without targets that do not fit the others, the worst first."""
     seen = int(np.count_nonzero(problem.used))

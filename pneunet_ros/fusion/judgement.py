@@ -38,7 +38,7 @@ from pneunet_ros.fusion.contact import (
 )
 from pneunet_ros.fusion.force_sensor import doubt_after, sensor_score, Verdict, verdict_on
 from pneunet_ros.fusion.frame_fit import FrameProblem
-from pneunet_ros.fusion.frame_update import excess, FrameUpdate, take_frame
+from pneunet_ros.fusion.frame_update import excess, FrameUpdate, misfits, take_frame
 from pneunet_ros.fusion.lack import LackGrowth, scale_of
 from pneunet_ros.fusion.readings import ReadFrame, SeenFrame
 from pneunet_ros.fusion.state import FusionState, TakenFrame
@@ -120,7 +120,7 @@ def doubts_pressure(bench: Bench, taken: TakenFrame, weighed: WeighedFrame) -> b
     if fit is None or taken.frame.force_lost:
         return False
     touches = belief is not None and belief.touched and not taken.before.touched
-    if taken.frame.wrench is None and (excess(fit) > 1.0 or touches):
+    if taken.frame.wrench is None and (misfits(fit) or touches):
         return True
     if belief is None:
         return False
@@ -147,7 +147,7 @@ def take_unpressed(
     if frame.wrench is not None and not settings.free_tip:
         others.append(take(bench, anew, frame.without_wrench(), before))
     least, fit = min(map(cost_of, others)), weighed.update.fit
-    if fit is not None and (fit[0].prior.touched or excess(fit) > 1.0):
+    if fit is not None and (fit[0].prior.touched or misfits(fit)):
         least = min(least, evidence_cost(fit, frame.sightings.seen))
     return unpressed if cost_of(unpressed) < least - 2.0 * settings.pressure_off else None
 
@@ -246,7 +246,7 @@ def weigh_others(bench: Bench, state: FusionState, taken: TakenFrame) -> Weighed
     fit, belief = weighed.update.fit, weighed.update.belief
     if fit is None or taken.frame.force_lost:  # it was tried with the frames before
         return weighed
-    settings, misfit = bench.settings, excess(fit) > 1.0
+    settings, misfit = bench.settings, misfits(fit)
     if misfit and before.same_targets:
         other = with_other_targets(bench.unknowns, before)
         weighed = better_with(bench, state, taken.frame, other, weighed, settings.other_targets)
