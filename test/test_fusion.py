@@ -12,7 +12,7 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import COLUMNS
-from pneunet_ros.fusion.belief_estimate import CAMERA_MOVED, OTHER_TARGETS
+from pneunet_ros.fusion.belief_estimate import CAMERA_MOVED, OTHER_TARGETS, PRESSURE_OFF
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.force_sensor import DISAGREES, Verdict
 from pneunet_ros.fusion.fusion import Fusion
@@ -138,7 +138,7 @@ def covered(error, covariance) -> float:
 def fuse(
     filter_=None, *, with_wrench=False, hidden=lambda frame: (), change=lambda frame, seen: seen,
     frames=range(200), pressures=lambda frame: True, targets=lambda frame: True, effects=(),
-    sensor=wrench,
+    sensor=wrench, gauge=pressure,
 ) -> Result:  # fmt: skip
     """Fuse the recording, frames before the pressure of their stamp, and keep the estimates."""
     state, kept, estimates = FusionState(), [], []
@@ -147,7 +147,7 @@ def fuse(
         events = [sensor(frame)] if with_wrench else []
         if targets(frame):
             events.append(change(frame, sightings(frame, hidden(frame), effects=effects)))
-        events += [pressure(frame)] if pressures(frame) else []
+        events += [gauge(frame)] if pressures(frame) else []
         for event in events:
             state, outcome = filter_.step(state, event)
             if isinstance(outcome, FusedEstimate):
@@ -515,6 +515,57 @@ def test_a_camera_that_hangs_is_not_believed():
     assert found.state.frames < 70
     last = found.estimates[-1]
     assert found.frame[-1] < 119 or last.mode is Mode.PREDICTION
+
+
+def hangs(frame):
+    return replace(pressure(frame), pressure=pressure(min(frame, 60)).pressure)
+
+
+def reads_nothing(frame):
+    return replace(pressure(frame), pressure=0.0)
+
+
+def is_unplugged(frame):
+    return replace(pressure(frame), pressure=30e3)
+
+
+@pytest.mark.parametrize('with_wrench', [False, True])
+@pytest.mark.parametrize('gauge, since', [(hangs, 61), (reads_nothing, 0), (is_unplugged, 0)])
+def test_a_pressure_that_is_not_what_is_read_is_found_and_the_tip_stays_right(
+    gauge, since, with_wrench
+):
+    found = fuse(calibrated(), gauge=gauge, with_wrench=with_wrench)
+    assert found.state.pressure_off
+    assert found.state.sensor is not Verdict.OFF
+    assert found.state.readings.rejected['pressure_off'] > 0
+    off = np.array([PRESSURE_OFF in one.estimate.warnings for one in found.estimates])
+    assert off[-1]
+    assert not off[:since].any()
+    last = [one for one, is_off in zip(found.estimates, off, strict=True) if is_off]
+    assert all(one.mode is Mode.CAMERA_ONLY for one in last)
+    covariance = np.array([one.estimate.tip_covariance[:2, :2] for one in last])
+    assert covered(found.tip_error[off], covariance) > 0.9
+    assert rms(found.tip_error[off]) < 2e-4
+
+
+def test_a_pressure_that_is_off_is_used_again_after_a_reset():
+    off = fuse(calibrated(), gauge=is_unplugged, frames=range(60)).state
+    assert off.pressure_off
+    assert off.without_frames().pressure_off  # of the clock of the camera alone
+    assert not off.restarted().pressure_off
+
+
+def test_a_pressure_in_order_is_never_called_off():
+    for found in (
+        fuse(calibrated()),
+        fuse(calibrated(), with_wrench=True),
+        fuse(calibrated(), effects=(LabCreep(amplitude=0.15, time_constant=60.0),)),
+        fuse(calibrated(), with_wrench=True, sensor=partial(wrench, gain=-1.0)),
+        fuse(calibrated(), with_wrench=True, pressures=lambda frame: not 80 <= frame < 110),
+        fuse(calibrated(), pressures=lambda frame: not 80 <= frame < 110),
+        fuse(calibrated(), change=partial(moved_camera, turn=0.035), frames=range(100)),
+    ):
+        assert not found.state.pressure_off
 
 
 def test_a_frame_that_is_no_arm_is_not_used():

@@ -356,10 +356,16 @@ class Fusion:
             alone=not state.pressures
             or state.pressures[-1].stamp_ns < shown_ns  # it has waited for one in vain
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
+            pressure_still=self.is_still(state),
             pressure_lost=state.pressure_lost,
             force_lost=force_lost,
             wrench=None if state.sensor is Verdict.OFF else wrench,
         )
+
+    def is_still(self, state: FusionState) -> bool:
+        """Whether the last readings of the pressure are the same to the last bit."""
+        last = {instant.gauge for instant in state.pressures[-self.settings.still_readings :]}
+        return len(last) == 1 and len(state.pressures) >= self.settings.still_readings
 
     def after_frame(self, state: FusionState, taken: TakenFrame) -> FusionState:
         """Remember what became of a frame, and count it."""

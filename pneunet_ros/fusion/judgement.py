@@ -113,13 +113,15 @@ def weigh_and_judge(
 def doubts_pressure(bench: Bench, taken: TakenFrame, weighed: WeighedFrame) -> bool:
     """Whether a frame asks if the pressure is what is read.
 
-    One that fits badly, or only with a contact, where no sensor tells the tip force; or one with
-    which the model seems to lack very much.
+    One whose pressure may hang; one that fits badly, or only with a contact, where no sensor tells
+    the tip force; one with which the model seems to lack very much.
     """
     fit, belief = weighed.update.fit, weighed.update.belief
     if fit is None or taken.frame.force_lost:
         return False
     touches = belief is not None and belief.touched and not taken.before.touched
+    if taken.frame.pressure_still:
+        return True
     if taken.frame.wrench is None and (misfits(fit) or touches):
         return True
     if belief is None:

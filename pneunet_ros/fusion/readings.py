@@ -53,14 +53,16 @@ class NearWrench:
 class ReadFrame:
     """A frame with what was read at the stamp of what it shows.
 
-    alone: no pressure is known there; pressure_lost: it was not at the frame before; force_lost:
-    nothing is known of the force; wrench: None where none is near that may be used.
+    alone: no pressure is known there; pressure_still: the last readings of it are the same to the
+    last bit; pressure_lost: it was not known at the frame before; force_lost: nothing is known of
+    the force; wrench: None where none is near that may be used.
     """
 
     stamp_ns: int
     sightings: TargetSightings
     instant: PressureInstant
     alone: bool
+    pressure_still: bool
     pressure_lost: bool
     force_lost: bool
     wrench: NearWrench | None

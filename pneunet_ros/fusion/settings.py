@@ -119,6 +119,9 @@ class FusionSettings:
         'log odds that the pressure is not what is read, beyond which it is not used; invented',
         unit='natural log',
     )
+    still_readings: int = tuning(
+        5, 'of the pressure, the same to the last bit, with which a frame is asked if it hangs'
+    )
     most_lacking: float = tuning(
         0.05,
         'size of what the model lacks, beyond which the pressure is not used; invented',
