@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from pneunet_ros.core.arrays import same_values
 from pneunet_ros.core.readings import (
     PressureReading,
     Reading,
@@ -316,6 +317,15 @@ def test_frames_of_a_clock_that_is_ahead_do_not_pile_up():
     monitored = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(50)))
     assert len(monitored.consistency.waiting) == USED.most_waiting
     assert dict(monitored.consistency.unmatched) == {'no_estimate': 50 - USED.most_waiting}
+
+
+def test_one_frame_that_is_stamped_ahead_costs_nothing():
+    told = list(events(seen_of(KNOWN)))
+    clean, troubled = Monitored().tell(*told), Monitored().tell(*told[:90])
+    troubled.tell(frame(1e-6 * told[89].stamp_ns + 3000.0)).tell(*told[90:])
+    assert dict(troubled.consistency.unmatched) == {'ahead': 1}
+    assert troubled.consistency.matched == clean.consistency.matched
+    assert same_values(troubled.consistency.running, clean.consistency.running)
 
 
 def test_without_estimates_nothing_is_compared():

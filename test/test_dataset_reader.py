@@ -159,6 +159,15 @@ def test_of_a_bag_that_loops_the_longest_stretch_is_kept(tmp_path):
     )
 
 
+def test_of_one_stamp_ahead_only_that_reading_is_left_out(tmp_path):
+    said = readings(110)
+    messages = [message for name, _, message in said if name == 'pressure']
+    messages[40].header.stamp.sec += 5
+    run, sentences = read_run(record(tmp_path / 'r.mcap', said), 3)
+    assert len(run.pressure) == 109
+    assert '/pneunet/pressure: 1 pressure reading left out, stamped ahead of time' in sentences
+
+
 def test_clocks_that_do_not_agree_leave_nothing(tmp_path, said):
     late = [
         (name, log_time, targets(START + 3_600_000 * MS + index, 0.01))

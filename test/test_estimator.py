@@ -569,6 +569,27 @@ def test_both_stamps_ahead_cost_no_history():
     assert isinstance(outcomes[-1], ShapeEstimate)
 
 
+REMEMBERS = {
+    'creep': EFFECTS['creep'](amplitude=0.1, time_constant=20.0),
+    'hysteresis': EFFECTS['hysteresis'](width=2e3),
+    'pressure_lag': EFFECTS['pressure_lag'](time_constant=0.5),
+    'softening': EFFECTS['softening'](loss=0.1),
+}
+
+
+@pytest.mark.parametrize('name', REMEMBERS)
+def test_a_pressure_that_no_arm_can_have_leaves_no_trace_in_it(name):
+    remembering = estimator_with(replace(ARM, effects=(REMEMBERS[name],)), wrench_required=False)
+    path = [pressure(1, 10e3), pressure(1.1, 40e3), pressure(1.2, 20e3)]
+    after = [pressure(1.4, 20e3), pressure(1.5, 21e3)]
+    _, clean = fed(remembering, *path, *after)
+    state, troubled = fed(remembering, *path, pressure(1.3, 3e7), *after)
+    assert dict(state.rejected) == {'out_of_range': 1}
+    for one, other in zip(clean[-2:], troubled[-2:], strict=True):
+        np.testing.assert_allclose(one.shape.tip, other.shape.tip, rtol=1e-9)
+        assert one.chamber_pressure == other.chamber_pressure
+
+
 def test_time_that_goes_on_after_a_pause_is_time():
     creeping = estimator_with(CREEPING, wrench_required=False)
     path = [pressure(1, 10e3), pressure(1.1, 40e3), pressure(HOUR, 40e3)]

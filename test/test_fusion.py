@@ -684,6 +684,36 @@ def test_frames_that_are_stamped_ahead_are_told_of_and_not_taken_for_now():
     assert 'stamped 10 s later than the pressure: are the clocks of camera' in far.sentence
 
 
+def test_one_frame_that_is_stamped_ahead_costs_nothing():
+    def fed(ahead_ns):
+        state, outcomes = FusionState(), []
+        for frame in range(60, 100):
+            stamp_ns = int(recorded().stamp_ns[frame]) + (ahead_ns if frame == 80 else 0)
+            for event in (sightings(frame, stamp_ns=stamp_ns), pressure(frame)):
+                state, outcome = fusion().step(state, event)
+                outcomes += [outcome] if isinstance(outcome, FusedEstimate) else []
+        return state, outcomes
+
+    clean, estimates = fed(0)
+    state, troubled = fed(3_000_000_000)
+    assert dict(state.unused) == {'ahead': 1}
+    assert (state.frames, len(troubled)) == (clean.frames - 1, len(estimates))
+    assert all(one.mode is Mode.FUSED for one in troubled)
+    np.testing.assert_allclose(
+        troubled[-1].estimate.shape.tip[:2], estimates[-1].estimate.shape.tip[:2], atol=2e-5
+    )
+
+
+def test_sensors_without_noise_are_no_trouble():
+    arm = fusion().arm
+    noise = replace(arm.sensors, force_std=0.0, target_std=0.0)
+    for settings, with_wrench in ((replace(FUSION, free_tip=True), False), (FUSION, True)):
+        exact = Fusion(arm=replace(arm, sensors=noise), settings=settings)
+        found = fuse(exact, with_wrench=with_wrench, frames=range(60, 64))
+        assert found.estimates
+        assert np.isfinite(found.estimates[-1].estimate.shape.tip).all()
+
+
 def test_the_camera_alone_from_the_start_gives_an_estimate_with_every_frame():
     state, outcomes = FusionState(), []
     for frame in range(20):

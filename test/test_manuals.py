@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from pneunet_ros.core.stamps import STARTS_ANEW
+from pneunet_ros.core.stamps import AHEAD, STARTS_ANEW
 from pneunet_ros.estimation.consistency import ConsistencyState
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.estimation.state import AHEAD
 from pneunet_ros.fusion.fusion import Fusion
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.messages.builders import IMAGE_TYPE, UNREADABLE
@@ -136,6 +135,7 @@ REASONS = {
     'tracker': [
         UNREADABLE,
         RESTING,
+        AHEAD,
         WRONG_CAMERA_INFO,
         *(reasons_in(m) for m in ('vision/tracker', 'vision/rest_plane', 'vision/row_tracker')),
     ],
@@ -146,7 +146,13 @@ REASONS = {
         LOAD_OUT_OF_DOMAIN,
         *(
             reasons_in(m)
-            for m in ('fusion/fusion', 'fusion/frame_update', 'fusion/state', 'estimation/state')
+            for m in (
+                'fusion/fusion',
+                'fusion/belief_estimate',
+                'fusion/frame_update',
+                'fusion/state',
+                'estimation/state',
+            )
         ),
     ],
 }

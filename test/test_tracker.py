@@ -13,6 +13,7 @@ from pneunet_ros.core.image import ENCODINGS
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.settings import settings_changed, settings_used
 from pneunet_ros.core.share import share_path
+from pneunet_ros.core.stamps import StampGate
 from pneunet_ros.lab.renderer import Renderer
 from pneunet_ros.lab.scene import Dots, FrameState, Scene
 from pneunet_ros.vision.beam_search import BeamSearchSettings
@@ -479,11 +480,25 @@ def test_time_that_jumps_back_starts_anew():
     film.rest()
     film.stamp_ns -= 5 * SECOND
     film.stamp_ns = max(film.stamp_ns, SECOND // 2 - FRAME_NS)
-    film.state = replace(film.state, stamp_ns=film.stamp_ns + 3 * SECOND)
+    film.state = replace(film.state, stamps=StampGate(last_ns=film.stamp_ns + 3 * SECOND))
     outcome = film.show(film.picture()[0])
     assert outcome.reason == 'resting'
     assert film.state.resets == 1
     assert film.state.lens is not None
+
+
+def test_one_image_that_is_stamped_ahead_does_not_cost_the_plane():
+    film = Film()
+    film.rest()
+    film.inflate(25e3)
+    plane, in_time = film.state.plane, film.stamp_ns
+    film.stamp_ns += 3 * SECOND
+    film.show(film.picture(25e3)[0])
+    film.stamp_ns = in_time + FRAME_NS
+    outcome = film.show(film.picture(25e3)[0])
+    assert outcome.sightings.seen == TARGETS
+    assert film.state.plane is plane
+    assert (film.state.resets, dict(film.state.rejected)) == (0, {'ahead': 1})
 
 
 def test_the_same_camera_info_again_changes_nothing_and_another_starts_anew():

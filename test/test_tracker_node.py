@@ -492,7 +492,7 @@ def test_a_new_start_knows_the_camera_whatever_the_plane_comes_from(method):
     state = tracker.reset(state)
     assert state.lens is before.lens
     assert (state.plane is None) == (before.plane is None) == (method == 'rest')
-    assert (state.row, state.stamp_ns, state.rest.frames) == (None, None, 0)
+    assert (state.row, state.stamps.last_ns, state.rest.frames) == (None, None, 0)
     assert (state.frames, state.resets) == (2, 1)
     assert tracker.reset(TrackerState()).lens is None
 

@@ -6,6 +6,7 @@ And which reading belongs to which frame: the nearest by their stamps, within ha
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -14,6 +15,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 
 BACKWARD_JUMP = 1.0  # s; a stamp older by more is a new start of time, by less a late message
 STARTS_ANEW = 'starts_anew'
+AHEAD = 'ahead'  # of a message whose stamp was wrong, as the next one showed
 LATEST_STAMP = 2**31 * NANOSECONDS_PER_SECOND  # a header holds its seconds in 32 bits
 
 
@@ -33,6 +35,34 @@ def stamp_fault(what: str, last_ns: int | None, stamp_ns: int) -> tuple[str, str
     if back <= BACKWARD_JUMP:
         return 'older', f'{what} {back:.3g} s older than the last one'
     return STARTS_ANEW, f'time jumped back by {back:.3g} s: state reset'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StampGate:
+    """The stamps of messages of one kind so far, by which the next one is judged.
+
+    last_ns: of the last one; before_ns: of the one before it, if more than a second lies between:
+    then the next one says whether time has gone on from there or that stamp was wrong.
+    """
+
+    last_ns: int | None = None
+    before_ns: int | None = None
+
+    def fault(self, what: str, stamp_ns: int) -> tuple[str, str]:
+        """Return why a message cannot follow the last one, as `stamp_fault`.
+
+        The key `AHEAD` says that it can, and that the last one is to be left out.
+        """
+        reason, sentence = stamp_fault(what, self.last_ns, stamp_ns)
+        if reason == STARTS_ANEW and self.before_ns is not None and stamp_ns > self.before_ns:
+            return AHEAD, f'a {what} was stamped ahead of its time: left out'
+        return reason, sentence
+
+    def after(self, stamp_ns: int) -> StampGate:
+        """Return it after one more message."""
+        last_ns = self.last_ns
+        gap = last_ns is not None and seconds_between(last_ns, stamp_ns) > BACKWARD_JUMP
+        return StampGate(last_ns=stamp_ns, before_ns=last_ns if gap else None)
 
 
 def count_reason(counts: Mapping[str, int], reason: str) -> Mapping[str, int]:

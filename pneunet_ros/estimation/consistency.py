@@ -19,7 +19,13 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.core.stamps import count_reason, match_stamps, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import (
+    AHEAD,
+    count_reason,
+    match_stamps,
+    StampGate,
+    STARTS_ANEW,
+)
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
@@ -159,7 +165,7 @@ class ConsistencyState:
     """
 
     estimates: tuple[ShapeEstimate, ...] = ()
-    frame_stamp_ns: int | None = None
+    frame_stamps: StampGate = field(default_factory=StampGate)
     waiting: tuple[TargetSightings, ...] = ()
     running: RunningInnovation | None = None
     compared: tuple[FrameInnovation, ...] = ()
@@ -169,6 +175,11 @@ class ConsistencyState:
     def fresh(self) -> ConsistencyState:
         """Forget readings and frames; only the counts go on."""
         return ConsistencyState(matched=self.matched, unmatched=self.unmatched)
+
+    def without_frames_after(self, stamp_ns: int) -> ConsistencyState:
+        """Forget the frame whose stamp was ahead of its time, if it still waits."""
+        waiting = tuple(one for one in self.waiting if one.stamp_ns <= stamp_ns)
+        return replace(self, waiting=waiting).count_unmatched(AHEAD)
 
     def count_unmatched(self, reason: str) -> ConsistencyState:
         """Count one more frame that cannot be compared."""
@@ -236,15 +247,17 @@ def take_targets(
 ) -> tuple[ConsistencyState, Refusal | None]:
     """Take a frame; returns why it cannot follow the one before, or None."""
     state = replace(state, compared=())
-    reason, sentence = stamp_fault('frame of targets', state.frame_stamp_ns, sightings.stamp_ns)
+    reason, sentence = state.frame_stamps.fault('frame of targets', sightings.stamp_ns)
     if reason == STARTS_ANEW:
         state = state.fresh()
+    elif reason == AHEAD:
+        state = state.without_frames_after(sightings.stamp_ns)
     elif reason:
         refusal = Refusal(
             stamp_ns=sightings.stamp_ns, reason=reason, sentence=sentence, error=False
         )
         return state.count_unmatched(reason), refusal
-    state = replace(state, frame_stamp_ns=sightings.stamp_ns)
+    state = replace(state, frame_stamps=state.frame_stamps.after(sightings.stamp_ns))
     if not sightings.seen:
         return state.count_unmatched('not_seen'), None
     if len(state.waiting) == settings.most_waiting:

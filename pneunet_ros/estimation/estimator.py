@@ -96,8 +96,8 @@ class Estimator:
     ) -> tuple[EstimatorState, ShapeEstimate | Refusal]:
         """Estimate the shape at a pressure reading."""
         elapsed = 0.0
-        if state.pressure_stamp_ns is not None:
-            elapsed = seconds_between(state.pressure_stamp_ns, reading.stamp_ns)
+        if state.history_ns is not None:
+            elapsed = seconds_between(state.history_ns, reading.stamp_ns)
         notes = [note] if note else []
         if elapsed > self.settings.input_timeout:
             notes.append(f'first pressure after {elapsed:.3g} s')
@@ -117,6 +117,8 @@ class Estimator:
         position = locate_load(self.arm, load, chamber, self.reading_std(reading))
         beside = out_of_plane(self.arm, self.settings, wrench)
         refusal = refusal or self.forbidden(reading, position, beside)
+        if refusal is not None and position.reason == OUT_OF_RANGE:
+            return state.with_impossible(reading.stamp_ns), refusal
         if refusal is not None:
             return state.with_reading(reading.stamp_ns, history), refusal
         rods, changes = self.table.at(chamber, history, load)

@@ -9,23 +9,30 @@ from types import MappingProxyType
 
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
-from pneunet_ros.core.stamps import BACKWARD_JUMP, count_reason, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import (
+    AHEAD,
+    BACKWARD_JUMP,
+    count_reason,
+    stamp_fault,
+    STARTS_ANEW,
+)
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import History
 from pneunet_ros.solver.solution import SolverNodes
-
-AHEAD = 'ahead'  # reason of a reading whose stamp was wrong, as the next one showed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EstimatorState:
     """All that an estimator remembers from one reading to the next.
 
-    before: the state before a pressure reading that came after a gap of more than a second, until
-    the next one says whether time has gone on from there or that stamp was wrong.
+    history_ns: the stamp of the pressure reading that the history goes up to, which is the last
+    one but for readings that no arm can have; before: the state before a pressure reading that
+    came after a gap of more than a second, until the next one says whether time has gone on from
+    there or that stamp was wrong.
     """
 
     pressure_stamp_ns: int | None = None
+    history_ns: int | None = None
     wrench: WrenchReading | None = None
     history: tuple[History, ...] | None = None
     solution: SolverNodes | None = None
@@ -38,6 +45,7 @@ class EstimatorState:
         """After an end wrench, in the base frame."""
         return EstimatorState(
             pressure_stamp_ns=self.pressure_stamp_ns,
+            history_ns=self.history_ns,
             wrench=wrench,
             history=self.history,
             solution=self.solution,
@@ -51,6 +59,7 @@ class EstimatorState:
         """After a pressure reading without an estimate: there is no branch to follow any more."""
         return EstimatorState(
             pressure_stamp_ns=stamp_ns,
+            history_ns=stamp_ns,
             wrench=self.wrench,
             history=history,
             estimates=self.estimates,
@@ -59,12 +68,17 @@ class EstimatorState:
             before=self.before,
         )
 
+    def with_impossible(self, stamp_ns: int) -> EstimatorState:
+        """After a pressure reading that no arm can have, and that leaves no trace in it."""
+        return replace(self, pressure_stamp_ns=stamp_ns, solution=None)
+
     def with_estimate(
         self, stamp_ns: int, history: tuple[History, ...], solution: SolverNodes
     ) -> EstimatorState:
         """After an estimate, whose branch the next one follows."""
         return EstimatorState(
             pressure_stamp_ns=stamp_ns,
+            history_ns=stamp_ns,
             wrench=self.wrench,
             history=history,
             solution=solution,
@@ -140,6 +154,7 @@ def resume(state: EstimatorState, reading: Reading) -> EstimatorState | None:
     return replace(
         state,
         pressure_stamp_ns=before.pressure_stamp_ns,
+        history_ns=before.history_ns,
         history=before.history,
         solution=before.solution,
         before=None,

@@ -37,6 +37,8 @@ from pneunet_ros.model.part_load import PartLoad
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.solver.columns import LOADS
 
+EXACT = 1e-6  # of the force scale: std of a force that is known
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bench:
@@ -118,7 +120,8 @@ class Bench:
             response[:, GAIN] = true.force_x, true.force_y
         if self.arm.sensing:
             response[:, self.unknowns.of_columns] = -self.by_columns(reading)[:, FORCE].T
-        std = math.hypot(self.arm.sensors.force_std, belief.walk * math.sqrt(abs(wrench.age)))
+        walked = belief.walk * math.sqrt(abs(wrench.age))
+        std = math.hypot(self.arm.sensors.force_std, walked, EXACT * self.unknowns.force_scale)
         value = np.array([true.force_x, true.force_y])
         innovation = value - response @ belief.mean
         spread = response @ belief.root

@@ -38,7 +38,7 @@ from pneunet_ros.fusion.belief import (
 )
 from pneunet_ros.fusion.lack import LackGrowth, weights_after
 from pneunet_ros.fusion.settings import FusionSettings
-from pneunet_ros.measurement.disturbances import placement_jacobian
+from pneunet_ros.measurement.disturbances import placement_jacobian, SMALLEST_STD
 from pneunet_ros.measurement.gauss_newton import End, gauss_newton
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import target_jacobian
@@ -283,7 +283,8 @@ class FrameProblem:
     def __post_init__(self) -> None:
         """Take the white noise of the targets that count, and what the unknowns change."""
         object.__setattr__(self, 'causes', causes_of(self.unknowns, self.inputs))
-        white = np.fmax(self.sightings.std[self.used], self.table.arm.sensors.target_std)
+        least = max(self.table.arm.sensors.target_std, SMALLEST_STD)
+        white = np.fmax(self.sightings.std[self.used], least)
         object.__setattr__(self, 'std', np.tile(white, 2))
 
     @property

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, TargetSightings, WrenchReading
-from pneunet_ros.core.stamps import stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import AHEAD, STARTS_ANEW
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.effects.effect import Load
 from pneunet_ros.estimation.consistency import chi_square_limit
@@ -137,7 +137,7 @@ class Fusion:
             # It is not kept: without a pressure that can be, the camera is alone.
             hint = reference_hint(self.arm, self.sensors, reading.pressure)
             refusal = refuse(reading.stamp_ns, position.reason, position.sentence + hint)
-            readings = state.readings.with_reading(reading.stamp_ns, instant.history)
+            readings = state.readings.with_impossible(reading.stamp_ns)
             return replace(state, readings=readings).count_rejected(refusal.reason), refusal
         ready = [item for item in state.waiting if self.bench.shown_ns(item) <= instant.stamp_ns]
         state = replace(
@@ -170,6 +170,7 @@ class Fusion:
         refusal = Refusal(
             stamp_ns=reading.stamp_ns, reason='pressure_off', sentence=PRESSURE_OFF, error=False
         )
+        state = replace(state, readings=state.readings.with_impossible(reading.stamp_ns))
         return state.count_rejected(refusal.reason), refusal
 
     def ahead_notes(self, state: FusionState) -> list[str]:
@@ -191,8 +192,8 @@ class Fusion:
         """Return what a pressure reading says of the chamber."""
         before = state.readings
         elapsed = 0.0
-        if before.pressure_stamp_ns is not None:
-            elapsed = seconds_between(before.pressure_stamp_ns, reading.stamp_ns)
+        if before.history_ns is not None:
+            elapsed = seconds_between(before.history_ns, reading.stamp_ns)
         gauge = gauge_pressure(self.sensors, reading.pressure)
         sensed = self.arm.sense(Load(pressure=gauge)).pressure
         history = before.history
@@ -217,16 +218,18 @@ class Fusion:
     ) -> tuple[FusionState, FusionOutcome]:
         """Take a frame, or let it wait for its pressure; alone it gives an estimate itself."""
         stamp_ns, targets = sightings.stamp_ns, self.bench.unknowns.targets
-        reason, sentence = stamp_fault('frame of targets', state.frame_stamp_ns, stamp_ns)
+        reason, sentence = state.frame_stamps.fault('frame of targets', stamp_ns)
         if len(sightings.x) != targets:
             reason = 'wrong_targets'
             sentence = f'a frame of {len(sightings.x)} targets: the model has {targets}'
         if reason == STARTS_ANEW:
             state = state.without_frames()
+        elif reason == AHEAD:
+            state = state.without_frames_after(stamp_ns)
         elif reason:
             refusal = Refusal(stamp_ns=stamp_ns, reason=reason, sentence=sentence, error=False)
             return state.count_unused(reason), refusal
-        state = replace(state, frame_stamp_ns=stamp_ns)
+        state = replace(state, frame_stamps=state.frame_stamps.after(stamp_ns))
         shown_ns = self.bench.shown_ns(sightings)
         if state.pressures and shown_ns <= state.pressures[-1].stamp_ns:
             return self.use_frame(state, sightings), None
@@ -235,7 +238,8 @@ class Fusion:
         else:
             since_ns = self.bench.shown_ns(state.waiting[0] if state.waiting else sightings)
         alone = state.pressure_lost and not state.pressures
-        if not alone and not self.is_stale(since_ns, shown_ns):
+        gap = state.frame_stamps.before_ns is not None  # the next one says if this one is ahead
+        if not alone and (not self.is_stale(since_ns, shown_ns) or (gap and not state.waiting)):
             if len(state.waiting) == self.settings.most_waiting:
                 state = replace(state, waiting=state.waiting[1:]).count_unused('no_pressure')
             return replace(state, waiting=(*state.waiting, sightings)), None

@@ -8,7 +8,7 @@ import math
 from types import MappingProxyType
 
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
-from pneunet_ros.core.stamps import count_reason
+from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief
@@ -99,7 +99,7 @@ class FusionState:
     pressures: tuple[PressureInstant, ...] = ()
     wrenches: tuple[WrenchReading, ...] = ()
     waiting: tuple[TargetSightings, ...] = ()
-    frame_stamp_ns: int | None = None
+    frame_stamps: StampGate = field(default_factory=StampGate)
     seen: SeenFrame | None = None
     belief: Belief | None = None
     rival: Belief | None = None
@@ -165,6 +165,14 @@ class FusionState:
             pressure_off=True,
             sensor=Verdict.OPEN,
         )
+
+    def without_frames_after(self, stamp_ns: int) -> FusionState:
+        """Forget the frame whose stamp was ahead of its time, or that stamp where it was used."""
+        waiting = tuple(one for one in self.waiting if one.stamp_ns <= stamp_ns)
+        belief = self.belief
+        if belief is not None and belief.stamp_ns > stamp_ns:
+            belief = replace(belief, stamp_ns=stamp_ns)
+        return replace(self, waiting=waiting, belief=belief).count_unused(AHEAD)
 
     def without_frames(self) -> FusionState:
         """Forget the frames; readings and counts go on."""

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import MessageError, RecordingError
-from pneunet_ros.core.stamps import match_stamps, stamp_fault, Stamps, STARTS_ANEW
+from pneunet_ros.core.stamps import AHEAD, match_stamps, StampGate, Stamps, STARTS_ANEW
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.readings import Sensor, SENSORS, UnusableTopic
@@ -25,6 +25,7 @@ REASONS = {
     'no_stamp': 'without a header stamp',
     'duplicate': 'with the stamp of the one before',
     'older': 'older than the one before',
+    AHEAD: 'stamped ahead of time',
     STARTS_ANEW: 'on the other side of a jump back in time',
 }
 
@@ -132,17 +133,21 @@ def _in_order(
     """
     counts: Counter[str] = Counter({UNREADABLE: unreadable} if unreadable else {})
     stretches: list[list[int]] = [[]]
+    gate = StampGate()
     for index, stamp_ns in enumerate(stamps):
-        last = stamps[stretches[-1][-1]] if stretches[-1] else None
         if not sensor.per_target and not sensor.present(rows[index][None])[0]:
             reason = 'not_finite'
         else:
-            reason, _ = stamp_fault(sensor.label, last, stamp_ns)
+            reason, _ = gate.fault(sensor.label, stamp_ns)
         if reason == STARTS_ANEW:
             stretches.append([])
         elif reason:
             counts[reason] += 1
+        if reason == AHEAD:  # the last one was, not this one
+            stretches[-1].pop()
+        elif reason and reason != STARTS_ANEW:
             continue
+        gate = gate.after(stamp_ns)
         stretches[-1].append(index)
     kept = max(stretches, key=len)
     jumped = sum(len(stretch) for stretch in stretches) - len(kept)

@@ -12,7 +12,7 @@ from pneunet_ros.core.errors import CameraError, ModelError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import TargetSightings, unseen_targets
-from pneunet_ros.core.stamps import count_reason, stamp_fault, STARTS_ANEW
+from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate, STARTS_ANEW
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.camera_settings import (
@@ -88,7 +88,7 @@ class TrackerState:
     polarity: Polarity | None = None
     leading: str = ''
     row: TrackedRow | None = None
-    stamp_ns: int | None = None
+    stamps: StampGate = field(default_factory=StampGate)
     frames: int = 0
     explained: int = 0
     resets: int = 0
@@ -110,7 +110,7 @@ class TrackerState:
         return replace(
             self,
             row=row,
-            stamp_ns=row.stamp_ns,
+            stamps=self.stamps.after(row.stamp_ns),
             frames=self.frames + 1,
             explained=self.explained + 1,
         )
@@ -262,7 +262,7 @@ class Tracker:
         state = replace(
             state,
             row=None,
-            stamp_ns=image.stamp_ns,
+            stamps=state.stamps.after(image.stamp_ns),
             frames=state.frames + 1,
             unexplained=count_reason(state.unexplained, failure.reason),
         )
@@ -300,9 +300,11 @@ class Tracker:
 
     def _admitted(self, state: TrackerState, image: Image) -> tuple[TrackerState, Refusal | None]:
         """Whether an image can be looked at; it may start everything anew."""
-        reason, sentence = stamp_fault('image', state.stamp_ns, image.stamp_ns)
+        reason, sentence = state.stamps.fault('image', image.stamp_ns)
         if reason == STARTS_ANEW:
             state, reason = self.reset(state), ''
+        elif reason == AHEAD:  # what moved since is not known, where the camera is has not changed
+            state, reason = replace(state, row=None).count_rejected(AHEAD), ''
         error = False
         if not reason and state.lens is None:
             reason, error = 'no_camera_info', True
