@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.measurement.propagated_errors import PropagatedErrors
 from pneunet_ros.measurement.second_order import second_order, SecondOrder
 from pneunet_ros.model.domain_position import DomainPosition
 from pneunet_ros.model.shape import Shape
@@ -51,6 +53,43 @@ class ShapeEstimate:
         if not any(self.position.error):
             return self.curved
         return second_order(self.curved.sensitivity, self.noise) or self.curved
+
+
+def estimate_of(
+    *,
+    stamp_ns: int,
+    shape: Shape,
+    chamber_pressure: float,
+    jacobian: Array,
+    noise: Array,
+    errors: PropagatedErrors,
+    position: DomainPosition,
+    wrench_age: float | None,
+    notes: Sequence[str],
+) -> ShapeEstimate:
+    """Return a solved shape with its propagated errors; notes: what is to be said beside it."""
+    warnings = [*notes, *position.notes]
+    if shape.stable is False:
+        warnings.append('the equilibrium is unstable under dead load')
+    curved = errors.second_order
+    if curved is None or curved.step < 1.0:
+        warnings.append('an error of one sigma leads to no equilibrium, or to another one')
+    std_x, std_y, std_curvature = errors.std
+    return ShapeEstimate(
+        stamp_ns=stamp_ns,
+        shape=replace(shape, extrapolated=position.extrapolated),
+        chamber_pressure=chamber_pressure,
+        jacobian=jacobian,
+        tip_covariance=errors.tip_covariance,
+        std_x=std_x,
+        std_y=std_y,
+        std_curvature=std_curvature,
+        wrench_age=wrench_age,
+        warnings=tuple(warnings),
+        position=position,
+        noise=noise,
+        curved=curved,
+    )
 
 
 Outcome = ShapeEstimate | Refusal | None

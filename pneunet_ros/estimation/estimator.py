@@ -7,23 +7,22 @@ Stamps are those of the message headers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 
-import numpy as np
-from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.core.readings import PressureReading, Reading, WrenchReading
 from pneunet_ros.core.units import kilopascals, seconds_between
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
+from pneunet_ros.estimation.estimate import estimate_of, Outcome, ShapeEstimate
 from pneunet_ros.estimation.out_of_plane import out_of_plane, OutOfPlane
 from pneunet_ros.estimation.sensor_mapping import base_wrench, gauge_pressure, wrong_frame
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import admit, EstimatorState
 from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
-from pneunet_ros.measurement.noise_jacobian import noise_jacobian, propagate_covariance
-from pneunet_ros.measurement.second_order import second_order
+from pneunet_ros.measurement.noise_jacobian import noise_jacobian
+from pneunet_ros.measurement.propagated_errors import propagate_errors
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.domain_position import DomainPosition, locate_load, OUT_OF_RANGE
 from pneunet_ros.model.equilibrium import (
@@ -127,46 +126,28 @@ class Estimator:
         if solution is None:
             refusal = refuse(reading.stamp_ns, 'no_equilibrium', shape.status)
             return state.with_reading(reading.stamp_ns, history), refusal
-        if shape.extrapolated is not position.extrapolated:
-            shape = replace(shape, extrapolated=position.extrapolated)
-        notes += [*position.notes, *([beside.note] if beside.warns else [])]
-        if shape.stable is False:
-            notes.append('the equilibrium is unstable under dead load')
         sensitivity = linearize_shape(solution, rods, changes)
-        known = noise_jacobian(self.table, sensed, self.reading_std(reading))
-        noise = with_extrapolation_error(known, position)
-        covariance, std = np.empty((3, 3)), np.empty((3, self.arclength.size))
-        stations = sensitivity.stations(self.arclength)
-        curved = second_order(sensitivity, noise)
-        if curved is None or not propagate_covariance(
-            noise, sensitivity.tip, stations, covariance, std
-        ):
+        noise = noise_jacobian(self.table, sensed, self.reading_std(reading))
+        errors = propagate_errors(
+            sensitivity, with_extrapolation_error(noise, position), self.arclength
+        )
+        if errors is None:
             sentence = (
                 'the shape answers to its loads without bound (limit point), '
                 'or readings and model are too uncertain for any covariance'
             )
             refusal = refuse(reading.stamp_ns, 'no_uncertainty', sentence)
             return state.with_reading(reading.stamp_ns, history), refusal
-        if curved.step < 1.0:
-            notes.append('an error of one sigma leads to no equilibrium, or to another one')
-        further = curved.stations(self.arclength)
-        covariance += np.outer(further[:, -1], further[:, -1])
-        std[:2] = np.hypot(std[:2], further[:2])
-        freeze(std)
-        estimate = ShapeEstimate(
+        estimate = estimate_of(
             stamp_ns=reading.stamp_ns,
             shape=shape,
             chamber_pressure=chamber,
             jacobian=jacobian_of(self.arm, sensitivity, history),
-            tip_covariance=freeze(covariance),
-            std_x=std[0],
-            std_y=std[1],
-            std_curvature=std[2],
-            wrench_age=age,
-            warnings=tuple(notes),
+            noise=noise,
+            errors=errors,
             position=position,
-            noise=known,
-            curved=curved,
+            wrench_age=age,
+            notes=[*notes, *([beside.note] if beside.warns else [])],
         )
         return state.with_estimate(reading.stamp_ns, history, solution), estimate
 

@@ -10,7 +10,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.outcome import Refusal
 from pneunet_ros.effects.effect import Load
-from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimate import estimate_of, ShapeEstimate
 from pneunet_ros.estimation.estimator import refuse
 from pneunet_ros.estimation.out_of_plane import out_of_plane
 from pneunet_ros.fusion.belief import (
@@ -36,11 +36,11 @@ from pneunet_ros.fusion.frame_fit import (
     pressure_like,
 )
 from pneunet_ros.fusion.judgement import confirmed
-from pneunet_ros.fusion.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.noise_model import target_std
+from pneunet_ros.measurement.propagated_errors import propagate_errors, SeenShape
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
 from pneunet_ros.model.shape import Shape
@@ -109,7 +109,9 @@ def estimate_at(
         return state, refuse(stamp_ns, 'no_equilibrium', arm.bent.shape.status)
     if arm.position.reason:
         return state, refuse(stamp_ns, arm.position.reason, arm.position.sentence)
-    estimate = shape_estimate(bench, arm, stamp_ns, mode)
+    notes = [*notes, *said_of_bench(bench, state, arm.belief)]
+    wrench_age = None if used is None else used.age
+    estimate = shape_estimate(bench, arm, stamp_ns, mode, wrench_age, notes)
     if isinstance(estimate, Refusal):
         return state, estimate
     for other in others_likely(bench, state, arm, instant, mode):
@@ -120,14 +122,9 @@ def estimate_at(
     if state.sensor is Verdict.OFF:
         fault = sensor_fault(bench, arm.belief, instant, read, ambiguous=ambiguous)
     force, covariance = known_force(bench, arm, fault, ambiguous=ambiguous)
-    said = said_of_bench(bench, state, arm.belief)
     lacking = pressure_like(bench.unknowns, arm.inputs)
     fused = FusedEstimate(
-        estimate=replace(
-            estimate,
-            wrench_age=None if used is None else used.age,
-            warnings=(*notes, *arm.position.notes, *estimate.warnings, *said),
-        ),
+        estimate=estimate,
         mode=mode,
         force=force,
         force_covariance=covariance,
@@ -251,19 +248,24 @@ def position_of(
 
 
 def shape_estimate(
-    bench: Bench, arm: BelievedArm, stamp_ns: int, mode: Mode
+    bench: Bench,
+    arm: BelievedArm,
+    stamp_ns: int,
+    mode: Mode,
+    wrench_age: float | None,
+    notes: list[str],
 ) -> ShapeEstimate | Refusal:
     """Return the shape with the errors that the belief carries into it, to second order."""
     bent, position = arm.bent, arm.position
     sensitivity = bent.linearize()
     causes = causes_with_contact(arm.causes, bent.contact)
     noise = np.ascontiguousarray(compress(causes @ arm.belief.root).T)
-    seen: SeenShape | None = None
     if mode is Mode.PREDICTION:
-        noise = with_extrapolation_error(noise, position)
+        widened = with_extrapolation_error(noise, position)
+        errors = propagate_errors(sensitivity, widened, bench.arclength)
     else:
         seen = seen_shape(bench, causes @ arm.unseen, sensitivity)
-    errors = propagate_errors(sensitivity, noise, bench.arclength, seen)
+        errors = propagate_errors(sensitivity, noise, bench.arclength, seen)
     largest = math.inf
     if errors is not None:
         largest = math.sqrt(np.linalg.eigvalsh(errors.tip_covariance[:2, :2])[-1])
@@ -276,26 +278,16 @@ def shape_estimate(
             f'{1e3 * bench.settings.largest_tip_std:.3g} mm'
             + (': no target was seen lately' if mode is Mode.PREDICTION else ''),
         )
-    notes = []
-    if bent.shape.stable is False:
-        notes.append('the equilibrium is unstable under dead load')
-    if errors.second_order is None or errors.second_order.step < 1.0:
-        notes.append('an error of one sigma leads to no equilibrium, or to another one')
-    std_x, std_y, std_curvature = errors.std
-    return ShapeEstimate(
+    return estimate_of(
         stamp_ns=stamp_ns,
-        shape=replace(bent.shape, extrapolated=position.extrapolated),
+        shape=bent.shape,
         chamber_pressure=bent.shape.pressure,
         jacobian=jacobian_of(bench.arm, sensitivity, arm.inputs.history or ()),
-        tip_covariance=errors.tip_covariance,
-        std_x=std_x,
-        std_y=std_y,
-        std_curvature=std_curvature,
-        wrench_age=None,
-        warnings=tuple(notes),
-        position=position,
         noise=freeze(noise),
-        curved=errors.second_order,
+        errors=errors,
+        position=position,
+        wrench_age=wrench_age,
+        notes=notes,
     )
 
 
