@@ -117,7 +117,7 @@ def estimate_at(
     for other in others_likely(bench, state, arm, instant, mode):
         estimate = holding(estimate, other)
     contact = None if mode is Mode.PREDICTION else contact_at(bench, state, arm, used)
-    ambiguous = state.ambiguous or (contact is not None and contact.ambiguous)
+    ambiguous = state.search.ambiguous or (contact is not None and contact.ambiguous)
     fault = None
     if state.sensor is Verdict.OFF:
         fault = sensor_fault(bench, arm.belief, instant, read, ambiguous=ambiguous)

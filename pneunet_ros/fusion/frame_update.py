@@ -7,7 +7,7 @@ hidden another equilibrium may look the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -28,6 +28,33 @@ class ColdRound:
 
     frame: int = 0
     best: tuple[tuple[float, float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColdSearch:
+    """How the search for another force that explains the frames goes, one round after the other.
+
+    ambiguous: one does as well; found_better: one explained the last frame better, and the search
+    in the next one begins everywhere; clear: frames in a row in which none was found.
+    """
+
+    ambiguous: bool = False
+    found_better: bool = False
+    clear: int = 0
+    round: ColdRound = field(default_factory=ColdRound)
+
+    def looked(self, fit: Fit) -> ColdSearch:
+        """Return it after it has looked beside one more fit, with as much as is due in a frame."""
+        settings = fit[0].settings
+        gain, round_ = look_elsewhere(fit, self.round)
+        clear = 0 if gain > -settings.rival else self.clear + 1
+        whole = settings.restart_frames + settings.starts_followed
+        return ColdSearch(
+            ambiguous=gain > -settings.rival or (self.ambiguous and clear < whole),
+            found_better=gain > settings.rival,
+            clear=clear,
+            round=round_,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,7 +121,7 @@ def search_everywhere(problem: FrameProblem, tracked: Fit | None) -> tuple[Fit |
         found = solutions(best[0], first_starts(best[0]))
     rival = best_rival(best, found)
     if rival is None:  # all are ends of one search, of which some may have got stuck
-        return min([best, *found], key=cost_of), False
+        return min([best, *found], key=laplace_cost), False
     gain, margin = gain_over(best, rival), problem.settings.rival
     return (rival, False) if gain > margin else (best, gain > -margin)
 
@@ -212,10 +239,10 @@ def solutions(problem: FrameProblem, starts: list[Trial]) -> list[Fit]:
     """Return fits of a frame from cold starts, the best first."""
     found = [search_from(problem, trial) for trial in starts]
     fits = [(problem, fit) for fit in found if fit is not None]
-    return sorted(fits, key=cost_of)
+    return sorted(fits, key=laplace_cost)
 
 
-def cost_of(fit: Fit) -> float:
+def laplace_cost(fit: Fit) -> float:
     """Return minus twice the log of the evidence of a fit, but for a constant."""
     return fit[1].log_evidence_cost
 
@@ -259,7 +286,7 @@ def best_rival(best: Fit, fits: list[Fit]) -> Fit | None:
 
 def gain_over(fit: Fit, rival: Fit) -> float:
     """Return by how much (chi squared) a rival explains a frame better than a fit."""
-    return cost_of(fit) - cost_of(rival)
+    return laplace_cost(fit) - laplace_cost(rival)
 
 
 def force_at(problem: FrameProblem, trial: Trial) -> Array:

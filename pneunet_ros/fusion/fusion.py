@@ -34,7 +34,7 @@ from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.contact import without_contact
 from pneunet_ros.fusion.estimate import FusedEstimate, FusionOutcome, Mode
 from pneunet_ros.fusion.force_sensor import Verdict
-from pneunet_ros.fusion.frame_update import ColdRound, look_elsewhere
+from pneunet_ros.fusion.frame_update import ColdSearch
 from pneunet_ros.fusion.judgement import explains_all, is_copy, take, weigh_and_judge
 from pneunet_ros.fusion.lack import remember
 from pneunet_ros.fusion.readings import (
@@ -403,13 +403,7 @@ class Fusion:
         )
         if not update.settled:
             return state
-        return replace(
-            state,
-            ambiguous=update.ambiguous,
-            found_better=False,
-            since_restart=0,
-            cold_round=ColdRound(),
-        )
+        return replace(state, search=ColdSearch(ambiguous=update.ambiguous))
 
     def doubt_frame(self, state: FusionState) -> FusionState:
         """Weigh the last frame against all else that it may be, then look for another force.
@@ -428,15 +422,4 @@ class Fusion:
                 state = self.with_taken(state, taken, belief)
         if state.unchecked is None:
             return state
-        gain, round_ = look_elsewhere(state.unchecked, state.cold_round)
-        rival = self.settings.rival
-        clear = 0 if gain > -rival else state.since_restart + 1
-        whole = self.settings.restart_frames + self.settings.starts_followed
-        return replace(
-            state,
-            unchecked=None,
-            ambiguous=gain > -rival or (state.ambiguous and clear < whole),
-            found_better=gain > rival,
-            since_restart=clear,
-            cold_round=round_,
-        )
+        return replace(state, unchecked=None, search=state.search.looked(state.unchecked))

@@ -56,7 +56,7 @@ def take(bench: Bench, state: FusionState, frame: ReadFrame, before: Belief) -> 
     update = take_frame(
         problem,
         cold=frame.force_lost or not before.frames,
-        found_better=state.found_better,
+        found_better=state.search.found_better,
         force_read=frame.wrench is not None,
     )
     return TakenFrame(frame=frame, before=before, problem=problem, update=update)
@@ -148,13 +148,13 @@ def take_unpressed(
     others = [take(bench, anew, frame, before)]
     if frame.wrench is not None and not settings.free_tip:
         others.append(take(bench, anew, frame.without_wrench(), before))
-    least, fit = min(map(cost_of, others)), weighed.update.fit
+    least, fit = min(map(evidence_cost_of, others)), weighed.update.fit
     if fit is not None and (fit[0].prior.touched or misfits(fit)):
         least = min(least, evidence_cost(fit, frame.sightings.seen))
-    return unpressed if cost_of(unpressed) < least - 2.0 * settings.pressure_off else None
+    return unpressed if evidence_cost_of(unpressed) < least - 2.0 * settings.pressure_off else None
 
 
-def cost_of(taken: TakenFrame) -> float:
+def evidence_cost_of(taken: TakenFrame) -> float:
     """Return minus twice the log of the evidence of a frame; infinite where nothing fits."""
     fit = taken.update.fit
     return math.inf if fit is None else evidence_cost(fit, taken.frame.sightings.seen)

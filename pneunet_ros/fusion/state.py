@@ -14,7 +14,7 @@ from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.fusion.belief import Belief
 from pneunet_ros.fusion.force_sensor import Verdict
 from pneunet_ros.fusion.frame_fit import FrameProblem
-from pneunet_ros.fusion.frame_update import ColdRound, Fit, FrameUpdate
+from pneunet_ros.fusion.frame_update import ColdSearch, Fit, FrameUpdate
 from pneunet_ros.fusion.readings import PressureInstant, ReadFrame, SeenFrame
 from pneunet_ros.solver.solution import SolverNodes
 
@@ -89,9 +89,7 @@ class FusionState:
     pressure_off: targets say that it is not what is read.
     unweighed: the last frame, which is still to be weighed against all else that it may be;
     unchecked: its fit, beside which other forces are still to be looked for; told: an answer since
-    then is out; found_better: one explained that frame better, and the next search
-    begins everywhere; since_restart: frames in a row in which the search, begun at a part of the
-    cold starts each, found no other force; lost: frames in a row not used. frames: used so far;
+    then is out; search: for such forces; lost: frames in a row not used. frames: used so far;
     unused: others by reason.
     """
 
@@ -112,13 +110,10 @@ class FusionState:
     solution: SolverNodes | None = None
     pressure_lost: bool = False
     pressure_off: bool = False
-    ambiguous: bool = False
     unweighed: TakenFrame | None = None
     unchecked: Fit | None = None
     told: bool = False
-    found_better: bool = False
-    since_restart: int = 0
-    cold_round: ColdRound = field(default_factory=ColdRound)
+    search: ColdSearch = field(default_factory=ColdSearch)
     lost: int = 0
     nis: RunningNis | None = None
     estimates: int = 0
