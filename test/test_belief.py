@@ -115,12 +115,16 @@ def test_the_walk_rises_at_once_and_falls_slowly():
     start = replace(believed(), root=1e-6 * believed().root, walk=1e-3, usual_walk=1e-3)
     after = replace(start, stamp_ns=start.stamp_ns + SECOND // 10)
     jumped = replace(after, mean=start.mean + np.eye(start.mean.size)[0] * 0.02)
-    assert with_walk(FUSION, start, jumped).walk == pytest.approx(0.02 / np.sqrt(0.1), rel=0.01)
+    assert with_walk(UNKNOWNS, FUSION, start, jumped).walk == pytest.approx(
+        0.02 / np.sqrt(0.1), rel=0.01
+    )
     moving = replace(start, walk=0.05)
     share = np.exp(-0.1 / FUSION.walk_time)
-    assert with_walk(FUSION, moving, after).walk == pytest.approx(0.05 * np.sqrt(share), rel=0.01)
+    assert with_walk(UNKNOWNS, FUSION, moving, after).walk == pytest.approx(
+        0.05 * np.sqrt(share), rel=0.01
+    )
     noisy = replace(start, root=1e2 * believed().root, walk=0.05)
-    assert with_walk(FUSION, noisy, replace(noisy, stamp_ns=after.stamp_ns)).walk < 0.05
+    assert with_walk(UNKNOWNS, FUSION, noisy, replace(noisy, stamp_ns=after.stamp_ns)).walk < 0.05
 
 
 def test_a_force_that_moved_now_and_then_is_not_held_for_certain():
@@ -133,7 +137,7 @@ def test_a_force_that_moved_now_and_then_is_not_held_for_certain():
             stamp_ns=belief.stamp_ns + SECOND // 10,
             mean=np.eye(belief.mean.size)[0] * force,
         )
-        belief = with_walk(FUSION, belief, after)
+        belief = with_walk(UNKNOWNS, FUSION, belief, after)
     # Jumps of 50 mN every four seconds are, on average, a walk of 25 mN/sqrt(s) in one direction.
     assert belief.usual_walk == pytest.approx(0.025 / np.sqrt(2.0), rel=0.5)
-    assert belief.walk >= belief.usual_walk > 10.0 * FUSION.least_walk
+    assert belief.walk >= belief.usual_walk > 10.0 * FUSION.least_walk * UNKNOWNS.force_scale

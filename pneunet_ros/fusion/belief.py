@@ -47,9 +47,10 @@ class Unknowns:
 
     std (n,): before any frame and reading, N, Pa, m, sigma, m; times (k,): correlation times (s)
     of bias, drift, camera, force sensor and columns, which follow the force. force_scale: the
-    largest force (N) that is likely. lacking: where the unknowns are that stand for what the model
-    lacks, whose std is that of a lack of all of the range; range (Pa): of the pressure. placement:
-    of the targets that the model was calibrated with, None where it is not known.
+    largest force (N) that is likely; length (m): of the arm. lacking: where the unknowns are that
+    stand for what the model lacks, whose std is that of a lack of all of the range; range (Pa): of
+    the pressure. placement: of the targets that the model was calibrated with, None where it is
+    not known.
     """
 
     columns: int
@@ -60,6 +61,7 @@ class Unknowns:
     std: Array
     times: Array
     force_scale: float
+    length: float
     placement: PlacementKnown | None = None
 
     @property
@@ -131,6 +133,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
         std=freeze(std),
         times=freeze(times),
         force_scale=scale,
+        length=arm.length,
         placement=None if arm.covariance is None else arm.covariance.placement,
     )
 
@@ -182,6 +185,7 @@ def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) ->
     same pictures must not tell of the model twice.
     """
     mean, weights = np.zeros(unknowns.std.size), first_weights(settings)
+    walk = settings.force_walk * unknowns.force_scale
     root = np.diag(scaled_std(unknowns, scale_of(settings, weights)))
     placement = unknowns.placement
     if placement is not None:
@@ -193,8 +197,8 @@ def first_belief(unknowns: Unknowns, settings: FusionSettings, stamp_ns: int) ->
         stamp_ns=stamp_ns,
         mean=freeze(mean),
         root=freeze(root),
-        walk=settings.force_walk,
-        usual_walk=settings.force_walk,
+        walk=walk,
+        usual_walk=walk,
         lack_weights=weights,
         same_targets=placement is not None,
     )
@@ -227,7 +231,8 @@ def with_moved_camera(unknowns: Unknowns, settings: FusionSettings, belief: Beli
     """
     of_sensor = np.arange(OFFSET.start, GAIN + 1)
     where = np.array([CAMERA.start, CAMERA.start + 1, TURN, *of_sensor])
-    moved, turned = settings.camera_moved_by, settings.camera_turned_by
+    moved = settings.camera_moved_by * unknowns.length
+    turned = settings.camera_turned_by
     std = np.array([moved, moved, turned, *unknowns.std[of_sensor]])
     return replace(forget(belief, where, std), camera_moved=True)
 
@@ -323,7 +328,9 @@ def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief
     return widen(known, slice(-2, None), np.array([moment_std, pressure_std]))
 
 
-def with_walk(settings: FusionSettings, before: Belief, after: Belief) -> Belief:
+def with_walk(
+    unknowns: Unknowns, settings: FusionSettings, before: Belief, after: Belief
+) -> Belief:
     """Return the belief after a frame, with the random walk of the forces that it tells.
 
     before, after: the beliefs at the last frame and at this one, which are all but independent in
@@ -341,8 +348,11 @@ def with_walk(settings: FusionSettings, before: Belief, after: Belief) -> Belief
     average = float(weights @ found[tip] / weights.sum())
     share = -math.expm1(-seconds / settings.usual_time)
     usual = before.usual_walk**2 + share * (average - before.usual_walk**2)
-    usual = min(max(usual, settings.least_walk**2), settings.largest_walk**2)
-    recent = min(max(float(np.max(found)), usual), settings.largest_walk**2)
+    least, largest = np.square(
+        unknowns.force_scale * np.array([settings.least_walk, settings.largest_walk])
+    ).tolist()
+    usual = min(max(usual, least), largest)
+    recent = min(max(float(np.max(found)), usual), largest)
     share = 1.0 if recent > before.walk**2 else -math.expm1(-seconds / settings.walk_time)
     walk = before.walk**2 + share * (recent - before.walk**2)
     return replace(after, walk=math.sqrt(walk), usual_walk=math.sqrt(usual))

@@ -140,8 +140,9 @@ class Bench:
         if not belief.touched:
             return moved
         seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
-        force_walk = min(belief.walk, self.settings.contact_walk)
-        walk = np.array([force_walk, self.settings.place_walk])
+        settings, scale = self.settings, self.unknowns.force_scale
+        force_walk = min(belief.walk, settings.contact_walk * scale)
+        walk = np.array([force_walk, settings.place_walk * self.arm.length])
         return widen(moved, CONTACT, walk * math.sqrt(seconds))
 
     @property

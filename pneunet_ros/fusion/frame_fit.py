@@ -166,7 +166,7 @@ def contact_of(arm: Arm, settings: FusionSettings, x: Array) -> PartLoad | None:
     low, high = settings.contact_places
     if not low * arm.length <= place <= high * arm.length:
         return None
-    return PartLoad(force=force, place=place, width=settings.contact_width)
+    return PartLoad(force=force, place=place, width=settings.contact_width * arm.length)
 
 
 def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:

@@ -391,7 +391,7 @@ class Fusion:
     def with_taken(self, state: FusionState, taken: TakenFrame, after: Belief) -> FusionState:
         """Remember what is believed after a frame, and what of it is still to be looked at."""
         frame, update, settings = taken.frame, taken.update, self.settings
-        belief = with_walk(settings, taken.before, after)
+        belief = with_walk(self.bench.unknowns, settings, taken.before, after)
         if belief.same_targets and update.left_out and update.fit:
             strange = np.flatnonzero(taken.problem.used & ~update.fit[0].used)
             belief = with_strange_targets(self.bench.unknowns, settings, belief, strange)

@@ -305,7 +305,7 @@ def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
     But it is not drawn to zero either, frame after frame, which the unknowns that stay would
     take for evidence.
     """
-    free = replace(belief, walk=bench.settings.largest_walk)
+    free = replace(belief, walk=bench.settings.largest_walk * bench.unknowns.force_scale)
     pressed = abs(frame.instant.chamber - belief.chamber)
     pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
     moved, growth = bench.move(free, frame.stamp_ns, pressed), None

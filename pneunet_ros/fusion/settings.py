@@ -12,10 +12,16 @@ class FusionSettings:
     """How what is unknown moves in time, which frames are believed, and what is published."""
 
     force_walk: float = tuning(
-        0.05, 'random walk of the tip force before any frame tells', unit='N/sqrt(s)'
+        0.15,
+        'random walk of the tip force before any frame tells',
+        unit='of the force scale/sqrt(s)',
     )
-    least_walk: float = tuning(5e-4, 'random walk of a force that rests', unit='N/sqrt(s)')
-    largest_walk: float = tuning(0.3, 'random walk of a force, at most', unit='N/sqrt(s)')
+    least_walk: float = tuning(
+        0.0015, 'random walk of a force that rests', unit='of the force scale/sqrt(s)'
+    )
+    largest_walk: float = tuning(
+        0.9, 'random walk of a force, at most', unit='of the force scale/sqrt(s)'
+    )
     walk_time: float = tuning(0.5, 'time in which a force that rests is trusted again', unit='s')
     usual_time: float = tuning(30.0, 'time over which the walk of the force is averaged', unit='s')
     force_gate: float = tuning(
@@ -111,7 +117,7 @@ class FusionSettings:
         unit='natural log',
     )
     camera_moved_by: float = tuning(
-        5e-3, 'std of the place of a camera that was moved; invented', unit='m'
+        0.045, 'std of the place of a camera that was moved; invented', unit='of the length'
     )
     camera_turned_by: float = tuning(0.05, 'std of its turn around the base; invented', unit='rad')
     pressure_off: float = tuning(
@@ -192,12 +198,18 @@ class FusionSettings:
     contact_gone: float = tuning(
         25.0, 'of a contact force against zero, below which it may be gone', unit='chi squared'
     )
-    contact_width: float = tuning(2e-3, 'length of the arm that a contact presses on', unit='m')
+    contact_width: float = tuning(
+        0.018, 'length of the arm that a contact presses on', unit='of the length'
+    )
     contact_places: tuple[float, float] = tuning(
         (0.05, 0.98), 'where on the arm there may be a contact', unit='of the length'
     )
-    contact_walk: float = tuning(0.1, 'random walk of a contact force, at most', unit='N/sqrt(s)')
-    place_walk: float = tuning(2e-3, 'random walk of the place of a contact', unit='m/sqrt(s)')
+    contact_walk: float = tuning(
+        0.3, 'random walk of a contact force, at most', unit='of the force scale/sqrt(s)'
+    )
+    place_walk: float = tuning(
+        0.018, 'random walk of the place of a contact', unit='of the length/sqrt(s)'
+    )
     contact_apart: float = tuning(
         0.05, 'distance of two places that are two contacts', unit='of the length'
     )
