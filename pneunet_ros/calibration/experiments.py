@@ -78,7 +78,9 @@ class FitSequence:
         low, high = (float(np.quantile(pressures, end, method='nearest')) for end in ends)
         self.low = float(np.floor(low / 100.0) * 100.0)
         self.high = float(np.ceil(high / 100.0) * 100.0)
-        count = round((self.high - self.low) / experiments.row_distance) + 1
+        span = self.high - self.low
+        distance = min(experiments.row_distance, experiments.row_share * span)
+        count = (round(span / distance) if span > 0.0 else 0) + 1
         count = min(max(count, experiments.fewest_rows), experiments.most_rows)
         self.rows = np.linspace(self.low, self.high, count)
 

@@ -94,7 +94,10 @@ class ResolutionSettings:
 class ExperimentSettings:
     """The table of kappa_p0, what is believed of it, and how many frames a fit begins with."""
 
-    row_distance: float = tuning(8000.0, 'between rows of kappa_p0, about', unit='Pa')
+    row_distance: float = tuning(8000.0, 'between rows of kappa_p0, about, at most', unit='Pa')
+    row_share: float = tuning(
+        0.2, 'the same, for arms of low pressures', unit='of the span', source='invented'
+    )
     most_rows: int = tuning(10, 'of kappa_p0')
     fewest_rows: int = tuning(2, 'of kappa_p0')
     amplitude: float = tuning(5.0, 'kappa_p0 at the highest pressure', unit='1/length')
