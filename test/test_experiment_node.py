@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 from pneunet_ros.recordings.dataset_reader import read_run
@@ -15,6 +17,10 @@ import pytest
 pytestmark = pytest.mark.ros
 pytest.importorskip('rclpy', reason="no rclpy here: pip install '.[ros]'")
 
+import rclpy  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from sensor_msgs.msg import FluidPressure  # noqa: E402
 from support.dds_peer import running_node  # noqa: E402
 
 DOMAIN = (int(os.environ['ROS_DOMAIN_ID']) + 25) % 101 + 1
@@ -48,6 +54,47 @@ def test_an_experiment_is_recorded_as_it_was_commanded(tmp_path):
     assert run.pressure[-1] == pytest.approx(8000.0, abs=100.0)
     assert run.force[-1] == pytest.approx([0.1, -0.05], abs=1e-6)
     assert np.isfinite(run.x[-1]).all()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_experiment_that_is_interrupted_vents_the_arm(tmp_path, number):
+    path = tmp_path / 'one.mcap'
+    context = Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    listener = rclpy.create_node('listener', namespace='/pneunet', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(listener)
+    heard: list[float] = []
+    listener.create_subscription(
+        FluidPressure, 'pressure_command', lambda said: heard.append(said.fluid_pressure), 100
+    )
+
+    def listen(until) -> None:
+        end = time.monotonic() + 60.0
+        while not until() and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.02)
+
+    with running_node(tmp_path / 'said', DOMAIN, '-p', 'noise:=false', node='virtual_arm'):
+        command = [sys.executable, '-m', 'pneunet_ros.nodes.experiment', str(path)]
+        with subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            text=True,
+            env=os.environ | {'ROS_DOMAIN_ID': str(DOMAIN)},
+        ) as process:
+            process.stdin.write(json.dumps(CORNERS))
+            process.stdin.close()
+            listen(lambda: heard and heard[-1] > 5000.0)
+            process.send_signal(number)
+            listen(lambda: process.poll() is not None)
+            listen(lambda: heard and heard[-1] == 0.0)
+    assert process.returncode == 130
+    assert max(heard) > 5000.0
+    assert heard[-1] == 0.0
+    assert not list(tmp_path.glob('one*'))
+    executor.shutdown()
+    listener.destroy_node()
+    context.try_shutdown()
 
 
 def test_without_an_arm_it_says_so(tmp_path):

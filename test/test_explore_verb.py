@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
-import subprocess
 
 from pneunet_ros import load_model
 from pneunet_ros.cli import explore
@@ -124,24 +123,47 @@ def test_by_hand_it_says_what_to_do_and_waits(run, monkeypatch):
     assert out.count('then press Enter') == 2
 
 
-def test_a_live_experiment_is_a_process_with_the_corners(monkeypatch, tmp_path):
-    asked = {}
+@pytest.fixture
+def stand_in(monkeypatch, tmp_path):
+    """Give a function that puts lines of Python in the place of the node of experiments."""
 
-    def run(command, **options):
-        asked.update(command=command, corners=json.loads(options['input']))
-        return subprocess.CompletedProcess(command, asked['code'], '', 'first\nno valve\n')
+    def put(*lines):
+        (tmp_path / 'stand_in.py').write_text('\n'.join(('import json, signal, sys', *lines)))
+        monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+        monkeypatch.setattr(live_arm, 'NODE', 'stand_in')
+        monkeypatch.setattr(live_arm, 'find_spec', lambda name: object())
 
-    monkeypatch.setattr(live_arm, 'find_spec', lambda name: object())
-    monkeypatch.setattr(subprocess, 'run', run)
-    asked['code'] = 0
+    return put
+
+
+def test_a_live_experiment_is_a_process_with_the_corners(monkeypatch, stand_in, tmp_path):
+    stand_in("json.dump([sys.argv[1:], json.load(sys.stdin)], open(sys.argv[1], 'w'))")
     item = next(item for item in experiments() if item.loaded)
-    safe = SafeSet(low=1e3, high=2e3, force=0.5)
-    LiveArm().record(item, safe, tmp_path / 'one.mcap')
-    assert asked['command'][1:] == ['-m', live_arm.NODE, str(tmp_path / 'one.mcap')]
-    assert asked['corners'] == safe.corners(item).tolist()
-    asked['code'] = 2
+    safe, path = SafeSet(low=1e3, high=2e3, force=0.5), tmp_path / 'one.mcap'
+    LiveArm(namespace='/left').record(item, safe, path)
+    arguments, corners = json.loads(path.read_text())
+    assert arguments == [str(path), '--ros-args', '-r', '__ns:=/left']
+    assert corners == safe.corners(item).tolist()
+    stand_in("sys.exit('first\\nno valve')")
     with pytest.raises(RequestError, match='the experiment failed: no valve'):
         LiveArm().record(item, safe, tmp_path / 'two.mcap')
     monkeypatch.setattr(live_arm, 'find_spec', lambda name: None)
     with pytest.raises(RequestError, match='--live needs ROS 2'):
         LiveArm()
+
+
+def test_who_is_interrupted_waits_until_the_arm_is_vented(stand_in, tmp_path):
+    vented = tmp_path / 'vented'
+    stand_in(
+        'import os, time',
+        'try:',
+        '    os.kill(os.getppid(), signal.SIGINT)',
+        '    time.sleep(60)',
+        'except KeyboardInterrupt:',
+        '    time.sleep(1)',
+        f'    open({str(vented)!r}, "w").close()',
+    )
+    item = next(item for item in experiments() if item.loaded)
+    with pytest.raises(KeyboardInterrupt):
+        LiveArm().record(item, SafeSet(low=1e3, high=2e3, force=0.5), tmp_path / 'one.mcap')
+    assert vented.exists()

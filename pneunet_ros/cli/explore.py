@@ -41,7 +41,7 @@ from pneunet_ros.lab.scenario import Scenario
 from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.calibration_files import inputs_of
-from pneunet_ros.offline.live_arm import LiveArm
+from pneunet_ros.offline.live_arm import LiveArm, NAMESPACE
 from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.reports.diagnosis.files import write_diagnosis
@@ -78,7 +78,8 @@ def options(parser: ArgumentParser) -> None:
         '--live',
         action='store_true',
         help='lead a live arm by the topics pressure_command and force_command, such as the '
-        'virtual arm; where nobody takes force_command, say what to hang on and wait',
+        'virtual arm; where nobody takes force_command, say what to hang on and wait; Ctrl-C '
+        'vents it',
     )
     source.add_argument(
         '--by-hand',
@@ -91,6 +92,12 @@ def options(parser: ArgumentParser) -> None:
         default=[],
         metavar='NAME.PARAMETER=VALUE',
         help='hide an effect in the simulated arm; may be repeated',
+    )
+    parser.add_argument(
+        '--namespace',
+        default=None,
+        metavar='NAME',
+        help=f'of the topics of a live arm (default: {NAMESPACE})',
     )
     parser.add_argument(
         '--arm-seed', type=seed, default=0, metavar='N', help='another simulated arm of its make'
@@ -213,7 +220,9 @@ def writer_of(arguments: Namespace, model: Arm) -> WriteRecording:
     if arguments.effect or arguments.arm_seed:
         raise RequestError('--effect and --arm-seed are of --simulated arms')
     if arguments.live:
-        return LiveArm().record
+        return LiveArm(namespace=arguments.namespace or NAMESPACE).record
+    if arguments.namespace is not None:
+        raise RequestError('--namespace is of a --live arm')
     return wait_for_recording
 
 

@@ -5,7 +5,8 @@
 The corners are rows of time (s), pressure (Pa), F1 and F2 (N), joined by straight lines. Commands
 go to `pressure_command` and `force_command`, as the virtual arm takes them; recorded are
 `pressure`, `end_wrench` and `targets`. Where nobody takes `force_command` it says what to hang on
-the arm, and waits for somebody to press Enter. At the end the arm is vented and without a load.
+the arm, and waits for somebody to press Enter. At the end, and where it is interrupted, the arm is
+vented and without a load.
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS, TARGETS
 from pneunet_ros.nodes.ros_types import RCLPY_TYPES
 from pneunet_ros.nodes.signals import end_at_signal
 from pneunet_ros.nodes.topics import input_qos, output_qos, publisher
+from pneunet_ros.offline.live_arm import NAMESPACE
 from pneunet_ros.recordings.recording_writer import RecordingWriter, write_recording
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 PERIOD = 0.02  # s, between commands
@@ -44,8 +47,10 @@ class ExperimentNode(Node):
 
     def __init__(self, corners: Array) -> None:
         """Open the topics."""
-        super().__init__('experiment', namespace='/pneunet')
+        super().__init__('experiment', namespace=NAMESPACE)
         self.corners = corners
+        self.executor_alone = SingleThreadedExecutor()
+        self.executor_alone.add_node(self)
         self.writer: RecordingWriter | None = None
         self.topics: dict[str, Any] = {}
         self.counts = dict.fromkeys((PRESSURE.name, END_WRENCH.name, TARGETS.name), 0)
@@ -88,57 +93,61 @@ class ExperimentNode(Node):
         if writer is not None:
             types = {sensor.name: sensor.type for sensor in SENSORS}
             self.topics = {
-                name: writer.add(f'/pneunet/{name}', types[name]) for name in self.counts
+                name: writer.add(self.resolve_topic_name(name), types[name])
+                for name in self.counts
             }
             self.counts = dict.fromkeys(self.counts, 0)
         self.writer = writer
 
-
-def run_experiment(node: ExperimentNode, path: Path) -> None:
-    """Wait for the arm, lead it along the course, and write the recording."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-
-    def spin(seconds: float, step: Callable[[float], None] = lambda _: None) -> None:
+    def spin(self, seconds: float, step: Callable[[float], None] = lambda _: None) -> None:
+        """Take messages for a while; step: is called with the time (s) in every period."""
         begun = time.monotonic()
         due = begun
         while (now := time.monotonic()) < begun + seconds:
             if now >= due:
                 step(now - begun)
                 due += PERIOD
-            executor.spin_once(timeout_sec=max(due - time.monotonic(), 0.0))
+            self.executor_alone.spin_once(timeout_sec=max(due - time.monotonic(), 0.0))
 
-    def waited(ready: Callable[[], bool]) -> bool:
+    def waited(self, ready: Callable[[], bool]) -> bool:
+        """Wait until something is ready; whether it is."""
         end = time.monotonic() + PATIENCE
         while not ready() and time.monotonic() < end:
-            spin(PERIOD)
+            self.spin(PERIOD)
         return ready()
 
-    if not waited(lambda: min(node.counts[PRESSURE.name], node.counts[TARGETS.name]) > 0):
+    def vent(self) -> None:
+        """Command no pressure and no force, long enough to be heard; nothing is recorded then."""
+        self.record_into(None)
+        self.spin(5 * PERIOD, lambda _: self.send(0.0, 0.0, 0.0))
+
+
+def run_experiment(node: ExperimentNode, path: Path) -> None:
+    """Wait for the arm, lead it along the course, and write the recording."""
+    pressure, targets = (node.resolve_topic_name(item.name) for item in (PRESSURE, TARGETS))
+    if not node.waited(lambda: min(node.counts[PRESSURE.name], node.counts[TARGETS.name]) > 0):
         raise RequestError(
-            f'nothing comes on /pneunet/{PRESSURE.name} or /pneunet/{TARGETS.name}: is the arm '
-            'there, and a tracker?'
+            f'nothing comes on {pressure} or {targets}: is the arm there, and a tracker?'
         )
     loaded = bool(np.any(node.corners[:, 2:]))
-    if not waited(lambda: node.pressures.get_subscription_count() > 0):
-        raise RequestError('nobody takes /pneunet/pressure_command: no valve to command')
+    if not node.waited(lambda: node.pressures.get_subscription_count() > 0):
+        raise RequestError(f'nobody takes {node.pressures.topic_name}: no valve to command')
     if loaded and node.forces.get_subscription_count() == 0:
-        ask_for_load(node.corners)
-    spin(REST, lambda _: node.command(0.0))
+        ask_for_load(node.corners, node.forces.topic_name)
+    node.spin(REST, lambda _: node.command(0.0))
     with write_recording(path) as writer:
         node.record_into(writer)
-        spin(float(node.corners[-1, 0]), node.command)
+        node.spin(float(node.corners[-1, 0]), node.command)
         node.record_into(None)
         for name, count in node.counts.items():
             if not count and (loaded or name != END_WRENCH.name):
-                raise RecordingError(f'nothing came on /pneunet/{name} during the experiment')
-    node.send(0.0, 0.0, 0.0)
-    spin(5 * PERIOD)
+                topic = node.resolve_topic_name(name)
+                raise RecordingError(f'nothing came on {topic} during the experiment')
 
 
-def ask_for_load(corners: Array) -> None:
+def ask_for_load(corners: Array, topic: str) -> None:
     """Say what to hang on, and wait."""
-    print('Nobody takes /pneunet/force_command. Pull at the free end by hand or by weights:')
+    print(f'Nobody takes {topic}. Pull at the free end by hand or by weights:')
     print('  s      F1 (N)  F2 (N)')
     for seconds, _, x, y in corners.tolist():
         print(f'  {seconds:5.1f}  {x:6.3f}  {y:6.3f}')
@@ -152,16 +161,16 @@ def main() -> int:
     end_at_signal()
     try:
         corners = np.array(json.load(sys.stdin), dtype=np.float64)
-        rclpy.init(args=sys.argv)
+        # Handlers of rclpy would shut ROS down at the first signal, and nobody could vent the arm.
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         (path,) = remove_ros_args(sys.argv)[1:]
         node = ExperimentNode(corners)
         try:
             run_experiment(node, Path(path))
         finally:
-            if rclpy.ok():
-                node.send(0.0, 0.0, 0.0)  # also where something went wrong
+            node.vent()  # also where something went wrong, or somebody pressed Ctrl-C
             node.destroy_node()
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         return 130
     except (PneunetError, ValueError, OSError) as error:
         print(printable(str(error)), file=sys.stderr)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 import json
 from pathlib import Path
+import signal
 import subprocess
 import sys
 
@@ -13,14 +14,16 @@ from pneunet_ros.core.errors import RequestError
 from pneunet_ros.diagnosis.experiment_design import Experiment
 from pneunet_ros.exploration.safe_set import SafeSet
 
+NAMESPACE = '/pneunet'
 NODE = 'pneunet_ros.nodes.experiment'
+VENTED = 10.0  # s, in which an experiment that is interrupted has vented the arm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveArm:
-    """The arm that listens to `pressure_command` and `force_command`; options: of ROS."""
+    """The arm that listens to `pressure_command` and `force_command` in a namespace."""
 
-    options: tuple[str, ...] = ()
+    namespace: str = NAMESPACE
 
     def __post_init__(self) -> None:
         """Refuse where there is no ROS."""
@@ -33,14 +36,16 @@ class LiveArm:
     def record(self, experiment: Experiment, safe: SafeSet, path: Path) -> None:
         """Lead the arm through an experiment and write its recording."""
         corners = safe.corners(experiment)
-        command = [sys.executable, '-m', NODE, str(path), *self.options]
-        done = subprocess.run(
-            command,
-            input=json.dumps(corners.tolist()),
-            text=True,
-            stderr=subprocess.PIPE,
-            check=False,
-        )
-        if done.returncode:
-            why = done.stderr.strip().splitlines() or ['it ended without a word']
+        command = [sys.executable, '-m', NODE, str(path)]
+        command += ['--ros-args', '-r', f'__ns:={self.namespace}']
+        pipe = subprocess.PIPE
+        with subprocess.Popen(command, stdin=pipe, stderr=pipe, text=True) as process:
+            try:
+                _, said = process.communicate(json.dumps(corners.tolist()))
+            except KeyboardInterrupt:
+                process.send_signal(signal.SIGINT)  # it may not have come from a terminal
+                process.wait(VENTED)
+                raise
+        if process.returncode:
+            why = said.strip().splitlines() or ['it ended without a word']
             raise RequestError(f'the experiment failed: {why[-1]}')
