@@ -3,7 +3,7 @@
 from launch.substitutions import PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
-from pneunet_ros.nodes.launch_description import describe_launch, node
+from pneunet_ros.nodes.launch_description import describe_launch, is_true, node
 
 
 def shipped(folder, name):
@@ -40,8 +40,8 @@ def nodes(given):
         ),
         node('estimator', given, model_file=given['model_file']),
         node('tracker', given, model_file=given['model_file'], camera_file=given['camera_file']),
-        *([node('fusion', given, model_file=given['model_file'])] * (given['fusion'] == 'true')),
-        *([rviz()] if given['rviz'] == 'true' else []),
+        *([node('fusion', given, model_file=given['model_file'])] * is_true('fusion', given)),
+        *([rviz()] if is_true('rviz', given) else []),
     ]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 from pneunet_ros.cli.main import main
 from pneunet_ros.core import jit, kernel_cache
@@ -104,6 +105,34 @@ def test_one_process_compiles_for_all(unkept, monkeypatch):
         kernel_cache.wait_for_kernels(look)
     assert looks == [True, True]
     assert not kernel_cache.being_compiled()
+
+
+def test_two_that_look_at_once_do_not_take_each_other_for_one_that_compiles(unkept):
+    with kernel_cache.lock_file().open('w') as file:
+        kernel_cache.fcntl.flock(file, kernel_cache.fcntl.LOCK_SH)
+        assert not kernel_cache.being_compiled()
+
+
+def test_who_waited_for_one_that_failed_compiles(unkept, monkeypatch):
+    started = []
+
+    def start():
+        started.append(unkept.touch())
+        return SimpleNamespace(poll=lambda: None)
+
+    monkeypatch.setattr(kernel_cache, 'start_compiling', start)
+    with kernel_cache.lock_file().open('w') as file:
+        kernel_cache.fcntl.flock(file, kernel_cache.fcntl.LOCK_EX)
+        looks = []
+
+        def look():
+            looks.append(len(started))
+            if len(looks) == 2:
+                kernel_cache.fcntl.flock(file, kernel_cache.fcntl.LOCK_UN)
+
+        kernel_cache.wait_for_kernels(look)
+    assert looks[:2] == [0, 0]
+    assert len(started) == 1
 
 
 def test_the_folder_of_the_first_kernels_is_made(monkeypatch, tmp_path):

@@ -10,6 +10,7 @@ import runpy
 import sys
 from types import ModuleType
 
+from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.share import share_path
 import pytest
 from support.setup_arguments import arguments_of_setup, commands_of
@@ -120,6 +121,25 @@ def test_all_arguments_are_declared_with_a_meaning_and_used(described, name):
     }
     assert set(declared) == FILES[name][0]
     assert all(named['description'] for named in declared.values())
+
+
+@pytest.mark.parametrize(
+    'said, wanted', [('True', True), ('ON', True), ('0', False), ('No', False)]
+)
+def test_true_and_false_are_read_as_people_write_them(described, said, wanted):
+    given = dict.fromkeys(FILES['demo'][0], '1.0')
+    given |= {'fusion': said, 'rviz': said, 'use_sim_time': said}
+    nodes = list(found(described('demo', **given), 'Node'))
+    assert ('fusion' in [node.named['executable'] for node in nodes]) is wanted
+    assert ('rviz2' in [node.named['executable'] for node in nodes]) is wanted
+    of_package = [node for node in nodes if node.named['package'] == 'pneunet_ros']
+    assert all(('use_sim_time' in node.named['parameters'][1]) is wanted for node in of_package)
+
+
+def test_what_is_neither_true_nor_false_is_refused(described):
+    given = dict.fromkeys(FILES['demo'][0], '1.0')
+    with pytest.raises(RequestError, match='rviz:=perhaps: one of true, 1, yes, on, false'):
+        described('demo', **given | {'fusion': 'true', 'use_sim_time': 'true', 'rviz': 'perhaps'})
 
 
 @pytest.mark.parametrize('name', FILES)

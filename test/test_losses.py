@@ -35,6 +35,14 @@ def test_of_several_publishers_nothing_is_known():
     assert after(1, 500, 2, 501, publishers=2).total[TOPIC] == 0
 
 
+def test_of_several_publishers_that_became_one_nothing_is_said():
+    losses = after(5000, 10, 5001, 11, publishers=2)
+    after(5002, 5003, losses=losses)
+    assert losses.total[TOPIC] == 0
+    after(5006, losses=losses)
+    assert losses.total[TOPIC] == 2
+
+
 def test_a_loss_is_said_once():
     losses = after(1, 2, 5)
     assert losses.sentence() == f'2 messages on {TOPIC} lost'

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import subprocess
+import sys
 from types import SimpleNamespace
 
 from pneunet_ros.core.outcome import Refusal
@@ -321,3 +323,29 @@ def test_the_warm_up_stays_inside_the_domain(end_load):
     load = load_inside(estimator.arm)
     at = Load(pressure=33e3, force_x=load[0], force_y=load[1], moment=load[2])
     assert not locate_load(estimator.arm, at, 33e3).extrapolated
+
+
+STARTED = """
+import rclpy
+from pneunet_ros.nodes.estimator import node as estimator
+
+made, told = [], []
+configured, tell = estimator.configured_estimator, estimator.EstimatorNode.tell_model
+estimator.configured_estimator = lambda *given: made.append(given) or configured(*given)
+estimator.EstimatorNode.tell_model = lambda self: told.append(self) or tell(self)
+rclpy.init()
+node = estimator.EstimatorNode()
+print('made', len(made), 'told', len(told))
+node.set_parameters([rclpy.parameter.Parameter('pressure_offset', value=5.0)])
+print('made', len(made), 'told', len(told))
+node.destroy_node()
+rclpy.try_shutdown()
+"""
+
+
+def test_what_rclpy_declares_for_itself_configures_nothing():
+    done = subprocess.run(
+        [sys.executable, '-c', STARTED], capture_output=True, text=True, check=True
+    )
+    said = [line for line in done.stdout.splitlines() if line.startswith('made')]
+    assert said == ['made 1 told 1', 'made 2 told 2']

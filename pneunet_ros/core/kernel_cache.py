@@ -97,7 +97,8 @@ def being_compiled() -> bool:
     """Whether a process compiles these kernels now."""
     with lock_file().open('w') as file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Shared: of two that look at once neither takes the other for one that compiles.
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
     return False
@@ -144,12 +145,15 @@ def compile_first(on_wait: Callable[[], None] = lambda: None) -> None:
 def wait_for_kernels(on_wait: Callable[[], None] = lambda: None) -> None:
     """Wait for the process that compiles the kernels; start it unless one is at it already.
 
-    It goes on when this one ends.
+    It goes on when this one ends. One that another has started, and that failed, is started again.
     """
-    if kernels_kept():
-        return
-    process = None if being_compiled() else start_compiling()
-    while not kernels_kept() and (being_compiled() or (process and process.poll() is None)):
+    process = None
+    while not kernels_kept():
+        if not being_compiled():
+            if process is None:
+                process = start_compiling()
+            elif process.poll() is not None:
+                return
         on_wait()
         time.sleep(LOOK_AGAIN)
 

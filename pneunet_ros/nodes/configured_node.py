@@ -128,17 +128,21 @@ class ConfiguredNode(Node, ABC, Generic[C]):
 
     def validate(self, changes: list[Parameter]) -> SetParametersResult:
         """Say whether parameters can be set, by making ready what they ask for."""
+        self.candidate = self.configuration
         values = self.table.values(self)
-        values |= {item.name: item.value for item in changes if item.name in values}
+        changed = {item.name: item.value for item in changes if item.name in values}
+        if not changed:  # rclpy declares parameters of its own, such as those of QoS
+            return SetParametersResult(successful=True)
         try:
-            self.candidate = self.configured(values, self.configuration)
+            self.candidate = self.configured(values | changed, self.configuration)
         except PneunetError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def apply_candidate(self, changes: list[Parameter]) -> None:
         """Use what was made ready, now that the parameters are set."""
-        self.use(self.candidate)
+        if self.candidate is not self.configuration:
+            self.use(self.candidate)
 
     def use(self, configuration: C) -> None:
         """Go on with another model or other settings."""

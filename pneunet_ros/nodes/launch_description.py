@@ -10,8 +10,13 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+from pneunet_ros.core.errors import RequestError
 
 Given = Mapping[str, str]
+TRUE_OR_FALSE = {
+    **dict.fromkeys(('true', '1', 'yes', 'on'), True),
+    **dict.fromkeys(('false', '0', 'no', 'off'), False),
+}
 
 
 def describe_launch(
@@ -32,13 +37,24 @@ def describe_launch(
     return LaunchDescription([*declared, OpaqueFunction(function=start)])
 
 
+def is_true(name: str, given: Given) -> bool:
+    """Return an argument that is true or false, in any case as people write it.
+
+    Raises RequestError for any other value.
+    """
+    value = given[name].strip().lower()
+    if value not in TRUE_OR_FALSE:
+        raise RequestError(f'{name}:={given[name]}: one of {", ".join(TRUE_OR_FALSE)} is wanted')
+    return TRUE_OR_FALSE[value]
+
+
 def node(executable: str, given: Given, **parameters: Any) -> Any:
     """Return a node of this package.
 
     given: namespace, params_file (empty: none), use_sim_time and log_level. parameters go before
     those of params_file; those that are empty are not given.
     """
-    parameters['use_sim_time'] = given['use_sim_time'] == 'true'
+    parameters['use_sim_time'] = is_true('use_sim_time', given)
     wanted = {
         name: ParameterValue(value, value_type=type(value))
         for name, value in parameters.items()

@@ -16,6 +16,7 @@ class Losses:
 
     def __init__(self) -> None:
         self._last: dict[str, int] = {}
+        self._several: set[str] = set()  # topics whose last number may be of one that is gone
         self._new: Counter[str] = Counter()
         self.total: Counter[str] = Counter()
 
@@ -32,7 +33,13 @@ class Losses:
             return
         missing = number - self._last.get(topic, number - 1) - 1
         self._last[topic] = number
-        if missing > 0 and publishers(topic) == 1:
+        if missing <= 0:
+            return
+        if publishers(topic) != 1:
+            self._several.add(topic)
+        elif topic in self._several:
+            self._several.remove(topic)
+        else:
             self._new[topic] += missing
             self.total[topic] += missing
 
