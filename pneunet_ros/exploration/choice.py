@@ -17,7 +17,7 @@ from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.score_test import Candidate
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
+from pneunet_ros.diagnosis.settings import DiagnosisSettings
 from pneunet_ros.exploration.experiments import experiments
 from pneunet_ros.exploration.rivals import (
     NOTHING,
@@ -56,10 +56,9 @@ def next_choice(
     safe: SafeSet,
     recorded: int,
     settings: ExplorationSettings = EXPLORATION,
-    diagnosis_settings: DiagnosisSettings = DEFAULTS,
 ) -> Choice:
     """Return the experiment of the largest expected divergence per second."""
-    ranked = ranked_choices(investigation, rivals, safe, settings, diagnosis_settings)
+    ranked = ranked_choices(investigation, rivals, safe, settings)
     if ranked:
         return ranked[0]
     return choice_in_order(recorded)  # nothing settled: what was not recorded yet may help
@@ -77,21 +76,21 @@ def ranked_choices(
     rivals: Mapping[str, float],
     safe: SafeSet,
     settings: ExplorationSettings = EXPLORATION,
-    diagnosis_settings: DiagnosisSettings = DEFAULTS,
 ) -> list[Choice]:
     """Return all experiments with what they are worth, the best first."""
     trial = trial_in_question(investigation)
     if investigation.selection is None or trial is None:
         return []
     items = tuple(experiments())
-    design = replace(diagnosis_settings.experiment_design, frames=settings.frames)
+    of_diagnosis = investigation.selection.settings
+    design = replace(of_diagnosis.experiment_design, frames=settings.frames)
     refit = trial.refit
     linearization = linearize_experiments(refit, items, (safe.low, safe.high), safe.force, design)
     candidates = rival_candidates(investigation.selection, trial)
     tried = (
         None
         if linearization is None
-        else informations(linearization, refit, candidates, diagnosis_settings)
+        else informations(linearization, refit, candidates, of_diagnosis)
     )
     if tried is None:
         return []

@@ -10,7 +10,6 @@ from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.diagnosis import investigate, Investigation
 from pneunet_ros.diagnosis.experiment_design import Experiment
 from pneunet_ros.diagnosis.result import Diagnosis
-from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.exploration.choice import Choice, choice_in_order, next_choice
 from pneunet_ros.exploration.experiments import BEGINNING
 from pneunet_ros.exploration.rivals import named_effects, rival_probabilities
@@ -58,7 +57,6 @@ def explore(
     in_order: bool = False,
     on_progress: OnProgress = say_nothing,
     settings: ExplorationSettings = EXPLORATION,
-    diagnosis_settings: DiagnosisSettings = DEFAULTS,
 ) -> Iterator[Round]:
     """Record, diagnose and choose, until there is a name or the budget is used up.
 
@@ -71,7 +69,6 @@ def explore(
         in_order: take the experiments one after the other, without a choice, to compare with.
         on_progress: called with what is done, how far, and of how much (0 = unknown).
         settings: the numbers by which it decides.
-        diagnosis_settings: those of the diagnosis.
 
     Yields:
         Every round, the last one with the answer. It ends at a name that stayed when a recording
@@ -87,9 +84,7 @@ def explore(
         run = record(choice.experiment, safe, len(runs))
         predicted = None if before is None else score(before.after.arm, run).rms
         runs.append(run)
-        investigation = investigate(
-            model, runs, [], seed=seed, on_progress=on_progress, settings=diagnosis_settings
-        )
+        investigation = investigate(model, runs, [], seed=seed, on_progress=on_progress)
         rivals = rival_probabilities(investigation)
         yield Round(
             choice=choice, run=run, investigation=investigation, rivals=rivals, predicted=predicted
@@ -104,6 +99,4 @@ def explore(
         if in_order:
             choice = choice_in_order(len(runs))
         else:
-            choice = next_choice(
-                investigation, rivals, safe, len(runs), settings, diagnosis_settings
-            )
+            choice = next_choice(investigation, rivals, safe, len(runs), settings)
