@@ -12,7 +12,6 @@ from pneunet_ros.discovery.discovery import discover, starting_point
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.result import NOTHING_SEARCHED, TermOfLaw
 from pneunet_ros.discovery.sentence import law_sentence, swing_sentence
-from pneunet_ros.discovery.settings import DISCOVERY
 from pneunet_ros.discovery.time_law import Swing
 import pytest
 
@@ -72,13 +71,13 @@ def found(answer: str, p_value: float) -> Investigation:
 
 @pytest.mark.parametrize('answer', ['none', 'unobservable'])
 def test_nothing_is_looked_for_where_nothing_is_left(answer):
-    assert starting_point(found(answer, 1e-9), DISCOVERY) is None
+    assert starting_point(found(answer, 1e-9)) is None
     assert discover(found(answer, 1e-9)) is NOTHING_SEARCHED
 
 
 def test_beside_a_name_it_is_looked_for_where_something_is_left():
-    assert starting_point(found('unknown', 1e-9), DISCOVERY) == 'base'
+    assert starting_point(found('unknown', 1e-9)) == 'base'
     clear = found('named', 0.3)
-    assert starting_point(clear, DISCOVERY) is None
+    assert starting_point(clear) is None
     left = found('named', 1e-9)
-    assert starting_point(left, DISCOVERY) is left.trial
+    assert starting_point(left) is left.trial

@@ -299,7 +299,7 @@ def conclude(
     return Diagnosis(
         answer=verdict.answer,
         sentence=describe_verdict(verdict, before, after),
-        certainty=describe_certainty(selection, first, best, verdict),
+        certainty=describe_certainty(selection, first, best),
         effects=describe_effects(verdict.trial.refit, verdict.probability),
         alternatives=verdict.alternatives,
         where=misfit_shares(frames),
@@ -596,7 +596,7 @@ def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) ->
     return f'The model lacks {either}, which cannot be distinguished with these data: {reduced}'
 
 
-def describe_certainty(selection: Selection, first: Trial, best: Trial, verdict: Verdict) -> str:
+def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
     """Say what was compared, and by how much it differs."""
     confirmer, base, record = Confirmer.of(selection, first.record), first.record, best.record
     worst = min(base.tests, key=lambda item: item.p_value)

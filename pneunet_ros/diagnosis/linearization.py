@@ -68,11 +68,6 @@ class LinearizedRun:
         """What acted on the arm, as read."""
         return self.fitted.inputs
 
-    @property
-    def probable_inputs(self) -> Inputs:
-        """What most probably acted on the arm, around which the run is linearized."""
-        return self.inputs.with_loads(self.inputs.loads + self.load_error)
-
     def white(self, columns: Array) -> Array:
         """Whiten columns (frames, 2 targets, n) m, (rows, n)."""
         return self.path_filter(self.whitening(columns).reshape(-1, columns.shape[2]))

@@ -98,7 +98,7 @@ def discover(
     overruling = overrule(investigation, on_progress, settings)
     if overruling is not None:
         return overruling
-    base = starting_point(investigation, settings)
+    base = starting_point(investigation)
     if base is None:
         return NOTHING_SEARCHED
     on_progress('causes outside the library', 0, 0)
@@ -210,7 +210,7 @@ def look_for_law(
     return discovery, best
 
 
-def starting_point(investigation: Investigation, settings: DiscoverySettings) -> Trial | None:
+def starting_point(investigation: Investigation) -> Trial | None:
     """Return the model on top of which something is looked for; None where nothing is left."""
     selection, base, trial = investigation.selection, investigation.base, investigation.trial
     assert selection is not None
