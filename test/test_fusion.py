@@ -704,6 +704,31 @@ def test_one_frame_that_is_stamped_ahead_costs_nothing():
     )
 
 
+@pytest.mark.parametrize('times', [0.02, 50.0])
+def test_an_arm_of_any_stiffness_is_fused_alike(times):
+    arm = fusion().arm
+    sensors = replace(
+        arm.sensors,
+        force_std=times * arm.sensors.force_std,
+        moment_std=times * arm.sensors.moment_std,
+    )
+    other = Fusion(arm=replace(arm, weight=times * arm.weight, sensors=sensors))
+
+    def stiffer(frame):
+        read = wrench(frame)
+        force = {'force_x': times * read.force_x, 'force_y': times * read.force_y}
+        return replace(read, moment=times * read.moment, **force)
+
+    for with_wrench in (False, True):
+        usual = fuse(with_wrench=with_wrench, frames=range(100))
+        found = fuse(other, with_wrench=with_wrench, sensor=stiffer, frames=range(100))
+        tips = [[one.estimate.shape.tip for one in run.estimates] for run in (usual, found)]
+        np.testing.assert_allclose(*tips, atol=1e-6)
+        forces, theirs = ([one.force for one in run.estimates] for run in (usual, found))
+        np.testing.assert_allclose(times * np.array(forces), theirs, atol=1e-4 * times)
+        assert np.isfinite(theirs).any()
+
+
 def test_sensors_without_noise_are_no_trouble():
     arm = fusion().arm
     noise = replace(arm.sensors, force_std=0.0, target_std=0.0)
