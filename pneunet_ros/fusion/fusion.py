@@ -344,7 +344,7 @@ class Fusion:
             unweighed = taken
         else:
             state, taken = weigh_and_judge(self.bench, state, taken)
-        state = replace(state, unweighed=unweighed, pressure_lost=frame.alone)
+        state = replace(state, unweighed=unweighed, pressure_lost=taken.frame.alone)
         return self.after_frame(state, taken)
 
     def read_frame(

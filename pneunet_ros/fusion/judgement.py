@@ -2,7 +2,7 @@
 
 A frame is taken by what was believed, and then weighed against all else that it may be: a contact
 along the arm (`contact`), targets painted elsewhere, a camera that was moved or turned, a force
-sensor that is off (`force_sensor`). Where one of them is surely right, what had been learned
+sensor that is off (`force_sensor`), a pressure that is not what is read. Where one of them is surely right, what had been learned
 without it is forgotten. If noise explains a frame as it was taken, the weighing can wait until the
 estimate is out.
 """
@@ -99,8 +99,7 @@ def weigh_and_judge(
             after, taken = state.without_pressure(), unpressed
             weighed = weigh(bench, after, taken)
         elif sensor_off:
-            after = state.without_belief()
-            after = replace(after, sensor=Verdict.OFF)
+            after = replace(state.without_belief(), sensor=Verdict.OFF)
             before = first_belief(bench.unknowns, bench.settings, frame.stamp_ns)
             taken = take(bench, after, frame.without_wrench(), before)
             weighed = weigh_others(bench, after, taken)
