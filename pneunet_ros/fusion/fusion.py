@@ -360,7 +360,7 @@ class Fusion:
             alone=not state.pressures
             or state.pressures[-1].stamp_ns < shown_ns  # it has waited for one in vain
             or self.is_stale(nearest_to(state.pressures, shown_ns).stamp_ns, shown_ns),
-            pressure_still=self.is_still(state),
+            pressure_still=self.is_still(state) and not state.frames % self.settings.still_frames,
             pressure_lost=state.pressure_lost,
             force_lost=force_lost,
             wrench=None if state.sensor is Verdict.OFF else wrench,

@@ -54,8 +54,9 @@ class ReadFrame:
     """A frame with what was read at the stamp of what it shows.
 
     alone: no pressure is known there; pressure_still: the last readings of it are the same to the
-    last bit; pressure_lost: it was not known at the frame before; force_lost: nothing is known of
-    the force; wrench: None where none is near that may be used.
+    last bit, and it is this frame's turn to be asked; pressure_lost: it was not known at the frame
+    before; force_lost: nothing is known of the force; wrench: None where none is near that may be
+    used.
     """
 
     stamp_ns: int

@@ -126,8 +126,9 @@ class FusionSettings:
         unit='natural log',
     )
     still_readings: int = tuning(
-        5, 'of the pressure, the same to the last bit, with which a frame is asked if it hangs'
+        5, 'of the pressure, the same to the last bit, with which frames are asked if it hangs'
     )
+    still_frames: int = tuning(5, 'of which one is asked then: an idle sensor may clip at zero')
     most_lacking: float = tuning(
         0.05,
         'size of what the model lacks, beyond which the pressure is not used; invented',
