@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pneunet_ros.reports.calibration.verdict import stiffness_with_error, verdict_of
+from pneunet_ros.reports.calibration.verdict import (
+    larger_under_load,
+    stiffness_with_error,
+    verdict_of,
+)
+from pneunet_ros.reports.settings import REPORT_SETTINGS
 import pytest
 from support.small_calibration import calibration
 
@@ -25,6 +30,16 @@ def test_a_model_that_misses_something_is_to_be_diagnosed():
     assert 'does not fit' in verdict.fit
     assert 'worse than the noise: 3 times it' in verdict.fit
     assert verdict.command.startswith('pneunet diagnose')
+
+
+def test_a_load_that_only_its_noise_explains_is_not_sure():
+    found = calibration()
+    larger = larger_under_load(found.joint)
+    assert 0.5 < larger < REPORT_SETTINGS.hidden_under_load
+    strict = replace(REPORT_SETTINGS, hidden_under_load=0.9 * larger)
+    verdict = verdict_of(found, strict)
+    assert verdict.fit.startswith('Not sure: ')
+    assert f'left {larger:.2g} times what unloaded ones are' in verdict.fit
 
 
 def test_without_load_stiffness_was_not_measured():

@@ -182,6 +182,11 @@ def test_what_the_estimator_made_is_left_out(tmp_path):
         ('\n\n', 'is empty: the first line must name the columns'),
         ('time_s,pressure_pa\n', 'has no rows below its first line'),
         ('time_s;pressure_pa\n1;2;5\n', 'line 2: 3 cells, but there are 2 columns; .*semicolons'),
+        (
+            'time_s;pressure_pa\n0,15;598\n0,2;1.060\n',
+            "'1.060' in line 3 seems to set thousands apart",
+        ),
+        ('time_s;pressure_pa\n0.2;1,060\n', "'1,060' in line 2 seems .* as '0.2' in line 2 has"),
         ('time_s;pressure_pa\n1;1.234,5\n', "column pressure_pa: '1.234,5' is no number"),
         ('Time,pressure_pa\n24:00:00,1\n', "line 2, column time_s: '24:00:00' is no number"),
         ('Time,pressure_pa\n2026-02-30 10:00:00,1\n', "'2026-02-30 10:00:00' is no number"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-VIDEOS = ('.mp4', '.avi', '.mov', '.mkv')
+VIDEOS = ('.mp4', '.m4v', '.avi', '.mov', '.mkv', '.webm')
 COMPRESSED = ('.png', '.jpg', '.jpeg')
 PICTURES = (*COMPRESSED, '.bmp', '.tif', '.tiff')
 TABLES = ('.csv', '.tsv')
@@ -27,4 +27,8 @@ def recording_from(path: Path) -> str:
             'is a table: `pneunet import TABLE.csv --output REC.mcap` makes a recording of it, '
             'and `pneunet track FILM --readings TABLE.csv` one of a film and a table'
         )
-    return 'is no MCAP file: turn other formats into it with `ros2 bag convert`'
+    films = ', '.join(VIDEOS)
+    return (
+        f'is no MCAP file: `pneunet track` takes films ({films}) and folders of images, `pneunet '
+        'import` tables, and `ros2 bag convert` makes MCAP of other bags'
+    )

@@ -14,6 +14,12 @@ class ReportSettings:
     as_noise: float = tuning(
         1.2, 'up to it a residual over its noise is called as good as the noise', source='invented'
     )
+    hidden_under_load: float = tuning(
+        6.0,
+        'beyond it what loaded recordings leave, over unloaded ones, is no agreement, whatever '
+        'the noise of their readings allows; 1.5 to 4 of arms of the virtual lab',
+        source='invented',
+    )
     tracked_share: float = tuning(
         0.99, 'share of frames from which on the tracker is said to follow', source='invented'
     )

@@ -35,6 +35,7 @@ _RULES = {
     '\t': 'cells are separated by tabs, as in the first line',
 }
 _QUOTED = re.compile(r'"[^"]*"')
+_THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2}(?:[.,]\d{3})+', re.ASCII)
 _TIME_OF_DAY = re.compile(
     r'(?:(?P<date>\d{4}-\d\d?-\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4})[T ]+)?'
     r'(?P<hour>[01]?\d|2[0-3]):(?P<minute>[0-5]\d)(?::(?P<second>[0-5]\d(?:[.,]\d{1,9})?))?'
@@ -126,6 +127,7 @@ def _read(
     exactly: dict[str, list[Decimal | None]] = {name: [] for name in exact if name in places}
     lines: list[int] = []
     others: dict[str, None] = {}
+    decimals: dict[str, str] = {}
     for cells in _rows(path, reader, len(header), mark):
         if any(cells[place].strip() != text for place, (_, text) in selected.items()):
             others.update({', '.join(cells[place].strip() for place in selected): None})
@@ -136,7 +138,9 @@ def _read(
             raise RecordingError(f'{path} has more than {MOST_CELLS} cells: split it')
         lines.append(reader.line_num)
         for name, place in places.items():
-            text = _plain_number(name, cells[place].strip(), mark)
+            written = cells[place].strip()
+            _check_decimals(path, reader.line_num, written, decimals)
+            text = _plain_number(name, written, mark)
             numbers[name].append(_number(path, reader.line_num, name, text))
             if name in exactly:
                 exactly[name].append(_exact(path, reader.line_num, name, text))
@@ -163,6 +167,25 @@ def _plain_number(name: str, text: str, mark: str) -> str:
     if mark != ',' and text.count(',') == 1 and '.' not in text:
         return text.replace(',', '.')
     return text
+
+
+def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -> None:
+    """Refuse a number that looks like one with thousands apart where decimals have another mark.
+
+    seen: where each mark stood first for decimals, and for what may be thousands; noted here.
+    """
+    marks = [mark for mark in '.,' if mark in written]
+    if len(marks) != 1 or ':' in written:  # a time of day, or no number
+        return
+    (mark,) = marks
+    thousands = _THOUSANDS.fullmatch(written) is not None
+    seen.setdefault(mark + 'thousands' * thousands, f'{written[:40]!r} in line {line}')
+    for one, other in ('.,', ',.'):
+        if one + 'thousands' in seen and other in seen:
+            raise RecordingError(
+                f'{path}: {seen[one + "thousands"]} seems to set thousands apart, as '
+                f'{seen[other]} has another mark for decimals; write numbers without that'
+            )
 
 
 def _clock_seconds(text: str) -> str:

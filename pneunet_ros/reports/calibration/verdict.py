@@ -64,11 +64,29 @@ def fit_sentence(fit: Fit, settings: ReportSettings) -> str:
     size = f'{millimeters(rms):.2g} mm rms per coordinate, {share:.2g} % of the length'
     times = noise_ratio(fit)
     if times <= settings.as_noise:
-        return f'The model fits: {size}, as good as the noise.'
+        larger = larger_under_load(fit)
+        if larger <= settings.hidden_under_load:
+            return f'The model fits: {size}, as good as the noise.'
+        return (
+            f'Not sure: {size}. Loaded recordings are left {larger:.2g} times what unloaded ones '
+            'are. The noise of force and pressure would make that of an arm that is so soft; the '
+            'stiffness may be far too small, or its law another one.'
+        )
     return (
         f'The model does not fit: {size}, worse than the noise: {times:.2g} times it. '
         'Something is missing.'
     )
+
+
+def larger_under_load(fit: Fit) -> float:
+    """Return the rms that loaded recordings leave, over that of unloaded ones; 0 where unknown."""
+    squares: dict[bool, list[float]] = {True: [], False: []}
+    for item in fit.runs:
+        values = item.residual[item.solved]
+        squares[item.run.loaded] += np.square(values[np.isfinite(values)]).tolist()
+    if not squares[True] or not any(squares[False]):
+        return 0.0
+    return math.sqrt(float(np.mean(squares[True])) / float(np.mean(squares[False])))
 
 
 def residual_rms(fit: Fit) -> float:
