@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 
@@ -102,6 +103,38 @@ def test_the_wrench_is_read_unless_it_is_not_wanted():
     assert {sensor.name for sensor in with_wrench.values()} == {
         'pressure', 'targets', 'end_wrench',
     }  # fmt: skip
+
+
+def keep_rows_of_frames(path):
+    """Write a table anew: a row for each frame, with the last pressure and wrench beside it."""
+    with path.open(newline='') as file:
+        head, *rows = csv.reader(file)
+    last, kept = [''] * len(head), []
+    for row in rows:
+        last = [new or old for new, old in zip(row, last, strict=True)]
+        if any(row[head.index('x0_m') :]):
+            kept.append(last[: head.index('x0_m')] + row[head.index('x0_m') :])
+    with path.open('w', newline='') as file:
+        csv.writer(file).writerows([head, *kept])
+
+
+def test_of_readings_of_one_stamp_the_frame_comes_before_the_pressure(tmp_path):
+    """A table has all that a row says at one stamp; nothing of it is left for the next row."""
+    table, day, again = tmp_path / 'day.csv', open_recording(RECORDING), tmp_path / 'again.mcap'
+    assert main(['export', str(RECORDING), '--output', str(table)]) == 0
+    keep_rows_of_frames(table)
+    assert main(['import', str(table), '--output', str(again)]) == 0
+    recording = open_recording(again)
+    names = ('end_wrench', 'targets', 'pressure')
+    order = [message.topic for message in recording.messages([f'/pneunet/{n}' for n in names])]
+    assert order[:3] == [f'/pneunet/{name}' for name in names]
+    fusion = Fusion(arm=load_model(share_path('config/paper_arm.yaml')))
+    topics = fusion_topics(recording, {}, wrench=True)
+    assert list(topics) == [f'/pneunet/{name}' for name in names]
+    steps = [step.outcome for step in fusion_steps(recording, fusion, topics)]
+    estimates = [one for one in steps if isinstance(one, FusedEstimate)]
+    assert len(estimates) == FRAMES == day.count(['/pneunet/targets'])
+    assert all(one.target_age == 0.0 for one in estimates)
 
 
 def test_no_wrench_without_fuse_is_refused(capsys):

@@ -69,7 +69,7 @@ class Sensor(Input[ReadingType]):
     frame_id, types)` builds the message of a row. `row(message, settings, targets)` returns stamp
     (ns) and row, or raises MessageError; without it, a row is what the reading has under the names
     of the components. needed: whether the estimator reads the topic by these settings. rank:
-    readings of one stamp are taken in this order; the pressure makes the estimate.
+    readings of one stamp are taken in this order; the pressure comes last, it makes the estimate.
     """
 
     label: str
@@ -304,7 +304,7 @@ PRESSURE = Sensor(
     row=pressure_row,
     message=pressure_message,
     needed=lambda settings: True,
-    rank=1,
+    rank=2,
 )
 END_WRENCH = Sensor(
     name='end_wrench',
@@ -332,7 +332,7 @@ TARGETS = Sensor(
     message=lambda stamp_ns, row, *end: targets_message(stamp_ns, row[0], row[1], *end),
     needed=lambda settings: settings.watch_targets,
     per_target=True,
-    rank=2,
+    rank=1,
 )
 TIP_POSE = Sensor(
     name='tip_pose',
@@ -349,7 +349,7 @@ TIP_POSE = Sensor(
     row=tip_pose_row,
     message=tip_pose_message,
     partial=True,
-    rank=2,
+    rank=1,
 )
 SENSORS: tuple[Sensor[Any], ...] = (
     PRESSURE,

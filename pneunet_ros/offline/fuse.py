@@ -34,16 +34,17 @@ class FusionStep:
 def fusion_topics(
     recording: Recording, overrides: Mapping[str, str], *, wrench: bool
 ) -> dict[str, Sensor[Any]]:
-    """Return the topics of a recording to fuse: pressure and targets, and a wrench if wanted.
+    """Return the topics of a recording to fuse: targets and pressure, and a wrench if wanted.
 
-    overrides: full topic name by last name. Raises RecordingError where pressure or targets are
+    The pressure is last: of what is read at one time, it makes the estimate. overrides: full topic
+    name by last name. Raises RecordingError where pressure or targets are
     missing, or there are two candidates.
     """
     topics: dict[str, Sensor[Any]] = {}
     if wrench:
         name = find_series(recording, END_WRENCH, overrides, required=False)
         topics |= {} if name is None else {name: END_WRENCH}
-    for sensor in (PRESSURE, TARGETS):
+    for sensor in (TARGETS, PRESSURE):
         topics[recording.find(sensor.name, sensor.type, overrides.get(sensor.name))] = sensor
     return topics
 
