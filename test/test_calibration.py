@@ -19,6 +19,7 @@ from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.files.scenario_file import load_scenario
+from pneunet_ros.model.moment_law import LinearLaw
 from pneunet_ros.model.uncertainty import MOST_COLUMNS
 from pneunet_ros.reports.paper_views.moment_curvature import curvature_std, law_view
 from pneunet_ros.solver.columns import RIGIDITY
@@ -86,6 +87,62 @@ def test_the_truth_is_found_within_the_errors(calibration, true):
     sigmas = errors(found, true)
     assert np.sqrt(np.mean(sigmas**2)) < 1.5
     assert np.abs(sigmas).max() < 5.0
+
+
+def weighed(arm, wrong=(0.0, 0.0), seed=0):
+    """Return a free run and one under a weight of 0.2 N that is wrong by so much (N)."""
+    pressures = np.linspace(2e3, 58e3, 10)
+    true = np.tile([0.2 + wrong[0], wrong[1]], (10, 1))
+    free = made(arm, pressures, noise=USUAL, seed=10 * seed, painted=seed, name='free')
+    held = made(arm, pressures, true, noise=USUAL, seed=10 * seed + 1, painted=seed, start=10)
+    return [free], [held.with_end_load(0.2, 0.0)]
+
+
+def test_a_weight_that_is_wrong_throughout_is_in_the_standard_error():
+    """Over weights wrong by their sigma the stiffness scatters as it says."""
+    arm = replace(PAPER, moment_law=LinearLaw(bending_stiffness=1.3e-4), sensors=USUAL)
+    sigmas = []
+    for seed in range(8):
+        wrong = USUAL.force_std * np.random.default_rng([seed, 7]).standard_normal(2)
+        found = calibrate(*weighed(arm, wrong, seed), arm, compare=False)
+        fit = found.joint
+        off = found.arm.moment_law.bending_stiffness - 1.3e-4
+        sigmas.append(off / np.sqrt(fit.covariance[-1, -1]))
+        assert fit.chi_squared / fit.dof < 1.3
+    assert 0.5 < np.sqrt(np.mean(np.square(sigmas))) < 1.5
+    assert np.abs(sigmas).max() < 3.5
+
+
+def test_many_frames_under_a_weight_know_it_no_better():
+    """Sixteen times the frames average out the noise, not what the weight is wrong by."""
+    arm = replace(PAPER, moment_law=LinearLaw(bending_stiffness=1.3e-4), sensors=USUAL)
+    pressures = np.linspace(2e3, 58e3, 160)
+    force = np.tile([0.2, 0.0], (160, 1))
+    held = made(arm, pressures, force, noise=USUAL, start=200).with_end_load(0.2, 0.0)
+    free = made(arm, pressures, noise=USUAL)
+    stds = []
+    for most in (10, 160):
+        runs = [held.thin(most)]
+        fit = calibrate([free], runs, arm, kind='linear', compare=False).joint
+        stds.append(float(np.sqrt(fit.covariance[-1, -1])))
+    assert stds[1] > 0.5 * stds[0]
+
+
+def test_a_known_load_does_not_hide_how_the_stiffness_goes_with_the_pressure():
+    """As an error of every frame it did: a far softer arm fitted as well as the noise."""
+    rigidity = PAPER.moment_law.rigidity
+    grows = rigidity * np.linspace(0.6, 1.8, len(rigidity))[:, None]
+    law = replace(PAPER.moment_law, rigidity=grows)
+    arm = replace(PAPER, moment_law=law, sensors=USUAL)
+    found = calibrate(*weighed(arm), arm, kind='linear', compare=False)
+    law = found.arm.moment_law
+    assert grows.min() < law.bending_stiffness / (arm.weight * arm.length**2) < grows.max()
+    assert found.joint.chi_squared / found.joint.dof > 4.0
+    assert any('something is missing' in note for note in found.notes)
+    assert not any('--law' in note for note in found.notes)  # it was asked for
+    more = calibrate(*weighed(arm), arm, kind='piecewise_linear', compare=False)
+    assert more.joint.chi_squared / more.joint.dof < 1.5
+    assert 'one stiffness' not in ' '.join(more.notes)
 
 
 def test_a_recording_held_out_is_predicted_as_by_the_truth():

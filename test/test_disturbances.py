@@ -10,6 +10,7 @@ from pneunet_ros.diagnosis.settings import DEFAULTS
 from pneunet_ros.measurement.disturbances import (
     disturbance_jacobian,
     Disturbances,
+    OF_RUN,
     PATH_NODES,
     tilt_jacobian,
 )
@@ -22,20 +23,26 @@ RANDOM = np.random.default_rng(5)
 
 def test_the_prior_of_disturbances():
     noise = replace(USUAL, placement_std=2e-4, registration_std=3e-4, drift_std=1e-4)
-    prior = Disturbances(targets=3, runs=2, noise=noise).prior
-    assert prior.shape == (6 + 4 * PATH_NODES,) * 2
+    free = made(paper_arm(), np.linspace(0.0, 4e4, 17))
+    weight = free.with_end_load(0.2, 0.0)
+    prior = Disturbances(targets=3, runs=[free, weight], noise=noise).prior
+    assert prior.shape == (6 + 2 * OF_RUN,) * 2
     assert prior[:6, :6] == pytest.approx(4e-8 * np.eye(6), rel=1e-9)
     path = prior[6 : 6 + PATH_NODES, 6 : 6 + PATH_NODES]
     # a place, and a walk that has drift_std at the end and half its variance in the middle
     assert path[0] == pytest.approx(9e-8, rel=1e-3)
     assert path[-1, -1] == pytest.approx(9e-8 + 1e-8, rel=1e-3)
     assert path[PATH_NODES // 2, -1] == pytest.approx(9e-8 + 0.5e-8, rel=1e-3)
-    for block in range(1, 4):
-        part = slice(6 + block * PATH_NODES, 6 + (block + 1) * PATH_NODES)
+    for start in (6, 6 + PATH_NODES, 6 + OF_RUN, 6 + OF_RUN + PATH_NODES):
+        part = slice(start, start + PATH_NODES)
         assert np.array_equal(prior[part, part], path)
         assert not prior[part, : part.start].any()
+    # of a load that a weight makes, its forces; nothing else has a load that is wrong throughout
+    stds = np.sqrt(np.diag(prior))
+    assert stds[-3:] == pytest.approx([noise.force_std, noise.force_std, 1e-7])
+    assert stds[6 + 2 * PATH_NODES : 6 + OF_RUN] == pytest.approx(1e-7)
     assert np.linalg.eigvalsh(prior).min() > 0.0
-    assert np.linalg.eigvalsh(Disturbances(targets=3, runs=1, noise=replace(
+    assert np.linalg.eigvalsh(Disturbances(targets=3, runs=[free], noise=replace(
         noise, placement_std=0.0, registration_std=0.0, drift_std=0.0
     )).prior).min() > 0.0  # fmt: skip
 
@@ -44,13 +51,14 @@ def test_targets_answer_to_disturbances():
     arm = paper_arm()
     run = made(arm, np.linspace(0.0, 4e4, 17))
     targets = arm.target_arclength.size
-    disturbances = Disturbances(targets=targets, runs=2, noise=USUAL)
+    disturbances = Disturbances(targets=targets, runs=[run, run], noise=USUAL)
     theta = RANDOM.standard_normal((17, targets))
     parameters = RANDOM.standard_normal(disturbances.prior.shape[0])
     own = disturbances.of_run(1)
     found = disturbance_jacobian(run, theta) @ parameters[own]
     along, across = parameters[:targets], parameters[targets : 2 * targets]
-    nodes = parameters[2 * targets :].reshape(2, 2, PATH_NODES)[1]  # of the second run: x, y
+    second = parameters[2 * targets + OF_RUN :]
+    nodes = second[: 2 * PATH_NODES].reshape(2, PATH_NODES)  # x, y
     time = np.linspace(0.0, 1.0, 17)
     for frame in range(17):
         tangent = np.stack([np.cos(theta[frame]), np.sin(theta[frame])])
@@ -64,7 +72,7 @@ def test_a_run_of_one_frame_has_a_place():
     arm = paper_arm()
     run = made(arm, np.array([2e4]))
     answer = disturbance_jacobian(run, np.zeros((1, arm.target_arclength.size)))
-    assert answer[0, 0, 0, -2 * PATH_NODES :].sum() == 1.0
+    assert answer[0, 0, 0, -OF_RUN:].sum() == 1.0
 
 
 def test_a_tilted_picture_is_that_of_a_camera_that_looks_askew():

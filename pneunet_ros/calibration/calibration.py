@@ -145,6 +145,7 @@ def calibrate(
         explained_variance=explained_variance,
         notes=(
             *resolution.notes,
+            *(resolution.law_notes if kind is None else ()),
             *describe_nonuniformity(joint, settings),
             *notes,
             *describe_misfit(joint, settings.consistency),

@@ -31,11 +31,15 @@ class ScaledPrior:
     """The joint prior of parameters and disturbances: mean + scale z, z normal of unit variance.
 
     size: how many unknowns, the first, are parameters of the model; placement follows them, up to
-    `shared`, and then the camera's path in each run.
+    `shared`, and then what is of each run alone: the camera's path, the error of a known load.
     """
 
     def __init__(
-        self, parameters: Parameters, runs: int, noise: SensorNoise, targets: int
+        self,
+        parameters: Parameters,
+        runs: Sequence[RecordingData],
+        noise: SensorNoise,
+        targets: int,
     ) -> None:
         self.disturbances = Disturbances(targets=targets, runs=runs, noise=noise)
         model, rest = parameters.prior, self.disturbances.prior
@@ -52,7 +56,7 @@ class ScaledPrior:
         self.scale = np.linalg.cholesky(prior)
 
     def unscale(self, scaled: Array) -> tuple[Array, Array]:
-        """Return parameters of the model and disturbances (m) of scaled unknowns."""
+        """Return parameters of the model and disturbances of scaled unknowns."""
         values = self.mean + self.scale @ scaled
         return values[: self.size], values[self.size :]
 
@@ -96,7 +100,7 @@ class Posterior:
         targets: Array,
     ) -> None:
         self.parameters, self.runs, self.noise = parameters, tuple(runs), noise
-        self.prior = ScaledPrior(parameters, len(runs), noise, targets.size)
+        self.prior = ScaledPrior(parameters, self.runs, noise, targets.size)
         self.models = [ForwardModel(targets) for _ in runs]
 
     def cost(self, scaled: Array, around: LinearizedPosterior) -> float:

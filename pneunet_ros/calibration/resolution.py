@@ -25,7 +25,8 @@ class Resolution:
 
     shapes: numbers of kappa_p0 along the arm, at most its knots. pressures: distinct ones, without
     load or with. constant_pressure: it never changes, so nothing is said of another. law: the kind
-    of moment law that the loaded frames can tell the constants of. notes say so in sentences.
+    of moment law that the loaded frames can tell the constants of. notes say so in sentences,
+    law_notes of the law, where no other is asked for.
     """
 
     shapes: int
@@ -34,6 +35,7 @@ class Resolution:
     constant_pressure: bool
     law: str
     notes: tuple[str, ...]
+    law_notes: tuple[str, ...]
 
     @property
     def free_shapes(self) -> int | None:
@@ -82,13 +84,14 @@ def resolve(
             'through them, as sure as that is'
         )
     frames = sum(len(run.stamp_ns) for run in loaded)
-    law = PiecewiseLinearLaw.kind
+    law, law_notes = PiecewiseLinearLaw.kind, []
     if loaded and (frames < settings.law_frames or shapes < settings.law_shapes or constant):
         law = LinearLaw.kind
-        notes.append(
+        other = '' if constant else f' (if it does not fit: --law {PiecewiseLinearLaw.kind})'
+        law_notes.append(
             'the moment law is one stiffness EI, as no more is seen than '
             f'{count_of(range(frames), "loaded frame")} of {count_of(targets, "target")} at '
-            f'{count_of(range(pressures), "pressure")} (--law fits another)'
+            f'{count_of(range(pressures), "pressure")}{other}'
         )
     return Resolution(
         shapes=shapes,
@@ -97,6 +100,7 @@ def resolve(
         constant_pressure=constant,
         law=law,
         notes=tuple(notes),
+        law_notes=tuple(law_notes),
     )
 
 

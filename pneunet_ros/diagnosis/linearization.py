@@ -153,7 +153,7 @@ class Linearization:
         arm = parameters.arm(point.values)
         self.length = arm.length
         targets = arm.target_arclength.size
-        prior = ScaledPrior(parameters, len(self.runs), noise, targets)
+        prior = ScaledPrior(parameters, self.runs, noise, targets)
         self.size, shared = prior.size, prior.shared
         values = np.concatenate([point.values, point.placement.ravel()])
         self.scale, self.mean = prior.scale[:shared, :shared], prior.mean[:shared]

@@ -1,41 +1,49 @@
-"""What moves measured targets beside the arm itself: placement of the dots, the camera's place.
+"""What is wrong in all frames alike: placement of the dots, the camera's place, a known load.
 
 Placement is constant per target in the arm's own tangent and normal: dots are painted on and turn
-with it. The camera has a place of its own in every recording and drifts slowly in it. Both are
-unknowns with a known prior; together with the noise of pressure and force they are what keeps
-residuals from being white (METHODS: white noise of the right total size is wrong).
+with it. The camera has a place of its own in every recording and drifts slowly in it. A load that
+no sensor read, a weight, is wrong by the same throughout its recording: as an error of each frame
+it would hide how the stiffness goes with the pressure. All are unknowns with a known prior;
+together with the noise of pressure and force they are what keeps residuals from being white
+(METHODS: white noise of the right total size is wrong).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import LOADS
+from scipy.linalg import block_diag
 
 PATH_NODES = 9  # of the camera's path in one recording, straight lines between
 # of drift_std: a random walk between its nodes on a straight line, per frame
 BETWEEN_NODES = 1.0 / np.sqrt(6.0 * (PATH_NODES - 1))
-SMALLEST_STD = 1e-7  # m, stands for zero
+OF_RUN = 2 * PATH_NODES + LOADS  # unknowns of one recording
+SMALLEST_STD = 1e-7  # m, N and N m: stands for zero
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Disturbances:
-    """The unknown disturbances of runs: first placement (2 x targets), then a path per run.
+    """The unknown disturbances of runs: first placement (2 x targets), then those of each run.
 
-    std (n,) and prior covariance (n, n) in m; the path of run k are its nodes in x, then in y.
+    prior covariance (n, n) in m, N and N m; the unknowns of a run are the nodes of its path in x,
+    then in y, then the error of its known load.
     """
 
     targets: int
-    runs: int
+    runs: Sequence[RecordingData]
     noise: SensorNoise
     prior: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Put the prior together."""
-        size = 2 * self.targets + 2 * PATH_NODES * self.runs
+        size = 2 * self.targets + OF_RUN * len(self.runs)
         prior = np.zeros((size, size))
         placement = max(self.noise.placement_std, SMALLEST_STD)
         prior[: 2 * self.targets, : 2 * self.targets] = placement**2 * np.eye(2 * self.targets)
@@ -45,30 +53,46 @@ class Disturbances:
         drift = max(self.noise.drift_std, SMALLEST_STD)
         path = place**2 + drift**2 * np.minimum.outer(share, share)
         path += SMALLEST_STD**2 * np.eye(PATH_NODES)
-        for start in range(2 * self.targets, size, PATH_NODES):
-            stop = start + PATH_NODES
-            prior[start:stop, start:stop] = path
+        for start, run in zip(range(2 * self.targets, size, OF_RUN), self.runs, strict=True):
+            load = np.maximum(known_load_std(self.noise, run), SMALLEST_STD)
+            stop = start + OF_RUN
+            prior[start:stop, start:stop] = block_diag(path, path, np.diag(load**2))
         object.__setattr__(self, 'prior', frozen_array(prior))
 
     def of_run(self, which: int) -> Array:
         """Return the places of the unknowns that a run has a part in, (n,) int."""
-        start = 2 * (self.targets + PATH_NODES * which)
-        own = np.arange(start, start + 2 * PATH_NODES)
+        start = 2 * self.targets + OF_RUN * which
+        own = np.arange(start, start + OF_RUN)
         return np.concatenate([np.arange(2 * self.targets), own])
 
 
-def disturbance_jacobian(run: RecordingData, theta: Array) -> Array:
-    """Return how measured targets move per unknown of `of_run`, (frames, 2, targets, n).
+def known_load_std(noise: SensorNoise, run: RecordingData) -> Array:
+    """Return one sigma of F1, F2 (N) and M (N m) of a known load, (3,); zero where there is none.
 
-    theta (frames, targets) rad at the targets.
+    It is what the sensor would have: a load of exactly zero has no error.
+    """
+    if not (run.load_known and run.load.any()):
+        return np.zeros(LOADS)
+    return np.array([noise.force_std] * 2 + [noise.moment_std if run.moment.any() else 0.0])
+
+
+def acting_inputs(run: RecordingData, inputs: Inputs, disturbance: Array) -> Inputs:
+    """Return the inputs with the error of a known load; disturbance: the unknowns of `of_run`."""
+    return inputs.with_loads(inputs.loads + disturbance[-LOADS:]) if run.load_known else inputs
+
+
+def disturbance_jacobian(run: RecordingData, theta: Array) -> Array:
+    """Return how the picture moves per unknown of `of_run`, (frames, 2, targets, n).
+
+    theta (frames, targets) rad at the targets. A load moves the arm instead: zero.
     """
     frames, targets = theta.shape
     start = 2 * targets
-    out = np.zeros((frames, 2, targets, start + 2 * PATH_NODES))
+    out = np.zeros((frames, 2, targets, start + OF_RUN))
     out[..., :start] = placement_jacobian(theta)
-    hats = path_weights(run)
-    out[:, 0, :, start : start + PATH_NODES] = hats[:, None]
-    out[:, 1, :, start + PATH_NODES :] = hats[:, None]
+    hats, middle = path_weights(run), start + PATH_NODES
+    out[:, 0, :, start:middle] = hats[:, None]
+    out[:, 1, :, middle : middle + PATH_NODES] = hats[:, None]
     return out
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.covariance import Whitening
 from pneunet_ros.measurement.dataset import RecordingData
-from pneunet_ros.measurement.disturbances import disturbance_jacobian
+from pneunet_ros.measurement.disturbances import acting_inputs, disturbance_jacobian
 from pneunet_ros.measurement.forward_model import as_points, Columns, ForwardModel
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.measurement.noise_model import reading_errors
@@ -110,11 +110,11 @@ class RunLinearization:
 def predict(
     model: ForwardModel, arm: Arm, run: RecordingData, inputs: Inputs, disturbance: Array
 ) -> tuple[FittedRun, Array]:
-    """Return a run beside an arm, nothing whitened, and the Jacobian of its disturbance (n,).
+    """Return a run beside an arm, not whitened, and how its disturbance (n,) moves the picture.
 
     model: where the search for the equilibria starts; it keeps what was found.
     """
-    solved = model.solve(arm, inputs).copy()
+    solved = model.solve(arm, acting_inputs(run, inputs, disturbance)).copy()
     fields = model.fields.copy()
     moving = disturbance_jacobian(run, fields[:, THETA])
     fitted = FittedRun(
@@ -160,6 +160,7 @@ def linearize(
         there, moving = predict(model, arm, run, inputs, disturbance)
         solved = fitted.solved & there.solved
         fitted, there = fitted.counting(solved), there.counting(solved)
+    inputs = acting_inputs(run, inputs, disturbance)
     fields = model.jacobian(arm, inputs, parameters.columns)
     by_input = as_points(fields)
     moving = moving.reshape(*by_input.shape[:2], -1)
@@ -168,6 +169,8 @@ def linearize(
         by_input = np.concatenate([by_input, fields[:, None, :, THETA, -1]], axis=1)
         moving = np.pad(moving, ((0, 0), (0, 1), (0, 0)))
         std = np.append(np.full(by_input.shape[1] - 1, noise.target_std), noise.heading_std)
+    if run.load_known:
+        moving[:, :, -LOADS:] = by_input[:, :, :LOADS]
     errors = reading_errors(noise, model, arm, run, inputs, by_input)
     tangent = np.matmul(by_input[:, :, :LOADS], load_error[:, :, None])[:, :, 0]
     whitening = Whitening(std, errors, there.counted)

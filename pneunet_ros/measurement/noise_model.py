@@ -78,17 +78,17 @@ def reading_errors(
 
     model: solved there; jacobian (frames, 2 targets, >= 3 + knots) as of
     `ForwardModel.point_jacobian`, and a row more for a heading, which the camera does not move.
-    The last two are the camera between the nodes of its path. A known load is wrong by the same
-    in every frame: as an error of each, it is larger by the root of their number, so that many
-    know no more than one.
+    The last two are the camera between the nodes of its path. A known load is wrong by the same in
+    every frame, and no error of a reading: it is among `Disturbances`.
     """
     pressure = noise.pressure_std * pressure_moves(model, arm, run, inputs, jacobian)[:, :, None]
-    together = np.sqrt(len(run.stamp_ns)) if run.load_known else 1.0
-    loads = jacobian[:, :, :LOADS] * (together * attached_std(noise, run)[:, None])
     camera = camera_errors(noise.drift_std * BETWEEN_NODES, run.x.shape[1])
     camera = np.pad(camera, ((0, jacobian.shape[1] - len(camera)), (0, 0)))
     camera = np.broadcast_to(camera, (*jacobian.shape[:2], 2))
-    return np.concatenate([pressure, loads, camera] if run.loaded else [pressure, camera], axis=2)
+    if not run.loaded or run.load_known:
+        return np.concatenate([pressure, camera], axis=2)
+    loads = jacobian[:, :, :LOADS] * attached_std(noise, run)[:, None]
+    return np.concatenate([pressure, loads, camera], axis=2)
 
 
 def pressure_moves(
