@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pneunet_ros.diagnosis.confirmation import Confirmer
+from pneunet_ros.calibration.held_out import Score
+from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
 from pneunet_ros.diagnosis.selection import parameters_outside_prior, Record
 from pneunet_ros.diagnosis.settings import DEFAULTS
@@ -150,3 +151,26 @@ def test_every_parameter_lies_within_its_prior(factor, count):
     found = parameters_outside_prior(replace(fit, numbers=factor * fit.numbers), 2.0)
     assert len(found) == count
     assert all('load_offset.offset = ' in sentence for sentence in found)
+
+
+def scored(error: np.ndarray) -> list[Score]:
+    """Return the score of a held-out recording with errors (frames, 2, targets) m."""
+    return [Score(name='held out', rms=0.0, p95=0.0, missing=0.0, error=error)]
+
+
+def test_a_model_that_is_surely_worse_on_held_out_recordings_has_no_name():
+    random, settings = np.random.default_rng(3), DEFAULTS.confirmation
+    noise = random.normal(0.0, 2e-4, (80, 2, 12))
+    noise[3, :, 4] = np.nan
+    misfit = 4e-4 * np.sin(np.arange(80) / 5.0)[:, None, None] * np.linspace(0.0, 1.0, 12)
+    good, bad = scored(noise), scored(noise + misfit)
+    assert error_rises(bad, good, settings) == ''
+    assert error_rises(good, good, settings) == ''
+    assert error_rises(good, bad, settings).startswith(
+        'the error on held-out recordings rises from 0.198 to 0.256 mm rms'
+    )
+    once = noise.copy()
+    once[70] *= 12.0  # one frame says nothing of the others
+    assert error_rises(good, scored(once), settings) == ''
+    few = [scored(item[:3]) for item in (noise, noise + 1e-2)]
+    assert error_rises(*few, settings) == ''

@@ -7,13 +7,20 @@ and if no other set becomes the answer when a training recording is left out.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 
+import numpy as np
+from pneunet_ros.calibration.held_out import Score
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
-from pneunet_ros.diagnosis.settings import DiagnosisSettings
+from pneunet_ros.diagnosis.settings import ConfirmationSettings, DiagnosisSettings
+
+
+NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,3 +190,34 @@ class Confirmer:
             if record.without[which] - self.base.without[which] < least
         ]
         return tuple(f'it shows in {name} alone of the training recordings' for name in alone)
+
+
+def error_rises(
+    before: Sequence[Score], after: Sequence[Score], settings: ConfirmationSettings
+) -> str:
+    """Return a sentence where the error on held-out recordings surely rises with what was added.
+
+    Something that makes the arm softer lets noise of the readings explain more: its chi squared
+    falls, and nobody would use the model. Frames near in time err alike: by batches of them, and
+    by the ratio in each, as a few frames may be far more sensitive than the others.
+    """
+    change: list[float] = []
+    squares: list[Array] = []
+    for without, with_it in zip(before, after, strict=True):
+        pair = np.stack([without.error**2, with_it.error**2])
+        pair = np.where(np.isfinite(pair).all(axis=0), pair, np.nan)
+        squares.append(pair.reshape(2, -1))
+        for batch in np.array_split(pair, settings.batches, axis=1):
+            if np.isfinite(batch).any():
+                mean = np.nanmean(batch.reshape(2, -1), axis=1) + NO_ERROR
+                change.append(float(np.log(mean[1] / mean[0])))
+    if len(change) < settings.batches:
+        return ''
+    rms = np.sqrt(np.nanmean(np.concatenate(squares, axis=1), axis=1))
+    surely = settings.surely * np.std(change, ddof=1) / np.sqrt(len(change))
+    if rms[1] <= settings.rises * rms[0] or np.mean(change) <= surely:
+        return ''
+    return (
+        f'the error on held-out recordings rises from {millimeters(rms[0]):.3g} to '
+        f'{millimeters(rms[1]):.3g} mm rms with it'
+    )

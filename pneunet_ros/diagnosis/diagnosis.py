@@ -16,7 +16,7 @@ from pneunet_ros.diagnosis.augmented_model import (
     parameter_shifts,
 )
 from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base
-from pneunet_ros.diagnosis.confirmation import Confirmer
+from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
 from pneunet_ros.diagnosis.hypothesis import hypotheses, Hypothesis
@@ -185,11 +185,12 @@ def investigate(
     on_progress('evaluation before and after', 0, 0)
     notes = (*notes_on_time(selection, recordings[0]), *notes)
     verdict = replace(verdict, notes=(*verdict.notes, *notes))
+    diagnosis = conclude(selection, first, best, verdict, detectable, recordings)
     return Investigation(
-        diagnosis=conclude(selection, first, best, verdict, detectable, recordings),
+        diagnosis=diagnosis,
         selection=selection,
         base=first,
-        trial=verdict.trial,
+        trial=verdict.trial if diagnosis.answer == verdict.answer else first,
         recordings=recordings,
         notes=notes,
     )
@@ -279,7 +280,10 @@ def conclude(
     detectable: Mapping[str, Detectable],
     recordings: tuple[Sequence[RecordingData], Sequence[RecordingData]],
 ) -> Diagnosis:
-    """Evaluate the models before and after on the recordings, and put the result together."""
+    """Evaluate the models before and after on the recordings, and put the result together.
+
+    A name whose model is surely worse on held-out recordings is none.
+    """
     settings, added = selection.settings, verdict.trial is not first
     runs, noise = selection.linearization.runs, selection.linearization.noise
     candidates, level = selection.score_candidates(first), settings.lack_of_fit.level
@@ -288,6 +292,12 @@ def conclude(
         refit = with_reading_noise(verdict.trial.refit, selection.seed, settings.reading_noise)
         verdict = replace(verdict, trial=replace(verdict.trial, refit=refit))
         after = evaluate(verdict.trial, runs, recordings, settings)
+        pair = before.held_out_scores, after.held_out_scores
+        objection = error_rises(*pair, settings.confirmation)
+        if objection:
+            notes = (*closest_notes(verdict.trial.record, (objection,)), *verdict.notes)
+            verdict, after = Verdict(answer='unknown', trial=first, notes=notes), before
+            added = False
     floor, floor_std = noise_floor(after.arm, recordings[1] or recordings[0], noise)
     frames, frames_after = (
         collect_frames(trial.refit, settings.localization) for trial in (first, verdict.trial)
@@ -527,10 +537,8 @@ def closest_notes(best: Record, objections: Sequence[str] = ()) -> tuple[str, ..
         worst = min(best.tests, key=lambda item: item.p_value)
         objections = (f'it fails the lack-of-fit test of {worst.name}',)
     names = ' + '.join(best.names)
-    return (
-        f'closest is {names}, which reduces chi squared by {best.gain:.0f}; it is not named: '
-        f'{"; ".join(objections)}',
-    )
+    said = f'reduces chi squared by {best.gain:.0f}' if best.gain > 0.0 else 'explains nothing'
+    return (f'closest is {names}, which {said}; it is not named: {"; ".join(objections)}',)
 
 
 def notes_on_rest(selection: Selection, best: Trial) -> tuple[str, ...]:
@@ -569,8 +577,9 @@ def notes_on_tip_pose(runs: Sequence[RecordingData]) -> tuple[str, ...]:
 def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) -> str:
     """Return the answer in one sentence."""
     names = ' and '.join(verdict.trial.names)
+    verb = 'reduces' if after.rms < before.rms else 'takes'
     reduced = (
-        f'adding {"it" if len(verdict.trial.names) == 1 else "them"} reduces the model error from '
+        f'adding {"it" if len(verdict.trial.names) == 1 else "them"} {verb} the model error from '
         f'{millimeters(before.rms):.2f} to {millimeters(after.rms):.2f} mm rms.'
     )
     if before.held_out is None:

@@ -163,6 +163,14 @@ class ConfirmationSettings:
     shown: float = tuning(
         25.0, 'held-out chi squared of what is added, for a test: five sigma', source='convention'
     )
+    rises: float = tuning(
+        1.1,
+        'held-out rms error with a name, that a right one does not have',
+        unit='of that without',
+        source='invented',
+    )
+    surely: float = tuning(3.0, 'the same, so many standard errors', source='convention')
+    batches: int = tuning(8, 'parts of a held-out run, to tell that standard error')
     wrong: float = tuning(
         0.02,
         'probability that a confirmed name is wrong',

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.progress import OnProgress, say_nothing
-from pneunet_ros.diagnosis.confirmation import Confirmer
+from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation, take_back
 from pneunet_ros.diagnosis.evaluation import removed_share
 from pneunet_ros.diagnosis.gaussian_model import GaussianModel
@@ -182,6 +182,17 @@ def look_for_law(
     best = shortened(max(findings, key=lambda item: (item.explains, item.gain)), fits)
     objections = objections_to(best, selection, first, base, search)
     amplitudes = amplitude_series(search, best)
+    evaluation = closed = None
+    if best.proposal is not None and not objections:
+        on_progress('evaluation of the discovered law', 0, 0)
+        runs = selection.linearization.runs
+        evaluation = evaluate(
+            best.proposal.trial, runs, investigation.recordings, selection.settings
+        )
+        closed = removed_share(diagnosis.before.rms, evaluation.rms, diagnosis.noise_floor)
+        pair = diagnosis.before.held_out_scores, evaluation.held_out_scores
+        rises = error_rises(*pair, selection.settings.confirmation)
+        objections = (rises,) if rises else ()
     if objections:
         kind = best.suspect.kind.name
         notes = (f'the closest cause is {kind}; no law is given: {"; ".join(objections)}',)
@@ -189,14 +200,6 @@ def look_for_law(
             searched=True, causes=causes, amplitudes=amplitudes, notes=notes, settings=settings
         )
         return unconfirmed, None
-    evaluation = closed = None
-    if best.proposal is not None:
-        on_progress('evaluation of the discovered law', 0, 0)
-        runs = selection.linearization.runs
-        evaluation = evaluate(
-            best.proposal.trial, runs, investigation.recordings, selection.settings
-        )
-        closed = removed_share(diagnosis.before.rms, evaluation.rms, diagnosis.noise_floor)
     tied = tied_kinds(best, findings, suspects, settings)
     discovery = Discovery(
         searched=True,
