@@ -19,7 +19,6 @@ from pneunet_ros.core.units import millimeters
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
 from pneunet_ros.diagnosis.settings import ConfirmationSettings, DiagnosisSettings
 
-
 NO_ERROR = 1e-18  # m^2: what no camera sees, so that there is a ratio
 
 
