@@ -165,3 +165,36 @@ def test_frames_in_which_nothing_was_attached_do_not_make_the_force_sensor_bette
         estimate = estimate_noise(some, PAPER.target_arclength, ASSUMED)
         found.append(estimate.noise.force_std / TRUE.force_std)
     assert np.mean(found) == pytest.approx(1.0, abs=0.06)  # with them 0.64
+
+
+def blurred(run, std: float, length: float, seed: int):
+    """Return a run with noise of its targets that is alike over a length (m) of the arm."""
+    place = PAPER.target_arclength / length
+    root = np.linalg.cholesky(
+        np.exp(-0.5 * np.subtract.outer(place, place) ** 2) + 1e-9 * np.eye(place.size)
+    )
+    random = np.random.default_rng([seed, 9])
+    moved = [std * random.standard_normal(run.x.shape) @ root.T for _ in 'xy']
+    return replace(run, x=run.x + moved[0], y=run.y + moved[1])
+
+
+def test_noise_that_is_alike_in_neighboring_targets_is_widened_and_said():
+    clean, assumed = runs(TRUE), replace(ASSUMED, pressure_std=60.0)
+    estimate = estimate_noise(clean, PAPER.target_arclength, assumed)
+    assert estimate.notes == ()
+    alike = [blurred(run, 1.5e-4, 0.02, seed) for seed, run in enumerate(clean)]
+    found = estimate_noise(alike, PAPER.target_arclength, assumed)
+    (note,) = found.notes
+    assert 'neighboring targets err alike' in note
+    assert 'alike in neighboring targets' in found.sources['target_std']
+    # A shape that several targets span has to be as uncertain as with noise of their own.
+    spacing = float(np.diff(PAPER.target_arclength).mean())
+    together = np.sqrt(np.sqrt(2.0 * np.pi) * 0.02 / spacing)  # targets that err as one
+    assert 0.5 * together < found.noise.target_std / 1.55e-4 < together
+
+
+def test_motion_is_no_noise_that_targets_have_in_common():
+    up = 25e3 + 20e3 * np.sin(np.arange(FRAMES) / 3.0)
+    moving = [made(PAPER, up, noise=TRUE, seed=seed) for seed in range(3)]
+    for assumed in (ASSUMED, replace(ASSUMED, pressure_std=60.0)):
+        assert estimate_noise(moving, PAPER.target_arclength, assumed).notes == ()

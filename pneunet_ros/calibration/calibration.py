@@ -144,6 +144,7 @@ def calibrate(
         laws=laws,
         explained_variance=explained_variance,
         notes=(
+            *noise.notes,
             *resolution.notes,
             *(resolution.law_notes if kind is None else ()),
             *describe_nonuniformity(joint, settings),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+import itertools
 import math
 
 import numpy as np
@@ -20,15 +21,20 @@ from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
+RESTS = 3.0  # sigma of a pressure reading, that it changes by from frame to frame
 SMALLEST = 1e-9  # of a standard deviation that was found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseEstimate:
-    """The noise found, and per standard deviation a sentence where it comes from."""
+    """The noise found, and per standard deviation a sentence where it comes from.
+
+    notes: sentences on noise that is not what sensors usually have.
+    """
 
     noise: SensorNoise
     sources: Mapping[str, str]
+    notes: tuple[str, ...] = ()
 
 
 def estimate_noise(
@@ -76,6 +82,21 @@ def estimate_noise(
             'as in a lossy film, which repeats what rests',
         )
     white = white if white is not None else assumed.target_std
+    # Differences of a pressure that swings fast tell of that: it never rests.
+    pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
+    alike, neighbors = likeness(runs, pressure_std, settings)
+    notes = []
+    if alike > 1.0 and found['target_std'][0] is not None:
+        factor = math.sqrt(alike)
+        found['target_std'] = (
+            factor * white,
+            f'{found["target_std"][1]}, times {factor:.2g}: it is alike in neighboring targets',
+        )
+        notes.append(
+            f'while the arm rests, neighboring targets err alike (correlation {neighbors:.2f}): '
+            'hot air, a curved window, a lossy film do that. Together they tell less, '
+            f'and the noise of each is taken as {factor:.2g} times what is seen of it'
+        )
     found['placement_std'] = (
         placement(runs, arclength, white, settings),
         'targets beside a smooth curve while the arm is straightest',
@@ -93,7 +114,7 @@ def estimate_noise(
             continue
         sources[item.name] = sentence
         noise = replace(noise, **{item.name: float(f'{max(std, SMALLEST):.3g}')})
-    return NoiseEstimate(noise=noise, sources=sources)
+    return NoiseEstimate(noise=noise, sources=sources, notes=tuple(notes))
 
 
 def load_readings(run: RecordingData) -> Array:
@@ -154,6 +175,42 @@ def white_of_targets(
     if residuals.size < settings.fewest:
         return first
     return SIGMA_OF_MEDIAN * float(np.median(np.abs(residuals))) / math.sqrt(6.0)
+
+
+def likeness(
+    runs: Sequence[RecordingData], pressure_std: float, settings: NoiseEstimateSettings
+) -> tuple[float, float]:
+    """Return how many targets err as one while the arm rests, and the correlation of neighbors.
+
+    1 where each errs by itself, and where too few frames rest: motion is alike in them, too. What
+    all targets do together is the camera's, and is taken off.
+    """
+    rest = [resting_differences(run, pressure_std) for run in runs if not run.loaded]
+    rest = [values for values in rest if values.shape[-1] >= settings.fewest_targets]
+    if not rest or sum(len(values) for values in rest) < settings.fewest:
+        return 1.0, 0.0
+    errors = np.concatenate(rest)
+    errors = errors - errors.mean(axis=1, keepdims=True)
+    variance = float(np.mean(errors**2))
+    if not variance > 0.0:
+        return 1.0, 0.0
+    apart = range(1, errors.shape[1] // 2)
+    correlation = [float(np.mean(errors[:, k:] * errors[:, :-k])) / variance for k in apart]
+    if correlation[0] < settings.alike:
+        return 1.0, correlation[0]
+    near = itertools.takewhile(lambda value: value > 0.0, correlation)
+    return 1.0 + 2.0 * sum(near), correlation[0]
+
+
+def resting_differences(run: RecordingData, pressure_std: float) -> Array:
+    """Return second differences in time of targets (n, targets) m while the pressure rests.
+
+    Of x and of y, where all targets are seen in three frames one after the other.
+    """
+    change = np.abs(np.diff(run.frame_pressure)) < RESTS * pressure_std
+    resting = change[1:] & change[:-1]
+    both = np.concatenate([np.diff(values, 2, axis=0)[resting] for values in (run.x, run.y)])
+    return np.asarray(both[np.isfinite(both).all(axis=1)])
 
 
 def placement(

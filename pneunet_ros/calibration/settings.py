@@ -61,6 +61,11 @@ class NoiseEstimateSettings:
     smooth_degree: int = tuning(6, 'of the polynomial that a straight arm follows')
     fewest_targets: int = tuning(12, 'for a placement')
     straightest: float = tuning(0.1, 'share of the unloaded frames')
+    alike: float = tuning(
+        0.3,
+        'correlation of neighboring targets at rest, from which on their noise is not their own',
+        source='invented',
+    )
     heading: float = tuning(
         0.02, 'of a measured heading, where nothing tells', unit='rad', source='invented'
     )
