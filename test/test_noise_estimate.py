@@ -198,3 +198,13 @@ def test_motion_is_no_noise_that_targets_have_in_common():
     moving = [made(PAPER, up, noise=TRUE, seed=seed) for seed in range(3)]
     for assumed in (ASSUMED, replace(ASSUMED, pressure_std=60.0)):
         assert estimate_noise(moving, PAPER.target_arclength, assumed).notes == ()
+
+
+def test_a_few_frames_that_move_make_no_noise_in_common():
+    """A film of an arm that twitches now and then, far more than the noise."""
+    clean = [made(PAPER, np.full(FRAMES, 3e4), noise=TRUE, seed=seed) for seed in range(3)]
+    bend = (PAPER.target_arclength / PAPER.length) ** 2
+    twitch = np.where(np.arange(FRAMES) % 20 == 0, 1e-3, 0.0)[:, None] * bend
+    moved = [replace(run, x=run.x - twitch, y=run.y + twitch) for run in clean]
+    assumed = replace(ASSUMED, pressure_std=80.0)
+    assert estimate_noise(moved, PAPER.target_arclength, assumed).notes == ()

@@ -182,8 +182,9 @@ def likeness(
 ) -> tuple[float, float]:
     """Return how many targets err as one while the arm rests, and the correlation of neighbors.
 
-    1 where each errs by itself, and where too few frames rest: motion is alike in them, too. What
-    all targets do together is the camera's, and is taken off.
+    1 where each errs by itself, and where too few frames rest: motion is alike in them, too. Every
+    frame counts the same, so that a few in which the arm moves after all do not matter. What all
+    targets do together is the camera's, and is taken off.
     """
     rest = [resting_differences(run, pressure_std) for run in runs if not run.loaded]
     rest = [values for values in rest if values.shape[-1] >= settings.fewest_targets]
@@ -191,11 +192,12 @@ def likeness(
         return 1.0, 0.0
     errors = np.concatenate(rest)
     errors = errors - errors.mean(axis=1, keepdims=True)
-    variance = float(np.mean(errors**2))
-    if not variance > 0.0:
+    size = np.sqrt(np.mean(errors**2, axis=1, keepdims=True))
+    errors = errors[size[:, 0] > 0.0] / size[size[:, 0] > 0.0]
+    if not errors.size:
         return 1.0, 0.0
     apart = range(1, errors.shape[1] // 2)
-    correlation = [float(np.mean(errors[:, k:] * errors[:, :-k])) / variance for k in apart]
+    correlation = [float(np.mean(errors[:, k:] * errors[:, :-k])) for k in apart]
     if correlation[0] < settings.alike:
         return 1.0, correlation[0]
     near = itertools.takewhile(lambda value: value > 0.0, correlation)
