@@ -44,7 +44,8 @@ class Lens:
 
     width, height of the image in px; model 'plumb_bob' or 'rational_polynomial'; matrix (3, 3) is
     K, px; distortion (n,) is D, empty where there is none. `limit` is the radius, in normalized
-    coordinates, within which the distortion does not fold. CameraError for anything else.
+    coordinates, within which the distortion neither folds nor leads beyond FARTHEST. CameraError
+    for anything else.
     """
 
     width: int
@@ -70,10 +71,10 @@ class Lens:
         object.__setattr__(self, 'matrix', matrix)
         object.__setattr__(self, 'distortion', distortion)
         object.__setattr__(self, 'coefficients', freeze(coefficients))
-        object.__setattr__(self, 'limit', fold_radius(coefficients[4:]))
+        object.__setattr__(self, 'limit', distortion_limit(coefficients[4:]))
 
     def distort(self, normalized: npt.ArrayLike) -> Array:
-        """Return pixels (n, 2) of normalized points (n, 2); NaN beyond the fold."""
+        """Return pixels (n, 2) of normalized points (n, 2); NaN beyond the limit."""
         points = own_pairs(normalized)
         distort_points(points, self.coefficients, self.limit)
         return points
@@ -82,7 +83,7 @@ class Lens:
         """Return normalized points (n, 2) of pixels (n, 2), NaN where there is none.
 
         Iterated until `distort` gives the pixel again to 1e-9 px. There is none for pixels that
-        no point within the fold of the distortion falls on.
+        no point within the limit of the distortion falls on.
         """
         points = own_pairs(pixels)
         undistort_points(points, self.coefficients, self.limit)
@@ -144,12 +145,13 @@ def distortion_terms(model: str, distortion: Array) -> Array:
     return terms
 
 
-def fold_radius(terms: Array) -> float:
-    """Compute the radius up to which the distortion does not fold the normalized plane.
+def distortion_limit(terms: Array) -> float:
+    """Compute the radius up to which the distortion neither folds nor leads beyond FARTHEST.
 
     With the tangential strength p = |(p1, p2)| the eigenvalues of the Jacobian at r are at least
     the smaller of radial and d(r radial)/dr, less 6 p r. The radius is where the first of them,
-    or the denominator of radial, comes to zero; at most FARTHEST.
+    or the denominator of radial, comes to zero, or where the image, at most r radial + 3 p r^2
+    from the axis, comes as far out as FARTHEST; itself at most FARTHEST.
     """
     k1, k2, p1, p2, k3, k4, k5, k6 = terms.tolist()
     polynomial = np.polynomial.Polynomial
@@ -157,9 +159,15 @@ def fold_radius(terms: Array) -> float:
     above = polynomial([1.0, 0.0, k1, 0.0, k2, 0.0, k3])
     below = polynomial([1.0, 0.0, k4, 0.0, k5, 0.0, k6])
     tangential = 6.0 * math.hypot(p1, p2) * r
+    outward = r * (above + 0.5 * tangential * below)
     growth = (r * above).deriv() * below - r * above * below.deriv()
     radius = FARTHEST
-    for positive in (below, above - tangential * below, growth - tangential * below * below):
+    for positive in (
+        below,
+        above - tangential * below,
+        growth - tangential * below * below,
+        below - outward / FARTHEST,
+    ):
         # All are 1 at r = 0, so 1/r are the roots of a polynomial with the leading coefficient 1,
         # which needs no division by coefficients that may be tiny.
         inverse = np.roots(np.asarray(positive.coef))
