@@ -168,3 +168,27 @@ def test_a_frame_without_equilibrium_is_said_and_harms_no_other():
     assert np.flatnonzero(~found).tolist() == [0, 7]
     others = solved(arm, inputs)
     assert series.points[found] == pytest.approx(others.points[found], abs=1e-9)
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0], ids=['up', 'down'])
+@pytest.mark.parametrize('hidden', [0, -1], ids=['none hidden', 'only the tip seen'])
+def test_a_buckled_arm_is_found_on_the_side_on_which_it_was_seen(side, hidden):
+    arm = paper_arm()
+    unpressed, pushed = np.zeros(3), np.full((3, 2), [-0.03, 0.0])
+    measured = made(arm, unpressed, pushed + np.array([0.02, side * 0.03])).points
+    measured[:, :, :hidden] = np.nan
+    inputs = Inputs(pressure=unpressed, loads=np.column_stack([pushed, np.zeros(3)]))
+    series = ForwardModel(arm.target_arclength, measured)
+    assert series.solve(arm, inputs).all()
+    series.jacobian(arm, inputs, NONE)
+    assert series.stable.all()
+    assert np.all(side * series.points[:, 1, -1] > 0.05)
+
+
+def test_where_nothing_is_seen_an_arm_is_found_as_from_no_load():
+    arm, inputs = paper_arm(), table_1()
+    blind = ForwardModel(
+        arm.target_arclength, np.full((len(TABLE_1), 2, arm.target_arclength.size), np.nan)
+    )
+    assert blind.solve(arm, inputs).all()
+    assert np.array_equal(blind.points, solved(arm, inputs).points)

@@ -60,3 +60,37 @@ def test_a_known_load_and_no_load_have_no_errors():
     model = ForwardModel(ARM.target_arclength)
     nothing = np.zeros_like(run.points)
     assert not probable_load_errors(model, ARM, run, inputs, nothing, USUAL).any()
+
+
+def snapped(error):
+    """Return a run of an arm seen just before it snaps over, and the load as it was misread."""
+    pressure = np.full(3, 5e3)
+    raised = made(ARM, pressure, np.full((3, 2), [-0.0125, 0.03]))
+    before = np.column_stack([np.full(3, -0.025), [-0.0058, -0.0055, -0.005]])
+    exact = made(ARM, pressure, before)
+    (inputs,) = inputs_of(ARM, [exact])
+    model = ForwardModel(ARM.target_arclength, raised.points)
+    assert model.solve(ARM, inputs).all()
+    x, y = model.points[:, 0], model.points[:, 1]
+    return replace(exact, x=x, y=y, force=before + error)
+
+
+def test_an_arm_seen_before_it_snaps_is_looked_for_at_loads_at_which_it_has_not():
+    run = snapped([0.0, -0.0015])
+    (inputs,) = inputs_of(ARM, [run])
+    model = ForwardModel(ARM.target_arclength, run.points)
+    before = apart(run, model, inputs)
+    assert before.min() > 0.1  # the load as read holds it only on the other side
+    found = probable_load_errors(model, ARM, run, inputs, np.zeros_like(run.points), USUAL)
+    assert np.abs(found).max() <= PROBABLE_LOAD.furthest * USUAL.force_std
+    after = apart(run, model, inputs.with_loads(inputs.loads + found))
+    assert after.max() < 0.02
+
+
+def test_a_load_that_no_noise_explains_is_not_looked_for_around_the_reading():
+    run = snapped([0.0, -0.02])
+    (inputs,) = inputs_of(ARM, [run])
+    model = ForwardModel(ARM.target_arclength, run.points)
+    assert not probable_load_errors(
+        model, ARM, run, inputs, np.zeros_like(run.points), USUAL
+    ).any()

@@ -29,6 +29,7 @@ from pneunet_ros.measurement.inputs import inputs_of
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.intrinsic_curvature import IntrinsicCurvature
 from pneunet_ros.model.moment_law import LinearLaw, PiecewiseLinearLaw
+from scipy.optimize import minimize_scalar
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -178,19 +179,33 @@ class FitSequence:
 
     def stiffness(self, runs: Sequence[RecordingData], free: Fit) -> float:
         """Return the one stiffness EI (N m^2) that explains the loads best, to begin with."""
-        law = self.law(LinearLaw.kind, self.likely_stiffness(runs, free.arm))
+        likely = self.likely_stiffness(runs, free.arm)
+        law = self.law(LinearLaw.kind, likely)
         frames = self.settings.experiments.first_frames
-        return float(self._add_law('stiffness', runs, free, law, frames).values[-1])
+        found = float(self._add_law('stiffness', runs, free, law, frames).values[-1])
+        return found if found > 0.0 else likely  # no law has another sign
 
     def likely_stiffness(self, runs: Sequence[RecordingData], arm: Arm) -> float:
-        """Return the EI (N m^2) out of some, decades apart, with which the targets fit best."""
-        experiments, errors = self.settings.experiments, {}
+        """Return the EI (N m^2) with which the targets fit best, to begin with.
+
+        Out of some, decades apart, and then between the neighbors of that. Frames count by the
+        logarithm of their error: one in which the arm snaps elsewhere does not outweigh the rest.
+        """
+        experiments = self.settings.experiments
         runs = [run.thin(experiments.scanned_frames) for run in runs if run.loaded]
-        for factor in experiments.stiffness_factors:
-            law = LinearLaw(bending_stiffness=factor * self.first_stiffness)
+
+        def error(decade: float) -> float:
+            law = LinearLaw(bending_stiffness=self.first_stiffness * 10.0**decade)
             tried = replace(arm, moment_law=law, covariance=None)
-            errors[law.bending_stiffness] = sum(squared_error(tried, run) for run in runs)
-        return min(errors, key=lambda stiffness: errors[stiffness])
+            errors = np.concatenate([squared_errors(tried, run) for run in runs])
+            return float(np.mean(np.log(errors + self.noise.noise.target_std**2)))
+
+        decade = min(np.log10(experiments.stiffness_factors).tolist(), key=error)
+        near = minimize_scalar(
+            error, bounds=(decade - 1.0, decade + 1.0), options={'xatol': experiments.scanned}
+        )
+        best = decade if error(decade) <= near.fun else float(near.x)
+        return float(self.first_stiffness * 10.0**best)
 
     def at_one_pressure(self, runs: Sequence[RecordingData], kind: str) -> Fit:
         """Fit the curvature at rest and the moment law together: loads alone tell them apart."""
@@ -288,14 +303,14 @@ class FitSequence:
         return self.fit('all that is new', runs, self.wide, law, earlier=earlier)
 
 
-def squared_error(arm: Arm, run: RecordingData) -> float:
-    """Return the mean square (m^2) of what targets of a run are beside an arm.
+def squared_errors(arm: Arm, run: RecordingData) -> Array:
+    """Return the mean square (m^2) of what targets are beside an arm in every frame, (frames,).
 
     A frame without equilibrium counts as if the arm were a length away.
     """
-    model = ForwardModel(arm.target_arclength)
+    model = ForwardModel(arm.target_arclength, run.points)
     (inputs,) = inputs_of(arm, [run])
     solved = model.solve(arm, inputs)
     apart = np.nan_to_num(run.points - model.points) ** 2
     apart[~solved] = arm.length**2
-    return float(np.mean(apart))
+    return np.asarray(np.mean(apart, axis=(1, 2)))

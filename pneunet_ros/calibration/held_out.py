@@ -29,7 +29,7 @@ class Score:
 
 def score(arm: Arm, run: RecordingData, inputs: Inputs | None = None) -> Score:
     """Predict a run from its readings and compare; inputs: what acted, where it has a past."""
-    model = ForwardModel(arm.target_arclength)
+    model = ForwardModel(arm.target_arclength, run.points)
     inputs = inputs_of(arm, [run])[0] if inputs is None else inputs
     solved = model.solve(arm, inputs)
     error = run.points - model.points

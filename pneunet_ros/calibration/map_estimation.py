@@ -89,7 +89,9 @@ class LinearizedPosterior:
 class Posterior:
     """Half the squared norm of all that is whitened, over all runs, and its linearization.
 
-    The forward models keep where equilibria were found, to start from; no result hangs on it.
+    The forward models keep where equilibria were found, to start from. A trial starts where the
+    linearization was: an arm that has snapped to another equilibrium in a trial that went too far
+    would stay there in the next.
     """
 
     def __init__(
@@ -101,7 +103,8 @@ class Posterior:
     ) -> None:
         self.parameters, self.runs, self.noise = parameters, tuple(runs), noise
         self.prior = ScaledPrior(parameters, self.runs, noise, targets.size)
-        self.models = [ForwardModel(targets) for _ in runs]
+        self.models = [ForwardModel(targets, run.points) for run in runs]
+        self.linearized: list[ForwardModel] = []
 
     def cost(self, scaled: Array, around: LinearizedPosterior) -> float:
         """Return the cost whitened as `around` is; ModelError where there is no such arm."""
@@ -110,6 +113,8 @@ class Posterior:
         cost = 0.5 * float(scaled @ scaled)
         for which, inputs in enumerate(inputs_of(arm, self.runs)):
             own = disturbance[self.prior.disturbances.of_run(which)]
+            every = np.arange(len(inputs.pressure))
+            self.models[which].at_solutions(self.linearized[which], every)
             white = around.runs[which].residual_of(self.models[which], arm, inputs, own)
             cost += 0.5 * float(np.sum(white**2))
         return cost
@@ -138,6 +143,10 @@ class Posterior:
             gradient[places] += white.T @ linear.white_residual.ravel()
             cost += 0.5 * float(linear.fitted.whitened.sum())
             runs.append(linear)
+        self.linearized = [
+            model.subset(np.arange(len(run.x)))
+            for model, run in zip(self.models, self.runs, strict=True)
+        ]
         return LinearizedPosterior(
             scaled=scaled,
             cost=cost,

@@ -113,8 +113,11 @@ class ExperimentSettings:
     first_frames: int = tuning(40, 'of every run, for the search before the fit to all')
     scanned_frames: int = tuning(5, 'of every loaded run, where a stiffness is looked for')
     stiffness_factors: tuple[float, ...] = tuning(
-        (1.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1e3, 1e4), 'that are tried', unit='first stiffness'
+        (1.0, 0.1, 10.0, 0.01, 100.0, 0.001, 1e3, 1e4),
+        'that are tried first',
+        unit='first stiffness',
     )
+    scanned: float = tuning(0.02, 'how closely it is looked for', unit='decades')
     compared_frames: int = tuning(60, 'of every run, where moment laws are compared')
     first_stiffness: float = tuning(0.05, 'alpha where the search for it begins')
     covariance_frames: int = tuning(24, "of every run, for the covariance's few columns")

@@ -203,7 +203,7 @@ class Linearization:
         own = size + prior.disturbances.of_run(which)
         disturbance = np.zeros(own.size)
         disturbance[: shared - size] = point.placement.ravel()
-        model = ForwardModel(arm.target_arclength)
+        model = ForwardModel(arm.target_arclength, run.points)
         linear = linearize(
             model, point.with_effects(), point.values, disturbance, run, inputs, self.noise
         )

@@ -2,7 +2,8 @@
 
 The Jacobian is by every input of the rod (loads, knots of the curvature's table, rigidities,
 split, ...); that by a parameter is the chain rule over them. The solver is the same as live;
-frames start from their own last solution.
+frames start from their own last solution, and at first from the shape that was measured: a
+soft arm may have several equilibria under a load, and it is the one that it was seen in.
 """
 
 from __future__ import annotations
@@ -19,12 +20,7 @@ from pneunet_ros.model.record import owners
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem, panels_needed
 from pneunet_ros.solver.collocation import unloaded_nodes
 from pneunet_ros.solver.columns import (
-    CURVATURE as CURVATURE,
-)
-from pneunet_ros.solver.columns import (
-    INTRINSIC_CURVATURE as INTRINSIC_CURVATURE,
-)
-from pneunet_ros.solver.columns import (
+    CLAMP_ANGLE,
     LOAD_X,
     LOAD_Y,
     LOADS,
@@ -32,6 +28,12 @@ from pneunet_ros.solver.columns import (
     RIGIDITY,
     ROTATION_WIDTH,
     START,
+)
+from pneunet_ros.solver.columns import (
+    CURVATURE as CURVATURE,
+)
+from pneunet_ros.solver.columns import (
+    INTRINSIC_CURVATURE as INTRINSIC_CURVATURE,
 )
 from pneunet_ros.solver.columns import (
     MOMENT as MOMENT,
@@ -55,7 +57,11 @@ Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
 
 
 class ForwardModel:
-    """The shapes of an arm in the frames of a run, kept as starts for the next, changed arm."""
+    """The shapes of an arm in the frames of a run, kept as starts for the next, changed arm.
+
+    arclength (targets,) m of the stations; measured (frames, 2, targets) m, NaN where not seen:
+    the points in the base frame near which equilibria are looked for first. None: from no load.
+    """
 
     __slots__ = (
         'arclength',
@@ -64,6 +70,7 @@ class ForwardModel:
         'every_field',
         'heading',
         'known',
+        'measured',
         'nodes',
         'points',
         'push_place',
@@ -72,8 +79,8 @@ class ForwardModel:
         'stations',
     )
 
-    def __init__(self, arclength: Array) -> None:
-        self.arclength = arclength
+    def __init__(self, arclength: Array, measured: Array | None = None) -> None:
+        self.arclength, self.measured = arclength, measured
         self.push_place = np.zeros(0)
         self.heading = np.zeros((0, 0))
         self.stations = arclength
@@ -156,6 +163,8 @@ class ForwardModel:
         frames = len(loads)
         beyond = np.array([arm.beyond_range(value) for value in rods.pressure.tolist()])
         self.solved = beyond <= EXTRAPOLATION
+        if self.measured is not None and not self.known.any():
+            self.start_at_measured(self.measured, rods, loads)
         first = 0
         while first < frames:
             first = solve_frames(
@@ -181,6 +190,29 @@ class ForwardModel:
                 unloaded_nodes(attempt.panels, attempt.ends, self.nodes[first])
             first += 1
 
+    def start_at_measured(self, measured: Array, rods: Rods, loads: Array) -> None:
+        """Let frames start at the shape through the points that were seen, if any were."""
+        for frame, points in enumerate(measured):
+            seen = np.isfinite(points).all(axis=0) & (self.arclength > 0.0)
+            if not seen.any():
+                continue
+            attempt = BoundaryValueProblem(
+                rods.record(frame),
+                (float(loads[frame, 0]), float(loads[frame, 1])),
+                float(loads[frame, 2]),
+            )
+            attempt.mesh(self.counts)
+            clamp = float(rods.clamp[frame, CLAMP_ANGLE])
+            attempt.start_along(*headings_through(self.arclength[seen], points[:, seen], clamp))
+            self.nodes[frame] = attempt.nodes
+            self.known[frame] = True
+
+    def at_solutions(self, of: ForwardModel, frames: npt.NDArray[np.int64]) -> None:
+        """Go on from another model's solutions of these frames, where its mesh is the same."""
+        if np.array_equal(of.counts, self.counts):
+            self.nodes[frames], self.known[frames] = of.nodes, of.known
+            self.heading[frames] = of.heading
+
     def solutions(self) -> FrameSolutions:
         """Return what the kernels fill."""
         return FrameSolutions(
@@ -195,7 +227,9 @@ class ForwardModel:
 
     def subset(self, frames: npt.NDArray[np.int64]) -> ForwardModel:
         """Return the forward model of a subset of the frames, with their solutions."""
-        part = ForwardModel(self.arclength)
+        part = ForwardModel(
+            self.arclength, None if self.measured is None else self.measured[frames]
+        )
         part.push_place, part.stations = self.push_place, self.stations
         part.remesh(self.counts, frames.size)
         part.nodes[:], part.known[:] = self.nodes[frames], self.known[frames]
@@ -290,6 +324,21 @@ class ForwardModel:
                 sides.append(beside.fields)
             by_load.append((sides[1] - sides[0]) / (2.0 * step.sum()))
         return np.stack(by_load, axis=1)
+
+
+def headings_through(arclength: Array, points: Array, clamp: float) -> tuple[Array, Array]:
+    """Return arclengths (n,) m and the headings (n,) rad there of an arm through points.
+
+    arclength (targets,) m, more than 0; points (2, targets) m in the base frame; clamp rad. From
+    one point to the next the chord has the heading of the middle.
+    """
+    ways = np.diff(points, axis=1, prepend=0.0)
+    chords = np.unwrap(np.append(clamp, np.arctan2(ways[1], ways[0])))
+    from_clamp = np.append(0.0, arclength)
+    middles = np.append(0.0, 0.5 * (from_clamp[1:] + from_clamp[:-1]))
+    slope = (chords[-1] - chords[-2]) / (middles[-1] - middles[-2])
+    last = chords[-1] + slope * (arclength[-1] - middles[-1])
+    return np.append(middles, arclength[-1]), np.append(chords, last)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

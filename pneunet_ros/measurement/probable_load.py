@@ -3,6 +3,9 @@
 An arm may be so compliant that the noise of a force sensor moves its tip by millimeters, further
 than a straight line follows. Then not the reading is where the model is linearized, but the load
 that reading and targets together make most probable.
+
+Near a load at which the arm snaps, it even decides between two equilibria: then the one in which
+the arm was seen is looked for at loads around the reading.
 """
 
 from __future__ import annotations
@@ -33,6 +36,15 @@ class ProbableLoadSettings:
         unit='sigma',
         source='invented',
     )
+    elsewhere: float = tuning(
+        0.02,
+        'rms of the targets from which on a frame may have snapped to another equilibrium',
+        unit='length',
+        source='invented',
+    )
+    around: float = tuning(2.0, 'from the reading, where it is looked for', unit='sigma')
+    directions: int = tuning(8, 'of the force, in which it is looked for')
+    nearer: float = tuning(0.3, 'of the distance that is left at the equilibrium it was seen in')
 
 
 PROBABLE_LOAD = ProbableLoadSettings()
@@ -59,15 +71,67 @@ def probable_load_errors(
     std = attached_std(noise, run)
     if run.load_known or not std.any():
         return shift
+    measured, far = run.points - disturbance, settings.elsewhere * arm.length
     read = model.solve(arm, inputs).copy()
+    shift = shift_where_seen(model, arm, inputs, measured, std, settings)
     for _ in range(settings.rounds):
         now = inputs.with_loads(inputs.loads + shift)
         errors = linear_errors(model, arm, run, now, shift, disturbance, noise)
         kept = np.clip(2.0 - np.abs(errors).max(axis=1) / settings.furthest, 0.0, 1.0)
+        before, here = shift, distance_to_targets(model, measured)
+        from_here = model.subset(np.arange(len(shift)))
         shift = std * errors * kept[:, None]
         solved = model.solve(arm, inputs.with_loads(inputs.loads + shift))
         shift[read & ~solved] = 0.0
+        there = distance_to_targets(model, measured)
+        gone = np.flatnonzero((there > far) & (settings.nearer * there > here))
+        if gone.size:  # a step too far: over the edge where it snaps
+            shift[gone] = before[gone]
+            model.at_solutions(from_here.subset(gone), gone)
+            model.solve(arm, inputs.with_loads(inputs.loads + shift))
     return shift
+
+
+def shift_where_seen(
+    model: ForwardModel,
+    arm: Arm,
+    inputs: Inputs,
+    measured: Array,
+    std: Array,
+    settings: ProbableLoadSettings,
+) -> Array:
+    """Return shifts of the load (frames, 3) to where snapped frames are as they were seen.
+
+    measured (frames, 2, targets) m; std (frames, 3) N, N m, of the reading; model: solved at the
+    reading; it is left solved at what is returned.
+    """
+    shift = np.zeros_like(inputs.loads)
+    left = distance_to_targets(model, measured)
+    snapped = np.flatnonzero(left > settings.elsewhere * arm.length)
+    if not snapped.size or model.measured is None:
+        return shift
+    limit = settings.nearer * left[snapped]
+    now = inputs.subset(snapped)
+    for angle in np.arange(settings.directions) * (2.0 * np.pi / settings.directions):
+        aside = settings.around * std[snapped] * [np.cos(angle), np.sin(angle), 0.0]
+        beside = model.subset(snapped)
+        beside.known[:] = False  # from the measured shape
+        beside.solve(arm, now.with_loads(now.loads + aside))
+        there = distance_to_targets(beside, measured[snapped])
+        better = there < limit
+        limit = np.where(better, there, limit)
+        shift[snapped[better]] = aside[better]
+        model.at_solutions(beside.subset(np.flatnonzero(better)), snapped[better])
+    model.solve(arm, inputs.with_loads(inputs.loads + shift))
+    return shift
+
+
+def distance_to_targets(model: ForwardModel, measured: Array) -> Array:
+    """Return the rms (frames,) m of targets beside a solved model, infinite where it has none."""
+    squares = (measured - model.points) ** 2
+    seen = np.isfinite(squares)
+    mean = np.sum(np.where(seen, squares, 0.0), axis=(1, 2)) / np.maximum(seen.sum((1, 2)), 1)
+    return np.where(model.solved, np.sqrt(mean), np.inf)
 
 
 def linear_errors(

@@ -17,6 +17,7 @@ from pneunet_ros.solver.panel import GAUSS_ABSCISSAE, GAUSS_POINTS
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import ACCEPTED, SOLVER, SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
+from scipy.integrate import cumulative_trapezoid
 
 ANGLES = col.NODE_GAUSS + GAUSS_POINTS  # columns of a node that hold angles
 
@@ -95,6 +96,19 @@ class BoundaryValueProblem:
         self.nodes[:, col.NODE_MOMENT] = np.interp(
             here[::ANGLES], s[::ANGLES], known.nodes[:, col.NODE_MOMENT]
         )
+
+    def start_along(self, arclength: Array, heading: Array) -> None:
+        """Take a shape as the first guess: heading (n,) rad at these arclengths (n,) m.
+
+        The moment is the one with which the load at the free end holds such a shape.
+        """
+        here, _ = gauss_stations(self.panels)
+        theta = np.interp(here, arclength, heading)
+        self.nodes[:, :ANGLES].flat[: here.size] = theta
+        force_x, force_y, moment = self.ends[col.END_X :]
+        across = force_y * np.cos(theta) - force_x * np.sin(theta)
+        from_clamp = cumulative_trapezoid(across, here, initial=0.0)
+        self.nodes[:, col.NODE_MOMENT] = moment + (from_clamp[-1] - from_clamp)[::ANGLES]
 
     def newton(self) -> bool:
         """Newton's method from the present nodes; whether the equations hold afterwards."""
