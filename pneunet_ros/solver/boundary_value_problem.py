@@ -17,7 +17,6 @@ from pneunet_ros.solver.panel import GAUSS_ABSCISSAE, GAUSS_POINTS
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import ACCEPTED, SOLVER, SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
-from scipy.integrate import cumulative_trapezoid
 
 ANGLES = col.NODE_GAUSS + GAUSS_POINTS  # columns of a node that hold angles
 
@@ -107,7 +106,7 @@ class BoundaryValueProblem:
         self.nodes[:, :ANGLES].flat[: here.size] = theta
         force_x, force_y, moment = self.ends[col.END_X :]
         across = force_y * np.cos(theta) - force_x * np.sin(theta)
-        from_clamp = cumulative_trapezoid(across, here, initial=0.0)
+        from_clamp = np.append(0.0, np.cumsum(0.5 * (across[1:] + across[:-1]) * np.diff(here)))
         self.nodes[:, col.NODE_MOMENT] = moment + (from_clamp[-1] - from_clamp)[::ANGLES]
 
     def newton(self) -> bool:
