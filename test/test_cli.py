@@ -126,10 +126,11 @@ def test_help_of_every_verb_explains_every_option(run, verb):
 def test_help_of_predict_has_units_and_defaults(run):
     out = ' '.join(run('predict', '--help')[1].split())
     for words in (
-        'pressure, Pa',
-        ', N (default: 0 0)',
-        'N m (default: 0)',
-        'of the tip, m',
+        'pressure: Pa,',
+        'frame: N, or with a unit',
+        '(default: 0 0)',
+        'end: N m, or with a unit, as 0.2mNm (default: 0)',
+        'of the tip: m,',
         '57)',
     ):
         assert words in out
@@ -162,8 +163,6 @@ def test_misuse_exits_2_with_the_usage_on_stderr(run, arguments):
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
-        (['predict', '--pressure', 'nan'], 'pressure must be a finite number'),
-        (['predict', '--pressure', '1', '--moment', 'inf'], 'moment must be a finite number'),
         (['predict', '--pressure', '1', '--stations', '1'], 'at least 2 stations'),
         (['predict', '--pressure', '1', '--stations', '3000'], 'stations must lie between 2'),
         ([*LOADED, '--tip', '0.1', '0'], 'either --force or --tip'),
@@ -728,3 +727,26 @@ def test_the_demo_without_one_estimate_says_so_and_its_picture_is_one(run_json, 
     code, answer = run_json('demo', '--model', model, '--output', tmp_path / 'here')
     assert (code, answer['holds'], answer['estimates']) == (1, [], 0)
     assert imread(tmp_path / 'here' / 'shapes.png').shape[1] > 1500
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ('predict', '--pressure', '31 mm'),
+        ('predict', '--pressure', 'nan'),
+        ('predict', '--pressure', '1', '--moment', 'inf'),
+        ('predict', '--pressure', '31e3', '--model', 'nowhere.yaml'),
+        ('check', 'nowhere.mcap'),
+        ('predict',),
+        ('nonsense',),
+    ],
+)
+def test_a_wrong_request_is_one_object_for_programs(run, arguments):
+    """With --json exit code 2 prints the sentence of stderr as one JSON object on stdout."""
+    code, out, err = run(*arguments, '--json')
+    assert code == 2
+    assert out.count('\n') == 1
+    content = json.loads(out)
+    assert list(content) == ['error']
+    assert content['error'] in ' '.join(err.split())
+    assert run(*arguments)[1] == ''

@@ -76,7 +76,10 @@ def test_what_is_not_given_is_asked_for(run, tmp_path, monkeypatch):
         (('--length', '112mm'), 'give --weight, --pressure, --dot, --targets: nobody is here'),
         ((*SIZES, '--targets', '2'), 'a whole number from 3 to 500'),
         ((*SIZES, '--targets', '40'), 'would be 2.5 mm apart, and need half a diameter'),
-        ((*SIZES[:-1], '3furlong', '--targets', '9'), '--dot 3furlong: a number is needed, in SI'),
+        (
+            (*SIZES[:-1], '3furlong', '--targets', '9'),
+            "--dot: '3furlong' is not a length: write a number in m",
+        ),
         ((*SIZES[:-1], '0mm', '--targets', '9'), '--dot 0mm must be above zero'),
         ((*SIZES, '--targets', '9', '--places', '0', '1'), '--targets or --places, not both'),
         ((*SIZES, '--places', '0', '10mm', '5mm'), 'target_arclength must increase'),

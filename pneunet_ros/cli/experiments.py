@@ -6,10 +6,10 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import itertools
-import math
 from pathlib import Path
 
 from pneunet_ros.calibration.preconditions import check_unloaded
+from pneunet_ros.cli.quantity_option import quantity_of
 from pneunet_ros.cli.verb import add_settings, add_topics, SENSOR_SETTINGS, settings_of, topics_of
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.measurement.dataset import RecordingData
@@ -63,8 +63,8 @@ def add_experiments(parser: ArgumentParser) -> None:
         action='append',
         default=[],
         metavar=('REC', 'FX', 'FY'),
-        help='a known constant end load (N, base frame) in a recording without `end_wrench`; its '
-        'error is force_std of the model; may be repeated',
+        help='a known constant end load (base frame; N, or with a unit, as 20g) in a recording '
+        'without `end_wrench`; its error is force_std of the model; may be repeated',
     )
     add_topics(parser)
     add_settings(parser, SENSOR_SETTINGS)
@@ -148,14 +148,8 @@ def end_loads(
     """Return the known load (N) by recording; RequestError where one is no load of a recording."""
     loads: dict[Path, tuple[float, float]] = {}
     for name, *components in given:
-        try:
-            force_x, force_y = (float(item) for item in components)
-        except ValueError:
-            force_x = force_y = math.nan
-        if not (math.isfinite(force_x) and math.isfinite(force_y)):
-            raise RequestError(
-                f'--end-load {name} {" ".join(components)}: FX and FY must be numbers, in N'
-            )
+        option = f'--end-load {name}'
+        force_x, force_y = (quantity_of(option, text, 'force') for text in components)
         place = Path(name).resolve()
         check_given({place}, paths, '--end-load')
         if place in loads:

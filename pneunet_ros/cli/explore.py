@@ -10,6 +10,7 @@ import sys
 import time
 
 from pneunet_ros.cli.diagnose import progress_of, versions
+from pneunet_ros.cli.quantity_option import quantity_type
 from pneunet_ros.cli.simulate import scenario_file, seed
 from pneunet_ros.cli.verb import (
     add_effects_path,
@@ -120,16 +121,18 @@ def options(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         '--pressure',
-        type=float,
+        type=quantity_type('pressure'),
         nargs=2,
         metavar=('LOW', 'HIGH'),
-        help='safe pressures, Pa gauge (default: those the model was calibrated to)',
+        help='safe gauge pressures: Pa, or with a unit, as 60kPa (default: '
+        'those the model was calibrated to)',
     )
     parser.add_argument(
         '--largest-force',
-        type=float,
+        type=quantity_type('force'),
         metavar='N',
-        help='safe force at the free end, N (default: the largest of the calibration)',
+        help='safe force at the free end: N, or with a unit, as 200mN (default: '
+        'the largest of the calibration)',
     )
     parser.add_argument(
         '--seed', type=seed, default=0, metavar='N', help='of noise and thresholds (default: 0)'

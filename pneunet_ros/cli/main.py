@@ -18,12 +18,26 @@ from pneunet_ros.core.kernel_cache import answer_first, compile_first, compile_m
 from pneunet_ros.core.printable import printable
 
 
+class WrongUsageError(SystemExit):
+    """The command line was wrong, and a person has been told so; `sentence` is for programs."""
+
+    def __init__(self, sentence: str) -> None:
+        """Exit with the code of a wrong request."""
+        super().__init__(WRONG)
+        self.sentence = sentence
+
+
 class CommandParser(ArgumentParser):
     """A parser whose complaints may be shown, whatever words it was given."""
 
     def error(self, message: str) -> NoReturn:
         """Print usage and what was wrong, and exit."""
-        super().error(printable(shortened(message)))
+        sentence = printable(shortened(message))
+        if UNIT_APART.search(sentence):
+            sentence += '; a number and its unit are one word, as in 31kPa'
+        self.print_usage(sys.stderr)
+        print(f'{self.prog}: error: {sentence}', file=sys.stderr)
+        raise WrongUsageError(sentence)
 
 
 class Verb(NamedTuple):
@@ -138,6 +152,8 @@ VERBS = (
 )
 WRONG = 2  # exit code
 NEGATIVE_NUMBER = re.compile(r'-(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?')
+UNIT_APART = re.compile(r'^unrecognized arguments: ([kMm]?(Pa|Nm?)|[mc]?m|m?bar|psi|k?g)\b')
+NEGATIVE_WITH_UNIT = re.compile(rf'({NEGATIVE_NUMBER.pattern})([A-Za-z_]+)')
 
 
 def parser(words: Sequence[str]) -> ArgumentParser:
@@ -163,10 +179,12 @@ def parser(words: Sequence[str]) -> ArgumentParser:
     return command
 
 
-def without_exponent(argument: str) -> str:
-    """Return a negative number in the form that argparse does not take for an option: -0.00001."""
+def negative_number(argument: str) -> str:
+    """Return a negative number so that argparse takes it for no option: -0.00001, '-3 mm'."""
     if NEGATIVE_NUMBER.fullmatch(argument):
         return f'{Decimal(argument):f}'
+    if match := NEGATIVE_WITH_UNIT.fullmatch(argument):
+        return f'{match[1]} {match[4]}'
     return argument
 
 
@@ -183,7 +201,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if '_ARGCOMPLETE' in os.environ:
         complete()
     words = sys.argv[1:] if arguments is None else arguments
-    given = parser(words).parse_args([without_exponent(word) for word in words])
+    try:
+        given = parser(words).parse_args([negative_number(word) for word in words])
+    except WrongUsageError as error:
+        if '--json' in words:
+            print_error(error.sentence)
+        raise
     try:
         see_to_kernels(given)
         if getattr(given, 'effects_path', None) is not None:
@@ -194,15 +217,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except PneunetError as error:
-        return complain(given.verb, str(error))
+        return complain(given, str(error))
     except BrokenPipeError:  # the reader of our output has gone, as in `pneunet effects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # what no file of ours has to do with: a full /tmp, too many files
         about = f'{error.filename}: ' if error.filename else ''
-        return complain(given.verb, f'{about}{error.strerror or error}')
+        return complain(given, f'{about}{error.strerror or error}')
     except MemoryError:
-        return complain(given.verb, 'there is not enough memory for this')
+        return complain(given, 'there is not enough memory for this')
 
 
 def see_to_kernels(given: Namespace) -> None:
@@ -227,8 +250,18 @@ def say(given: Namespace, sentence: str) -> None:
         print(f'pneunet {given.verb}: {sentence}', file=sys.stderr)
 
 
-def complain(verb: str, sentence: str) -> int:
-    """Say on stderr what was wrong, in one line; returns the exit code."""
+def complain(given: Namespace, sentence: str) -> int:
+    """Say on stderr what was wrong, in one line, to programs also as JSON; returns the code."""
     line = ' '.join(printable(shortened(sentence)).split())
-    print(f'pneunet {verb}: {line}', file=sys.stderr)
+    print(f'pneunet {given.verb}: {line}', file=sys.stderr)
+    if given.json:
+        print_error(line)
     return WRONG
+
+
+def print_error(sentence: str) -> None:
+    """Print what was wrong as one JSON object on stdout."""
+    from pneunet_ros.files.json_text import json_text
+
+    sys.stdout.write(json_text({'error': sentence}))
+    sys.stdout.flush()

@@ -5,17 +5,16 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from dataclasses import dataclass
-import math
 from pathlib import Path
-import re
 import sys
 from typing import Any
 
 import numpy as np
+from pneunet_ros.cli.quantity_option import quantity_of
 from pneunet_ros.cli.verb import add_json, add_overwrite, DONE, output_console, print_json
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RequestError
-from pneunet_ros.core.units import kilopascals, millimeters, SI_PER_UNIT
+from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.atomic import atomic_output, written_together
 from pneunet_ros.files.model_file import save_model
 from pneunet_ros.model.starting_arm import even_places, starting_arm
@@ -23,13 +22,6 @@ from pneunet_ros.reports.target_template import write_template
 
 FEWEST_TARGETS, MOST_TARGETS = 3, 500
 STEP = 0.0005  # m, to which places of targets are rounded, to be found on a ruler
-NUMBER_AND_UNIT = re.compile(r'\s*([-+0-9.eE]+?)\s*([A-Za-z]*)\s*')
-# A mass on a scale is a weight in gram-force.
-UNITS = {
-    'length': SI_PER_UNIT['length'],
-    'force': {**SI_PER_UNIT['force'], 'g': SI_PER_UNIT['force']['gf']},
-    'pressure': SI_PER_UNIT['pressure'],
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,7 +145,7 @@ def answers(
     if arguments.places:
         if arguments.targets:
             raise RequestError('give --targets or --places, not both')
-        given = [size(f'--places {text}', text, 'length') for text in arguments.places]
+        given = [quantity_of('--places', text, 'length') for text in arguments.places]
         return sizes, np.array(given)
     text = arguments.targets
     if text is None and ask is not None:
@@ -173,23 +165,7 @@ def answers(
 
 def positive(option: str, text: str, kind: str) -> float:
     """Return a size above zero, SI; RequestError for what is none."""
-    value = size(option, text, kind)
+    value = quantity_of(option, text, kind)
     if not value > 0.0:
         raise RequestError(f'{option} {text} must be above zero')
-    return value
-
-
-def size(option: str, text: str, kind: str) -> float:
-    """Return a number with a unit of this kind, or without one, in SI."""
-    match = NUMBER_AND_UNIT.fullmatch(text)
-    units = UNITS[kind]
-    try:
-        value = float(match[1]) * (units[match[2].lower()] if match[2] else 1.0) if match else None
-    except (ValueError, KeyError):
-        value = None
-    if value is None or not math.isfinite(value):
-        raise RequestError(
-            f'{option} {text}: a number is needed, in SI or with one of the units '
-            f'{", ".join(units)}'
-        )
     return value

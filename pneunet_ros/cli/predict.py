@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
+from pneunet_ros.cli.quantity_option import quantity_type
 from pneunet_ros.cli.verb import (
     add_dimensionless,
     add_json,
@@ -60,34 +61,39 @@ def options(parser: ArgumentParser) -> None:
     """Add the options."""
     add_model(parser)
     parser.add_argument(
-        '--pressure', type=float, required=True, metavar='PA', help='gauge pressure, Pa'
+        '--pressure',
+        type=quantity_type('pressure'),
+        required=True,
+        metavar='PA',
+        help='gauge pressure: Pa, or with a unit, as 31kPa',
     )
     parser.add_argument(
         '--force',
-        type=float,
+        type=quantity_type('force'),
         nargs=2,
         metavar=('F1', 'F2'),
-        help='force on the free end in the base frame, N (default: 0 0)',
+        help='force on the free end in the base frame: N, or with a unit, as 150mN, and 20g for '
+        'a weight (default: 0 0)',
     )
     parser.add_argument(
         '--moment',
-        type=float,
+        type=quantity_type('moment'),
         default=0.0,
         metavar='M',
-        help='moment on the free end, N m (default: 0)',
+        help='moment on the free end: N m, or with a unit, as 0.2mNm (default: 0)',
     )
     parser.add_argument(
         '--tip',
-        type=float,
+        type=quantity_type('length'),
         nargs=2,
         metavar=('X', 'Y'),
-        help='position of the tip, m: also find the end force',
+        help='position of the tip: m, or with a unit, as 95mm; also find the end force',
     )
     parser.add_argument(
         '--tip-std',
-        type=float,
+        type=quantity_type('length'),
         metavar='M',
-        help='standard deviation of X, and of Y, of --tip, m (default: that of a target in the '
+        help='standard deviation of X, and of Y, of --tip (default: that of a target in the '
         "model's `sensors`)",
     )
     parser.add_argument(

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pneunet_ros.cli.table_options import add_table_options, number, table_request
+from pneunet_ros.cli.quantity_option import quantity_of
+from pneunet_ros.cli.table_options import add_table_options, table_request
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.estimation.clock_delay import ClockDelay
 from pneunet_ros.offline.film import check_readings, delay_of, FilmedRun, join, with_end_load
@@ -41,7 +42,8 @@ def add_film_options(parser: ArgumentParser) -> None:
         '--end-load',
         nargs=2,
         metavar=('FX', 'FY'),
-        help='a known constant end load (N, base frame), where weights hung and no sensor read',
+        help='a known constant end load (base frame), where weights hung and no sensor read: N, '
+        'or with a unit, as 20g',
     )
     add_table_options(parser)
 
@@ -74,13 +76,15 @@ def film_readings(arguments: Namespace, stream: ImageStream) -> FilmReadings | N
     table, sentences = read_table(arguments.readings, table_request(arguments))
     check_readings(table, arguments.readings)
     if arguments.end_load is not None:
-        table = with_end_load(table, *(number('--end-load', text) for text in arguments.end_load))
+        table = with_end_load(
+            table, *(quantity_of('--end-load', text, 'force') for text in arguments.end_load)
+        )
     automatic = arguments.delay in (None, AUTO)
     return FilmReadings(
         path=arguments.readings,
         table=table,
         sentences=sentences,
-        delay=None if automatic else number('--delay', arguments.delay),
+        delay=None if automatic else quantity_of('--delay', arguments.delay, 'time'),
     )
 
 

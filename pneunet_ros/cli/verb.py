@@ -9,6 +9,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from pneunet_ros.cli.quantity_option import KIND_OF_UNIT, quantity_type
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.printable import printable
 from pneunet_ros.core.share import share_path
@@ -146,7 +147,8 @@ def add_settings(parser: ArgumentParser, names: Collection[str] | None = None) -
         if isinstance(item.default, bool):
             option['action'] = BooleanOptionalAction
         else:
-            option['type'] = type(item.default)
+            kind = KIND_OF_UNIT.get(unit)
+            option['type'] = quantity_type(kind) if kind else type(item.default)
             option['choices'] = item.metadata.get('choices') or None
             if not option['choices']:
                 option['metavar'] = (shown.strip() or item.name.split('_')[-1]).upper()

@@ -1,0 +1,90 @@
+"""Options that are physical quantities: a number in SI, or with its unit, as in 31kPa."""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError
+from collections.abc import Callable
+import math
+import re
+
+from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.units import SI_PER_UNIT
+
+_NUMBER_AND_UNIT = re.compile(r'\s*([-+0-9.eE]+?)\s*([A-Za-z][A-Za-z_ .*·]*)?\s*')
+_BETWEEN_UNITS = re.compile(r'[_ .*·]')
+# A mass on a scale is a weight in gram-force.
+_WEIGHTS = {'g': SI_PER_UNIT['force']['gf'], 'kg': 1000.0 * SI_PER_UNIT['force']['gf']}
+UNITS = {**SI_PER_UNIT, 'force': {**SI_PER_UNIT['force'], **_WEIGHTS}}
+KIND_OF_UNIT = {  # of SI
+    'Pa': 'pressure',
+    'N': 'force',
+    'N m': 'moment',
+    'm': 'length',
+    's': 'time',
+    'rad': 'angle',
+}
+_EXAMPLES = {
+    'pressure': '31kPa',
+    'force': '150mN',
+    'moment': '2mNm',
+    'length': '112mm',
+    'time': '300ms',
+    'angle': '5deg',
+}
+_SHOWN = {
+    'pa': 'Pa',
+    'hpa': 'hPa',
+    'kpa': 'kPa',
+    'mpa': 'MPa',
+    'n': 'N',
+    'mn': 'mN',
+    'n_m': 'Nm',
+    'n_mm': 'Nmm',
+    'mn_m': 'mNm',
+}
+
+
+def parse_quantity(text: str, kind: str) -> float:
+    """Return a number in SI; kind is one of UNITS. RequestError says which units are allowed."""
+    match = _NUMBER_AND_UNIT.fullmatch(text)
+    units = {_joined(name): size for name, size in UNITS[kind].items()}
+    value = math.nan
+    if match is not None:
+        unit = _joined(match[2] or '').lower()
+        try:
+            value = float(match[1]) * (units[unit] if unit else 1.0)
+        except (ValueError, KeyError):
+            value = math.nan
+    if not math.isfinite(value):
+        names = [_SHOWN.get(name, name) for name in UNITS[kind]]
+        article = 'an' if kind == 'angle' else 'a'
+        raise RequestError(
+            f'{text[:40]!r} is not {article} {kind}: write a number in '
+            f'{next(unit for unit, one in KIND_OF_UNIT.items() if one == kind)}, or with one of '
+            f'the units {", ".join(names)} in the same word, as {_EXAMPLES[kind]}'
+        )
+    return value
+
+
+def quantity_of(option: str, text: str, kind: str) -> float:
+    """Return the number of an option in SI; RequestError names the option."""
+    try:
+        return parse_quantity(text, kind)
+    except RequestError as error:
+        raise RequestError(f'{option}: {error}') from error
+
+
+def quantity_type(kind: str) -> Callable[[str], float]:
+    """Return what argparse calls with the text of an option of this kind."""
+
+    def convert(text: str) -> float:
+        try:
+            return parse_quantity(text, kind)
+        except RequestError as error:
+            raise ArgumentTypeError(str(error)) from error
+
+    return convert
+
+
+def _joined(unit: str) -> str:
+    return _BETWEEN_UNITS.sub('', unit)
