@@ -154,7 +154,9 @@ def bend_arm(
     pressure = inputs.chamber + error
     load = Load(pressure=pressure, force_x=force_x, force_y=force_y, moment=inputs.moment + moment)
     rods, beside = table.at(pressure, inputs.history, load)
-    rods = beside.moved(rods, np.concatenate([[0.0], changes[PRESSURE + 1 :]]))
+    amounts = changes[PRESSURE:].copy()
+    amounts[0] = 0.0  # the pressure stands in the record already
+    rods = beside.moved(rods, amounts)
     pushed = rods if contact is None else with_part_load(rods, contact)
     shape = solve_rod(table.arm, pushed, load, start, arclength, quick=quick)
     return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)

@@ -347,8 +347,9 @@ def linearize_shape(
     nodes, tip, stable = linearized_ends(solution, panels, ends)
     rotation = np.zeros((0, *rods.rotation.shape[1:]))
     if every is not None:
-        scale = 1.0 / every.distance
-        before, after = moved_to(every.rotation, rods.knots[:-1] - every.knots[..., :-1])
+        scale, (before, after) = 1.0 / every.distance, every.rotation
+        if not every.same_places:
+            before, after = moved_to(every.rotation, rods.knots[:-1] - every.knots[..., :-1])
         rotation = scale[:, None, None] * (after - before)
     positive = min(solution.panels[:, PANEL_FLEXIBILITY].tolist()) > 0.0
     single = Sensitivity(

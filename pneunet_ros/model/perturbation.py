@@ -27,6 +27,7 @@ class Perturbation:
     1), rotation (2, causes, pieces, 5), push (2, causes, pushes, sections), push_place (2, causes,
     pushes). distance (causes,): how far the sides are apart. by_load: whether the last three
     causes are F1 and F2 (per N) and M (per N m), which effects make a part of the record.
+    same_places: length and knots are known to be those of the rod itself on all sides.
     """
 
     length: Array
@@ -38,6 +39,7 @@ class Perturbation:
     push_place: Array
     distance: Array
     by_load: bool = False
+    same_places: bool = False
 
     @classmethod
     def between(
@@ -78,23 +80,21 @@ class Perturbation:
             own = self.without_loads()
             return own.followed_by(other).followed_by(self.of_loads())
         both = {
-            item.name: np.concatenate(
-                [getattr(self, item.name), getattr(other, item.name)], axis=1
-            )
-            for item in fields(self)
-            if item.name not in ('distance', 'by_load')
+            name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1)
+            for name in TABLES
         }
         distance = np.concatenate([self.distance, other.distance])
         return Perturbation(**both, distance=distance, by_load=other.by_load)
 
     def causes(self, which: slice, by_load: bool) -> Perturbation:
         """Return some of the causes."""
-        parts = {
-            item.name: getattr(self, item.name)[:, which]
-            for item in fields(self)
-            if item.name not in ('distance', 'by_load')
-        }
-        return Perturbation(**parts, distance=self.distance[which], by_load=by_load)
+        parts = {name: getattr(self, name)[:, which] for name in TABLES}
+        return Perturbation(
+            **parts,
+            distance=self.distance[which],
+            by_load=by_load,
+            same_places=self.same_places,
+        )
 
     def sides(self, rods: Rods) -> tuple[Rods, Rods]:
         """Return the records before and after each cause, of the pushes of `rods`."""
@@ -140,16 +140,28 @@ class Perturbation:
                 (shares @ between.reshape(shares.size, -1)).reshape(between.shape[1:])
             )
 
+        length, knots, push, places = rods.length, rods.knots, rods.push, rods.push_place
+        if not self.same_places:
+            length, knots = length + float(change(self.length)), freeze(knots + change(self.knots))
+        if places.size:
+            push, places = push + change(self.push), places + change(self.push_place)
         return Rods(
-            length=rods.length + float(change(self.length)),
+            length=length,
             pressure=rods.pressure,
             sections=rods.sections + change(self.sections),
             clamp=rods.clamp + change(self.clamp),
-            knots=freeze(rods.knots + change(self.knots)),
+            knots=knots,
             rotation=rods.rotation + change(self.rotation),
-            push=rods.push + change(self.push),
-            push_place=rods.push_place + change(self.push_place),
+            push=push,
+            push_place=places,
         )
+
+
+TABLES = tuple(
+    item.name
+    for item in fields(Perturbation)
+    if item.name not in ('distance', 'by_load', 'same_places')
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -163,7 +175,7 @@ class PerturbationTable:
     further: columns after those of the covariance, which no calibration knows: by how much each
     quantity moves in one unit; neighbors: the arm before each column, then the arm after each;
     distance (1 + columns,): how far the sides are apart, of the pressure in Pa, then of the
-    columns in sigma; length and knots: those of the neighbors.
+    columns in sigma; length, knots and same_places: as of the changes, whatever the pressure.
     """
 
     arm: Arm
@@ -173,6 +185,7 @@ class PerturbationTable:
     distance: Array = field(init=False, repr=False)
     length: Array = field(init=False, repr=False)
     knots: Array = field(init=False, repr=False)
+    same_places: bool = field(init=False, repr=False)
     clamp: Array = field(init=False, repr=False)
     table: RodTable = field(init=False, repr=False)
     row_rotation: Array = field(init=False, repr=False)
@@ -187,7 +200,10 @@ class PerturbationTable:
         pairs = [neighbors(arm, column, self.settings) for column in columns]
         befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         sides = tuple(befores + afters)
-        by_cause = [befores, afters]
+        by_cause = [[arm, *befores], [arm, *afters]]
+        same_places = all(
+            side.reach == arm.reach and np.array_equal(side.knots, arm.knots) for side in sides
+        )
         distance = [2.0 * pressure_step(arm, self.settings), *(pair[2] for pair in pairs)]
         rows = reduce(np.union1d, (side.table.pressure for side in sides), arm.table.pressure)
         clamp = np.zeros((len(sides), CLAMP_WIDTH))
@@ -212,6 +228,7 @@ class PerturbationTable:
             'distance': np.array(distance),
             'length': np.array([[item.reach for item in side] for side in by_cause]),
             'knots': np.array([[item.knots for item in side] for side in by_cause]),
+            'same_places': same_places,
             'clamp': clamp,
             'table': stacked,
             'row_rotation': np.array(
@@ -238,51 +255,38 @@ class PerturbationTable:
         per sigma; then the end load, where effects go with it. The neighbors have the arm's own
         history: what other parameters would have made of it is left out.
         """
-        step = 0.5 * float(self.distance[0])
-        rods, change = pressure_change(self.arm, pressure, step, history, load)
-        if self.neighbors:
-            records = self.neighbor_records(pressure, history, load)
-            change = change.followed_by(records)
-        if self.arm.by_load:
-            change = change.followed_by(
-                load_change(self.arm, pressure, history, load, self.settings)
-            )
-        return rods, change
+        arm, step = self.arm, 0.5 * float(self.distance[0])
+        every = near_records(arm, pressure, step, history, load)
+        records = self.neighbor_records(pressure, history, load)
+        change = Perturbation(
+            length=self.length,
+            sections=both_sides(every.sections, records.sections),
+            clamp=both_sides(every.clamp, records.clamp),
+            knots=self.knots,
+            rotation=both_sides(every.rotation, records.rotation),
+            push=both_sides(every.push, records.push),
+            push_place=places_on_both_sides(every, records),
+            distance=self.distance,
+            same_places=self.same_places,
+        )
+        if arm.by_load:
+            change = change.followed_by(load_change(arm, pressure, history, load, self.settings))
+        return every.record(0), change
 
     def neighbor_records(
         self, pressure: float, history: tuple[History, ...] | None, load: Load | None
-    ) -> Perturbation:
-        """Return the change along every column at one pressure (Pa)."""
-        at, kinds = np.array([pressure]), self.arm.table.sections.shape[1]
+    ) -> Record:
+        """Return the records of all neighbors at one pressure (Pa), with places of each one's."""
+        at, own, count = np.array([pressure]), self.arm.table, len(self.neighbors)
         sections, rotation = self.table.at(at)
-        sections = sections.reshape(len(self.neighbors), kinds, -1)
-        rotation = rotation.reshape(len(self.neighbors), *self.arm.table.rotation.shape[1:])
-        record = replace(
-            Record.without_pushes(sections, self.clamp.copy(), rotation),
-            push_place=np.zeros((len(self.neighbors), 0)),
-        )
+        sections = sections.reshape(count, *own.sections.shape[1:])
+        rotation = rotation.reshape(count, *own.rotation.shape[1:])
+        if not self.alike:
+            return Record.without_pushes(sections, self.clamp, rotation)
+        record = Record.without_pushes(sections, self.clamp.copy(), rotation)
         loads = None if load is None else load.row
-        if self.alike:
-            record = join_records(
-                [
-                    self.with_terms(record, which, arm, at, history, loads)
-                    for which, arm in self.alike
-                ]
-            )
-        columns = len(self.neighbors) // 2
-
-        def sides(values: Array) -> Array:
-            return values.reshape(2, columns, *values.shape[1:])
-
-        return Perturbation(
-            length=self.length,
-            sections=sides(record.sections),
-            clamp=sides(record.clamp),
-            knots=self.knots,
-            rotation=sides(record.rotation),
-            push=sides(record.push),
-            push_place=sides(record.push_place),
-            distance=self.distance[1:],
+        return join_records(
+            [self.with_terms(record, which, arm, at, history, loads) for which, arm in self.alike]
         )
 
     def with_terms(
@@ -311,6 +315,26 @@ class PerturbationTable:
         found = arm.add_to(terms, own, mixed)
         places = np.tile(found.push_place, (len(found.sections), 1))
         return replace(found, push_place=places)
+
+
+def both_sides(own: Array, neighbors: Array) -> Array:
+    """Return numbers on both sides (2, 1 + columns, ...) of a pressure and of all columns.
+
+    own (3, ...): at the pressure, before and after it; neighbors (2 columns, ...): before each
+    column, then after each.
+    """
+    columns, shape = len(neighbors) // 2, own.shape[1:]
+    sides = np.empty((2, 1 + columns, *shape))
+    sides[:, 0], sides[:, 1:] = own[1:], neighbors.reshape(2, columns, *shape)
+    return sides
+
+
+def places_on_both_sides(every: Rods, records: Record) -> Array:
+    """Return the places of pushes (2, 1 + columns, pushes) m; arguments as of `both_sides`."""
+    places = every.push_place
+    if not places.size:
+        return np.empty((2, 1 + len(records.sections) // 2, 0))
+    return both_sides(np.array([places] * 3), records.push_place)
 
 
 def join_records(records: Sequence[Record]) -> Record:
@@ -384,9 +408,20 @@ def pressure_change(
     load: Load | None,
 ) -> tuple[Rods, Perturbation]:
     """Return the record of the rod at a pressure (Pa), and its change per sudden pascal."""
-    loads = None if load is None else np.repeat(load.row, 3, axis=0)
-    rods = arm.rods(np.array([pressure, pressure - step, pressure + step]), history, loads)
-    return rods.record(0), Perturbation.of_pressure(rods.records(slice(1, 3)), 2.0 * step)
+    every = near_records(arm, pressure, step, history, load)
+    return every.record(0), Perturbation.of_pressure(every.records(slice(1, 3)), 2.0 * step)
+
+
+def near_records(
+    arm: Arm,
+    pressure: float,
+    step: float,
+    history: tuple[History, ...] | None,
+    load: Load | None,
+) -> Rods:
+    """Return three records of the rod: at a pressure (Pa), a step before and a step after it."""
+    loads = None if load is None or not arm.by_load else np.repeat(load.row, 3, axis=0)
+    return arm.rods(np.array([pressure, pressure - step, pressure + step]), history, loads)
 
 
 def load_change(
