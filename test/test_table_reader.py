@@ -326,3 +326,77 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(RecordingError, match=r'missing.csv cannot be read: No such file'):
         read_table(tmp_path / 'missing.csv', ImportRequest())
+
+
+@pytest.mark.parametrize(
+    ('times', 'remedy'),
+    [
+        (('20000', '20050', '20100', '20151'), '--rename Time=time_ms'),
+        (('45617.41667', '45617.4166705787', '45617.4166711574'), '--rename Time=time_d'),
+    ],
+)
+def test_a_time_without_a_unit_that_is_no_seconds_is_asked_for(tmp_path, times, remedy):
+    """Milliseconds and the days of a spreadsheet are not taken as seconds; the remedy works."""
+    text = 'Time,pressure_kpa\n' + ''.join(f'{time},5\n' for time in times)
+    with pytest.raises(RecordingError) as refusal:
+        read(tmp_path, text)
+    assert remedy in str(refusal.value)
+    assert '--rename Time=time_s' in str(refusal.value).replace(', Time=', ', --rename Time=')
+    new = remedy.split()[1].partition('=')[2]
+    table = read(tmp_path, text, rename={'Time': new})
+    assert np.diff(table.stamp_ns) == pytest.approx(0.05e9, rel=0.03)
+    if new == 'time_d':  # 45617 is the 21st of November 2024
+        assert table.stamp_ns[0] // 86_400_000_000_000 == 20_048
+
+
+def test_a_time_in_seconds_by_name_may_be_slow(tmp_path):
+    """Who names the unit is believed, and so are times of day."""
+    for name, times in (('time_s', '0 60 120'), ('Time', '10:00:00 10:01:00 10:02:00')):
+        text = f'{name},pressure_kpa\n' + ''.join(f'{time},5\n' for time in times.split())
+        table = read(tmp_path, text)
+        assert np.diff(table.stamp_ns).tolist() == [60_000_000_000] * 2
+
+
+def test_offsets_from_utc_are_read(tmp_path):
+    """The hour that is put back in autumn is no step back in time."""
+    text = (
+        'Time,pressure_kpa\n2026-10-25T02:59:59.5+02:00,5\n2026-10-25T02:00:00.5+0100,6\n'
+        '2026-10-25T01:00:01.5Z,7\n2026-10-24T20:30:02.5-04:30,8\n'
+    )
+    table = read(tmp_path, text)
+    assert np.diff(table.stamp_ns).tolist() == [1_000_000_000] * 3
+    assert table.stamp_ns[2] == 1_792_890_001_500_000_000
+
+
+def test_a_time_of_day_may_pass_midnight(tmp_path):
+    """A day is added, and said; a small step back is an error as before."""
+    text = 'Time,pressure_kpa\n23:59:59.9,5\n00:00:00.1,6\n00:00:00.3,6\n'
+    read(tmp_path, text)
+    table, sentences = read_table(tmp_path / 'table.csv', ImportRequest())
+    assert np.diff(table.stamp_ns).tolist() == [200_000_000] * 2
+    assert any('passes midnight in line 3' in sentence for sentence in sentences)
+    with pytest.raises(RecordingError, match='time must increase'):
+        read(tmp_path, 'Time,pressure_kpa\n10:00:01,5\n10:00:00,6\n')
+
+
+def test_the_first_line_of_excel_names_the_separator(tmp_path):
+    """Lines are counted as in the file."""
+    table = read(tmp_path, 'sep=;\ntime_s;pressure_kpa\n0,1;1,5\n0,2;2,5\n')
+    assert table.values['pressure'][:, 0].tolist() == [1500.0, 2500.0]
+    with pytest.raises(RecordingError, match='line 4, column pressure_kpa'):
+        read(tmp_path, 'sep=;\ntime_s;pressure_kpa\n0,1;1,5\n0,2;broken\n')
+
+
+@pytest.mark.parametrize('missing', ['', 'NA', 'N/A', '#N/A', 'nan', 'NaN', 'null', 'None'])
+def test_missing_values_have_many_names(tmp_path, missing):
+    """None of them is a reading."""
+    table = read(tmp_path, f'time_s,pressure_kpa\n1,1\n2,{missing}\n')
+    assert table.counts()['pressure'] == 1
+
+
+@pytest.mark.parametrize(
+    ('written', 'likely'), [('millis', 'time_ms'), ('micros', 'time_us'), ('millis()', 'time_ms')]
+)
+def test_the_clocks_of_an_arduino_are_asked_for(written, likely):
+    """`millis()` is a time in milliseconds."""
+    assert likely_name(written) == likely

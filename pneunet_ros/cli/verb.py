@@ -147,7 +147,7 @@ def add_settings(parser: ArgumentParser, names: Collection[str] | None = None) -
         if isinstance(item.default, bool):
             option['action'] = BooleanOptionalAction
         else:
-            kind = KIND_OF_UNIT.get(unit)
+            kind = KIND_OF_UNIT.get(str(unit))
             option['type'] = quantity_type(kind) if kind else type(item.default)
             option['choices'] = item.metadata.get('choices') or None
             if not option['choices']:

@@ -19,7 +19,7 @@ STANDARD_ATMOSPHERE = 101_325.0  # Pa
 
 # How much of the SI unit a unit is, by what is measured: the units in names of table columns.
 SI_PER_UNIT: dict[str, dict[str, float]] = {
-    'time': {'s': 1.0, 'ms': 1e-3, 'us': 1e-6},
+    'time': {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'min': 60.0, 'h': 3600.0, 'd': 86400.0},
     'pressure': {
         'pa': 1.0,
         'hpa': 100.0,

@@ -37,7 +37,21 @@ KINDS = {
 _TARGET = re.compile(r'(.+?)(\d{1,3})')
 _UNIT_IN_BRACKETS = re.compile(r'\s*[\[(]([^\[\]()]*)[\])]\s*$')
 _BETWEEN_WORDS = re.compile(r'[\s_./*·-]+')
-_UNIT_SPELLINGS = {'nm': 'n_m', 'mnm': 'mn_m', 'nmm': 'n_mm', 'sec': 's', 'seconds': 's'}
+_UNIT_SPELLINGS = {
+    'nm': 'n_m',
+    'mnm': 'mn_m',
+    'nmm': 'n_mm',
+    'sec': 's',
+    'seconds': 's',
+    'msec': 'ms',
+    'millis': 'ms',
+    'milliseconds': 'ms',
+    'minutes': 'min',
+    'hours': 'h',
+    'days': 'd',
+}
+# What others call a time in some unit: to ask whether it was meant.
+_OTHER_TIMES = {'ms': 'time_ms', 'micros': 'time_us', 'us': 'time_us'}
 # What others call a quantity: to ask whether it was meant, as a letter alone can mean much.
 _OTHER_WORDS = {
     't': TIME,
@@ -91,6 +105,11 @@ def standard_name(name: str) -> str:
     return plain if known else name
 
 
+def names_no_unit(name: str) -> bool:
+    """Whether a column is a time by its name, which does not say the unit: 'Time'."""
+    return _plain(name) == TIME
+
+
 def _plain(name: str) -> str:
     text = name.strip().lower().translate({ord('µ'): 'u', ord('μ'): 'u', ord('°'): 'deg'})
     text = _UNIT_IN_BRACKETS.sub(r' \1', text)
@@ -102,6 +121,8 @@ def _plain(name: str) -> str:
 def likely_name(name: str) -> str:
     """Return the known name that an unknown one may stand for, '' where none is near."""
     plain = _plain(name)
+    if plain.strip('_') in _OTHER_TIMES:  # millis is a spelling of ms
+        return _OTHER_TIMES[plain.strip('_')]
     head, _, unit = plain.rpartition('_')
     for other, quantity in _OTHER_WORDS.items():
         if head == other and unit in SI_PER_UNIT[KINDS[quantity]]:

@@ -34,12 +34,15 @@ _RULES = {
     ';': 'cells are separated by semicolons, as in the first line',
     '\t': 'cells are separated by tabs, as in the first line',
 }
+_MISSING = {'', 'nan', 'na', 'n/a', '#n/a', 'null', 'none'}
+_SEPARATOR = re.compile(r'"?sep=(?P<mark>[;,\t])"?\s*', re.IGNORECASE)  # as Excel writes it
+_HALF_A_DAY, _DAY = 43_200, 86_400  # s
 _QUOTED = re.compile(r'"[^"]*"')
 _THOUSANDS = re.compile(r'[-+]?[1-9]\d{0,2}(?:[.,]\d{3})+', re.ASCII)
 _TIME_OF_DAY = re.compile(
     r'(?:(?P<date>\d{4}-\d\d?-\d\d?|\d\d?\.\d\d?\.\d{4}|\d\d?/\d\d?/\d{4})[T ]+)?'
     r'(?P<hour>[01]?\d|2[0-3]):(?P<minute>[0-5]\d)(?::(?P<second>[0-5]\d(?:[.,]\d{1,9})?))?'
-    r' ?(?:Z|(?P<half>[AaPp][Mm]))?',
+    r' ?(?:Z|UTC|(?P<zone>[+-](?:0\d|1[0-4])(?::?[0-5]\d)?)|(?P<half>[AaPp][Mm]))?',
     re.ASCII,
 )
 
@@ -62,13 +65,16 @@ class CsvTable:
     """Columns by name: numbers (rows,), NaN where a cell is empty or NaN.
 
     exact: the same as ratios of integers for the columns that were asked for exactly. `lines` are
-    the numbers of the rows' lines in the file, `sentences` say how names were read.
+    the numbers of the rows' lines in the file, `sentences` say how names were read; `written` has
+    the names in the file. clock: the times are times of day or dates.
     """
 
     numbers: Mapping[str, Array]
     exact: Mapping[str, tuple[Decimal | None, ...]]
     lines: tuple[int, ...]
     sentences: tuple[str, ...]
+    written: Mapping[str, str]
+    clock: bool
 
 
 def read_csv(
@@ -108,7 +114,11 @@ def _read(
 ) -> CsvTable:
     given = _lines(path, stream)
     first = next(given, '')
-    mark = _delimiter(first)
+    separator = _SEPARATOR.fullmatch(first)
+    above = 0 if separator is None else 1  # lines above the names
+    if separator is not None:
+        first = next(given, '')
+    mark = _delimiter(first) if separator is None else separator['mark']
     reader = csv.reader(itertools.chain([first], given), strict=True, delimiter=mark)
     header = [name.strip() for name in next(reader, [])]
     _check_header(path, header, request)
@@ -128,7 +138,8 @@ def _read(
     lines: list[int] = []
     others: dict[str, None] = {}
     decimals: dict[str, str] = {}
-    for cells in _rows(path, reader, len(header), mark):
+    clock = Clock()
+    for line, cells in _rows(path, reader, len(header), mark, above):
         if any(cells[place].strip() != text for place, (_, text) in selected.items()):
             others.update({', '.join(cells[place].strip() for place in selected): None})
             continue
@@ -136,21 +147,27 @@ def _read(
             raise RecordingError(f'{path} has more than {MOST_ROWS} rows: split it')
         if (len(lines) + 1) * len(places) > MOST_CELLS:
             raise RecordingError(f'{path} has more than {MOST_CELLS} cells: split it')
-        lines.append(reader.line_num)
+        lines.append(line)
         for name, place in places.items():
             written = cells[place].strip()
-            _check_decimals(path, reader.line_num, written, decimals)
-            text = _plain_number(name, written, mark)
-            numbers[name].append(_number(path, reader.line_num, name, text))
+            _check_decimals(path, line, written, decimals)
+            if name == CLOCK and ':' in written:
+                text = clock.seconds(written, line)
+            else:
+                text = _plain_number(written, mark)
+            numbers[name].append(_number(path, line, name, text))
             if name in exactly:
-                exactly[name].append(_exact(path, reader.line_num, name, text))
+                exactly[name].append(_exact(path, line, name, text))
     if not lines:
         _no_rows(path, request, list(others))
+    file_names = {name: renamed[place] for name, place in places.items()}
     return CsvTable(
         numbers={name: freeze(np.array(values)) for name, values in numbers.items()},
         exact={name: tuple(values) for name, values in exactly.items()},
         lines=tuple(lines),
-        sentences=_spelling(path, {renamed[place]: name for name, place in places.items()}),
+        sentences=(*_spelling(path, file_names), *clock.sentences(path)),
+        written=file_names,
+        clock=clock.latest is not None,
     )
 
 
@@ -160,10 +177,8 @@ def _delimiter(header: str) -> str:
     return next((mark for mark in (';', '\t') if mark in unquoted), ',')
 
 
-def _plain_number(name: str, text: str, mark: str) -> str:
-    """Return a number with a decimal point; the text of a date or a time of day in seconds."""
-    if name == CLOCK and ':' in text:
-        return _clock_seconds(text)
+def _plain_number(text: str, mark: str) -> str:
+    """Return a number with a decimal point."""
     if mark != ',' and text.count(',') == 1 and '.' not in text:
         return text.replace(',', '.')
     return text
@@ -188,11 +203,42 @@ def _check_decimals(path: Path, line: int, written: str, seen: dict[str, str]) -
             )
 
 
-def _clock_seconds(text: str) -> str:
-    """Return the seconds of a time of day, since 1970 where a date is before it; else the text."""
-    match = _TIME_OF_DAY.fullmatch(text)
-    if match is None:
-        return text
+class Clock:
+    """Reads dates and times of day one after the other; those without a date pass midnight."""
+
+    __slots__ = ('_days', '_midnights', 'latest')
+
+    def __init__(self) -> None:
+        """Begin on the first day."""
+        self.latest: Decimal | None = None
+        self._midnights: list[int] = []
+        self._days = 0
+
+    def seconds(self, text: str, line: int) -> str:
+        """Return seconds, since 1970 where there is a date; the text, where it is no time."""
+        match = _TIME_OF_DAY.fullmatch(text)
+        seconds = None if match is None else _clock_seconds(match)
+        if match is None or seconds is None:
+            return text
+        if not match['date']:
+            seconds += _DAY * self._days
+            if self.latest is not None and self.latest - seconds > _HALF_A_DAY:
+                self._midnights.append(line)
+                self._days += 1
+                seconds += _DAY
+        self.latest = seconds
+        return str(seconds)
+
+    def sentences(self, path: Path) -> tuple[str, ...]:
+        """Say where a day was added."""
+        if not self._midnights:
+            return ()
+        lines = ', '.join(str(line) for line in self._midnights[:_NAMES_SHOWN])
+        return (f'{path}: the time of day passes midnight in line {lines}: a day was added',)
+
+
+def _clock_seconds(match: re.Match[str]) -> Decimal | None:
+    """Return the seconds of a time of day in UTC, since 1970 where a date is before it."""
     hour, minute = int(match['hour']), int(match['minute'])
     if match['half']:
         hour = hour % 12 + (12 if match['half'].lower() == 'pm' else 0)
@@ -200,8 +246,16 @@ def _clock_seconds(text: str) -> str:
     try:
         days = _days(match['date']) if match['date'] else 0
     except ValueError:
-        return text
-    return str(86400 * days + 3600 * hour + 60 * minute + seconds)
+        return None
+    return _DAY * days + 3600 * hour + 60 * minute + seconds - _zone(match['zone'])
+
+
+def _zone(text: str | None) -> int:
+    """Return by how many seconds a clock with this offset, as in +01:00, is ahead of UTC."""
+    if not text:
+        return 0
+    digits = text[1:].replace(':', '').ljust(4, '0')
+    return (-1 if text[0] == '-' else 1) * (3600 * int(digits[:2]) + 60 * int(digits[2:]))
 
 
 def _days(text: str) -> int:
@@ -213,9 +267,9 @@ def _days(text: str) -> int:
     return date(year, month, day).toordinal() - date(1970, 1, 1).toordinal()
 
 
-def _spelling(path: Path, read_as: Mapping[str, str]) -> tuple[str, ...]:
+def _spelling(path: Path, written: Mapping[str, str]) -> tuple[str, ...]:
     """Say which columns were read under another name than they have."""
-    pairs = [f'{name!r} as {new}' for name, new in read_as.items() if name != new]
+    pairs = [f'{name!r} as {new}' for new, name in written.items() if name != new]
     if not pairs:
         return ()
     more = f' and {len(pairs) - _NAMES_SHOWN} more' if len(pairs) > _NAMES_SHOWN else ''
@@ -232,18 +286,23 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
         yield line
 
 
-def _rows(path: Path, reader: Iterator[list[str]], columns: int, mark: str) -> Iterator[list[str]]:
-    """Yield rows of so many cells; empty lines pass by."""
+def _rows(
+    path: Path, reader: Iterator[list[str]], columns: int, mark: str, above: int
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield rows of so many cells, with the numbers of their lines; empty lines pass by.
+
+    above: lines of the file that the reader has not seen.
+    """
     for cells in reader:
         if not any(cell.strip() for cell in cells):
             continue
+        line = above + getattr(reader, 'line_num', 0)
         if len(cells) != columns:
-            line = getattr(reader, 'line_num', 0)
             raise RecordingError(
                 f'{path}, line {line}: {len(cells)} cells, but there are {columns} columns; '
                 f'{_RULES[mark]}'
             )
-        yield cells
+        yield line, cells
 
 
 def _check_header(path: Path, header: Sequence[str], request: TableRequest) -> None:
@@ -268,7 +327,7 @@ def _check_header(path: Path, header: Sequence[str], request: TableRequest) -> N
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
-    if not text or text.lower() == 'nan':
+    if text.lower() in _MISSING:
         return math.nan
     try:
         value = math.nan if '_' in text or len(text) > LONGEST_CELL else float(text)
@@ -278,14 +337,14 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
         hint = ' (decimals need a point)' if ',' in text else ''
         raise RecordingError(
             f'{path}, line {line}, column {name}: {text[:40]!r} is no number{hint}; a missing '
-            'value is an empty cell or nan'
+            'value is an empty cell, NA or nan'
         )
     return value
 
 
 def _exact(path: Path, line: int, name: str, text: str) -> Decimal | None:
     try:
-        value = Decimal(text) if text else None
+        value = None if text.lower() in _MISSING else Decimal(text)
     except InvalidOperation as error:  # what float takes, Decimal takes
         raise RecordingError(f'{path}, line {line}, column {name}: no number') from error
     return None if value is None or value.is_nan() else value

@@ -21,6 +21,7 @@ from pneunet_ros.tables.columns import (
     columns_of,
     ESTIMATE,
     IN_BASE,
+    names_no_unit,
     OF_STRINGS,
     STAMP,
     TIME,
@@ -29,6 +30,10 @@ from pneunet_ros.tables.csv_table import CsvTable, read_csv, TableRequest
 from pneunet_ros.tables.reading_table import ReadingTable
 
 MOST_PLACES = 15_000_000  # rows by targets; 650 MB while they are read
+# Rows of a logger in seconds are so far apart, where no unit is named; rows of 1 kHz in ms are 1
+# apart, and rows of 1 Hz in days 1.2e-5. Invented.
+LARGEST_STEP, SMALLEST_STEP = 1.0, 2e-5
+SPREADSHEET_EPOCH = 25_569  # 1970 in the days of spreadsheets, which count from 1899-12-30
 FIRST_STAMP = NANOSECONDS_PER_SECOND  # of a table without stamps: 0 means "no stamp" in a header
 
 
@@ -149,6 +154,8 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
         name, given = STAMP, list(table.exact[STAMP])
     elif time is not None:
         name, offset = time.name, Decimal(repr(request.offsets.get(time.name, 0.0)))
+        _check_unnamed_unit(path, table, time)
+        offset -= _spreadsheet_epoch(table, time)
         scale = Decimal(repr(time.si_per_unit)) * NANOSECONDS_PER_SECOND
         given = [None if t is None else (t + offset) * scale for t in table.exact[name]]
     elif request.rate is not None:
@@ -178,3 +185,29 @@ def _stamps(path: Path, table: CsvTable, time: Column | None, request: ImportReq
             )
         stamps.append(stamp_ns)
     return np.array(stamps, dtype=np.int64)
+
+
+def _check_unnamed_unit(path: Path, table: CsvTable, time: Column) -> None:
+    """Refuse a time whose column names no unit and whose rows are no seconds of a logger."""
+    written = table.written[time.name]
+    if table.clock or not names_no_unit(written):
+        return
+    times = table.numbers[time.name]
+    steps = np.diff(times[np.isfinite(times)])
+    step = float(np.median(steps)) if steps.size else 0.1
+    if SMALLEST_STEP <= step < LARGEST_STEP:
+        return
+    named = written if not any(mark.isspace() for mark in written) else f'"{written}"'
+    choices = 'time_ms for milliseconds' if step >= LARGEST_STEP else 'time_d for days (Excel)'
+    raise RecordingError(
+        f'{path}: the column {written!r} names no unit, and its rows are {step:.3g} apart '
+        f'(median), which is unusual for seconds: say what it is, --rename {named}={choices}, '
+        f'{named}=time_s for seconds'
+    )
+
+
+def _spreadsheet_epoch(table: CsvTable, time: Column) -> int:
+    """Return what is taken off days, which are those of a spreadsheet where they are so many."""
+    first = next((value for value in table.exact[time.name] if value is not None), Decimal(0))
+    days = time.si_per_unit == SI_PER_UNIT['time']['d']
+    return SPREADSHEET_EPOCH if days and first >= SPREADSHEET_EPOCH else 0
