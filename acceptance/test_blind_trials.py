@@ -17,7 +17,7 @@ from blind.record import Record
 from blind.reference import driven
 from blind.responses import Candidate, small_effects, Table
 from blind.running import answered, truth_of
-from blind.scoring import confusion, detectable, rate, size_of, wilson
+from blind.scoring import apart, confusion, detectable, rate, size_of, wilson
 from blind.summary import baseline_rates, summary_of
 from blind.trials import (
     BLOCKS,
@@ -26,12 +26,13 @@ from blind.trials import (
     made,
     SCORING,
 )
+from blind.visibility import signals
 import blind_trials
 import numpy as np
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.lab.sensors import regular_times
-from pneunet_ros.lab.simulation import FRAME_OFFSET
+from pneunet_ros.lab.simulation import FRAME_OFFSET, simulate
 import pytest
 
 
@@ -188,6 +189,28 @@ def test_of_several_effects_each_must_show_beside_the_others():
     assert not detectable(hidden, said, 'camera_rotation')
 
 
+def test_what_another_effect_explains_is_not_visible_apart_from_it():
+    said = answer('inseparable', ['contact'], ['gravity'], of='gravity', chi_squared=60.0)
+    hidden = truth('rated_single', {'gravity': {'weight_y': 0.1}})
+    for left, visible in ((26.0, True), (24.0, False)):
+        shown = {'signal': 60.0, 'contact': left, 'creep': 59.0}
+        assert apart(hidden | {'shown_apart': shown}, said, 'gravity') is visible
+    assert apart(hidden, said, 'gravity')
+    # What the diagnosis does not see at all is counted by neither.
+    faint = answer('none', of='gravity', chi_squared=4.0)
+    assert not apart(hidden | {'shown_apart': {'contact': 26.0}}, faint, 'gravity')
+    found = summary_of(
+        [
+            (hidden | {'shown_apart': {'contact': 24.0}}, said),
+            (hidden | {'shown_apart': {'contact': 26.0}}, said),
+            (hidden, answer('named', ['gravity'], of='gravity')),
+        ]
+    )['rated_single']
+    keys = 'alone', 'alone_apart', 'honest'
+    counts = [(found[key]['count'], found[key]['of']) for key in keys]
+    assert counts == [(1, 3), (1, 2), (3, 3)]
+
+
 def test_the_error_of_a_size_counts_from_what_is_neutral():
     sizes = {'camera_scale': {'factor': {'value': 1.011, 'std': 0.0002}}}
     found = size_of(
@@ -263,6 +286,40 @@ def test_the_truth_driven_by_readings_is_the_truth_but_for_their_noise(hidden_tr
     off = np.sqrt(np.mean((points - truth) ** 2))
     assert off < 2e-4  # placement, and noise of 60 Pa and 1 mN
     assert off > 0.5 * np.sqrt(np.mean(placement**2))
+
+
+def test_the_signal_of_an_effect_is_what_the_lab_shows_less_what_it_shows_without(hidden_trial):
+    recording = hidden_trial[0].recordings[0]
+    ((same, signal),) = signals([recording], 'gravity')
+    assert same is recording
+    effects = tuple(item for item in recording.scenario.effects if item.name != 'gravity')
+    with_it = recording.truth
+    without = simulate(dataclasses.replace(recording.scenario, effects=effects)).truth
+    moved = [with_it.target_x - without.target_x, with_it.target_y - without.target_y]
+    assert np.allclose(signal, np.stack(moved, axis=-1), atol=1e-12)
+    assert np.abs(signal).max() > 1e-4
+
+
+def test_an_effect_on_readings_or_stamps_moves_what_a_model_expects():
+    names = list(HIDEABLE)
+    recordings = {
+        name: made('rated_single', SCORING + names.index(name))[0].recordings[:2]
+        for name in ('force_misalignment', 'camera_delay')
+    }
+    loaded, free = signals(recordings['force_misalignment'], 'force_misalignment')
+    assert np.abs(loaded[1]).max() > 1e-4
+    assert np.abs(free[1]).max() < 1e-12  # nothing pulls
+    recording, late = signals(recordings['camera_delay'], 'camera_delay')[0]
+    (delay,) = (e for e in recording.scenario.effects if e.name == 'camera_delay')
+    # A model expects the arm where it is at the stamp, which is later.
+    truth, scenario = recording.truth, recording.scenario
+    rates = dataclasses.replace(scenario.rates, frames=200.0)
+    dense = simulate(dataclasses.replace(scenario, rates=rates)).truth
+    stamped = truth.time + delay.late(truth.time / scenario.protocol.duration)
+    expected = np.interp(stamped, dense.time, dense.target_x[:, -1])
+    moved = truth.target_x[:, -1] - expected
+    assert np.abs(moved).max() > 3e-4
+    assert np.allclose(late[:, -1, 0], moved, atol=0.05 * np.abs(moved).max())
 
 
 def test_the_same_seed_is_the_same_trial_and_blocks_differ(hidden_trial):

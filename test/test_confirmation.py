@@ -95,6 +95,42 @@ def test_what_a_law_may_miss_is_no_test_of_its_name():
     assert objections(replace(best, run_chi_squared=(100.0, 100.0, 100.0, 900.0)))
 
 
+@pytest.mark.parametrize(('moved', 'tested'), [(9.5, False), (13.0, False), (15.0, True)])
+def test_held_out_recordings_test_what_is_surely_more_than_a_law_may_miss(moved, tested):
+    """Chi squared 80 may be missed: 9 sigma, and five more are needed, not 90 of chi squared."""
+    strong = replace(BASE, tests=(replace(BAD, statistic=9.0 + 400.0),))
+    residual = BASE.held_out[0].copy()
+    residual[0] += moved
+    chi_squared = (100.0, 100.0, 100.0, 900.0)
+    best = record('softening', predicted=1.0, held_out=(residual,), run_chi_squared=chi_squared)
+    found = confirmer(best, base=strong).confirm(best)
+    assert ('not predicted significantly better' in '; '.join(found.objections)) is tested
+    assert ('hardly show it' in '; '.join(found.untested)) is not tested
+
+
+def test_a_name_that_nothing_tests_is_none():
+    alone = replace(confirmer(record('gravity')), training=TRAINING[:1])
+    runs = {'run_chi_squared': (100.0,), 'coordinates': (100,), 'without': (0.0,)}
+    best = replace(record('gravity'), **runs, held_out=())
+    none = replace(alone, base=replace(BASE, **runs, held_out=()))
+    said = none.confirm(best).objections
+    assert said == (
+        'nothing tests it: there is one training recording, and no recording was held out',
+    )
+    # Of frames that are steady states each is an experiment of its own.
+    assert replace(none, steady=True).confirm(best).objections == ()
+    two = {'run_chi_squared': (100.0, 900.0), 'coordinates': (100, 100), 'without': (0.0,)}
+    shown = replace(record('gravity'), **two | {'run_chi_squared': (100.0, 100.0)})
+    base = replace(BASE, **two)
+    assert replace(alone, base=base).confirm(shown).objections == ()
+    hardly = replace(shown, held_out=(BASE.held_out[0] + 0.1,))
+    said = replace(alone, base=base).confirm(hardly).objections
+    assert said == (
+        'nothing tests it: there is one training recording, and held-out recordings hardly show '
+        'it',
+    )
+
+
 def test_held_out_recordings_that_cannot_show_it_test_nothing():
     hardly = BASE.held_out[0].copy()
     hardly[0] += 2.0

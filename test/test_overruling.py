@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+from pneunet_ros.diagnosis.diagnosis import Investigation
+from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.selection import Record
-from pneunet_ros.discovery.discovery import predicts_better
+from pneunet_ros.discovery import discovery as searched
+from pneunet_ros.discovery.discovery import overrule, predicts_better
+from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.discovery.settings import DISCOVERY
 import pytest
 
@@ -37,3 +42,28 @@ def test_beside_a_strong_effect_a_tenth_counts():
     strong = replace(NAME, evidence=1000.0)
     assert not predicts_better(replace(LAW, evidence=1080.0), strong, LIMITS)
     assert predicts_better(replace(LAW, evidence=1120.0), strong, LIMITS)
+
+
+@pytest.mark.parametrize(('evidence', 'said'), [(70.0, True), (55.0, False)])
+def test_a_law_that_explains_more_and_is_not_confirmed_is_said(monkeypatch, evidence, said):
+    diagnosis = object.__new__(Diagnosis)
+    object.__setattr__(diagnosis, 'answer', 'named')
+    object.__setattr__(diagnosis, 'alternatives', ())
+    trial = SimpleNamespace(record=NAME, names=NAME.names, refit=None)
+    investigation = Investigation(diagnosis=diagnosis, base=trial, trial=trial)
+    suspect = SimpleNamespace(
+        kind=SimpleNamespace(name='end_moment'),
+        law=SimpleNamespace(terms=('pressure',)),
+        left_out_gain=60.0,
+    )
+    record = replace(LAW, evidence=evidence)
+    proposal = SimpleNamespace(terms=('pressure',), trial=SimpleNamespace(record=record))
+    best = SimpleNamespace(suspect=suspect, proposal=proposal, gain=evidence)
+    why = 'the closest cause is end_moment; no law is given: half does not predict half'
+    unconfirmed = Discovery(searched=True, notes=(why,))
+    monkeypatch.setattr(searched, 'look_for_law', lambda *_: (unconfirmed, best))
+    monkeypatch.setattr(searched, 'Search', lambda *_: SimpleNamespace(suspects=lambda: [suspect]))
+    found = overrule(investigation, lambda *_: None, DISCOVERY)
+    assert found.overruling is None
+    note = f'a law of another kind explains more than gravity, unconfirmed: {why}'
+    assert found.notes == ((note,) if said else ())

@@ -13,7 +13,7 @@ from pneunet_ros.diagnosis.result import UnsettledDiagnosis
 from blind.reference import lab_rms, plain_rms
 from blind.scoring import Row
 from blind.trials import made, Sealed, Trial
-from blind.visibility import shown_beside
+from blind.visibility import shown_apart, shown_beside
 
 Investigate = Callable[..., Investigation]
 
@@ -29,6 +29,9 @@ def one_trial(block: str, seed: int, baselines: bool) -> tuple[Row, Row]:
     truth = truth_of(sealed, trial)
     if found is not None and len(sealed.label.effects) > 1:
         truth['shown_beside'] = shown_beside(found, list(sealed.label.effects))
+    elif found is not None and sealed.label.effects:
+        (name,) = sealed.label.effects
+        truth['shown_apart'] = shown_apart(found, sealed.recordings[: len(trial.training)], name)
     return answer, truth
 
 

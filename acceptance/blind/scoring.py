@@ -87,6 +87,16 @@ def detectable(truth: Row, answer: Row, name: str) -> bool:
     return not hides(truth, answer, name)
 
 
+def apart(truth: Row, answer: Row, name: str) -> bool:
+    """Whether a hidden effect shows, apart from what any single other effect explains of it.
+
+    By the truth of the lab: the part that no other effect of the library can take up lowers chi
+    squared by SEEN. Without that number it counts as one that does.
+    """
+    left = truth.get('shown_apart')
+    return detectable(truth, answer, name) and (not left or min(left.values()) >= SEEN)
+
+
 def hides(truth: Row, answer: Row, name: str) -> bool:
     """Whether the diagnosis says itself that so little of an effect could not have been seen."""
     said, kind = answer['detectable'].get(name), HIDEABLE[name]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from blind.scoring import (
+    apart,
     claims,
     confusion,
     detectable,
@@ -40,6 +41,8 @@ TARGETS = (
     ('unobservable', 'says_so', 'not observable: says so', '>= 0.98'),
     ('rated_nothing', 'any_name', '5 to 50 Hz, nothing hidden: any name', '<= 2 of 200'),
     ('rated_single', 'alone', '    one effect: right name alone', '>= 0.95'),
+    ('rated_single', 'alone_apart', '        of those that no other effect explains', '>= 0.95'),
+    ('rated_single', 'honest', '    right name alone, or not to be told from it', ''),
     ('rated_single', 'companion', '    right name and a false one', '<= 0.02'),
     ('rated_single', 'wrong', '    wrong name', ''),
     ('rated_single', 'size_covered', '    95 % interval covers its size', '0.92 to 0.98'),
@@ -80,10 +83,13 @@ def single(pairs: Sequence[Pair]) -> Row:
     """Score trials with one hidden effect, those that show it apart from the faint ones."""
     shown = [pair for pair in pairs if all(detectable(*pair, name) for name in pair[0]['effects'])]
     faint = [pair for pair in pairs if not any(pair is other for other in shown)]
+    alone = [pair for pair in shown if all(apart(*pair, name) for name in pair[0]['effects'])]
     by_effect: dict[str, list[Pair]] = {}
     for pair in shown:
         by_effect.setdefault(next(iter(pair[0]['effects'])), []).append(pair)
     return right_names(shown) | {
+        'alone_apart': rate(exactly(*pair) for pair in alone),
+        'honest': rate(within(*pair) and not wrong(*pair) for pair in shown),
         'faint_wrong': rate(wrong(*pair) for pair in faint),
         'faint_none': rate(answer['answer'] == 'none' for _, answer in faint),
         'by_effect': {name: right_names(some) for name, some in sorted(by_effect.items())},

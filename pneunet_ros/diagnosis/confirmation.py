@@ -16,6 +16,7 @@ import numpy as np
 from pneunet_ros.calibration.held_out import Score
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import millimeters
+from pneunet_ros.diagnosis.hypothesis import carries_time
 from pneunet_ros.diagnosis.selection import evidence_margin, Record, Selection
 from pneunet_ros.diagnosis.settings import ConfirmationSettings, DiagnosisSettings
 
@@ -35,23 +36,27 @@ class Confirmer:
     """The requirements of a name.
 
     base: the model without any effect more; tried: all sets that were fitted; training: names of
-    the training recordings, the first of all runs.
+    the training recordings, the first of all runs; steady: their frames are steady states, each an
+    experiment of its own.
     """
 
     base: Record
     tried: tuple[Record, ...]
     training: tuple[str, ...]
     settings: DiagnosisSettings
+    steady: bool = False
 
     @classmethod
     def of(cls, selection: Selection, base: Record) -> Confirmer:
         """Take all sets of a selection."""
         runs = selection.linearization.runs[: selection.linearization.training]
+        in_time = selection.settings.hypothesis
         return cls(
             base=base,
             tried=tuple(selection.tried.values()),
             training=tuple(run.name for run in runs),
             settings=selection.settings,
+            steady=not any(carries_time(run, in_time) for run in runs),
         )
 
     def confirm(self, record: Record, alternatives: Collection[str] = ()) -> Confirmation:
@@ -60,6 +65,7 @@ class Confirmer:
             objections=(
                 *self.refutations(record),
                 *self.other_names(record, alternatives),
+                *self.untried(record),
             ),
             untested=(*self.held_out_untested(record), *self.stability_untested(record)),
         )
@@ -108,9 +114,14 @@ class Confirmer:
         return self.settings.lack_of_fit.law_error * self.base.excess
 
     def is_shown(self, record: Record) -> bool:
-        """Whether held-out recordings show what was added, and more than its law may miss."""
-        least = max(self.settings.confirmation.shown, self.left_by_law)
-        return self.shown(record) >= least
+        """Whether held-out recordings show what was added, surely more than its law may miss.
+
+        Of an effect a that is right, chi squared falls by a^2 + 2 a (d + e), where d is what its
+        law misses and e noise. That is surely above nothing where a is larger than d by five
+        sigma, if half of d points against a.
+        """
+        least = np.sqrt(self.settings.confirmation.shown) + np.sqrt(self.left_by_law)
+        return bool(np.sqrt(self.shown(record)) >= least)
 
     def held_out_objections(self, record: Record) -> tuple[str, ...]:
         """Object where held-out recordings are not predicted better, or their error rises."""
@@ -139,6 +150,22 @@ class Confirmer:
         if not self.is_shown(record):
             return ('the held-out recordings hardly show it: nothing new tests it',)
         return ()
+
+    def untried(self, record: Record) -> tuple[str, ...]:
+        """Object where nothing tests a name: no second recording, nothing held out shows it.
+
+        Of frames that are steady states each is an experiment of its own.
+        """
+        if len(self.training) > 1 or self.steady:
+            return ()
+        if self.has_held_out and self.is_shown(record):
+            return ()
+        held_out = (
+            'held-out recordings hardly show it'
+            if self.has_held_out
+            else 'no recording was held out'
+        )
+        return (f'nothing tests it: there is one training recording, and {held_out}',)
 
     def nonuniform_arm(self, record: Record) -> tuple[str, ...]:
         """Object where an arm that bends unevenly, which no target shows, needs no effect."""

@@ -19,7 +19,7 @@ from pneunet_ros.diagnosis.base_fit import BaseFit, fit_base
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.evaluation import misfit, noise_floor, removed_share, scores
 from pneunet_ros.diagnosis.experiment_design import propose_experiment
-from pneunet_ros.diagnosis.hypothesis import hypotheses, Hypothesis
+from pneunet_ros.diagnosis.hypothesis import carries_time, hypotheses, Hypothesis
 from pneunet_ros.diagnosis.lack_of_fit import LackOfFit
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.localization import (
@@ -250,11 +250,6 @@ def considered_hypotheses(
         for item in asked
         if not item.confounded_with_pressure_scale and (in_time or not item.has_memory)
     )
-
-
-def carries_time(run: RecordingData, settings: HypothesisSettings) -> bool:
-    """Whether the frames of a recording can show an effect that lives by the past."""
-    return not run.static and len(run.stamp_ns) >= settings.fewest_in_time
 
 
 def linearize(

@@ -11,6 +11,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.settings import DEFAULTS, HypothesisSettings
 from pneunet_ros.effects import EFFECTS
 from pneunet_ros.effects.effect import Effect, Load
+from pneunet_ros.measurement.dataset import RecordingData
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,3 +198,8 @@ def hypotheses(
     return tuple(
         hypothesis(kind, settings) for name, kind in EFFECTS.items() if name not in left_out
     )
+
+
+def carries_time(run: RecordingData, settings: HypothesisSettings) -> bool:
+    """Whether the frames of a recording can show an effect that lives by the past."""
+    return not run.static and len(run.stamp_ns) >= settings.fewest_in_time

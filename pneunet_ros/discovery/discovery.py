@@ -95,33 +95,35 @@ def discover(
     """
     if investigation.selection is None or investigation.base is None:
         return NOTHING_SEARCHED
-    overruling = overrule(investigation, on_progress, settings)
-    if overruling is not None:
-        return overruling
+    instead = overrule(investigation, on_progress, settings)
+    if instead.overruling is not None:
+        return instead
     base = starting_point(investigation)
     if base is None:
-        return NOTHING_SEARCHED
+        return instead
     on_progress('causes outside the library', 0, 0)
     search = Search(base.refit, settings)
-    return look_for_law(investigation, base, search, search.suspects(), on_progress)[0]
+    beside = look_for_law(investigation, base, search, search.suspects(), on_progress)[0]
+    return replace(beside, notes=(*instead.notes, *beside.notes))
 
 
 def overrule(
     investigation: Investigation, on_progress: OnProgress, settings: DiscoverySettings
-) -> Discovery | None:
-    """Return a law that predicts recordings better than the effects that are named; None if none.
+) -> Discovery:
+    """Return a law that predicts recordings better than the effects that are named.
 
     A name says which effect of the library explains most. Where what is missing is not in the
-    library, the one that comes nearest may leave nothing but noise.
+    library, the one that comes nearest may leave nothing but noise. Where such a law cannot be
+    confirmed the name stands, and a note says so.
     """
     diagnosis, first, trial = investigation.diagnosis, investigation.base, investigation.trial
     if not isinstance(diagnosis, Diagnosis) or diagnosis.answer not in ('named', 'inseparable'):
-        return None
+        return NOTHING_SEARCHED
     assert first is not None
     assert trial is not None
     names = (*trial.names, *diagnosis.alternatives)
     if not {*names} <= {*LIBRARY_WORDS}:
-        return None  # an effect of a user: whether a law says the same is not known
+        return NOTHING_SEARCHED  # an effect of a user: whether a law says the same is not known
     on_progress('causes outside the library, in place of the name', 0, 0)
     search, named = Search(first.refit, settings), trial.record
     suspects, limits = search.suspects(), settings.confirmation
@@ -131,13 +133,16 @@ def overrule(
         and not is_said_by(item.kind.name, item.law.terms, names)
         for item in suspects
     ):
-        return None
+        return NOTHING_SEARCHED
     discovery, best = look_for_law(investigation, first, search, suspects, on_progress)
     if best is None or best.proposal is None:
-        return None
+        return NOTHING_SEARCHED
     law, kind = best.proposal, best.suspect.kind.name
     if is_said_by(kind, law.terms, names) or not predicts_better(law.trial.record, named, limits):
-        return None
+        return NOTHING_SEARCHED
+    if not discovery.found:
+        more = f'a law of another kind explains more than {" + ".join(trial.names)}, unconfirmed'
+        return Discovery(searched=True, notes=(f'{more}: {"; ".join(discovery.notes)}',))
     objection = (
         f'a law of another kind ({kind}) predicts each training recording from the others better, '
         f'by {best.gain:.0f} in log probability where this has {named.evidence:.0f}'
@@ -163,7 +168,10 @@ def look_for_law(
     suspects: Sequence[Suspect],
     on_progress: OnProgress,
 ) -> tuple[Discovery, Finding | None]:
-    """Return the law of what is left by a model; none where recordings do not confirm it."""
+    """Return the law of what is left by a model, and the finding that it is of.
+
+    No law where recordings do not confirm it, no finding where no kind predicts any.
+    """
     selection, first, diagnosis = (
         investigation.selection,
         investigation.base,
@@ -199,7 +207,7 @@ def look_for_law(
         unconfirmed = Discovery(
             searched=True, causes=causes, amplitudes=amplitudes, notes=notes, settings=settings
         )
-        return unconfirmed, None
+        return unconfirmed, best
     tied = tied_kinds(best, findings, suspects, settings)
     discovery = Discovery(
         searched=True,
