@@ -19,6 +19,9 @@ from pneunet_ros.solver.settings import ACCEPTED, SOLVER, SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
 
 ANGLES = col.NODE_GAUSS + GAUSS_POINTS  # columns of a node that hold angles
+REFINED = 1.5  # times the panels of a mesh that was not refined
+SPARE = 1.25  # times the panels that are needed, which a neighbor may have
+COARSER = 2.0**5  # times the finest detail, at least, on half as many panels
 
 
 def newton(
@@ -81,6 +84,28 @@ class BoundaryValueProblem:
             self.panels,
         )
 
+    def mesh_beside(self, known: SolverNodes, finest: float) -> None:
+        """Take the mesh of a neighbor, if it is fine enough and hardly finer than it must be.
+
+        finest (m): the detail that a mesh must carry. A neighbor that had to be refined, and would
+        have to be again, tells that its rods do: then the mesh is refined at once.
+        """
+        counts, of_known = self.counts.tolist(), list(known.counts)
+        needed = counts
+        if len(known.panels) > REFINED * len(self.panels):
+            panels, _, nodes = known.for_kernels()
+            detail = resolution(panels, nodes, self.rods.knots, self.rods.rotation[0])
+            if COARSER * detail > finest:
+                needed = [2 * count for count in counts]
+        if (
+            len(of_known) == len(needed)
+            and all(one >= least for one, least in zip(of_known, needed, strict=True))
+            and sum(of_known) <= SPARE * sum(needed)
+        ):
+            needed = of_known
+        if needed != counts:
+            self.mesh(np.array(needed))
+
     def start_from(self, known: SolverNodes) -> None:
         """Take a known solution as the first guess."""
         if known.counts == tuple(self.counts.tolist()):
@@ -139,11 +164,12 @@ class BoundaryValueProblem:
 
         quick: give up where the solution had to be followed along the load, in many small steps.
         """
+        finest = self.settings.finest_detail * self.rods.length
         if start is not None:
+            self.mesh_beside(start, finest)
             self.start_from(start)
         if (start is None or not self.newton()) and not self.solve_cold(quick):
             return f'no equilibrium found: residual {self.residual:.1e} rad after every attempt'
-        finest = self.settings.finest_detail * self.rods.length
         knots, rotation = self.rods.knots, self.rods.rotation[0]
         while resolution(self.panels, self.nodes, knots, rotation) > finest:
             total = len(self.panels)
