@@ -84,7 +84,12 @@ class Perturbation:
             for name in TABLES
         }
         distance = np.concatenate([self.distance, other.distance])
-        return Perturbation(**both, distance=distance, by_load=other.by_load)
+        return Perturbation(
+            **both,
+            distance=distance,
+            by_load=other.by_load,
+            same_places=self.same_places and other.same_places,
+        )
 
     def causes(self, which: slice, by_load: bool) -> Perturbation:
         """Return some of the causes."""

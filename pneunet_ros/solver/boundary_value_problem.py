@@ -19,9 +19,6 @@ from pneunet_ros.solver.settings import ACCEPTED, SOLVER, SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
 
 ANGLES = col.NODE_GAUSS + GAUSS_POINTS  # columns of a node that hold angles
-REFINED = 1.5  # times the panels of a mesh that was not refined
-SPARE = 1.25  # times the panels that are needed, which a neighbor may have
-COARSER = 2.0**5  # times the finest detail, at least, on half as many panels
 
 
 def newton(
@@ -91,16 +88,17 @@ class BoundaryValueProblem:
         have to be again, tells that its rods do: then the mesh is refined at once.
         """
         counts, of_known = self.counts.tolist(), list(known.counts)
+        settings = self.settings
         needed = counts
-        if len(known.panels) > REFINED * len(self.panels):
+        if len(known.panels) > settings.refined * len(self.panels):
             panels, _, nodes = known.for_kernels()
             detail = resolution(panels, nodes, self.rods.knots, self.rods.rotation[0])
-            if COARSER * detail > finest:
+            if settings.coarser * detail > finest:
                 needed = [2 * count for count in counts]
         if (
             len(of_known) == len(needed)
             and all(one >= least for one, least in zip(of_known, needed, strict=True))
-            and sum(of_known) <= SPARE * sum(needed)
+            and sum(of_known) <= settings.spare * sum(needed)
         ):
             needed = of_known
         if needed != counts:

@@ -27,6 +27,13 @@ class SolverSettings:
     decay_per_panel: float = tuning(0.8, 'longest panel', unit='decay lengths sqrt(B/F)')
     turn_per_panel: float = tuning(0.5, 'largest rotation over a panel', unit='rad')
     finest_detail: float = tuning(1e-6, 'last Legendre term of a fine mesh', unit='of the length')
+    refined: float = tuning(
+        1.5, 'panels from which on a mesh was refined', unit='those of one that was not'
+    )
+    spare: float = tuning(
+        1.25, 'panels of a neighbor with which its mesh is taken', unit='those that are needed'
+    )
+    coarser: float = tuning(32.0, 'detail on half as many panels, at least', unit='detail')
     most_panels: int = tuning(400, 'panels of the finest mesh')
     shortest: float = tuning(0.05, 'least stretch that rest strain may leave')
     first_load_step: float = tuning(0.05, 'first step of load continuation', unit='of the load')
