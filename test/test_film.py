@@ -118,8 +118,8 @@ def test_the_table_of_targets_has_the_stamps_of_the_recording(track, tmp_path):
     [
         (('--delay', '100'), 'no frame of the film lies within the table'),
         (('--delay', '1e300'), '--delay 1e.300 must lie between'),
-        (('--delay', 'soon'), "--delay: 'soon' is no number"),
-        (('--end-load', 'x', '0'), "--end-load: 'x' is no number"),
+        (('--delay', 'soon'), "--delay: 'soon' is not a time"),
+        (('--end-load', 'x', '0'), "--end-load: 'x' is not a force"),
         (('--ignore', 'Pressure [kPa]'), 'no reading|has no pressure'),
     ],
 )
@@ -159,3 +159,21 @@ def test_forces_and_targets_of_a_table_are_looked_at(folder, tmp_path, capsys):
     table.write_text('time_s,force_x_n\n0,0.1\n1,0.2\n')
     assert main([*film, *output]) == 2
     assert 'has no pressure: a column such as pressure_kpa' in capsys.readouterr().err
+
+
+def test_a_clamp_at_the_right_is_noticed_and_what_is_said_helps(tmp_path, capsys):
+    """A mirrored film is refused, and nothing is written; with that clamp_pixel it is tracked."""
+    write_video(tmp_path / 'film.avi', [np.ascontiguousarray(p[:, ::-1]) for p in pictures(28)])
+    output = tmp_path / 'out.mcap'
+    command = ['track', str(tmp_path / 'film.avi'), '--camera-info', 'none', '--output']
+    assert main([*command, str(output)]) == 2
+    said = capsys.readouterr().err
+    assert 'numbered from the free end' in said
+    assert not output.exists()
+    pixel = re.search(r'about \[(\d+), (\d+)\]', said)
+    camera = share_path('config/camera.yaml').read_text()
+    changed = camera.replace('clamp_pixel: null', f'clamp_pixel: [{pixel[1]}, {pixel[2]}]')
+    assert changed != camera
+    (tmp_path / 'camera.yaml').write_text(changed)
+    assert main([*command, str(output), '--camera', str(tmp_path / 'camera.yaml')]) == 0
+    assert output.exists()

@@ -5,7 +5,12 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
-from pneunet_ros.calibration.noise_estimate import estimate_noise, quiet_series, second_differences
+from pneunet_ros.calibration.noise_estimate import (
+    estimate_noise,
+    quiet_series,
+    resolution_of,
+    second_differences,
+)
 from pneunet_ros.model.uncertainty import SensorNoise
 import pytest
 from support.example_arms import paper_arm
@@ -25,6 +30,11 @@ TRUE = SensorNoise(
 )
 RUNS = 6
 FRAMES = 200
+
+
+def on_neighbors(estimate):
+    """Return what is said of noise that neighboring targets have in common."""
+    return [note for note in estimate.notes if 'neighboring' in note]
 
 
 def runs(noise: SensorNoise, seed: int = 0, frames: int = FRAMES):
@@ -181,10 +191,10 @@ def blurred(run, std: float, length: float, seed: int):
 def test_noise_that_is_alike_in_neighboring_targets_is_widened_and_said():
     clean, assumed = runs(TRUE), replace(ASSUMED, pressure_std=60.0)
     estimate = estimate_noise(clean, PAPER.target_arclength, assumed)
-    assert estimate.notes == ()
+    assert not on_neighbors(estimate)
     alike = [blurred(run, 1.5e-4, 0.02, seed) for seed, run in enumerate(clean)]
     found = estimate_noise(alike, PAPER.target_arclength, assumed)
-    (note,) = found.notes
+    (note,) = on_neighbors(found)
     assert 'neighboring targets err alike' in note
     assert 'alike in neighboring targets' in found.sources['target_std']
     # A shape that several targets span has to be as uncertain as with noise of their own.
@@ -197,7 +207,7 @@ def test_motion_is_no_noise_that_targets_have_in_common():
     up = 25e3 + 20e3 * np.sin(np.arange(FRAMES) / 3.0)
     moving = [made(PAPER, up, noise=TRUE, seed=seed) for seed in range(3)]
     for assumed in (ASSUMED, replace(ASSUMED, pressure_std=60.0)):
-        assert estimate_noise(moving, PAPER.target_arclength, assumed).notes == ()
+        assert not on_neighbors(estimate_noise(moving, PAPER.target_arclength, assumed))
 
 
 def test_a_few_frames_that_move_make_no_noise_in_common():
@@ -207,4 +217,50 @@ def test_a_few_frames_that_move_make_no_noise_in_common():
     twitch = np.where(np.arange(FRAMES) % 20 == 0, 1e-3, 0.0)[:, None] * bend
     moved = [replace(run, x=run.x - twitch, y=run.y + twitch) for run in clean]
     assumed = replace(ASSUMED, pressure_std=80.0)
-    assert estimate_noise(moved, PAPER.target_arclength, assumed).notes == ()
+    assert not on_neighbors(estimate_noise(moved, PAPER.target_arclength, assumed))
+
+
+def read_in_steps(run, step: float):
+    """Return a recording whose pressure was rounded to steps (Pa)."""
+    return replace(run, pressure=step * np.round(run.pressure / step))
+
+
+@pytest.mark.parametrize(('step', 'noise'), [(500.0, 80.0), (500.0, 5.0), (300.0, 80.0)])
+def test_the_variance_of_coarse_steps_is_in_the_pressures(step, noise):
+    """Rounding adds step^2 / 12, which differences of readings that repeat do not show."""
+    exact = runs(replace(TRUE, pressure_std=noise))
+    rounded = [read_in_steps(run, step) for run in exact]
+    error = np.concatenate([b.pressure - a.pressure for a, b in zip(exact, rounded, strict=True)])
+    assert np.std(error) == pytest.approx(step / np.sqrt(12.0), rel=0.15)
+    estimate = estimate_noise(rounded, PAPER.target_arclength, replace(ASSUMED, pressure_std=60.0))
+    true = np.hypot(noise, np.std(error))
+    assert 0.85 * true < estimate.noise.pressure_std < 1.7 * true
+    assert any(f'steps of {step:.3g} Pa' in note for note in estimate.notes)
+
+
+@pytest.mark.parametrize('step', [0.0, 1.0, 40.0])
+def test_steps_finer_than_the_noise_add_nothing(step):
+    """The noise shows them; and what was never rounded has none."""
+    given = [read_in_steps(run, step) if step else run for run in runs(TRUE)]
+    estimate = estimate_noise(given, PAPER.target_arclength, ASSUMED)
+    assert estimate.noise.pressure_std == pytest.approx(np.hypot(80.0, step / 12**0.5), rel=0.15)
+    assert not any('steps of' in note for note in estimate.notes)
+
+
+def test_set_points_and_even_ramps_are_no_coarse_sensor():
+    """Few levels that are held, or levels that never repeat, tell nothing of a sensor."""
+    assert resolution_of([np.repeat([0.0, 1e4, 2e4, 3e4], 50)]) == 0.0
+    assert resolution_of([np.linspace(0.0, 5e4, 200)]) == 0.0
+    assert resolution_of([np.repeat(np.linspace(0.0, 5e4, 26), 8)]) == pytest.approx(2e3)
+
+
+def test_noise_that_is_not_as_stated_is_said():
+    """A file that states four times the noise is named with both numbers; a fair one is not."""
+    stated = replace(TRUE, pressure_std=4.0 * TRUE.pressure_std, target_std=TRUE.target_std / 4.0)
+    (note,) = estimate_noise(runs(TRUE), PAPER.target_arclength, stated).notes
+    assert 'pressure_std' in note
+    assert 'where it says 320 Pa' in note
+    assert 'where it says 1e-05 m' in note
+    assert 'force_std' not in note
+    fair = replace(TRUE, pressure_std=1.5 * TRUE.pressure_std)
+    assert estimate_noise(runs(TRUE), PAPER.target_arclength, fair).notes == ()

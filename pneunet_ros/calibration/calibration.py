@@ -18,7 +18,7 @@ from pneunet_ros.calibration.moment_law_parameters import MOMENT_LAW_PARAMETERS
 from pneunet_ros.calibration.noise_estimate import estimate_noise, NoiseEstimate
 from pneunet_ros.calibration.nonuniformity import consider_nonuniformity, describe_nonuniformity
 from pneunet_ros.calibration.posterior import posterior_of, PosteriorState
-from pneunet_ros.calibration.preconditions import check_runs
+from pneunet_ros.calibration.preconditions import check_runs, describe_clamp
 from pneunet_ros.calibration.resolution import resolve
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
@@ -145,6 +145,7 @@ def calibrate(
         explained_variance=explained_variance,
         notes=(
             *noise.notes,
+            *describe_clamp(runs, frame),
             *resolution.notes,
             *(resolution.law_notes if kind is None else ()),
             *describe_nonuniformity(joint, settings),

@@ -22,6 +22,9 @@ from pneunet_ros.solver.columns import END_LOAD_MOMENT
 SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
 RESTS = 3.0  # sigma of a pressure reading, that it changes by from frame to frame
+ASSUMED = 'assumed; these recordings cannot tell'
+# What an arm file states of its sensors, and the unit.
+STATED = (('pressure_std', 'Pa'), ('force_std', 'N'), ('moment_std', 'N m'), ('target_std', 'm'))
 SMALLEST = 1e-9  # of a standard deviation that was found
 
 
@@ -86,6 +89,15 @@ def estimate_noise(
     pressure_std = min(found['pressure_std'][0] or np.inf, assumed.pressure_std)
     alike, neighbors = likeness(runs, pressure_std, settings)
     notes = []
+    step = resolution_of(readings['pressure'], settings)
+    coarse, sentence = with_step(found['pressure_std'][0], assumed.pressure_std, step)
+    if sentence:
+        found['pressure_std'] = coarse, sentence
+        notes.append(
+            f'the pressure is read in steps of {step:.3g} Pa, coarser than its noise: step^2/12 '
+            f'is in its variance, and pressure_std is {coarse:.3g} Pa. A pressure that rests is '
+            'off by the same in all of its frames; a finer sensor or converter tells more'
+        )
     if alike > 1.0 and found['target_std'][0] is not None:
         factor = math.sqrt(alike)
         found['target_std'] = (
@@ -110,11 +122,72 @@ def estimate_noise(
         if item.name == 'heading_std' and not headings:
             continue
         if std is None:
-            sources[item.name] = 'assumed; these recordings cannot tell'
+            sources[item.name] = ASSUMED
             continue
         sources[item.name] = sentence
         noise = replace(noise, **{item.name: float(f'{max(std, SMALLEST):.3g}')})
+    notes += differing_noise(noise, assumed, sources, settings)
     return NoiseEstimate(noise=noise, sources=sources, notes=tuple(notes))
+
+
+def differing_noise(
+    noise: SensorNoise,
+    assumed: SensorNoise,
+    sources: Mapping[str, str],
+    settings: NoiseEstimateSettings,
+) -> list[str]:
+    """Say where the noise that was found is not what was assumed, and which is used."""
+    said = []
+    for name, unit in STATED:
+        found, stated = getattr(noise, name), getattr(assumed, name)
+        if sources.get(name, ASSUMED) == ASSUMED or stated <= 0.0:
+            continue
+        if not 1.0 / settings.differs < found / stated < settings.differs:
+            said.append(f'{name} {found:.3g} {unit}, where it says {stated:.3g} {unit}')
+    if not said:
+        return []
+    return [
+        f'the noise of these recordings is not what the arm file says: {"; ".join(said)}. What '
+        'was found is used and written into the model'
+    ]
+
+
+def resolution_of(
+    series: Sequence[Array], settings: NoiseEstimateSettings = NOISE_ESTIMATE
+) -> float:
+    """Return the step in which a sensor reads, 0 where its readings (values,) lie on no grid.
+
+    Readings of a sensor that is coarser than its noise repeat, and all lie whole steps apart.
+    """
+    steps = [step for values in series if (step := grid_step(values, settings)) > 0.0]
+    return float(np.median(steps)) if 2 * len(steps) > len(series) else 0.0
+
+
+def grid_step(values: Array, settings: NoiseEstimateSettings) -> float:
+    """Return the step of the grid on which values (values,) lie; 0 where they lie on none."""
+    levels = np.unique(values)
+    if levels.size < settings.fewest_levels or not np.any(values[1:] == values[:-1]):
+        return 0.0
+    if float(np.mean(values[1:] == values[:-1])) < settings.repeats:
+        return 0.0
+    apart = np.diff(levels)
+    step = float(np.median(apart[apart < 1.5 * apart.min()]))
+    whole = np.abs(apart / step - np.round(apart / step)) < settings.off_grid
+    return step if np.mean(whole) >= settings.on_grid else 0.0
+
+
+def with_step(white: float | None, assumed: float, step: float) -> tuple[float | None, str]:
+    """Return a standard deviation with the error of rounding to steps, and where it comes from.
+
+    white: of what was read, None where nothing tells; assumed: what is thought then. Noise beyond
+    a step shows the rounding, too, and then nothing is added: the sentence is empty.
+    """
+    noise = min(assumed, 0.5 * step) if white is None else white
+    if step == 0.0 or noise >= step:
+        return white, ''
+    source = 'assumed noise below it' if white is None else 'second differences in time'
+    total = math.hypot(noise, step / math.sqrt(12.0))
+    return total, f'steps of {step:.3g} Pa in which it is read, and {source}'
 
 
 def load_readings(run: RecordingData) -> Array:

@@ -16,6 +16,13 @@ from pneunet_ros.calibration.settings import (
 from pneunet_ros.core.errors import RecordingError, RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.row_order import (
+    clamp_motion,
+    end_turns,
+    numbered_from_tip,
+    ROW_ORDER,
+    RowOrderSettings,
+)
 from pneunet_ros.model.arm import Arm
 
 
@@ -59,6 +66,7 @@ def check_runs(
     for run in runs:
         check_targets(run, arm, limits)
         check_units(run, arm, limits)
+        check_clamp(run, arm)
     for run in unloaded:
         check_unloaded(run, limits)
     for run in loaded:
@@ -198,6 +206,48 @@ def check_units(
             f'{run.name}: the last target lies {middle:.3g} m from the clamp, and the arm is '
             f'{arm.length:.3g} m long; is the unit right, and the first target that at the clamp?'
         )
+
+
+def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_ORDER) -> None:
+    """Raise RecordingError where the first target is that at the free end, or the clamp moves."""
+    places = arm.target_arclength
+    if numbered_from_tip(run.points, places, settings):
+        first, last = np.degrees(end_turns(run.points, places, settings) or (0.0, 0.0))
+        raise RecordingError(
+            f'{run.name}: the targets are numbered from the free end: the arm turns by '
+            f'{first:.3g} degrees at target 0 and by {last:.3g} at target {places.size - 1}, and '
+            'at the clamp it does not turn; track it again with clamp_pixel: [u, v] in the camera '
+            'file (--camera), or reverse the ids'
+        )
+    moved = clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
+    if moved > settings.clamp_loose * arm.length:
+        raise RecordingError(
+            f'{run.name}: the first target moves by {millimeters(moved):.3g} mm as the pressure '
+            'changes, and it should be at the clamp, which stays where it is; fix the clamp, or '
+            'put the first target there (target_arclength of --arm)'
+        )
+
+
+def describe_clamp(
+    runs: Sequence[RecordingData], arm: Arm, settings: RowOrderSettings = ROW_ORDER
+) -> tuple[str, ...]:
+    """Say where the clamp moves a little with the pressure."""
+    places = arm.target_arclength
+    least = max(settings.clamp_moves * arm.length, settings.clamp_noise * arm.sensors.target_std)
+    moved = {
+        run.name: clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
+        for run in runs
+    }
+    loose = [
+        f'{name} ({millimeters(size):.2g} mm)' for name, size in moved.items() if size > least
+    ]
+    if not loose:
+        return ()
+    return (
+        f'the first target moves as the pressure changes: {", ".join(loose)}. The clamp gives, or '
+        'the camera moved meanwhile; the model knows neither, and its errors hold this motion '
+        'as if it were noise',
+    )
 
 
 def motion(runs: Sequence[RecordingData]) -> float:

@@ -61,6 +61,15 @@ class NoiseEstimateSettings:
     smooth_degree: int = tuning(6, 'of the polynomial that a straight arm follows')
     fewest_targets: int = tuning(12, 'for a placement')
     straightest: float = tuning(0.1, 'share of the unloaded frames')
+    fewest_levels: int = tuning(12, 'of readings, for a sensor that reads in steps')
+    repeats: float = tuning(
+        0.2, 'of readings that are the one before again, from a coarse sensor', source='invented'
+    )
+    off_grid: float = tuning(0.1, 'from whole steps, by rounded decimals', unit='step')
+    on_grid: float = tuning(0.9, 'of the levels of a sensor that reads in steps')
+    differs: float = tuning(
+        2.5, 'as large, or small, as the noise that is stated: said', source='invented'
+    )
     alike: float = tuning(
         0.3,
         'correlation of neighboring targets at rest, from which on their noise is not their own',

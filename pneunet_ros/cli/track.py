@@ -33,6 +33,7 @@ from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.offline.film import record_film
 from pneunet_ros.offline.track import (
+    check_row_order,
     look_ahead,
     record_tracking,
     track_steps,
@@ -171,6 +172,8 @@ def run(arguments: Namespace) -> int:
                 writer, stream, tracker, BASE_FRAME, arguments.with_images, on_progress, start
             )
             sentences = (*sentences, *left_out)
+        bar.update(task, description='looking at the order of the targets')
+        check_row_order(stream, tracker, tally)
         if readings is not None:
             bar.update(task, description='matching film and table')
             run_, film = joined(readings, trackings)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.preconditions import (
+    check_clamp,
     check_runs,
     check_targets,
     check_units,
@@ -264,6 +265,7 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         data = reads_as_run()
         check_targets(data, request.arm)
         check_units(data, request.arm)
+        check_clamp(data, request.arm)
         largest = float(np.max(np.hypot(*data.force.T)))
         if largest < (least := PRECONDITIONS.smallest_force):
             raise RecordingError(

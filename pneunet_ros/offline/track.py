@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.errors import PneunetError, RecordingError
+from pneunet_ros.core.errors import CameraError, PneunetError, RecordingError
 from pneunet_ros.core.image import Image
 from pneunet_ros.core.outcome import Refusal
+from pneunet_ros.measurement.row_order import numbered_from_tip
 from pneunet_ros.messages.builders import UNREADABLE
 from pneunet_ros.messages.serializer import MessageSerializer
 from pneunet_ros.messages.tracker import outputs_of, TRACKER_OUTPUTS
@@ -22,6 +23,9 @@ from pneunet_ros.recordings.recording_writer import RecordingWriter
 from pneunet_ros.vision.camera_model import Lens
 from pneunet_ros.vision.rest_plane import RESTING
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
+
+# Of a row from its other end: so many times as many frames, and so many beyond that. Invented.
+TIMES_EXPLAINED, FEWEST_EXPLAINED = 2, 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -140,7 +144,8 @@ class TrackTally:
     """What tracking came to, counted step by step; a frame counts once, under one reason or none.
 
     `seen` (targets,) counts the explained frames in which a target was seen; `sentences` holds the
-    last sentence of each reason.
+    last sentence of each reason. points: of
+    each explained frame, (2, targets) m. last_pixel: where the last target was seen first.
     """
 
     targets: int
@@ -152,6 +157,8 @@ class TrackTally:
     reasons: Counter[str] = field(default_factory=Counter)
     sentences: dict[str, str] = field(default_factory=dict)
     seen: Array = field(init=False)
+    last_pixel: tuple[float, float] | None = None
+    points: list[Array] = field(default_factory=list)
     _squares: float = 0.0
     _meters: float = 0.0
     _pixels: float = 0.0
@@ -177,6 +184,9 @@ class TrackTally:
         self.explained += 1
         found = outcome.sightings
         self.seen += np.isfinite(found.x)
+        self.points.append(np.stack([found.x, found.y]))
+        if self.last_pixel is None and math.isfinite(found.u[-1]):
+            self.last_pixel = float(found.u[-1]), float(found.v[-1])
         lengths = np.hypot(np.diff(found.x), np.diff(found.y))
         pixels = np.hypot(np.diff(found.u), np.diff(found.v))
         self._meters += float(np.nansum(lengths))
@@ -200,3 +210,38 @@ class TrackTally:
     def rms(self) -> float:
         """Return the root mean square distance (m) of targets from the smoothed curves."""
         return math.sqrt(self._squares / self.curves) if self.curves else math.nan
+
+
+def check_row_order(stream: ImageStream, tracker: Tracker, tally: TrackTally) -> None:
+    """Raise CameraError where the arm was tracked from its free end to the clamp.
+
+    The row is then lost as soon as the arm moves, and followed from its other end it is not; or
+    its first targets turn, as the free end does.
+    """
+    if not tally.points or tally.last_pixel is None:
+        return
+    backwards = numbered_from_tip(np.array(tally.points), tracker.arm.target_arclength)
+    if not backwards and not _followed_from_other_end(stream, tracker, tally):
+        return
+    pixel = '[{:.0f}, {:.0f}]'.format(*tally.last_pixel)
+    raise CameraError(
+        'the targets are numbered from the free end, as the clamp is not at the left of the '
+        'picture: say where the target at the clamp is at rest, clamp_pixel: [u, v], here about '
+        f'{pixel}, in a camera file (--camera FILE; copy config/camera.yaml)'
+    )
+
+
+def _followed_from_other_end(stream: ImageStream, tracker: Tracker, tally: TrackTally) -> bool:
+    """Whether far more frames show the row where it begins at the last target."""
+    if tracker.settings.clamp_pixel is not None or 2 * tally.explained > tally.frames:
+        return False
+    settings = replace(tracker.settings, clamp_pixel=tally.last_pixel)
+    other = Tracker(arm=tracker.arm, settings=settings)
+    start, _ = look_ahead(stream, other, lambda: None)
+    explained = 0
+    for step in track_steps(stream, other, start=start):
+        outcome = step.outcome
+        explained += isinstance(outcome, Tracking) and not outcome.reason
+        if explained > TIMES_EXPLAINED * tally.explained + FEWEST_EXPLAINED:
+            return True
+    return False

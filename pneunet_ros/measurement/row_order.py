@@ -1,0 +1,118 @@
+"""Whether targets are numbered from the clamp, and whether the clamp stays where it is.
+
+At the clamp the direction of an arm stays as it is, and at its free end it turns most. This holds
+in every frame of coordinates, also in one that moves with the first target.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowOrderSettings:
+    """When targets are numbered from the wrong end, and when a clamp moves."""
+
+    fewest_frames: int = tuning(5, 'in which a target was seen, to know how it moves')
+    chord: float = tuning(0.1, 'from an end to the target that shows its direction', unit='length')
+    turns: float = tuning(
+        0.2, 'of the first targets, at least, for a wrong end', unit='rad', source='invented'
+    )
+    times: float = tuning(
+        3.0,
+        'as much as the last targets turn: an even bend from the clamp gives a third or less',
+        source='invented',
+    )
+    at_clamp: float = tuning(0.01, 'so near a target does not move with the arm', unit='length')
+    clamp_moves: float = tuning(
+        0.005, 'that a clamp moves with the pressure, to be said', unit='length', source='invented'
+    )
+    clamp_noise: float = tuning(5.0, 'the same, by the noise of a target', unit='sigma')
+    clamp_loose: float = tuning(
+        0.05,
+        'that a clamp moves with the pressure, to be refused',
+        unit='length',
+        source='invented',
+    )
+    explained: float = tuning(
+        0.5, 'of the variance of its place, by the pressure', source='invented'
+    )
+
+
+ROW_ORDER = RowOrderSettings()
+
+
+def numbered_from_tip(
+    points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
+) -> bool:
+    """Whether targets (frames, 2, targets) m at arclength (targets,) m begin at the free end.
+
+    False also where too few were seen, or where nothing bends.
+    """
+    turned = end_turns(points, arclength, settings)
+    if turned is None:
+        return False
+    first, last = turned
+    return first > settings.turns and first > settings.times * last
+
+
+def end_turns(
+    points: Array, arclength: Array, settings: RowOrderSettings = ROW_ORDER
+) -> tuple[float, float] | None:
+    """Return over which angles (rad) the first and the last targets turn, None where unknown."""
+    seen = np.isfinite(points[:, 0]).sum(axis=0) >= settings.fewest_frames
+    known = np.flatnonzero(seen)
+    if known.size < 3:
+        return None
+    reach = settings.chord * (arclength[known[-1]] - arclength[known[0]])
+    first, last = arclength[known[0]] + reach, arclength[known[-1]] - reach
+    after = int(known[1:][arclength[known[1:]] >= first - 1e-12][0])
+    before = int(known[:-1][arclength[known[:-1]] <= last + 1e-12][-1])
+    turns = [turning(points, *pair) for pair in ((known[0], after), (before, known[-1]))]
+    if turns[0] is None or turns[1] is None:
+        return None
+    return turns[0], turns[1]
+
+
+def turning(points: Array, start: int, end: int) -> float | None:
+    """Return the angle (rad) over which the line between two targets turns: 90 % of frames."""
+    chord = points[:, :, end] - points[:, :, start]
+    chord = chord[np.isfinite(chord).all(axis=1)]
+    if not len(chord):
+        return None
+    along = np.arctan2(chord[:, 1], chord[:, 0])
+    middle = np.angle(np.mean(np.exp(1j * along)))
+    low, high = np.quantile(np.angle(np.exp(1j * (along - middle))), (0.05, 0.95))
+    return float(high - low)
+
+
+def clamp_motion(
+    points: Array,
+    pressure: Array,
+    arclength: Array,
+    length: float,
+    settings: RowOrderSettings = ROW_ORDER,
+) -> float:
+    """Return how far (m) the target at the clamp moves with the pressure; 0 where nothing tells.
+
+    points (frames, 2, targets) m, pressure (frames,) Pa, length (m) of the arm. What does not go
+    with the pressure is the camera's: noise and drift.
+    """
+    if not arclength.size or arclength[0] > settings.at_clamp * length:
+        return 0.0
+    place, seen = points[:, :, 0], np.isfinite(points[:, 0, 0])
+    place, pressure = place[seen], pressure[seen]
+    span = float(np.ptp(pressure)) if pressure.size else 0.0
+    if len(place) < 2 * settings.fewest_frames or span == 0.0:
+        return 0.0
+    columns = np.vander((pressure - pressure.min()) / span, 3)
+    coefficients, *_ = np.linalg.lstsq(columns, place, rcond=None)
+    fitted = columns @ coefficients
+    variance = float(np.var(place, axis=0).sum())
+    if variance == 0.0 or np.var(fitted, axis=0).sum() < settings.explained * variance:
+        return 0.0
+    return float(np.hypot(*np.ptp(fitted, axis=0)))
