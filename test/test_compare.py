@@ -6,6 +6,7 @@ from dataclasses import replace
 import json
 import math
 from pathlib import Path
+import re
 
 import numpy as np
 from pneunet_ros.cli.main import main
@@ -16,6 +17,7 @@ from pneunet_ros.estimation.shape_error import (
     compare_shapes,
     error_statistics,
     match_series,
+    Pressures,
     ShapeSeries,
     share_inside,
     Tips,
@@ -315,3 +317,48 @@ def test_what_cannot_be_compared_is_said(
 def test_the_truth_has_what_is_read_of_it():
     assert {'arclength', 'x', 'y', 'theta'} <= set(LabTruth.__dataclass_fields__)
     assert {'tip', 'shape'} <= {output.name for output in OUTPUTS}
+
+
+# What does not belong together.
+
+
+def pressures(first, last, start=0):
+    stamps = SECOND + start + PERIOD * np.arange(FRAMES)
+    return Pressures(stamp_ns=stamps, values=np.linspace(first, last, FRAMES))
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({'pressures': pressures(5e4, 0.0)}, 'different runs: .* differ by .* kPa'),
+        ({'arclength': 1.4 * S, 'whole': True}, 'different arms: 156.8 mm long in other'),
+    ],
+)
+def test_what_is_not_of_one_arm_or_run_is_said_and_has_no_error(changes, said):
+    """No number in mm is given where it would mean nothing."""
+    of = series(pressures=pressures(0.0, 5e4), whole=True)
+    other = compare_shapes(of, series(name='other', **changes))
+    assert other.tip is None and other.shape is None
+    (sentence,) = comparison_content(other)['sentences'][-1:]
+    assert re.search(said, sentence)
+
+
+def test_targets_of_another_arm_are_said():
+    """Targets 1.5 times as far apart as --model has them are those of another arm."""
+    line = Centerlines(
+        topic='/targets',
+        stamp_ns=series().centerlines.stamp_ns,
+        arclength=TARGETS_AT,
+        points=1.5 * arcs(TARGETS_AT),
+    )
+    of = series(centerlines=line, tips=False, name='mine')
+    found = compare_shapes(of, series())
+    assert found.tip is None
+    assert 'mine: the first and the last target are 1.5' in found.unlike[0]
+
+
+def test_small_differences_of_the_pressure_are_those_of_sensors():
+    """An offset of 300 Pa, or other stamps, are no other run."""
+    of = series(pressures=pressures(0.0, 5e4), whole=True)
+    for other in (pressures(300.0, 50300.0), pressures(5e4, 0.0, start=100 * SECOND), None):
+        assert compare_shapes(of, series(pressures=other, whole=True)).tip is not None

@@ -17,6 +17,11 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import match_stamps, Stamps
 
 END = 1e-6  # m; as far beyond its last station a curve is still known: rounding of float32
+# What two sides of one run may differ by at most. Invented.
+LONGER = 1.05  # length of one arm over the other's, to the end that each knows
+STRETCHED = 1.3  # distance of the first and last target, over that along the arm
+OTHER_PRESSURE = 0.1  # root mean square difference of pressures, over their span
+LEAST_PRESSURE = 500.0  # Pa, the same
 LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
 
 
@@ -77,11 +82,20 @@ class Tips:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pressures:
+    """Pressures (readings,) Pa of a source over time, stamp_ns (readings,) increasing."""
+
+    stamp_ns: Stamps
+    values: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShapeSeries:
     """What one source says of the shape: centerlines, the free end, or both.
 
     frame: the frame that its coordinates are in, '' where nothing says so. exact: a truth, with
-    no error of its own.
+    no error of its own. pressures: in it, None where nothing tells. whole: its centerlines reach
+    to the free end.
     """
 
     name: str
@@ -89,6 +103,8 @@ class ShapeSeries:
     tips: Tips | None
     frame: str = ''
     exact: bool = False
+    pressures: Pressures | None = None
+    whole: bool = False
     sentences: tuple[str, ...] = ()
 
 
@@ -155,7 +171,8 @@ class CenterlineErrors:
 class Comparison:
     """One source against another. length (m): of the arm, NaN where nothing tells it.
 
-    tip, shape: None where not both sides know it, or where no frame matches.
+    tip, shape: None where not both sides know it, or where no frame matches, or where the two
+    are of different arms or runs, as the sentences of `unlike` say.
     """
 
     of: ShapeSeries
@@ -163,6 +180,7 @@ class Comparison:
     length: float
     tip: TipErrors | None
     shape: CenterlineErrors | None
+    unlike: tuple[str, ...] = ()
 
 
 def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None) -> Comparison:
@@ -190,9 +208,72 @@ def compare_shapes(of: ShapeSeries, to: ShapeSeries, length: float | None = None
             f'{of.name} has {contents(of)} and {to.name} has {contents(to)}: there is nothing '
             'that both know'
         )
+    unlike = differences(of, to)
     return Comparison(
-        of=of, to=to, length=length or max(reach, default=math.nan), tip=tip, shape=shape
+        of=of,
+        to=to,
+        length=length or max(reach, default=math.nan),
+        tip=None if unlike else tip,
+        shape=None if unlike else shape,
+        unlike=unlike,
     )
+
+
+def differences(of: ShapeSeries, to: ShapeSeries) -> tuple[str, ...]:
+    """Say why two sides are not of one arm, or not of one run; nothing where they may be."""
+    said = []
+    ends = [
+        float(item.centerlines.arclength[-1])
+        for item in (of, to)
+        if item.whole and item.centerlines is not None
+    ]
+    if len(ends) == 2 and max(ends) > LONGER * min(ends):
+        long, short = (of, to) if ends[0] > ends[1] else (to, of)
+        said.append(
+            f'they are of different arms: {1e3 * max(ends):.4g} mm long in {long.name}, '
+            f'{1e3 * min(ends):.4g} mm in {short.name}'
+        )
+    for item in (of, to):
+        stretch = _stretch(item.centerlines)
+        if stretch > STRETCHED:
+            said.append(
+                f'{item.name}: the first and the last target are {stretch:.3g} times as far apart '
+                'as on the arm: it is another arm; --model says where its targets are'
+            )
+    if of.pressures is not None and to.pressures is not None:
+        said += _other_pressures(of, of.pressures, to, to.pressures)
+    return tuple(said)
+
+
+def _stretch(line: Centerlines | None) -> float:
+    """Return the largest distance of the ends over that along the arm, 0 where not known."""
+    if line is None:
+        return 0.0
+    chord = np.hypot(*(line.points[:, :, -1] - line.points[:, :, 0]).T)
+    chord = chord[np.isfinite(chord)]
+    if not chord.size:
+        return 0.0
+    return float(np.quantile(chord, 0.95) / (line.arclength[-1] - line.arclength[0]))
+
+
+def _other_pressures(
+    of: ShapeSeries, mine: Pressures, to: ShapeSeries, other: Pressures
+) -> list[str]:
+    """Say that the pressures of two sides differ where their stamps agree."""
+    low = max(mine.stamp_ns[0], other.stamp_ns[0])
+    high = min(mine.stamp_ns[-1], other.stamp_ns[-1])
+    within = (mine.stamp_ns >= low) & (mine.stamp_ns <= high)
+    if not within.any():
+        return []
+    there = np.interp(mine.stamp_ns[within] - low, other.stamp_ns - low, other.values)
+    apart = float(np.sqrt(np.mean((mine.values[within] - there) ** 2)))
+    span = max(float(np.ptp(mine.values)), float(np.ptp(other.values)))
+    if apart < max(OTHER_PRESSURE * span, LEAST_PRESSURE):
+        return []
+    return [
+        f'they are of different runs: at the same stamps the pressure of {of.name} and that of '
+        f'{to.name} differ by {1e-3 * apart:.3g} kPa rms'
+    ]
 
 
 def contents(series: ShapeSeries) -> str:

@@ -145,6 +145,8 @@ def errors_content(
 
 def doubts(comparison: Comparison) -> list[str]:
     """Say what limits a comparison, or why there is none."""
+    if comparison.unlike:
+        return list(comparison.unlike)
     if comparison.tip is None and comparison.shape is None:
         sides = f'no frame of {comparison.of.name} matches one of {comparison.to.name}'
         return [f'{sides}: {spans(comparison)}']

@@ -129,6 +129,7 @@ def read_truth(path: Path) -> ShapeSeries:
             ),
             frame=BASE_FRAME,
             exact=True,
+            whole=True,
         )
     except (*DAMAGED_ARCHIVE, PneunetError) as error:
         raise RecordingError(

@@ -12,7 +12,13 @@ from pneunet_ros.core.errors import MessageError, RecordingError
 from pneunet_ros.core.frames import BASE_FRAME
 from pneunet_ros.core.stamps import match_stamps, Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.estimation.shape_error import Centerlines, median_period, ShapeSeries, Tips
+from pneunet_ros.estimation.shape_error import (
+    Centerlines,
+    median_period,
+    Pressures,
+    ShapeSeries,
+    Tips,
+)
 from pneunet_ros.messages.builders import (
     ARRAY_TYPE,
     CURVATURE_ROWS,
@@ -23,7 +29,7 @@ from pneunet_ros.messages.builders import (
     UNFIT,
 )
 from pneunet_ros.messages.point_cloud import cloud_points
-from pneunet_ros.messages.readings import Sensor, TARGETS, TIP_POSE
+from pneunet_ros.messages.readings import PRESSURE, Sensor, TARGETS, TIP_POSE
 from pneunet_ros.recordings.recorded_series import find_series, read_series
 from pneunet_ros.recordings.recording import open_recording, Recording
 
@@ -96,6 +102,8 @@ def read_estimates(recording: Recording, overrides: Mapping[str, str]) -> ShapeS
         centerlines=centerlines,
         tips=tips,
         frame=frames[-1],
+        pressures=read_pressures(recording),
+        whole=SHAPE in topics,
         sentences=tuple(sentences),
     )
 
@@ -158,8 +166,21 @@ def read_measured(
         centerlines=centerlines,
         tips=tips,
         frame=BASE_FRAME,
+        pressures=read_pressures(recording),
         sentences=tuple(sentences),
     )
+
+
+def read_pressures(recording: Recording) -> Pressures | None:
+    """Return the pressures in a recording; None where there are none, or more than one topic."""
+    if len(recording.candidates(PRESSURE.name, PRESSURE.type)) != 1:
+        return None
+    topic = recording.find(PRESSURE.name, PRESSURE.type)
+    found = read_series(recording, {PRESSURE.name: topic}, EstimatorSettings())
+    series = found.get(PRESSURE.name)
+    if series is None or not len(series.stamp_ns):
+        return None
+    return Pressures(stamp_ns=series.stamp_ns, values=series.values[:, 0])
 
 
 def read_smoothed(recording: Recording, overrides: Mapping[str, str]) -> Centerlines:
