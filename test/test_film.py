@@ -177,3 +177,23 @@ def test_a_clamp_at_the_right_is_noticed_and_what_is_said_helps(tmp_path, capsys
     (tmp_path / 'camera.yaml').write_text(changed)
     assert main([*command, str(output), '--camera', str(tmp_path / 'camera.yaml')]) == 0
     assert output.exists()
+
+
+def test_an_upright_arm_is_refused_at_once_and_what_is_said_helps(tmp_path, capsys):
+    """A portrait film names both ends; the one that is the clamp makes it a recording."""
+    turned = [np.ascontiguousarray(np.rot90(p, -1)) for p in pictures(8)]  # it hangs
+    write_video(tmp_path / 'film.avi', [*[turned[0]] * 30, *turned])
+    output = tmp_path / 'out.mcap'
+    command = ['track', str(tmp_path / 'film.avi'), '--camera-info', 'none', '--output']
+    assert main([*command, str(output)]) == 2
+    said = capsys.readouterr().err
+    assert 'upright' in said
+    assert not output.exists()
+    ends = re.findall(r'\[\d+, \d+\]', said)
+    top = min(ends, key=lambda end: json.loads(end)[1])
+    camera = share_path('config/camera.yaml').read_text()
+    (tmp_path / 'camera.yaml').write_text(
+        camera.replace('clamp_pixel: null', f'clamp_pixel: {top}')
+    )
+    assert main([*command, str(output), '--camera', str(tmp_path / 'camera.yaml')]) == 0
+    assert output.exists()

@@ -6,12 +6,13 @@ import json
 import re
 
 import matplotlib
+from matplotlib.patches import Rectangle
 import numpy as np
 from pneunet_ros.cli import new_arm
 from pneunet_ros.cli.main import main
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.model.starting_arm import even_places, INVENTED
-from pneunet_ros.reports.target_template import PAGES, RULER, STRIPS, write_template
+from pneunet_ros.reports.target_template import PAGES, RULER, STRIPS, template_page, write_template
 from pneunet_ros.vision.camera_settings import CameraSettings
 from pneunet_ros.vision.tracker import Tracker
 import pytest
@@ -146,3 +147,23 @@ def test_the_sheet_is_one_to_one(tmp_path):
         ticks = lines[np.isclose(lines[:, 0], lines[-1, 0]) & np.isclose(lines[:, 1], lines[:, 3])]
         np.testing.assert_allclose(np.diff(ticks[:, 1]), 1.0, atol=2e-3)
         assert ticks[-1, 1] - ticks[0, 1] == pytest.approx(RULER, abs=2e-3)
+
+
+def test_every_strip_says_which_arm_and_which_end_it_is():
+    """Labels lie within the strip that is cut out, the clamp at the end of dot 0."""
+    page = template_page('A4', 'mine', np.arange(12) * 0.01, 0.003)
+    page.canvas.draw()
+    (axes,) = page.axes
+    strips = [patch.get_bbox() for patch in axes.patches if isinstance(patch, Rectangle)]
+    assert len(strips) == len(STRIPS)
+    to_page = axes.transData.inverted()
+    for strip in strips:
+        within = {}
+        for text in axes.texts:
+            box = text.get_window_extent().transformed(to_page)
+            if strip.x0 <= box.x0 and box.x1 <= strip.x1:
+                assert strip.y0 <= box.y0 and box.y1 <= strip.y1
+                within[text.get_text()] = box
+        assert set(within) == {'CLAMP', 'mine', 'FREE END', 'dots 3 mm, every 10 mm'}
+        assert within['CLAMP'].y1 < within['mine'].y0 < within['FREE END'].y0
+        assert within['CLAMP'].y0 < strip.y0 + 5.0

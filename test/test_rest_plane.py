@@ -201,6 +201,6 @@ def test_an_upright_row_has_no_left_end(turn):
     mixture, row = view(turn)
     result = found(mixture)
     assert isinstance(result, Failure)
-    assert result.reason == 'several_rows' and 'clamp_pixel' in result.sentence
+    assert result.reason == 'upright' and 'clamp_pixel' in result.sentence
     told = found(mixture, clamp_pixel=tuple(FOCAL * row[0] + ORIGIN))
     assert mixture.named(told.chosen).tolist() == TARGETS.tolist()

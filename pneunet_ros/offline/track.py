@@ -21,11 +21,12 @@ from pneunet_ros.recordings.image_stream import ImageStream, StreamItem
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recording_writer import RecordingWriter
 from pneunet_ros.vision.camera_model import Lens
-from pneunet_ros.vision.rest_plane import RESTING
+from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
 from pneunet_ros.vision.tracker import Tracker, TrackerState, Tracking
 
 # Of a row from its other end: so many times as many frames, and so many beyond that. Invented.
 TIMES_EXPLAINED, FEWEST_EXPLAINED = 2, 10
+UPRIGHT_FRAMES = 30  # frames of an upright arm alone, after which all others are like them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,7 +50,8 @@ def look_ahead(
     A recording that begins with the arm bent or hidden gets scale and base frame from the frames
     further on in which the arm rests; one that begins at rest is tracked as it would be live, and
     so is one whose camera_info changes or whose stamps jump before the rest. `on_frame` is called
-    for each frame that was looked at.
+    for each frame that was looked at. Raises CameraError where the arm is upright from the
+    beginning, and nothing says which end is the clamp.
     """
     state, frames = TrackerState(), 0
     for item in stream.read(()):
@@ -58,6 +60,8 @@ def look_ahead(
             if outcome is not None:
                 frames += 1
                 on_frame()
+                if frames == UPRIGHT_FRAMES == state.unexplained.get(UPRIGHT):
+                    raise CameraError(outcome.sentence)
         if state.plane is not None or state.resets:
             break
     at_once = sum(state.unexplained.values()) < tracker.settings.rest_frames

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
@@ -19,6 +20,7 @@ MARGIN = 12.0  # mm, that no printer leaves out
 RULER = 100.0  # mm
 STRIP = 12.0  # mm, least width
 GAP = 6.0  # mm between strips
+LABEL, CHARACTER = 5.0, 1.05  # points, and about the width of a character of it, mm
 STRIPS = (
     ('black dots, for a pale arm', 'white', 'black', True),
     ('white dots, for a dark arm', 'black', 'white', True),
@@ -53,22 +55,30 @@ def template_page(paper: str, name: str, places: Array, diameter: float) -> Figu
     start = MARGIN + dot
     strip = max(STRIP, 2.0 * dot)
     left = MARGIN
+    gaps = ', '.join(f'{gap:g}' for gap in np.unique(np.round(np.diff(shown), 4)))
     for words, paper_color, color, filled in STRIPS:
         _draw_strip(axes, (left, start - dot), strip, length, paper_color)
         for place in shown - shown[0]:
             center = (left + 0.5 * strip, start + place)
             _draw_dot(axes, center, dot, color, filled)
+        _label_strip(
+            axes,
+            (left, start - dot),
+            (strip, length),
+            color,
+            name,
+            f'dots {dot:g} mm, every {gaps} mm',
+        )
         axes.text(
             left + strip + 1.5, start, words, rotation=90, fontsize=7, va='bottom', ha='left'
         )
         left += strip + GAP + 4.0
     _draw_places(axes, left, start, shown)
     _draw_ruler(axes, width - MARGIN - 8.0, MARGIN + 2.0)
-    spacing = ', '.join(f'{gap:g}' for gap in np.unique(np.round(np.diff(shown), 4)))
     axes.text(
         0.5 * width + 20.0,
         height - MARGIN,
-        f'Targets of {name}\n\n{shown.size} dots of {dot:g} mm, {spacing} mm apart\n'
+        f'Targets of {name}\n\n{shown.size} dots of {dot:g} mm, {gaps} mm apart\n'
         f'{paper}: print at 100 %, never "fit to page";\nthen lay a ruler on the scale: it must '
         f'be {RULER:g} mm.\n\nThe dot at the bottom (0) goes to the clamp.',
         fontsize=9,
@@ -84,6 +94,33 @@ def _draw_strip(
     axes.add_patch(
         Rectangle(corner, width, length, facecolor=color, edgecolor='0.6', linewidth=0.4)
     )
+
+
+def _label_strip(
+    axes: Axes,
+    corner: tuple[float, float],
+    size: tuple[float, float],
+    color: str,
+    name: str,
+    dots: str,
+) -> None:
+    """Write on a strip, which will be cut out, which arm it is for and which end is the clamp.
+
+    Beside the dots: at the left the clamp, the arm and the free end, at the right the dots. What
+    is too long for the strip is cut.
+    """
+    room = int(size[1] / CHARACTER) - 2
+    ends = 'CLAMP', 'FREE END'
+    between = room - sum(map(len, ends)) - 4
+    ink = 'black' if color == 'none' else color
+    style: dict[str, Any] = {'rotation': 90, 'fontsize': LABEL, 'color': ink}
+    x, y = corner
+    near, far = x + 0.8, x + size[0] - 0.8
+    axes.text(near, y + 1.0, ends[0], va='bottom', ha='left', weight='bold', **style)
+    axes.text(near, y + size[1] - 1.0, ends[1], va='top', ha='left', **style)
+    middle = y + 0.5 * size[1]
+    axes.text(near, middle, name[: max(between, 0)], va='center', ha='left', **style)
+    axes.text(far, y + 1.0, dots[:room], va='bottom', ha='right', **style)
 
 
 def _draw_dot(

@@ -19,6 +19,7 @@ from pneunet_ros.vision.settings import RestPlaneSettings, VISION, VisionSetting
 from pneunet_ros.vision.working_plane import Plane, plane_from_rest
 
 HEADING_CHORDS, HEADING_SHARE = 5, 0.4  # chords from the clamp that tell the heading there
+UPRIGHT = 'upright'  # reason: which end is the clamp is not known
 RESTING = 'resting'  # reason of a frame that is averaged, in which all is well
 
 Counts = npt.NDArray[np.int64]
@@ -205,10 +206,11 @@ def row_at_rest(
     if clamp_pixel is None:
         best = min(rows, key=lambda row: float(pixels[row.chosen[0], 0]))
         if _is_upright(best, rows, pixels, vision):
+            ends = ' or '.join(f'[{u:.0f}, {v:.0f}]' for u, v in pixels[best.chosen[[0, -1]]])
             return Failure(
-                reason='several_rows',
+                reason=UPRIGHT,
                 sentence=f'the row of {count} targets is upright, and none of its ends is the '
-                'left one: give clamp_pixel',
+                f'left one: give clamp_pixel in the camera file, {ends}',
             )
     off = bow(points[best.chosen[best.chosen >= 0]])
     if off > straightness:

@@ -29,6 +29,7 @@ from pneunet_ros.vision.rest_plane import (
     RESTING,
     RestSearch,
     spacing_of,
+    UPRIGHT,
 )
 from pneunet_ros.vision.row_tracker import (
     follow_row,
@@ -44,7 +45,7 @@ from pneunet_ros.vision.smoother import FEWEST_TARGETS, MeasuredCurve, smoother_
 from pneunet_ros.vision.working_plane import Plane, plane_from_homography, plane_from_pose
 
 # Reasons of frames that do not show the arm, those that tell most first.
-TELLING = ('not_straight', 'wrong_clamp', 'several_rows', 'no_row', 'no_areas')
+TELLING = ('not_straight', 'wrong_clamp', UPRIGHT, 'several_rows', 'no_row', 'no_areas')
 UNKNOWN = Plane(base_from_normalized=np.eye(3))  # one meter from the camera, as good as any
 
 

@@ -169,7 +169,7 @@ def write_folder(folder: Path, shown: Sequence[Picture], suffix: str = '.png') -
 def write_video(path: Path, shown: Sequence[Picture]) -> Path:
     """Write a video without loss."""
     writer = cv2.VideoWriter(
-        str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*'FFV1'), RATE, (WIDTH, HEIGHT)
+        str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*'FFV1'), RATE, shown[0].shape[::-1]
     )
     assert writer.isOpened()
     for picture in shown:
