@@ -74,10 +74,12 @@ def estimate_of(
     curved = errors.second_order
     if curved is None or curved.step < 1.0:
         warnings.append('an error of one sigma leads to no equilibrium, or to another one')
+    if shape.extrapolated != position.extrapolated:
+        shape = replace(shape, extrapolated=position.extrapolated)
     std_x, std_y, std_curvature = errors.std
     return ShapeEstimate(
         stamp_ns=stamp_ns,
-        shape=replace(shape, extrapolated=position.extrapolated),
+        shape=shape,
         chamber_pressure=chamber_pressure,
         jacobian=jacobian,
         tip_covariance=errors.tip_covariance,

@@ -22,8 +22,10 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.lack import first_weights, lack_columns, scale_of, span_of
 from pneunet_ros.fusion.settings import FusionSettings
+from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import PlacementKnown
+from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.solution import SolverNodes
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
@@ -49,8 +51,9 @@ class Unknowns:
     of bias, drift, camera, force sensor and columns, which follow the force. force_scale: the
     largest force (N) that is likely; length (m): of the arm. lacking: where the unknowns are that
     stand for what the model lacks, whose std is that of a lack of all of the range; range (Pa): of
-    the pressure. placement: of the targets that the model was calibrated with, None where it is
-    not known.
+    the pressure; causes (causes, n): what one of each changes of every cause of `target_jacobian`,
+    but for what goes with what was read. placement: of the targets that the model was calibrated
+    with, None where it is not known.
     """
 
     columns: int
@@ -62,6 +65,7 @@ class Unknowns:
     times: Array
     force_scale: float
     length: float
+    causes: Array
     placement: PlacementKnown | None = None
 
     @property
@@ -134,8 +138,19 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
         times=freeze(times),
         force_scale=scale,
         length=arm.length,
+        causes=freeze(own_causes(columns, std.size)),
         placement=None if arm.covariance is None else arm.covariance.placement,
     )
+
+
+def own_causes(columns: int, unknowns: int) -> Array:
+    """Return the part of `frame_fit.causes_of` that is always the same, (causes, unknowns)."""
+    causes = np.zeros((PRESSURE + 1 + columns, unknowns))
+    causes[FORCE, FORCE] = np.eye(2)
+    causes[END_LOAD_MOMENT, MOMENT_NOISE] = 1.0
+    causes[PRESSURE, [BIAS, PRESSURE_NOISE]] = 1.0
+    causes[PRESSURE + 1 :, COLUMNS : COLUMNS + columns] = np.eye(columns)
+    return causes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -293,17 +308,24 @@ def move_belief(
     force_time = 2.0 * (unknowns.force_scale / belief.walk) ** 2
     decay = np.exp(-seconds / np.array([force_time, force_time, *unknowns.times]))
     moving = decay.size
-    mean, root = belief.mean.copy(), belief.root.copy()
-    mean[BIAS:moving] *= decay[BIAS:]
-    root[:moving] *= decay[:, None]
     grown = np.sqrt(1.0 - decay**2)
     grown[unknowns.lacking] = lack_grown(unknowns, seconds, pressed)
     (moved,) = grown.nonzero()
-    new = np.zeros((mean.size, moved.size))
-    new[moved, np.arange(moved.size)] = scaled_std(unknowns, scale)[moved] * grown[moved]
-    return replace(
-        belief, stamp_ns=stamp_ns, mean=freeze(mean), root=freeze(np.hstack([root, new]))
-    )
+    known = belief.root.shape[1]
+    mean, root = belief.mean.copy(), with_columns(belief.root, moved.size)
+    mean[BIAS:moving] *= decay[BIAS:]
+    root[:moving, :known] *= decay[:, None]
+    new = np.arange(known, known + moved.size)
+    root[moved, new] = scaled_std(unknowns, scale)[moved] * grown[moved]
+    return replace(belief, stamp_ns=stamp_ns, mean=freeze(mean), root=freeze(root))
+
+
+def with_columns(root: Array, more: int) -> Array:
+    """Return a copy of a root (n, m) with so many more columns, of zeros."""
+    rows, columns = root.shape
+    wider = np.empty((rows, columns + more))
+    wider[:, :columns], wider[:, columns:] = root, 0.0
+    return wider
 
 
 def forget(belief: Belief, where: slice | npt.NDArray[np.intp], std: Array) -> Belief:
@@ -315,17 +337,18 @@ def forget(belief: Belief, where: slice | npt.NDArray[np.intp], std: Array) -> B
 
 def widen(belief: Belief, where: slice | npt.NDArray[np.intp], std: Array) -> Belief:
     """Return the belief where some unknowns may have moved by any amount of one sigma std (k,)."""
-    new = np.zeros((belief.mean.size, std.size))
-    new[where] = np.diag(std)
-    return replace(belief, root=freeze(np.hstack([belief.root, new])))
+    known = belief.root.shape[1]
+    root = with_columns(belief.root, std.size)
+    root[where, known:] = np.diag(std)
+    return replace(belief, root=freeze(root))
 
 
 def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief:
     """Return the belief with the noise of other readings: of the moment (N m), of the pressure."""
-    mean, root = belief.mean.copy(), belief.root.copy()
+    mean, root = belief.mean.copy(), with_columns(belief.root, 2)
     mean[MOMENT_NOISE:], root[MOMENT_NOISE:] = 0.0, 0.0
-    known = replace(belief, mean=freeze(mean), root=root)
-    return widen(known, slice(-2, None), np.array([moment_std, pressure_std]))
+    root[MOMENT_NOISE, -2], root[PRESSURE_NOISE, -1] = moment_std, pressure_std
+    return replace(belief, mean=freeze(mean), root=freeze(root))
 
 
 def with_walk(
@@ -375,7 +398,9 @@ def innovation_factor(seen: Array) -> Array:
 
     seen (k, m): what a measurement sees of each column of the root.
     """
-    factor, _ = dpotrf(np.eye(len(seen)) + seen @ seen.T, lower=1)
+    covariance = seen @ seen.T
+    covariance.flat[:: len(seen) + 1] += 1.0
+    factor, _ = dpotrf(covariance.T, lower=1, overwrite_a=1)  # as Fortran has it: it is symmetric
     return np.asarray(factor)
 
 
@@ -386,9 +411,10 @@ def root_after(root: Array, seen: Array, factor: Array) -> Array:
 
     Source: Andrews, AIAA Journal 6 (1968).
     """
-    white = np.eye(len(seen))
-    gain, _ = dtrtrs(factor + white, seen, lower=1)
-    gain, _ = dtrtrs(factor, gain, lower=1, trans=1)
+    with_white = factor.copy(order='F')
+    with_white.flat[:: len(seen) + 1] += 1.0
+    gain, _ = dtrtrs(with_white, seen, lower=1)
+    gain, _ = dtrtrs(factor, gain, lower=1, trans=1, overwrite_b=1)
     return np.asarray(root - (root @ seen.T) @ gain)
 
 

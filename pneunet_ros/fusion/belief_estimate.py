@@ -95,25 +95,27 @@ def estimate_at(
 
     read: the wrench nearest to it, used if the sensor is not off; notes: what to say beside it.
     """
-    stamp_ns, state = instant.stamp_ns, replace(state, told=True)
+    stamp_ns = instant.stamp_ns
     used = None if state.sensor is Verdict.OFF else read
     if used is not None:
         beside = out_of_plane(bench.arm, bench.sensors, used.reading)
         if beside.stops:
-            return state, refuse(stamp_ns, 'out_of_plane', beside.sentence)
+            refusal = refuse(stamp_ns, 'out_of_plane', beside.sentence)
+            return replace(state, told=True), refusal
         notes = [*notes, *([beside.note] if beside.warns else [])]
     start = state.solution if mode is Mode.PREDICTION else None
     arm = arm_at(bench, state, instant, used, start)
     if not arm.bent.shape.converged:
-        state = replace(state, solution=None)
+        state = replace(state, told=True, solution=None)
         return state, refuse(stamp_ns, 'no_equilibrium', arm.bent.shape.status)
     if arm.position.reason:
-        return state, refuse(stamp_ns, arm.position.reason, arm.position.sentence)
+        refusal = refuse(stamp_ns, arm.position.reason, arm.position.sentence)
+        return replace(state, told=True), refusal
     notes = [*notes, *said_of_bench(bench, state, arm.belief)]
     wrench_age = None if used is None else used.age
     estimate = shape_estimate(bench, arm, stamp_ns, mode, wrench_age, notes)
     if isinstance(estimate, Refusal):
-        return state, estimate
+        return replace(state, told=True), estimate
     for other in others_likely(bench, state, arm, instant, mode):
         estimate = holding(estimate, other)
     contact = None if mode is Mode.PREDICTION else contact_at(bench, state, arm, used)
@@ -123,6 +125,7 @@ def estimate_at(
         fault = sensor_fault(bench, arm.belief, instant, read, ambiguous=ambiguous)
     force, covariance = known_force(bench, arm, fault, ambiguous=ambiguous)
     lacking = pressure_like(bench.unknowns, arm.inputs)
+    lacking_root = lacking @ arm.belief.root
     fused = FusedEstimate(
         estimate=estimate,
         mode=mode,
@@ -130,14 +133,15 @@ def estimate_at(
         force_covariance=covariance,
         contact=contact,
         pressure_bias=float(lacking @ arm.belief.mean),
-        pressure_bias_std=float(np.linalg.norm(lacking @ arm.belief.root)),
+        pressure_bias_std=math.sqrt(lacking_root @ lacking_root),
         force_sensor=fault,
         ambiguous=ambiguous,
         nis=math.nan if state.nis is None else state.nis.mean,
         nis_limit=math.nan if state.nis is None else state.nis.limit,
         target_age=state.target_age(stamp_ns),
     )
-    return replace(state, solution=arm.bent.solution, estimates=state.estimates + 1), fused
+    after = replace(state, told=True, solution=arm.bent.solution, estimates=state.estimates + 1)
+    return after, fused
 
 
 def arm_at(
@@ -266,10 +270,10 @@ def shape_estimate(
     else:
         seen = seen_shape(bench, causes @ arm.unseen, sensitivity)
         errors = propagate_errors(sensitivity, noise, bench.arclength, seen)
-    largest = math.inf
-    if errors is not None:
+    largest, held = math.inf, mode is not Mode.PREDICTION
+    if errors is not None and not held:
         largest = math.sqrt(np.linalg.eigvalsh(errors.tip_covariance[:2, :2])[-1])
-    held = mode is not Mode.PREDICTION or largest <= bench.settings.largest_tip_std
+        held = largest <= bench.settings.largest_tip_std
     if errors is None or not held:
         return refuse(
             stamp_ns,
@@ -326,8 +330,9 @@ def seen_shape(bench: Bench, unseen: Array, sensitivity: Sensitivity) -> SeenSha
     """
     noise, places = bench.arm.sensors, bench.arm.target_arclength
     std = math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
-    moved = np.tensordot(unseen.T, sensitivity.stations(places)[:, :2], axes=1)
-    return SeenShape(arclength=places, std=np.sqrt(std**2 + np.sum(moved**2, axis=0)))
+    by_cause = sensitivity.stations(places)[:, :2].reshape(len(unseen), -1)
+    moved = np.sum(np.square(unseen.T @ by_cause), axis=0).reshape(2, -1)
+    return SeenShape(arclength=places, std=np.sqrt(std**2 + moved))
 
 
 def sensor_fault(
@@ -360,14 +365,18 @@ def known_force(
     fault: of a force sensor that is off. It may be right, and the model wrong: while it reads,
     the covariance holds both.
     """
-    belief, beyond = arm.belief, np.square(arm.position.error[:2])
-    covariance = belief.force_covariance + np.diag(beyond)
+    belief = arm.belief
+    covariance = belief.force_covariance
+    for axis, error in enumerate(arm.position.error[:2]):
+        covariance[axis, axis] += error**2
     if fault is not None and np.isfinite(fault.reading).all():
-        error = fault.reading - belief.mean[FORCE]
-        covariance += np.outer(error, error)
+        apart = fault.reading - belief.mean[FORCE]
+        covariance += np.outer(apart, apart)
     determined = np.sqrt(np.diagonal(covariance)) <= bench.largest_force_std
     if ambiguous:
         determined = np.zeros(2, dtype=bool)
+    if determined.all():
+        return freeze(belief.mean[FORCE].copy()), freeze(covariance)
     force = np.where(determined, belief.mean[FORCE], np.nan)
     both = determined[:, None] & determined[None, :]
     return freeze(force), freeze(np.where(both, covariance, np.nan))

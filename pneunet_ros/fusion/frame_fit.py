@@ -22,7 +22,6 @@ from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.fusion.belief import (
     Belief,
-    BIAS,
     CAMERA,
     COLUMNS,
     compress,
@@ -30,8 +29,6 @@ from pneunet_ros.fusion.belief import (
     DRIFT,
     FORCE,
     innovation_factor,
-    MOMENT_NOISE,
-    PRESSURE_NOISE,
     root_after,
     TURN,
     Unknowns,
@@ -51,10 +48,9 @@ from pneunet_ros.model.part_load import (
 )
 from pneunet_ros.model.perturbation import Perturbation, PerturbationTable
 from pneunet_ros.model.shape import Shape
-from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.solution import SolverNodes
-from scipy.linalg.lapack import dpotrs
+from scipy.linalg.lapack import dpotri, dpotrs
 
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 
@@ -112,15 +108,11 @@ def causes_of(unknowns: Unknowns, inputs: FrameInputs) -> Array:
     The causes are those of `target_jacobian`: F1, F2, M, pressure, columns; the second
     of what the model lacks is a curvature, which parts that come late are of as well.
     """
-    causes = np.zeros((PRESSURE + 1 + unknowns.columns, unknowns.std.size))
-    causes[FORCE, FORCE] = np.eye(2)
-    causes[END_LOAD_MOMENT, MOMENT_NOISE] = 1.0
-    causes[PRESSURE, [BIAS, PRESSURE_NOISE]] = 1.0
+    causes = unknowns.causes.copy()
     causes[PRESSURE, unknowns.of_columns] = inputs.by_column
-    causes[PRESSURE + 1 :, unknowns.of_columns] = np.eye(unknowns.columns)
-    *lagging, played = range(unknowns.of_memory.start, unknowns.of_memory.stop)
+    late, played = unknowns.of_memory.start, unknowns.of_memory.stop - 1
     curvature = PRESSURE + 1 + unknowns.lacking[1] - COLUMNS
-    causes[curvature, lagging] = inputs.late[:-1] / unknowns.range
+    causes[curvature, late:played] = inputs.late[:-1] / unknowns.range
     causes[PRESSURE, played] = inputs.late[-1]
     return causes
 
@@ -212,7 +204,8 @@ class FrameLinearization:
     jacobian (coordinates, unknowns): of what is predicted, whitened; lacking (coordinates,
     errors): of what the model lacks, for a lack of all of the range; innovation (coordinates,):
     what would be left with the prior's mean, to first order; factor: of its covariance, by
-    Cholesky; weighed (coordinates,): the inverse of that covariance times the innovation.
+    Cholesky; weighed (coordinates,): the inverse of that covariance times the innovation; step
+    (unknowns,) in xi to where the cost is least, and its gain.
     """
 
     trial: Trial
@@ -221,6 +214,15 @@ class FrameLinearization:
     innovation: Array
     factor: Array
     weighed: Array
+    step: Array = field(init=False)
+    gain: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Take the step to where the cost is least."""
+        xi, jacobian = self.trial.xi, self.jacobian
+        step = self.weighed @ jacobian - xi
+        object.__setattr__(self, 'step', step)
+        object.__setattr__(self, 'gain', float(step @ (self.trial.residual @ jacobian - xi)))
 
     def solve(self, sides: Array) -> Array:
         """Return S^-1 sides, of the covariance S of the innovation."""
@@ -238,9 +240,7 @@ class FrameLinearization:
 
     def newton_step(self) -> tuple[Array, float]:
         """Return the step (unknowns,) in xi to where the cost is least, and its gain."""
-        xi, jacobian = self.trial.xi, self.jacobian
-        step = self.weighed @ jacobian - xi
-        return step, float(step @ (self.trial.residual @ jacobian - xi))
+        return self.step, self.gain
 
     def stepped(self) -> FrameLinearization:
         """Return it at the end of its step, as good as linear: what is solved with it stays."""
@@ -280,14 +280,16 @@ class FrameProblem:
     sightings: TargetSightings
     used: Mask
     std: Array = field(init=False)
+    measured: Array = field(init=False)
     causes: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Take the white noise of the targets that count, and what the unknowns change."""
+        """Take the targets that count with their white noise, and what the unknowns change."""
         object.__setattr__(self, 'causes', causes_of(self.unknowns, self.inputs))
         least = max(self.table.arm.sensors.target_std, SMALLEST_STD)
         white = np.fmax(self.sightings.std[self.used], least)
-        object.__setattr__(self, 'std', np.tile(white, 2))
+        object.__setattr__(self, 'std', np.concatenate([white, white]))
+        object.__setattr__(self, 'measured', np.stack([self.sightings.x, self.sightings.y]))
 
     @property
     def mean(self) -> Array:
@@ -329,8 +331,7 @@ class FrameProblem:
         along, across = x[unknowns.along], x[unknowns.across]
         places += np.stack([cosine * along - sine * across, sine * along + cosine * across])
         places = np.stack(rotate(x[TURN], *places)) + (x[CAMERA] + x[DRIFT])[:, None]
-        measured = np.stack([self.sightings.x, self.sightings.y])
-        residual = (measured - places)[:, self.used].ravel() / self.std
+        residual = (self.measured - places)[:, self.used].ravel() / self.std
         cost = float(xi @ xi + residual @ residual)
         if not math.isfinite(cost):
             return None
@@ -414,8 +415,9 @@ class FrameProblem:
         Of the residual that is left, with the covariance that it has after the fit.
         """
         count = self.std.size // 2
-        precision = fit.solve(np.eye(self.std.size)).reshape(2, count, 2, count)
-        (along_x, both), (_, along_y) = np.einsum('itjt->ijt', precision)
+        precision, _ = dpotri(fit.factor, lower=1)
+        along_x, along_y = np.diagonal(precision).reshape(2, count)
+        both = np.diagonal(precision, -count)
         x, y = fit.trial.residual.reshape(2, count)
         found = np.full(self.used.size, np.nan)
         found[self.used] = (along_y * x**2 - 2.0 * both * x * y + along_x * y**2) / (

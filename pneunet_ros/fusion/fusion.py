@@ -94,7 +94,8 @@ class Fusion:
             return self.take_targets(state, event)
         resets = state.readings.resets
         readings, refusal, note = admit(state.readings, event)
-        state = replace(state, readings=readings)
+        if readings is not state.readings:
+            state = replace(state, readings=readings)
         if refusal is not None:
             return state.count_rejected(refusal.reason), refusal
         if readings.resets > resets:
@@ -331,10 +332,10 @@ class Fusion:
             return state.count_unused('older')
         lost = state.lost >= self.settings.frames_lost
         frame = self.read_frame(state, sightings, force_lost=lost)
-        if state.seen is None or not state.seen.is_same(sightings):
-            chamber = frame.instant.chamber
-            state = replace(state, seen=SeenFrame(x=sightings.x, y=sightings.y, chamber=chamber))
-        elif is_copy(self.bench, state.seen, frame):
+        seen = state.seen
+        if seen is None or not seen.is_same(sightings):
+            seen = SeenFrame(x=sightings.x, y=sightings.y, chamber=frame.instant.chamber)
+        elif is_copy(self.bench, seen, frame):
             return state.count_unused('repeated')
         if lost:
             before = without_contact(before)
@@ -344,7 +345,7 @@ class Fusion:
             unweighed = taken
         else:
             state, taken = weigh_and_judge(self.bench, state, taken)
-        state = replace(state, unweighed=unweighed, pressure_lost=taken.frame.alone)
+        state = replace(state, seen=seen, unweighed=unweighed, pressure_lost=taken.frame.alone)
         return self.after_frame(state, taken)
 
     def read_frame(

@@ -18,6 +18,7 @@ innovations: Mehra, IEEE Trans. Automatic Control 15 (1970).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 import math
 
 import numpy as np
@@ -47,10 +48,16 @@ def first_weights(settings: FusionSettings) -> Array:
     return freeze(-settings.lack_fall * np.log(np.array(settings.lack_scales)))
 
 
+@cache
+def squared(scales: tuple[float, ...]) -> Array:
+    """Return the squares of the scales."""
+    return freeze(np.square(scales))
+
+
 def scale_of(settings: FusionSettings, log_weights: Array) -> float:
     """Return the scale: the root of the mean square of those that are likely."""
     weights = np.exp(log_weights - log_weights.max())
-    return math.sqrt(float(weights @ np.square(settings.lack_scales) / weights.sum()))
+    return math.sqrt(float(weights @ squared(settings.lack_scales) / weights.sum()))
 
 
 def weights_after(
@@ -70,7 +77,7 @@ def weights_after(
     without = 1.0 / (1.0 - np.clip(share, 0.0, MOST_CERTAIN))  # of S without these errors
     score = np.square(without * (axes.T @ score))
     precise = without * share / assumed**2
-    scales = np.square(settings.lack_scales)[:, None]
+    scales = squared(settings.lack_scales)[:, None]
     grown = 1.0 + scales * precise
     likelihood = 0.5 * np.sum(scales * score / grown - np.log(grown), axis=1)
     kept = math.exp(-growth.seconds / settings.lack_time)

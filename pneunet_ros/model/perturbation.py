@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import reduce
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
@@ -79,7 +80,7 @@ class Perturbation:
         if self.by_load:
             own = self.without_loads()
             return own.followed_by(other).followed_by(self.of_loads())
-        both = {
+        both: dict[str, Any] = {
             name: np.concatenate([getattr(self, name), getattr(other, name)], axis=1)
             for name in TABLES
         }
@@ -93,7 +94,7 @@ class Perturbation:
 
     def causes(self, which: slice, by_load: bool) -> Perturbation:
         """Return some of the causes."""
-        parts = {name: getattr(self, name)[:, which] for name in TABLES}
+        parts: dict[str, Any] = {name: getattr(self, name)[:, which] for name in TABLES}
         return Perturbation(
             **parts,
             distance=self.distance[which],
