@@ -9,7 +9,7 @@ from pneunet_ros.diagnosis.diagnosis import Investigation
 from pneunet_ros.diagnosis.result import Diagnosis
 from pneunet_ros.diagnosis.selection import Record
 from pneunet_ros.discovery import discovery as searched
-from pneunet_ros.discovery.discovery import overrule, predicts_better
+from pneunet_ros.discovery.discovery import overrule, predicts_better, untestable_law
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.discovery.settings import DISCOVERY
 import pytest
@@ -67,3 +67,23 @@ def test_a_law_that_explains_more_and_is_not_confirmed_is_said(monkeypatch, evid
     assert found.overruling is None
     note = f'a law of another kind explains more than gravity, unconfirmed: {why}'
     assert found.notes == ((note,) if said else ())
+
+
+@pytest.mark.parametrize(
+    ('recordings', 'evidence', 'gives_way'), [(2, 70.0, True), (6, 70.0, False), (2, 55.0, False)]
+)
+def test_of_few_recordings_a_name_gives_way_to_a_law_beside_it(recordings, evidence, gives_way):
+    selection = SimpleNamespace(linearization=SimpleNamespace(training=recordings))
+    named, record = SimpleNamespace(record=NAME), replace(LAW, evidence=evidence)
+    best = SimpleNamespace(
+        suspect=SimpleNamespace(kind=SimpleNamespace(name='push')),
+        proposal=SimpleNamespace(trial=SimpleNamespace(record=record)),
+    )
+    found = SimpleNamespace(selection=selection, base=SimpleNamespace())
+    said = untestable_law(found, named, best, LIMITS)
+    assert said.startswith('push beside it predicts') is gives_way
+    assert bool(said) is gives_way
+    # An unknown that has no name: nothing gives way.
+    assert (
+        untestable_law(SimpleNamespace(selection=selection, base=named), named, best, LIMITS) == ''
+    )

@@ -103,8 +103,34 @@ def discover(
         return instead
     on_progress('causes outside the library', 0, 0)
     search = Search(base.refit, settings)
-    beside = look_for_law(investigation, base, search, search.suspects(), on_progress)[0]
+    beside, best = look_for_law(investigation, base, search, search.suspects(), on_progress)
+    if best is not None and not beside.found:
+        objection = untestable_law(investigation, base, best, settings.confirmation)
+        if objection:
+            beside = replace(beside, overruling=take_back(investigation, objection))
     return replace(beside, notes=(*instead.notes, *beside.notes))
+
+
+def untestable_law(
+    investigation: Investigation, named: Trial, best: Finding, limits: LawConfirmationSettings
+) -> str:
+    """Return what speaks against a name beside which a law predicts recordings far better.
+
+    Of several recordings halves say whether the law holds, and the name stands beside it or
+    without it. Of a few they say nothing, and the name may be what comes nearest to that law.
+    """
+    assert investigation.selection is not None
+    count = investigation.selection.linearization.training
+    if named is investigation.base or best.proposal is None or count >= limits.fewest_runs:
+        return ''
+    law = best.proposal.trial.record
+    if not predicts_better(law, named.record, limits):
+        return ''
+    return (
+        f'{best.suspect.kind.name} beside it predicts each training recording from the others '
+        f'better, by {law.evidence:.0f} in log probability where this alone has '
+        f'{named.record.evidence:.0f}, and {count} training recordings cannot confirm either'
+    )
 
 
 def overrule(

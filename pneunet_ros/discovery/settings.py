@@ -71,6 +71,9 @@ class LawConfirmationSettings:
     overrules: float = tuning(
         10.0, 'by how much a law must predict better than a name', unit='log probability'
     )
+    fewest_runs: int = tuning(
+        4, 'training recordings of which halves test a law; of less a name gives way to it'
+    )
     overrules_share: float = tuning(
         0.1, 'by how much a law must predict better than a name', unit='evidence of the name'
     )
