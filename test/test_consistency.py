@@ -237,7 +237,8 @@ def test_an_uncertain_camera_is_an_error_of_the_model():
 def test_chi_square_is_that_of_the_whole_covariance():
     random = np.random.default_rng(3)
     errors = 1e-4 * random.standard_normal((4, 2, 5))
-    expected = PredictedTargets(x=np.linspace(0, 0.1, 5), y=np.zeros(5), errors=errors)
+    share = np.linspace(0.0, 1.0, 5)
+    expected = PredictedTargets(x=0.1 * share, y=np.zeros(5), errors=errors, share=share)
     apart = 2e-4 * random.standard_normal((2, 5))
     apart[0, 2] = np.nan
     frame = sightings(1, expected.x + apart[0], expected.y + apart[1], std=7e-5)
@@ -256,6 +257,40 @@ def test_chi_square_is_that_of_the_whole_covariance():
     own = covariance[np.ix_([4, 9], [4, 9])]
     pair = apart[[4, 9]]
     assert found.at_targets[4] == pytest.approx(0.5 * pair @ np.linalg.inv(own) @ pair)
+
+
+def test_the_tip_is_as_often_outside_of_its_ellipse_as_it_says():
+    random = np.random.default_rng(7)
+    share, size = np.linspace(0.0, 1.0, 21), 1e-4
+    bend = np.stack([np.zeros(21), share**2])
+    expected = PredictedTargets(
+        x=0.1 * share, y=np.zeros(21), errors=2.0 * size * bend[None], share=share
+    )
+    still = replace(USUAL, target_std=size, placement_std=0.0, registration_std=0.0, drift_std=0.0)
+
+    def outside(further):
+        found = []
+        for _ in range(2000):
+            apart = 2.0 * size * random.standard_normal() * bend
+            apart = apart + size * random.standard_normal((2, 21)) + further
+            frame = sightings(1, expected.x + apart[0], expected.y + apart[1], std=size)
+            found.append(innovation(expected, frame, still))
+        beyond = np.mean([one.at_tip > -2.0 * np.log(0.05) for one in found])
+        return beyond, np.mean([one.chi_square / one.coordinates for one in found])
+
+    assert outside(0.0) == pytest.approx((0.05, 1.0), abs=0.015)
+    # A bend along x that no error explains, as large as the noise of one target:
+    tips, targets = outside(2.0 * size * bend[::-1])
+    assert targets < 1.5
+    assert tips > 0.5
+
+
+def test_too_few_targets_tell_no_tip():
+    share = np.array([0.0, 1.0])
+    expected = PredictedTargets(
+        x=0.1 * share, y=np.zeros(2), errors=np.zeros((1, 2, 2)), share=share
+    )
+    assert np.isnan(innovation(expected, sightings(1, expected.x, expected.y), USUAL).at_tip)
 
 
 @pytest.mark.parametrize('coordinates', [2, 10, 46, 100])
@@ -434,3 +469,22 @@ def test_whether_a_model_holds_is_said_in_words(rms, holds, words):
         assert agreement.holds is holds
         assert words in agreement.sentence
         assert ('force is not judged' in agreement.sentence) is not force_read
+
+
+@pytest.mark.parametrize(
+    ('frames', 'outside', 'holds'),
+    [(400, 0, True), (400, 55, True), (400, 70, False), (10, 3, True), (10, 7, False)],
+)
+def test_a_model_does_not_hold_where_its_tips_lie_outside_of_their_ellipses(
+    frames, outside, holds
+):
+    tips = [9.0] * outside + [1.0] * (frames - outside)
+    agreement = agreement_of(
+        [
+            FrameInnovation(stamp_ns=1, rms=1.0, limit=1.4, force_read=True, at_tip=value)
+            for value in [*tips, np.nan]
+        ]
+    )
+    assert agreement.tips_outside == pytest.approx(outside / frames)
+    assert agreement.holds is holds
+    assert ('the tip is outside of its 95 % ellipse' in agreement.sentence) is not holds

@@ -15,11 +15,10 @@ import math
 import numpy as np
 from pneunet_ros.calibration.settings import NOISE_ESTIMATE, NoiseEstimateSettings
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.dataset import RecordingData, SIGMA_OF_MEDIAN
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 
-SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 MEDIAN_OF_TWO = math.log(2.0)  # of half the sum of two squares of normal numbers
 RESTS = 3.0  # sigma of a pressure reading, that it changes by from frame to frame
 ASSUMED = 'assumed; these recordings cannot tell'

@@ -30,6 +30,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.measurement.predicted_targets import innovation, predict_targets
+from scipy.special import bdtrc
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +44,17 @@ class ConsistencySettings:
     share: float = tuning(0.25, 'share of recent frames beyond the limit that is a disagreement')
     most_beyond: float = tuning(
         0.05, 'share of the frames of a recording beyond the limit on which a model still holds'
+    )
+    tip_level: float = tuning(
+        0.05, 'of the frames whose tip noise takes out of its ellipse', source='convention'
+    )
+    most_tips: float = tuning(
+        0.1,
+        'the same, on which a model still holds: it is wrong by the same in all of a recording',
+        source='invented',
+    )
+    sure: float = tuning(
+        1e-3, 'probability that so many tips are outside by chance', source='invented'
     )
     quantile: float = tuning(
         3.719,
@@ -92,13 +104,15 @@ class FrameInnovation:
     """How far the targets of one frame were from their estimate.
 
     rms: of the whitened difference, 1 where it is all noise; limit: what noise rarely exceeds;
-    force_read: whether the end load was measured.
+    at_tip: chi square of the tip alone, two coordinates, NaN where it is not seen; force_read:
+    whether the end load was measured.
     """
 
     stamp_ns: int
     rms: float
     limit: float
     force_read: bool
+    at_tip: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +121,9 @@ class Agreement:
 
     median: of the whitened rms of a frame, 1 where it is all noise; limit: what noise rarely
     exceeds; beyond: share of frames beyond that, and most: the share up to which the model holds.
-    force_read: whether the end load was measured in all of them.
+    tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN where no tip was
+    seen, tips_chance: how often that many are, of a model that holds, and sure: below it that is
+    no chance. force_read: whether the end load was measured in all of them.
     """
 
     frames: int
@@ -115,12 +131,20 @@ class Agreement:
     limit: float
     beyond: float
     most: float
+    tips_outside: float
+    tips_chance: float
+    sure: float
     force_read: bool
 
     @property
+    def tips_hold(self) -> bool:
+        """Whether the tips lie in their ellipses, but for what may be chance."""
+        return self.tips_chance >= self.sure
+
+    @property
     def holds(self) -> bool:
-        """Whether noise explains nearly all frames."""
-        return self.median <= self.limit and self.beyond <= self.most
+        """Whether noise explains nearly all frames, and where their tips are."""
+        return self.median <= self.limit and self.beyond <= self.most and self.tips_hold
 
     @property
     def sentence(self) -> str:
@@ -128,10 +152,16 @@ class Agreement:
         verdict, advice = 'the model holds on this recording', ''
         if not self.holds:
             verdict, advice = 'the model does not hold on this recording', '; run pneunet diagnose'
+        tips = ''
+        if not self.tips_hold:
+            tips = (
+                f', and the tip is outside of its 95 % ellipse in {100.0 * self.tips_outside:.0f} '
+                '%: the errors that the model states are too small'
+            )
         return (
             f'{verdict}: median {self.median:.2f} x the noise, more than noise explains in '
             f'{100.0 * self.beyond:.0f} % of {self.frames} frames (it holds up to '
-            f'{100.0 * self.most:.0f} %){advice}'
+            f'{100.0 * self.most:.0f} %){tips}{advice}'
             + ('' if self.force_read else f'; {FORCE_NOT_JUDGED}')
         )
 
@@ -211,13 +241,18 @@ def agreement_of(
     compared: Sequence[FrameInnovation], settings: ConsistencySettings = DEFAULTS
 ) -> Agreement:
     """Return how measured and predicted targets agreed over these frames, at least one."""
-    rms, limit = np.array([(frame.rms, frame.limit) for frame in compared]).T
+    rms, limit, at_tip = np.array([(one.rms, one.limit, one.at_tip) for one in compared]).T
+    tips = at_tip[np.isfinite(at_tip)]
+    outside = int(np.count_nonzero(tips > -2.0 * math.log(settings.tip_level)))
     return Agreement(
         frames=len(compared),
         median=float(np.median(rms)),
         limit=float(np.median(limit)),
         beyond=float(np.mean(rms > limit)),
         most=settings.most_beyond,
+        tips_outside=outside / tips.size if tips.size else math.nan,
+        tips_chance=float(bdtrc(outside - 1, tips.size, settings.most_tips)),
+        sure=settings.sure,
         force_read=all(frame.force_read for frame in compared),
     )
 
@@ -313,6 +348,7 @@ def add_frame(
         rms=math.sqrt(chi_square),
         limit=math.sqrt(most),
         force_read=force_read,
+        at_tip=frame.at_tip,
     )
     beyond = float(chi_square > most)
     since = math.inf if before is None else seconds_between(before.stamp_ns, stamp_ns)

@@ -31,7 +31,23 @@ class TriggerSettings:
     share: float = tuning(0.95, 'share of the frames that are as near')
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureJumpSettings:
+    """When the pressure jumped between two readings: nobody knows when."""
+
+    noise: float = tuning(8.0, 'of the readings, that no noise is', unit='sigma')
+    span: float = tuning(0.01, 'that matters', unit='of the span of the readings')
+    neighbors: float = tuning(
+        3.0, 'a change so much larger than those beside it is no ramp', source='invented'
+    )
+    certain: float = tuning(
+        0.1, 'so near to a reading a frame shows what was read', unit='of the change'
+    )
+
+
+SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, over its median absolute deviation
 IDLE_SENSOR = IdleSensorSettings()
+PRESSURE_JUMP = PressureJumpSettings()
 TRIGGER = TriggerSettings()
 
 
@@ -259,6 +275,33 @@ def frame_instants(
     if apart <= settings.same_instant * period:
         return own
     return stamp_ns.clip(reading_stamp_ns[0], reading_stamp_ns[-1])
+
+
+def frames_in_jumps(
+    shown: Stamps,
+    stamp_ns: Stamps,
+    pressure: Array,
+    settings: PressureJumpSettings = PRESSURE_JUMP,
+) -> npt.NDArray[np.bool_]:
+    """Return which frames (frames,) were taken while the pressure jumped between two readings.
+
+    shown (ns): when they were taken; stamp_ns (readings,) and pressure (readings,) Pa. Such a
+    frame shows the pressure before the jump or after it, and no value in between: a line between
+    the readings is wrong by up to all of the jump.
+    """
+    if len(stamp_ns) < 4:
+        return np.zeros(len(shown), np.bool_)
+    changes = np.abs(np.diff(pressure))
+    noise = SIGMA_OF_MEDIAN * float(np.median(np.abs(np.diff(pressure, 2)))) / np.sqrt(6.0)
+    padded = np.pad(changes, 1)
+    beside = np.maximum(padded[:-2], padded[2:])
+    jumped = changes > settings.neighbors * beside
+    jumped &= changes > max(settings.noise * noise, settings.span * float(np.ptp(pressure)))
+    after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
+    apart = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)
+    share = (shown - stamp_ns[after - 1]) / apart
+    between = np.minimum(share, 1.0 - share) > settings.certain
+    return np.asarray(jumped[after - 1] & between)
 
 
 def instants_among(stamp_ns: Stamps, reading_stamp_ns: Stamps) -> Stamps:

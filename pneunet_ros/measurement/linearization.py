@@ -89,14 +89,18 @@ class RunLinearization:
 
     fitted: at the load that was read. All else is at the most probable load: load_error (frames,
     3) N, N m is by how much that differs, and tangent (frames, coordinates) how far it moves what
-    is measured. jacobian (frames, coordinates, parameters + disturbances of the run);
-    white_residual (frames, coordinates); whitening: of what targets' noise and readings leave.
+    is measured. fields (frames, 6, targets) as of `FittedRun`; jacobian (frames, coordinates,
+    parameters + disturbances of the run); errors (frames, coordinates, n): what one sigma of each
+    reading moves; white_residual (frames, coordinates); whitening: of what targets' noise and
+    readings leave.
     """
 
     fitted: FittedRun
+    fields: Array
     load_error: Array
     tangent: Array
     jacobian: Array
+    errors: Array
     white_residual: Array
     whitening: Whitening
 
@@ -178,9 +182,11 @@ def linearize(
     white = there.whiten_residual(whitening, tangent)
     return RunLinearization(
         fitted=replace(fitted, whitened=np.sum(white**2, axis=1)),
+        fields=there.fields,
         load_error=load_error,
         tangent=tangent,
         jacobian=np.concatenate([jacobian, moving], axis=2),
+        errors=errors,
         white_residual=white,
         whitening=whitening,
     )

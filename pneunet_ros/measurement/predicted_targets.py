@@ -8,6 +8,7 @@ right size and raises false alarms all the same.
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
@@ -28,12 +29,13 @@ class PredictedTargets:
 
     errors (sources, 2, targets) m: what one sigma of each independent error of reading or model
     does to all of them, the last to second order. The place of the camera and the targets' own
-    noise are not among these.
+    noise are not among these. share (targets,): where they are, of the way to the last one.
     """
 
     x: Array
     y: Array
     errors: Array
+    share: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,12 +43,14 @@ class Innovation:
     """How far the targets seen in one frame are from where they must be, in units of the noise.
 
     chi_square is that of all `coordinates` together; at_targets (targets,) that of each target by
-    itself, per coordinate, NaN where one was not seen.
+    itself, per coordinate, NaN where one was not seen; at_tip that of both coordinates of the tip,
+    as all targets tell it, NaN where too few were seen.
     """
 
     coordinates: int
     chi_square: float
     at_targets: Array
+    at_tip: float
 
 
 def predict_targets(
@@ -64,7 +68,8 @@ def predict_targets(
     further = np.stack(arm.see_moves(true_x, true_y, *moved))
     errors = np.concatenate([linear, further[None]])
     x, y = arm.see(true_x, true_y)
-    return PredictedTargets(x=x, y=y, errors=errors)
+    share = arm.target_arclength / max(float(arm.target_arclength[-1]), 1e-12)
+    return PredictedTargets(x=x, y=y, errors=errors, share=share)
 
 
 def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array:
@@ -112,4 +117,25 @@ def innovation(
     at_targets = np.full(seen.size, np.nan)
     at_targets[seen] = 0.5 * chi_squared(residual.T, std[:, None], of_target)
     total = chi_squared(residual.ravel(), np.tile(std, 2), errors)
-    return Innovation(coordinates=2 * targets, chi_square=float(total), at_targets=at_targets)
+    at_tip = tip_chi_squared(residual, std, of_target, predicted.share[seen])
+    return Innovation(
+        coordinates=2 * targets, chi_square=float(total), at_targets=at_targets, at_tip=at_tip
+    )
+
+
+def tip_chi_squared(residual: Array, std: Array, errors: Array, share: Array) -> float:
+    """Return how far the tip is from where it must be, in units of its covariance; 2 coordinates.
+
+    residual (2, targets) m; std (targets,) m of their own noise; errors (targets, 2, n) m; share
+    (targets,): where they are along the arm. A smooth bend through what is seen, clamped at its
+    root, tells the tip more sharply than the noise of any one target lets it be seen: what is
+    wrong there by less than that noise, frame after frame, hides in `chi_square`. NaN where fewer
+    than two targets beyond the clamp tell of it.
+    """
+    if np.count_nonzero(share > 0.0) < 2:
+        return math.nan
+    bends = np.stack([share**2, share**3], axis=1) / std[:, None]
+    weights = np.linalg.pinv(bends).sum(axis=0) / std
+    tip, moved = residual @ weights, np.tensordot(weights, errors, axes=1)
+    covariance = moved @ moved.T + np.sum((weights * std) ** 2) * np.eye(2)
+    return float(tip @ np.linalg.solve(covariance, tip))

@@ -16,7 +16,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.estimation.settings import EstimatorSettings
-from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.dataset import frame_instants, frames_in_jumps, RecordingData
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, Sensor, TARGETS, TIP_POSE
 from pneunet_ros.recordings.recorded_series import find_series, nearest, read_series, ReadingSeries
 from pneunet_ros.recordings.recording import open_recording
@@ -34,8 +34,8 @@ def read_run(
     """Read pressure, end wrench and targets of a recording, as calibration and diagnosis take it.
 
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
-    within half a median period; frames without one, and those in which no target was seen, are
-    left out. Without a topic of it, or with `wrench_required` false, nothing was attached; a
+    within half a median period; frames without one, those in which no target was seen, and those
+    taken while the pressure jumped are left out. Without a topic of it, or with `wrench_required` false, nothing was attached; a
     wrench that never changes is a known load, not a reading. Without a topic of pressure the arm
     has none. The pose of the tip belongs to the nearest frame, too.
 
@@ -84,6 +84,10 @@ def read_run(
         reading = np.arange(len(frames.stamp_ns))
     else:
         reading, keep = _match(sentences, frames, readings, keep)
+        shown = frame_instants(frames.stamp_ns, readings.stamp_ns, reading)
+        jumped = keep & frames_in_jumps(shown, readings.stamp_ns, readings.values[:, 0])
+        _say_left_out(sentences, frames, jumped, 'the pressure jumped between two readings')
+        keep &= ~jumped
     load, known = np.zeros((len(frames.stamp_ns), 3)), False
     if wrench is not None:
         at, keep = _match(sentences, frames, wrench, keep)
