@@ -54,7 +54,7 @@ def test_without_a_wrench_the_arm_is_unloaded(tmp_path, said):
 
 def test_frames_taken_while_the_pressure_jumps_are_left_out_and_counted(tmp_path):
     def stepped(far):
-        """The pressure jumps between the readings at 60 and 70 ms; frames are 2 ms late."""
+        """Let the pressure jump between its readings at 60 and 70 ms; frames are 2 ms late."""
         random = np.random.default_rng(2)
         return [
             (name, at, pressure(at, far * (at > START + 65 * MS) + random.normal(0.0, 20.0)))
@@ -66,7 +66,9 @@ def test_frames_taken_while_the_pressure_jumps_are_left_out_and_counted(tmp_path
     still, said = read_run(record(tmp_path / 'still.mcap', stepped(0.0)), 3)
     assert (len(still.stamp_ns), said) == (10, ())
     run, said = read_run(record(tmp_path / 'r.mcap', stepped(20e3)), 3)
-    assert said == ('/pneunet/targets: 1 frame left out, the pressure jumped between two readings',)
+    assert said == (
+        '/pneunet/targets: 1 frame left out, the pressure jumped between two readings',
+    )
     assert set(still.stamp_ns) - set(run.stamp_ns) == {START + 62 * MS}
 
 

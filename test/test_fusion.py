@@ -12,7 +12,12 @@ from pneunet_ros.core.readings import PressureReading, TargetSightings, WrenchRe
 from pneunet_ros.core.share import share_path
 from pneunet_ros.files.scenario_file import load_scenario
 from pneunet_ros.fusion.belief import COLUMNS
-from pneunet_ros.fusion.belief_estimate import CAMERA_MOVED, OTHER_TARGETS, PRESSURE_OFF
+from pneunet_ros.fusion.belief_estimate import (
+    CAMERA_MOVED,
+    OTHER_TARGETS,
+    PRESSURE_OFF,
+    STIFFNESS_UNKNOWN,
+)
 from pneunet_ros.fusion.estimate import FusedEstimate, Mode
 from pneunet_ros.fusion.force_sensor import DISAGREES, Verdict
 from pneunet_ros.fusion.fusion import Fusion
@@ -24,6 +29,7 @@ from pneunet_ros.lab.lab_recording import LabRecording
 from pneunet_ros.lab.protocols import RandomMix
 from pneunet_ros.lab.sensors import Rates
 from pneunet_ros.lab.simulation import simulate
+from pneunet_ros.model.domain import Domain
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown
 import pytest
 from support.lab_run import true_model
@@ -292,6 +298,26 @@ def test_the_force_along_a_straight_arm_is_not_determined():
     assert np.isnan(found.force[0])
     assert np.isnan(found.force_covariance[0]).all()
     assert abs(found.force[1]) < 5e-3
+
+
+@pytest.mark.parametrize('with_wrench', [False, True])
+def test_no_force_is_told_by_a_stiffness_that_nobody_measured(with_wrench):
+    """The model was calibrated without a load: small forces, within noise of none, too."""
+    arm, high = fusion().arm, 66e3
+    unloaded = Domain(pressure=(0.0, high), end_load=np.array([[0.0, 0.0, 0.0, 1e3]]))
+    found = fuse(
+        Fusion(arm=replace(arm, domain=unloaded)), with_wrench=with_wrench, frames=range(40)
+    )
+    assert found.estimates
+    for one in found.estimates:
+        assert np.isnan(one.force).all()
+        assert np.isnan(one.force_covariance).all()
+        assert one.contact is None
+        assert STIFFNESS_UNKNOWN in one.estimate.warnings
+    loaded = Domain(pressure=(0.0, high), end_load=np.array([[0.3, 0.3, 0.0, 1e3]]))
+    known = fuse(Fusion(arm=replace(arm, domain=loaded)), frames=range(40))
+    assert not any(STIFFNESS_UNKNOWN in one.estimate.warnings for one in known.estimates)
+    assert np.isfinite([one.force for one in known.estimates]).any()
 
 
 def test_where_the_force_is_not_known_it_is_not_told():

@@ -22,6 +22,12 @@ from pneunet_ros.calibration.preconditions import check_runs, describe_clamp
 from pneunet_ros.calibration.resolution import resolve
 from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
+from pneunet_ros.calibration.stiffness_variation import (
+    describe_variation,
+    hold_variation,
+    stiffness_variation,
+    StiffnessVariation,
+)
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.measurement.dataset import RecordingData
@@ -39,6 +45,7 @@ class Calibration:
     that of all recordings (the same where there is no loaded one). explained_variance is the share
     of the shape's variance that the few columns of the model file's covariance have. notes are
     sentences on what the data could not determine, and on recordings that do not fit the others.
+    variation: of the stiffness along the arm, beside the law; None where it was not asked.
     settings: the numbers by which it was decided.
     """
 
@@ -50,6 +57,7 @@ class Calibration:
     laws: tuple[LawScore, ...]
     explained_variance: float
     notes: tuple[str, ...]
+    variation: StiffnessVariation | None = None
     settings: CalibrationSettings = CALIBRATION
 
 
@@ -126,6 +134,9 @@ def calibrate(
     posterior = posterior_of(joint, *fits.span(earlier))
     notes = undetermined_quantities(joint, settings.identifiability)
     joint = consider_nonuniformity(joint, settings)
+    on_progress('stiffness along the arm', 0, 0)
+    variation = stiffness_variation(joint, noise.noise, settings.stiffness_variation)
+    joint = hold_variation(joint, variation)
     covariance, explained_variance = low_rank(
         joint, settings=settings.experiments, painted=painted.size
     )
@@ -151,8 +162,10 @@ def calibrate(
             *describe_nonuniformity(joint, settings),
             *notes,
             *describe_misfit(joint, settings.consistency),
+            *describe_variation(joint, variation),
             *outliers,
         ),
+        variation=variation,
         settings=settings,
     )
 

@@ -250,3 +250,11 @@ def finalize(
         converged=converged,
         status=status,
     )
+
+
+def posterior_at(fit: Fit, noise: SensorNoise) -> tuple[Posterior, LinearizedPosterior]:
+    """Return the posterior of a fit, linearized where its search has ended; noise: of the fit."""
+    runs, targets = [item.run for item in fit.runs], fit.parameters.frame.target_arclength
+    posterior = Posterior(fit.parameters, runs, noise, targets)
+    prior, values = posterior.prior, np.concatenate([fit.values, fit.disturbance])
+    return posterior, posterior.linearize(np.linalg.solve(prior.scale, values - prior.mean))

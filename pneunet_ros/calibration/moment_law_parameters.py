@@ -52,6 +52,18 @@ class MomentLawParameters(abc.ABC):
         return slopes_at(self, pressure.tobytes())
 
     @property
+    def sections(self) -> int:
+        """How many sections of the arm have a stiffness of their own."""
+        return 1
+
+    def scalings(self, values: Array) -> Array:
+        """Return how parameters (n,) move per change of ln EI of each section, (n, sections).
+
+        Of a law in which a part of EI is given, as Majidi's, that of the rest.
+        """
+        return values[:, None]
+
+    @property
     def limits(self) -> tuple[Array, Array]:
         """Lowest and highest values of the parameters, (n,) each."""
         return np.full(self.mean.size, -np.inf), np.full(self.mean.size, np.inf)
@@ -102,6 +114,19 @@ class PiecewiseParameters(MomentLawParameters):
         """How much each parameter of a section counts in the rows, (rows, 3)."""
         up = (self.rows - self.low) / (self.high - self.low)
         return np.column_stack([1.0 - up, up, 4.0 * up * (1.0 - up)])
+
+    @property
+    def sections(self) -> int:
+        """On both sides of the split."""
+        return 2
+
+    def scalings(self, values: Array) -> Array:
+        """Return how parameters (n,) move per change of ln EI of each section, (n, sections)."""
+        out = np.zeros((values.size, 2))
+        for section in range(2):
+            rows = slice(3 * section, 3 * section + 3)
+            out[rows, section] = values[rows]
+        return out
 
     @property
     def limits(self) -> tuple[Array, Array]:

@@ -178,6 +178,28 @@ class IdentifiabilitySettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StiffnessVariationSettings:
+    """When a stiffness varies along the arm, and what is done then."""
+
+    modes: int = tuning(4, 'Legendre polynomials of ln EI along the arm')
+    expected: float = tuning(0.3, 'of ln EI in each of them, one sigma', source='invented')
+    significant: float = tuning(
+        100.0,
+        'chi squared that they explain, and that no noise does',
+        source='invented: of 24 arms of the virtual lab whose law is the true one at most 34',
+    )
+    most_nees: float = tuning(
+        0.3,
+        'mean normalized square that it may add to the error of the tip, of 2 coordinates',
+        source='half of what the mean of tips that are covered well enough, 2.6, is beyond 2',
+    )
+    most_error: float = tuning(
+        0.5, 'of ln EI, one sigma, that a law is widened by at most', source='invented'
+    )
+    halvings: int = tuning(30, 'of the interval in which that error is looked for')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SteadyStateSettings:
     """What a steady state of a run is, and which of them are holds."""
 
@@ -201,6 +223,7 @@ class TipForceSettings:
 
 PRECONDITIONS, CONSISTENCY = PreconditionSettings(), SameArmSettings()
 NOISE_ESTIMATE, EXPERIMENTS = NoiseEstimateSettings(), ExperimentSettings()
+STIFFNESS_VARIATION = StiffnessVariationSettings()
 RESOLUTION = ResolutionSettings()
 HYPERPARAMETERS, MOMENT_LAW = HyperparameterSettings(), MomentLawSettings()
 MAP_ESTIMATION, IDENTIFIABILITY = MapEstimationSettings(), IdentifiabilitySettings()
@@ -220,6 +243,7 @@ class CalibrationSettings:
     moment_law: MomentLawSettings = MOMENT_LAW
     map_estimation: MapEstimationSettings = MAP_ESTIMATION
     identifiability: IdentifiabilitySettings = IDENTIFIABILITY
+    stiffness_variation: StiffnessVariationSettings = STIFFNESS_VARIATION
 
 
 CALIBRATION = CalibrationSettings()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
+from pneunet_ros.calibration.stiffness_variation import StiffnessVariation
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.reports.calibration import tables
@@ -55,8 +56,22 @@ def numbers_of(calibration: Calibration) -> dict[str, Any]:
             }
             for law in calibration.laws
         ],
+        'stiffness_variation': variation_numbers(calibration.variation),
         'covariance_share': calibration.explained_variance,
         'notes': list(calibration.notes),
+    }
+
+
+def variation_numbers(variation: StiffnessVariation | None) -> dict[str, Any] | None:
+    """Return the summary of a stiffness that may vary along the arm; None: it was not asked."""
+    if variation is None:
+        return None
+    return {
+        'matters': variation.matters,
+        'chi_squared': variation.statistic,
+        'tip_rms': variation.tips.rms,
+        'tip_nees': variation.tips.nees(),
+        'factors': variation.factors.tolist(),
     }
 
 

@@ -58,11 +58,16 @@ PRESSURE_OFF = (
     'pressure and targets disagree, and the pressure is not used: check that its sensor does not '
     'hang, its unit, its zero and the valve, then reset; if it is right, run pneunet diagnose'
 )
+STIFFNESS_UNKNOWN = (
+    'the stiffness was not measured, the model was calibrated without a load: no force is told '
+    'from the shape; calibrate with loads'
+)
 OF_THE_BENCH = (
     OTHER_TARGETS,
     CAMERA_MOVED,
     PRESSURE_OFF,
     DISAGREES,
+    STIFFNESS_UNKNOWN,
 )  # what somebody has to mend there
 
 
@@ -118,12 +123,14 @@ def estimate_at(
         return replace(state, told=True), estimate
     for other in others_likely(bench, state, arm, instant, mode):
         estimate = holding(estimate, other)
-    contact = None if mode is Mode.PREDICTION else contact_at(bench, state, arm, used)
+    told = mode is not Mode.PREDICTION and not bench.stiffness_unknown
+    contact = contact_at(bench, state, arm, used) if told else None
     ambiguous = state.search.ambiguous or (contact is not None and contact.ambiguous)
+    unknown = ambiguous or bench.stiffness_unknown
     fault = None
     if state.sensor is Verdict.OFF:
-        fault = sensor_fault(bench, arm.belief, instant, read, ambiguous=ambiguous)
-    force, covariance = known_force(bench, arm, fault, ambiguous=ambiguous)
+        fault = sensor_fault(bench, arm.belief, instant, read, unknown=unknown)
+    force, covariance = known_force(bench, arm, fault, unknown=unknown)
     lacking = pressure_like(bench.unknowns, arm.inputs)
     lacking_root = lacking @ arm.belief.root
     fused = FusedEstimate(
@@ -205,7 +212,8 @@ def said_of_bench(bench: Bench, state: FusionState, belief: Belief) -> list[str]
     """Return what somebody has to mend at the bench."""
     other_targets = bench.unknowns.placement is not None and not belief.same_targets
     sensor_off = state.sensor is Verdict.OFF
-    found = (other_targets, belief.camera_moved, state.pressure_off, sensor_off)
+    unknown = bench.stiffness_unknown
+    found = (other_targets, belief.camera_moved, state.pressure_off, sensor_off, unknown)
     return [sentence for sentence, true in zip(OF_THE_BENCH, found, strict=True) if true]
 
 
@@ -341,7 +349,7 @@ def sensor_fault(
     instant: PressureInstant,
     read: NearWrench | None,
     *,
-    ambiguous: bool,
+    unknown: bool,
 ) -> ForceSensorFault:
     """Return what a force sensor that is off reads, beside what is believed without it."""
     reading = np.full(2, np.nan)
@@ -349,18 +357,18 @@ def sensor_fault(
         true = bench.arm.sense(load_read(read.reading, instant.gauge))
         reading = np.array([true.force_x, true.force_y])
     std = np.sqrt(np.diagonal(belief.force_covariance))
-    unknown = np.full(2, ambiguous) | (std > bench.largest_force_std)
+    untold = np.full(2, unknown) | (std > bench.largest_force_std)
     return ForceSensorFault(
         reading=freeze(reading),
-        targets=freeze(np.where(unknown, np.nan, belief.mean[FORCE])),
-        targets_std=freeze(np.where(unknown, np.nan, std)),
+        targets=freeze(np.where(untold, np.nan, belief.mean[FORCE])),
+        targets_std=freeze(np.where(untold, np.nan, std)),
     )
 
 
 def known_force(
-    bench: Bench, arm: BelievedArm, fault: ForceSensorFault | None, *, ambiguous: bool
+    bench: Bench, arm: BelievedArm, fault: ForceSensorFault | None, *, unknown: bool
 ) -> tuple[Array, Array]:
-    """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined or ambiguous.
+    """Return force (2,) N and covariance (2, 2) N^2, NaN where not determined, or all unknown.
 
     fault: of a force sensor that is off. It may be right, and the model wrong: while it reads,
     the covariance holds both.
@@ -373,7 +381,7 @@ def known_force(
         apart = fault.reading - belief.mean[FORCE]
         covariance += np.outer(apart, apart)
     determined = np.sqrt(np.diagonal(covariance)) <= bench.largest_force_std
-    if ambiguous:
+    if unknown:
         determined = np.zeros(2, dtype=bool)
     if determined.all():
         return freeze(belief.mean[FORCE].copy()), freeze(covariance)

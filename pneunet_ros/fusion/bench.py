@@ -165,6 +165,12 @@ class Bench:
         return contact_of(self.arm, self.settings, mean)
 
     @property
+    def stiffness_unknown(self) -> bool:
+        """Whether the model was calibrated without any load: its stiffness is nobody's."""
+        domain = self.arm.domain
+        return domain is not None and domain.largest_force == domain.largest_end_moment == 0.0
+
+    @property
     def tells_camera(self) -> bool:
         """Whether the error of the model is known, which else looks like a moved camera."""
         return self.arm.covariance is not None

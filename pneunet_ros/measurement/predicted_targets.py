@@ -14,6 +14,7 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.measurement.covariance import chi_squared
+from pneunet_ros.measurement.disturbances import placement_jacobian, SMALLEST_STD
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.noise_model import camera_errors, target_stds
 from pneunet_ros.measurement.second_order import SecondOrder
@@ -30,12 +31,16 @@ class PredictedTargets:
     errors (sources, 2, targets) m: what one sigma of each independent error of reading or model
     does to all of them, the last to second order. The place of the camera and the targets' own
     noise are not among these. share (targets,): where they are, of the way to the last one.
+    placed (2, targets) m: by how much each is painted beside its place, as the calibration found
+    it, and placed_std (targets,) m how well that is known.
     """
 
     x: Array
     y: Array
     errors: Array
     share: Array
+    placed: Array
+    placed_std: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,14 +67,29 @@ def predict_targets(
     sensitivity, and what errors move to second order.
     """
     arm, sensitivity = table.arm, curved.sensitivity
-    true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
+    true_x, true_y, theta = sensitivity.fields(arm.target_arclength)[:3]
     moved = curved.stations(arm.target_arclength)[:2]
     linear = np.tensordot(noise, target_jacobian(table, sensitivity), axes=1)
     further = np.stack(arm.see_moves(true_x, true_y, *moved))
     errors = np.concatenate([linear, further[None]])
     x, y = arm.see(true_x, true_y)
     share = arm.target_arclength / max(float(arm.target_arclength[-1]), 1e-12)
-    return PredictedTargets(x=x, y=y, errors=errors, share=share)
+    placed, placed_std = painted_beside(arm, theta)
+    return PredictedTargets(
+        x=x, y=y, errors=errors, share=share, placed=placed, placed_std=placed_std
+    )
+
+
+def painted_beside(arm: Arm, theta: Array) -> tuple[Array, Array]:
+    """Return where targets are painted beside their places (2, targets) m, and std (targets,) m.
+
+    theta (targets,) rad: they turn with the arm. As the calibration found it, if it did.
+    """
+    known = None if arm.covariance is None else arm.covariance.placement
+    if known is None:
+        return np.zeros((2, theta.size)), np.full(theta.size, arm.sensors.placement_std)
+    std = np.sqrt(np.mean(known.std.reshape(2, -1) ** 2, axis=0))
+    return placement_jacobian(theta) @ known.mean, std
 
 
 def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array:
@@ -117,7 +137,13 @@ def innovation(
     at_targets = np.full(seen.size, np.nan)
     at_targets[seen] = 0.5 * chi_squared(residual.T, std[:, None], of_target)
     total = chi_squared(residual.ravel(), np.tile(std, 2), errors)
-    at_tip = tip_chi_squared(residual, std, of_target, predicted.share[seen])
+    white = np.fmax(sightings.std[seen], noise.target_std)
+    at_tip = tip_chi_squared(
+        residual - predicted.placed[:, seen],
+        np.hypot(white, predicted.placed_std[seen]),
+        predicted.errors[:, :, seen],
+        predicted.share[seen],
+    )
     return Innovation(
         coordinates=2 * targets, chi_square=float(total), at_targets=at_targets, at_tip=at_tip
     )
@@ -126,16 +152,17 @@ def innovation(
 def tip_chi_squared(residual: Array, std: Array, errors: Array, share: Array) -> float:
     """Return how far the tip is from where it must be, in units of its covariance; 2 coordinates.
 
-    residual (2, targets) m; std (targets,) m of their own noise; errors (targets, 2, n) m; share
-    (targets,): where they are along the arm. A smooth bend through what is seen, clamped at its
-    root, tells the tip more sharply than the noise of any one target lets it be seen: what is
-    wrong there by less than that noise, frame after frame, hides in `chi_square`. NaN where fewer
-    than two targets beyond the clamp tell of it.
+    residual (2, targets) m; std (targets,) m of their own noise; errors (n, 2, targets) m; share
+    (targets,): where they are along the arm. A smooth bend of the arm through what is seen tells
+    the tip more sharply than the noise of any one target lets it be seen: what is wrong there by
+    less than that noise, frame after frame, hides in `chi_square`. Wherever the camera is, the tip
+    is beside the clamp. NaN where fewer than three targets beyond the clamp tell of it.
     """
-    if np.count_nonzero(share > 0.0) < 2:
+    if np.count_nonzero(share > 0.0) < 3:
         return math.nan
-    bends = np.stack([share**2, share**3], axis=1) / std[:, None]
-    weights = np.linalg.pinv(bends).sum(axis=0) / std
-    tip, moved = residual @ weights, np.tensordot(weights, errors, axes=1)
-    covariance = moved @ moved.T + np.sum((weights * std) ** 2) * np.eye(2)
+    std = np.maximum(std, SMALLEST_STD)
+    shapes = np.stack([np.ones_like(share), share**2, share**3], axis=1) / std[:, None]
+    weights = np.linalg.pinv(shapes)[1:].sum(axis=0) / std
+    tip, moved = residual @ weights, errors @ weights
+    covariance = moved.T @ moved + np.sum((weights * std) ** 2) * np.eye(2)
     return float(tip @ np.linalg.solve(covariance, tip))

@@ -35,9 +35,10 @@ def read_run(
 
     A frame belongs to the pressure reading, and the end wrench, whose header stamp is nearest
     within half a median period; frames without one, those in which no target was seen, and those
-    taken while the pressure jumped are left out. Without a topic of it, or with `wrench_required` false, nothing was attached; a
-    wrench that never changes is a known load, not a reading. Without a topic of pressure the arm
-    has none. The pose of the tip belongs to the nearest frame, too.
+    taken while the pressure jumped are left out. Without a topic of it, or with `wrench_required`
+    false, nothing was attached; a wrench that never changes is a known load, not a reading.
+    Without a topic of pressure the arm has none. The pose of the tip belongs to the nearest frame,
+    too.
 
     Args:
         path: of an .mcap file or a rosbag2 folder.

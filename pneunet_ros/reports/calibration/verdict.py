@@ -48,21 +48,27 @@ def verdict_of(calibration: Calibration, settings: ReportSettings = REPORT_SETTI
         certainty = f'Bending stiffness EI {stiffness_text(stiffness)}.'
     next_step, command = next_steps(calibration, bool(stiffness), settings)
     return Verdict(
-        fit=fit_sentence(joint, settings),
+        fit=fit_sentence(calibration, settings),
         certainty=certainty,
         next_step=next_step,
         command=command,
     )
 
 
-def fit_sentence(fit: Fit, settings: ReportSettings) -> str:
+def fit_sentence(calibration: Calibration, settings: ReportSettings) -> str:
     """Say how far the model is from what was measured, in mm, in the length, and in its noise."""
+    fit = calibration.joint
     if not fit.converged:
         return f'No model: the fit did not settle ({fit.status}).'
     rms = residual_rms(fit)
     share = 100.0 * rms / fit.arm.length
     size = f'{millimeters(rms):.2g} mm rms per coordinate, {share:.2g} % of the length'
     times = noise_ratio(fit)
+    if times <= settings.as_noise and varies(calibration):
+        return (
+            f'The model does not fit: {size}, no more than the noise of single targets, but they '
+            'are off together: the stiffness seems to vary along the arm as the moment law cannot.'
+        )
     if times <= settings.as_noise:
         larger = larger_under_load(fit)
         if larger <= settings.hidden_under_load:
@@ -76,6 +82,11 @@ def fit_sentence(fit: Fit, settings: ReportSettings) -> str:
         f'The model does not fit: {size}, worse than the noise: {times:.2g} times it. '
         'Something is missing.'
     )
+
+
+def varies(calibration: Calibration) -> bool:
+    """Whether the stiffness varies along the arm, beside the law, so that it matters."""
+    return calibration.variation is not None and calibration.variation.matters
 
 
 def larger_under_load(fit: Fit) -> float:
@@ -140,7 +151,7 @@ def next_steps(
     names = ' '.join(item.run.name for item in joint.runs)
     if not joint.converged:
         return 'Look for what these recordings lack.', f'pneunet check {names}'
-    if noise_ratio(joint) > settings.as_noise:
+    if noise_ratio(joint) > settings.as_noise or varies(calibration):
         return (
             'Ask what is missing; hold one recording out.',
             f'pneunet diagnose --model MODEL.yaml --train {names} --heldout FRESH.mcap '

@@ -1,0 +1,225 @@
+"""Does the stiffness vary along the arm as its moment law cannot? A score test, and what follows.
+
+EI larger by a share m(s) bends an arm by -m (kappa - kappa0) more, whatever its load: to first
+order as much curvature of its own. So a departure of ln EI, a few Legendre polynomials along the
+arm, moves the targets by what the fit knows of the curvature's table. Its score is that of the
+linearized fit, in which all that is fitted has been fitted again.
+
+chi squared over all coordinates does not ask this. A departure that leaves the tip outside of
+its ellipse may be smaller than the noise of a single target: two percent of chi squared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import legendre
+from pneunet_ros.calibration.map_estimation import posterior_at
+from pneunet_ros.calibration.result import Fit
+from pneunet_ros.calibration.settings import STIFFNESS_VARIATION, StiffnessVariationSettings
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.measurement.linearization import RunLinearization
+from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import CURVATURE, INTRINSIC_CURVATURE
+
+STATIONS = 21  # along the arm, where a departure is looked at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TipErrors:
+    """What a departure moves at the last target of loaded frames, and what the model says.
+
+    moved (frames, 2) m, all else fitted again; jacobian (frames, 2, parameters); covariance
+    (frames, 2, 2) m^2 as the model states it, readings (frames, 2, 2) m^2 of their noise.
+    """
+
+    moved: Array
+    jacobian: Array
+    covariance: Array
+    readings: Array
+
+    def nees(self, further: Array | float = 0.0) -> float:
+        """Return the mean normalized square of what is moved; further (frames, 2, 2) m^2."""
+        covariance = self.covariance + self.readings + further
+        solved = np.linalg.solve(covariance, self.moved[:, :, None])
+        return float(np.mean(np.sum(self.moved[:, :, None] * solved, axis=1)))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance (m)."""
+        return float(np.sqrt(np.mean(np.sum(self.moved**2, axis=1))))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StiffnessVariation:
+    """How much better the loaded frames would be explained if EI varied along the arm.
+
+    statistic: by how much chi squared falls, of dof numbers; coefficients (dof,): of ln EI in
+    Legendre polynomials along the arm, from the first degree on; tips: what that moves.
+    """
+
+    statistic: float
+    dof: int
+    coefficients: Array
+    tips: TipErrors
+    settings: StiffnessVariationSettings
+
+    @property
+    def matters(self) -> bool:
+        """Whether it is no chance, and leaves tips outside of their ellipses."""
+        return (
+            self.statistic > self.settings.significant
+            and self.tips.nees() > self.settings.most_nees
+        )
+
+    @property
+    def factors(self) -> Array:
+        """EI over that of the fitted law (stations,), evenly along the arm."""
+        along = np.linspace(-1.0, 1.0, STATIONS)
+        return np.exp(legendre.legvander(along, self.dof)[:, 1:] @ self.coefficients)
+
+
+def stiffness_variation(
+    fit: Fit,
+    noise: SensorNoise,
+    settings: StiffnessVariationSettings = STIFFNESS_VARIATION,
+) -> StiffnessVariation | None:
+    """Ask a fit whether EI varies along its arm; None where its recordings cannot tell."""
+    law, loaded = fit.parameters.law, [item.run.loaded for item in fit.runs]
+    if law is None or not any(loaded) or not fit.converged or fit.parameters.shapes is not None:
+        return None
+    posterior, linear = posterior_at(fit, noise)
+    prior, modes = posterior.prior, settings.modes
+    places = np.concatenate([np.arange(prior.size), prior.size + np.arange(fit.disturbance.size)])
+    inner, cross = np.zeros((modes, modes)), np.zeros((places.size, modes))
+    score = np.zeros(modes)
+    for which in np.flatnonzero(loaded):
+        run = linear.runs[which]
+        own = prior.disturbances.of_run(int(which))
+        columns = np.concatenate([np.arange(prior.size), prior.size + own])
+        white = run.whitening(mode_jacobian(fit, run, modes)).reshape(-1, modes)
+        fitted = run.whitening(run.jacobian).reshape(len(white), -1)
+        inner += white.T @ white
+        score += white.T @ run.white_residual.ravel()
+        cross[columns] += fitted.T @ white
+    cross = prior.scale.T @ cross
+    hessian = linear.normal + np.eye(linear.scaled.size)
+    solved = np.linalg.solve(hessian, np.column_stack([cross, linear.gradient - linear.scaled]))
+    score -= cross.T @ solved[:, -1]
+    information = inner - cross.T @ solved[:, :-1]
+    known = information + np.eye(modes) / settings.expected**2
+    coefficients = frozen_array(np.linalg.solve(known, score))
+    refitted = np.asarray(-prior.scale @ (solved[:, :-1] @ coefficients), np.float64)
+    return StiffnessVariation(
+        # with what is believed of EI: a direction that is not seen has no score
+        statistic=float(score @ coefficients),
+        dof=modes,
+        coefficients=coefficients,
+        tips=tip_errors(
+            fit,
+            [linear.runs[which] for which in np.flatnonzero(loaded)],
+            coefficients,
+            refitted[: prior.size],
+        ),
+        settings=settings,
+    )
+
+
+def mode_jacobian(fit: Fit, run: RunLinearization, modes: int) -> Array:
+    """Return how coordinates move per Legendre polynomial of ln EI, (frames, coordinates, modes).
+
+    From the first degree on: all of the arm stiffer is what the law fits.
+    """
+    parameters, knots = fit.parameters, fit.parameters.arclength
+    by_cell = run.jacobian[:, :, : parameters.cells]
+    by_knot = by_cell.reshape(*by_cell.shape[:2], -1, knots.size).sum(axis=2)
+    places = fit.arm.target_arclength / fit.arm.length
+    elastic = run.fields[:, CURVATURE] - run.fields[:, INTRINSIC_CURVATURE]
+    bent = np.array([np.interp(knots, places, frame) for frame in np.nan_to_num(elastic)])
+    shapes = legendre.legvander(2.0 * knots - 1.0, modes)[:, 1:]
+    return np.asarray(-np.einsum('fck,fk,km->fcm', by_knot, bent, shapes))
+
+
+def tip_errors(
+    fit: Fit, runs: list[RunLinearization], coefficients: Array, refitted: Array
+) -> TipErrors:
+    """Return what a departure moves at the last target, the parameters moved by `refitted`."""
+    size, last = fit.values.size, fit.arm.target_arclength.size - 1
+    parts: tuple[list[Array], ...] = ([], [], [], [])
+    for run in runs:
+        tip = np.array([last, 2 * last + 1])
+        solved = np.flatnonzero(run.fitted.solved)
+        by_mode = mode_jacobian(fit, run, coefficients.size)[np.ix_(solved, tip)]
+        jacobian = run.jacobian[np.ix_(solved, tip)][:, :, :size]
+        errors = run.errors[np.ix_(solved, tip)]
+        moved = by_mode @ coefficients + jacobian @ refitted
+        own = jacobian @ fit.covariance @ jacobian.transpose(0, 2, 1)
+        for part, values in zip(
+            parts, (moved, jacobian, own, errors @ errors.transpose(0, 2, 1)), strict=True
+        ):
+            part.append(values)
+    moved, jacobian, covariance, readings = (np.concatenate(part) for part in parts)
+    return TipErrors(moved=moved, jacobian=jacobian, covariance=covariance, readings=readings)
+
+
+def hold_variation(fit: Fit, variation: StiffnessVariation | None) -> Fit:
+    """Return the fit with a covariance that holds what a varying stiffness moves at the tip.
+
+    No number of the law can do what such an arm does; each section's stiffness is given an error
+    of its own, so large that the tips of the loaded frames lie in their ellipses, and so that the
+    sections together move the tip alike in all directions they can.
+    """
+    if variation is None or not variation.matters:
+        return fit
+    settings, tips, law = variation.settings, variation.tips, fit.parameters.law
+    assert law is not None
+    scalings = np.zeros((fit.values.size, law.sections))
+    scalings[fit.parameters.cells :] = law.scalings(fit.values[fit.parameters.cells :])
+    by_section = tips.jacobian @ scalings
+    moved = np.mean(by_section.transpose(0, 2, 1) @ by_section, axis=0)
+    sizes, axes = np.linalg.eigh(moved)
+    per_meter = axes / np.sqrt(np.maximum(sizes, 1e-12 * sizes.max()))
+    most = settings.most_error / np.abs(per_meter).max(axis=0)
+    by_meter = by_section @ per_meter
+    low, high = 0.0, float(most.max())
+    for _ in range(settings.halvings):
+        middle = 0.5 * (low + high)
+        moved_by = by_meter * np.minimum(middle, most)
+        if tips.nees(moved_by @ moved_by.transpose(0, 2, 1)) > settings.most_nees:
+            low = middle
+        else:
+            high = middle
+    columns = scalings @ per_meter * np.minimum(high, most)
+    further = columns @ columns.T
+    shared, size = fit.shared_covariance.copy(), fit.values.size
+    shared[:size, :size] += further
+    return replace(
+        fit,
+        covariance=frozen_array(fit.covariance + further),
+        shared_covariance=frozen_array(shared),
+    )
+
+
+def describe_variation(fit: Fit, variation: StiffnessVariation | None) -> list[str]:
+    """Return sentences on a stiffness that varies along the arm; none where it does not matter."""
+    if variation is None or not variation.matters:
+        return []
+    law, factors = fit.parameters.law, variation.factors
+    assert law is not None
+    ends = sorted((int(np.argmin(factors)), int(np.argmax(factors))))
+    here, there = (
+        f'{factors[place]:.2f} times what was fitted at s / l = {place / (STATIONS - 1):.2g}'
+        for place in ends
+    )
+    other = ' Try --law piecewise_linear.' if law.sections == 1 else ''
+    return [
+        f'the stiffness seems to vary along the arm in another way than the law {law.kind} says: '
+        f'as if EI were {here} and {there}. That lowers chi squared by '
+        f'{variation.statistic:.0f} (noise alone: by less than '
+        f'{variation.settings.significant:.0f}) and moves the tip of loaded frames by '
+        f'{millimeters(variation.tips.rms):.2g} mm rms. A cause that the model lacks may look '
+        f'like it: see `pneunet diagnose`.{other} The standard errors of the stiffness are '
+        'widened until the tips of these loads are within them; for other loads that is a guess'
+    ]
