@@ -53,15 +53,16 @@ def look_ahead(
     for each frame that was looked at. Raises CameraError where the arm is upright from the
     beginning, and nothing says which end is the clamp.
     """
-    state, frames = TrackerState(), 0
+    state, frames, first = TrackerState(), 0, ''
     for item in stream.read(()):
         if isinstance(item.reading, Image | Lens):
             state, outcome = tracker.step(state, item.reading)
             if outcome is not None:
                 frames += 1
                 on_frame()
+                first = first or outcome.sentence  # of the arm at rest, which may move later
                 if frames == UPRIGHT_FRAMES == state.unexplained.get(UPRIGHT):
-                    raise CameraError(outcome.sentence)
+                    raise CameraError(first)
         if state.plane is not None or state.resets:
             break
     at_once = sum(state.unexplained.values()) < tracker.settings.rest_frames

@@ -203,6 +203,8 @@ class Tracker:
                 state, image, Failure(reason='several_rows', sentence=sentence)
             )
         reason = min((it.reason for _, it in looks.values()), key=TELLING.index)
+        if reason == UPRIGHT:  # a row was seen: what the other look lacks is of no use
+            said = {name: said[name] for name in said if looks[name][1].reason == UPRIGHT}
         sentence = '; '.join(f'{name}: {words}' for name, words in said.items())
         return self._unexplained(state, image, Failure(reason=reason, sentence=sentence))
 
