@@ -171,11 +171,8 @@ def test_a_clamp_at_the_right_is_noticed_and_what_is_said_helps(tmp_path, capsys
     assert 'numbered from the free end' in said
     assert not output.exists()
     pixel = re.search(r'about \[(\d+), (\d+)\]', said)
-    camera = share_path('config/camera.yaml').read_text()
-    changed = camera.replace('clamp_pixel: null', f'clamp_pixel: [{pixel[1]}, {pixel[2]}]')
-    assert changed != camera
-    (tmp_path / 'camera.yaml').write_text(changed)
-    assert main([*command, str(output), '--camera', str(tmp_path / 'camera.yaml')]) == 0
+    assert f'--clamp-pixel {pixel[1]} {pixel[2]}' in said
+    assert main([*command, str(output), '--clamp-pixel', pixel[1], pixel[2]]) == 0
     assert output.exists()
 
 

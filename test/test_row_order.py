@@ -77,7 +77,7 @@ def moved(run, by):
 
 def test_recordings_from_the_wrong_end_are_refused():
     """The sentence names the recording and the way out; loaded ones likewise."""
-    with pytest.raises(RecordingError, match=r'numbered from the free end.*clamp_pixel.*reverse'):
+    with pytest.raises(RecordingError, match=r'numbered from the free end.*clamp-pixel.*reverse'):
         check_runs([backwards(FREE[0]), *FREE[1:]], [], PAPER)
     with pytest.raises(RecordingError, match='numbered from the free end'):
         check_runs(FREE, [backwards(LOADED[0]), LOADED[1]], PAPER)

@@ -216,8 +216,8 @@ def check_clamp(run: RecordingData, arm: Arm, settings: RowOrderSettings = ROW_O
         raise RecordingError(
             f'{run.name}: the targets are numbered from the free end: the arm turns by '
             f'{first:.3g} degrees at target 0 and by {last:.3g} at target {places.size - 1}, and '
-            'at the clamp it does not turn; track it again with clamp_pixel: [u, v] in the camera '
-            'file (--camera), or reverse the ids'
+            'at the clamp it does not turn; track it again with --clamp-pixel U V (clamp_pixel in '
+            'the camera file), or reverse the ids'
         )
     moved = clamp_motion(run.points, run.frame_pressure, places, arm.length, settings)
     if moved > settings.clamp_loose * arm.length:

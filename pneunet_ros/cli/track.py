@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
 from pathlib import Path
 import time
 from typing import Any
@@ -93,6 +94,14 @@ def options(parser: ArgumentParser) -> None:
         'page to scrub through, with a verdict (.html)',
     )
     parser.add_argument(
+        '--clamp-pixel',
+        type=float,
+        nargs=2,
+        metavar=('U', 'V'),
+        help='where the target at the clamp is in the image at rest, about, px (default: as the '
+        'camera file says, or the left end of the row)',
+    )
+    parser.add_argument(
         '--estimates',
         type=Path,
         metavar='REC',
@@ -125,6 +134,8 @@ def run(arguments: Namespace) -> int:
     """Track and summarize."""
     arm = model_of(arguments)
     settings = load_camera(arguments.camera or share_path(CAMERA))
+    if arguments.clamp_pixel is not None:
+        settings = replace(settings, clamp_pixel=tuple(arguments.clamp_pixel))
     check_request(arguments, settings)
     request = SourceRequest(
         camera_info=arguments.camera_info,

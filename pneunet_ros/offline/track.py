@@ -62,7 +62,7 @@ def look_ahead(
                 on_frame()
                 first = first or outcome.sentence  # of the arm at rest, which may move later
                 if frames == UPRIGHT_FRAMES == state.unexplained.get(UPRIGHT):
-                    raise CameraError(first)
+                    raise CameraError(f'{first} (track: --clamp-pixel U V)')
         if state.plane is not None or state.resets:
             break
     at_once = sum(state.unexplained.values()) < tracker.settings.rest_frames
@@ -228,11 +228,11 @@ def check_row_order(stream: ImageStream, tracker: Tracker, tally: TrackTally) ->
     backwards = numbered_from_tip(np.array(tally.points), tracker.arm.target_arclength)
     if not backwards and not _followed_from_other_end(stream, tracker, tally):
         return
-    pixel = '[{:.0f}, {:.0f}]'.format(*tally.last_pixel)
+    u, v = tally.last_pixel
     raise CameraError(
         'the targets are numbered from the free end, as the clamp is not at the left of the '
-        'picture: say where the target at the clamp is at rest, clamp_pixel: [u, v], here about '
-        f'{pixel}, in a camera file (--camera FILE; copy config/camera.yaml)'
+        f'picture: say where the target at the clamp is at rest, about [{u:.0f}, {v:.0f}]: '
+        f'--clamp-pixel {u:.0f} {v:.0f}, or clamp_pixel in the camera file'
     )
 
 
