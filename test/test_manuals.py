@@ -21,7 +21,7 @@ from pneunet_ros.messages.markers import markers_output, transform_output
 from pneunet_ros.messages.readings import END_WRENCH, PRESSURE, SENSORS, TARGETS
 from pneunet_ros.messages.tracker import TRACKER_INPUTS, TRACKER_OUTPUTS
 from pneunet_ros.model.domain_position import LOAD_OUT_OF_DOMAIN, OUT_OF_RANGE
-from pneunet_ros.vision.rest_plane import RESTING
+from pneunet_ros.vision.rest_plane import RESTING, UPRIGHT
 from pneunet_ros.vision.tracker import TrackerState
 import pytest
 from support.example_arms import paper_arm
@@ -135,6 +135,7 @@ REASONS = {
     'tracker': [
         UNREADABLE,
         RESTING,
+        UPRIGHT,
         AHEAD,
         WRONG_CAMERA_INFO,
         *(reasons_in(m) for m in ('vision/tracker', 'vision/rest_plane', 'vision/row_tracker')),
