@@ -482,7 +482,7 @@ def test_whether_a_model_holds_is_said_in_words(rms, holds, words):
 
 @pytest.mark.parametrize(
     ('frames', 'outside', 'holds'),
-    [(400, 0, True), (400, 130, True), (400, 160, False), (10, 6, True), (10, 9, False)],
+    [(400, 0, True), (400, 95, True), (400, 120, False), (10, 5, True), (10, 8, False)],
 )
 def test_a_model_does_not_hold_where_its_tips_lie_outside_of_their_ellipses(
     frames, outside, holds
