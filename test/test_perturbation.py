@@ -124,3 +124,17 @@ def test_a_further_column_is_one_that_no_calibration_knows():
     assert table.distance.size == 1 + len(MODEL) + 1 + 1  # pressure, one each, all, further
     for name in ('sections', 'clamp', 'rotation', 'knots'):
         assert getattr(moved, name) == pytest.approx(getattr(expected, name), rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    'moves', [MODEL, {'moment_law.rigidity.1.0': 0.01}], ids=['length', 'law']
+)
+def test_what_is_known_to_stay_moves_as_if_it_were_not_known(moves):
+    table = PerturbationTable(arm=unsure(moves))
+    rods, change = table.at(31e3)
+    assert change.same_places is ('arm.length' not in moves)
+    amounts = np.linspace(-1.0, 1.0, change.distance.size)
+    known, unknown = change.moved(rods, amounts), replace(change, same_places=False)
+    for one, other in zip(known, unknown.moved(rods, amounts), strict=True):
+        assert np.array_equal(one, other)
+    assert (known.length == rods.length) is change.same_places

@@ -270,6 +270,45 @@ def test_a_warm_start_takes_fewer_steps():
     assert solve(arm, row.pressure, row.force, start=warm).iterations == 0
 
 
+def test_a_mesh_does_not_depend_on_where_the_search_began():
+    refined = 0
+    for seed in range(40):
+        case = random_case(seed, negative=False)
+        arm, pressure, (force_x, force_y) = case.arm, case.pressure, case.force
+        cold = solve(arm, pressure, case.force, case.moment)
+        if not cold.converged:
+            continue
+        counts = problem_at(case).counts
+        refined += sum(cold.solution.counts) > counts.sum()
+        for share in (0.9, 1.02):
+            force = share * force_x, share * force_y
+            near = solve(arm, pressure, force, case.moment, start=cold)
+            warm = solve(
+                arm, pressure, case.force, case.moment, start=near if near.converged else cold
+            )
+            assert warm.solution.counts == cold.solution.counts
+    assert refined > 3
+
+
+def test_what_was_refined_is_not_solved_on_the_coarse_mesh_again(monkeypatch):
+    arm, force = wiggly_arm(8), (0.1, 0.05)
+    near = solve(arm, 50e3, force)
+    solved = []
+    newton = BoundaryValueProblem.newton
+    monkeypatch.setattr(
+        BoundaryValueProblem,
+        'newton',
+        lambda self: solved.append(len(self.panels)) or newton(self),
+    )
+    cold = solve(arm, 51e3, force)
+    assert len(solved) > 1
+    assert solved[0] < solved[-1] == len(cold.solution.panels)
+    solved.clear()
+    warm = solve(arm, 51e3, force, start=near)
+    assert solved == [len(cold.solution.panels)]
+    assert warm.x == pytest.approx(cold.x, abs=1e-12)
+
+
 def test_the_chain_finds_a_start_close_to_the_solution():
     rods = paper_arm().rods(np.array([60e3]))
     problem = BoundaryValueProblem(rods, (0.15, 0.25), 0.0)

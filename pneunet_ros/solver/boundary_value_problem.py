@@ -81,28 +81,18 @@ class BoundaryValueProblem:
             self.panels,
         )
 
-    def mesh_beside(self, known: SolverNodes, finest: float) -> None:
-        """Take the mesh of a neighbor, if it is fine enough and hardly finer than it must be.
+    def refine_as(self, known: SolverNodes, finest: float) -> None:
+        """Refine the mesh at once where that of a neighbor was, and would have to be again.
 
-        finest (m): the detail that a mesh must carry. A neighbor that had to be refined, and would
-        have to be again, tells that its rods do: then the mesh is refined at once.
+        finest (m): the detail that a mesh must carry.
         """
-        counts, of_known = self.counts.tolist(), list(known.counts)
         settings = self.settings
-        needed = counts
-        if len(known.panels) > settings.refined * len(self.panels):
-            panels, _, nodes = known.for_kernels()
-            detail = resolution(panels, nodes, self.rods.knots, self.rods.rotation[0])
-            if settings.coarser * detail > finest:
-                needed = [2 * count for count in counts]
-        if (
-            len(of_known) == len(needed)
-            and all(one >= least for one, least in zip(of_known, needed, strict=True))
-            and sum(of_known) <= settings.spare * sum(needed)
-        ):
-            needed = of_known
-        if needed != counts:
-            self.mesh(np.array(needed))
+        if len(known.panels) <= settings.refined * len(self.panels):
+            return
+        panels, _, nodes = known.for_kernels()
+        detail = resolution(panels, nodes, self.rods.knots, self.rods.rotation[0])
+        if settings.coarser * detail > finest:
+            self.mesh(2 * self.counts)
 
     def start_from(self, known: SolverNodes) -> None:
         """Take a known solution as the first guess."""
@@ -164,7 +154,7 @@ class BoundaryValueProblem:
         """
         finest = self.settings.finest_detail * self.rods.length
         if start is not None:
-            self.mesh_beside(start, finest)
+            self.refine_as(start, finest)
             self.start_from(start)
         if (start is None or not self.newton()) and not self.solve_cold(quick):
             return f'no equilibrium found: residual {self.residual:.1e} rad after every attempt'

@@ -30,9 +30,6 @@ class SolverSettings:
     refined: float = tuning(
         1.5, 'panels from which on a mesh was refined', unit='those of one that was not'
     )
-    spare: float = tuning(
-        1.25, 'panels of a neighbor with which its mesh is taken', unit='those that are needed'
-    )
     coarser: float = tuning(32.0, 'detail on half as many panels, at least', unit='detail')
     most_panels: int = tuning(400, 'panels of the finest mesh')
     shortest: float = tuning(0.05, 'least stretch that rest strain may leave')
