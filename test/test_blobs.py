@@ -17,7 +17,6 @@ from pneunet_ros.vision.blobs import (
 )
 from pneunet_ros.vision.camera_settings import AdaptiveBand, AreaLimits, FixedBand
 from pneunet_ros.vision.centroid import axes_of, BLUR, MAJOR, MINOR, outlines, SMEAR, STD
-from pneunet_ros.vision.ellipse_fit import END, END_U
 import pytest
 from support.center_bound import center_bound, draw_dot
 
@@ -393,30 +392,6 @@ def test_a_target_that_moves_is_where_it_is_in_the_middle_of_the_exposure(way):
     rms = np.sqrt(np.mean(np.square(errors)))
     assert rms < 0.06
     assert rms < 1.3 * np.sqrt(np.mean(np.square(claims)))
-
-
-def test_what_is_beyond_the_end_of_an_outline_takes_no_part():
-    """A dot is cut off 2 px beyond its center; how large it is is known."""
-    picture = draw_dot((61, 61), (30.2, 29.9), 5.0, blur=0.7)
-    plain = picture.copy()
-    picture[:, 33:] = np.random.default_rng(3).uniform(60.0, 200.0, (61, 28))
-    start = outlines(
-        np.array([[30.4, 30.1]]),
-        np.array([[5.0, 0.0, 5.0]]),
-        np.array([0.7]),
-        np.zeros((1, 2)),
-        (np.array([0.002]), 0.05, np.array([0.1])),
-    )
-    start[:, END_U], start[:, END] = 1.0, 1.5
-    appearance = Appearance(band=BAND, limits=LIMITS)
-    (row,), (undisturbed,) = (
-        blobs_at(image_of(one), start, appearance) for one in (picture, plain)
-    )
-    assert row == pytest.approx(undisturbed)
-    assert row[:2] == pytest.approx([30.2, 29.9], abs=0.05)
-    start[:, END] = np.inf
-    (with_beyond,) = blobs_at(image_of(picture), start, appearance)
-    assert with_beyond != pytest.approx(row)
 
 
 def test_a_fit_does_not_depend_on_what_is_fitted_beside_it():

@@ -28,16 +28,12 @@ from pneunet_ros.vision.ellipse_fit import (
     AXIS_XY,
     AXIS_YY,
     BEHIND,
-    END,
-    END_U,
-    END_V,
     PLATEAU,
     SHAPE_STD,
     SIZE_STD,
     SMEAR_STD,
     SMEAR_U,
     SMEAR_V,
-    WIDTH,
 )
 from pneunet_ros.vision.row_look import (
     believable_parts,
@@ -46,7 +42,6 @@ from pneunet_ros.vision.row_look import (
     part_stds,
     ROW_LOOK,
     share_of_area,
-    short_of_end,
     whole_targets,
 )
 import pytest
@@ -212,29 +207,3 @@ def test_neighbors_tell_how_far_a_target_moves_while_the_shutter_is_open():
     last = looks_of_neighbors(table, table[:, :2], UNKNOWN)[-1]
     assert last[[SMEAR_U, SMEAR_V]] == pytest.approx(table[-1, SMEAR])
     assert last[SMEAR_STD] == ROW_LOOK.smear_std
-
-
-def test_the_last_target_that_moves_far_ends_short_of_where_the_arm_does():
-    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
-    table[:, SMEAR] = [2.0, 12.0]
-    expected = looks_of_neighbors(table, table[:, :2], UNKNOWN)
-    outlines = short_of_end(expected, table[:, :2])
-    assert np.isinf(outlines[:-1, END]).all()
-    assert outlines[-1, [END_U, END_V]] == pytest.approx([1.0, 0.0])
-    end = ROW_LOOK.ends * 5.0 - ROW_LOOK.clear * expected[-1, WIDTH] - 0.5 * 2.0
-    assert outlines[-1, END] == pytest.approx(end)
-    slow = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
-    slow[:, SMEAR] = [2.0, 4.0]
-    expected = looks_of_neighbors(slow, slow[:, :2], UNKNOWN)
-    assert np.isinf(short_of_end(expected, slow[:, :2])[:, END]).all()
-
-
-def test_a_target_short_of_the_end_must_show_nearly_all_of_that_edge():
-    table = row_of(np.full(COUNT, 10.0), np.full(COUNT, 10.0))
-    table[:, SMEAR], table[:, SEEN] = [2.0, 12.0], 0.8
-    expected = looks_of_neighbors(table, table[:, :2], UNKNOWN)
-    outlines = short_of_end(expected, table[:, :2])
-    believed = believable_parts(table, outlines, np.ones(COUNT))
-    assert np.flatnonzero(~believed).tolist() == [COUNT - 1]
-    table[-1, SEEN] = 0.9
-    assert believable_parts(table, outlines, np.ones(COUNT)).all()

@@ -27,9 +27,6 @@ from pneunet_ros.vision.ellipse_fit import (
     CENTER_V,
     ELLIPSE,
     EllipseSettings,
-    END,
-    END_U,
-    END_V,
     ERROR,
     fit_ellipses,
     FITTED,
@@ -83,7 +80,6 @@ def outlines(
     starts[:, [PLATEAU, BEHIND]] = 0.0
     starts[:, SHAPE_STD], starts[:, WIDTH_STD], starts[:, SMEAR_STD] = stds
     starts[:, SIZE_STD], starts[:, PLATEAU_STD] = stds[0], math.inf
-    starts[:, [END_U, END_V]], starts[:, END] = 0.0, math.inf
     return starts
 
 
@@ -111,13 +107,13 @@ def measure_outlines(
     pixels = np.ascontiguousarray(grey).view()
     pixels.flags.writeable = False
     fitted = fit_ellipses(pixels, starts[known], settings)
-    rows[known] = _rows(fitted)
-    rows[~_possible(rows, look, grey.shape)] = np.nan
+    rows[known] = rows_of(fitted)
+    rows[~is_possible(rows, look, grey.shape)] = np.nan
     rows[np.flatnonzero(known)[fitted[:, PLATEAU] > look.brightest]] = np.nan
     return rows
 
 
-def _rows(fitted: Array) -> Array:
+def rows_of(fitted: Array) -> Array:
     """Return rows (n, COLUMNS) of fitted ellipses."""
     middle = 0.5 * (fitted[:, AXIS_XX] + fitted[:, AXIS_YY])
     half_difference, aslant = fitted[:, AXIS_XX] - middle, fitted[:, AXIS_XY]
@@ -136,7 +132,7 @@ def _rows(fitted: Array) -> Array:
     return rows
 
 
-def _possible(rows: Array, look: Look, size: tuple[int, ...]) -> Mask:
+def is_possible(rows: Array, look: Look, size: tuple[int, ...]) -> Mask:
     """Whether blobs can be targets, whole within an image of this size (height, width)."""
     limits, half = look.limits, 0.5 * rows[:, MAJOR]
     with np.errstate(invalid='ignore'):

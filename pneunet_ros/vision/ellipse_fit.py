@@ -39,14 +39,11 @@ PLATEAU, BEHIND = 8, 9
 # Only before: how well its shape (of its radius), blur and way (px), plateau and size (of its
 # radius) are known, one sigma; infinite of a plateau that is not known.
 SHAPE_STD, WIDTH_STD, SMEAR_STD, PLATEAU_STD, SIZE_STD = range(10, 15)
-# Only before: which way (a unit vector) something ends there, and how many px from the center
-# pixels take part that way; infinite where all do. 0 after.
-END_U, END_V, END = range(15, 18)
 # Only after: std of the center px; share near the ellipse of the edge that can be seen, and share
 # exactly on it of all the edge; share of what is within that is as bright as it is drawn; share of
 # all the edge that is clearly outside of the ellipse.
 ERROR, NEAR_EDGE, ON_EDGE, WITHIN, OUTSIDE = range(10, 15)
-FITTED = 18
+FITTED = 15
 
 # Moments of an exposure that are averaged, and from which way (px) on. No share of a pixel that is
 # covered is then off by more than 0.2 %, up to a way of 20 px where edges are blurred by 0.9 px.
@@ -296,7 +293,6 @@ def _cut_rims(grey: Bytes, starts: Array, boxes: Integers, settings: EllipseSett
     rim = (seen.outside > -settings.inward * blur - more) & (
         seen.outside < settings.outward * blur + more
     )
-    rim &= x * starts[owner, END_U] + y * starts[owner, END_V] <= starts[owner, END]
     around = np.arctan2(seen.down[rim], seen.across[rim]) * settings.sectors / (2.0 * math.pi)
     around %= settings.sectors
     before = np.minimum(around.astype(np.int64), settings.sectors - 1)
@@ -684,7 +680,6 @@ def _results(
     fitted[:, ON_EDGE] = np.count_nonzero(on_edge, axis=1) / settings.sectors
     outside = clear & (edges > near + 2.0 * stds)
     fitted[:, OUTSIDE] = np.count_nonzero(outside, axis=1) / settings.sectors
-    fitted[:, [END_U, END_V, END]] = 0.0
     return fitted
 
 

@@ -32,14 +32,9 @@ from pneunet_ros.vision.ellipse_fit import (
     AXIS_XY,
     AXIS_YY,
     BEHIND,
-    END,
-    END_U,
-    END_V,
     PLATEAU,
     PLATEAU_STD,
     SIZE_STD,
-    SMEAR_U,
-    SMEAR_V,
     WIDTH,
     WIDTH_STD,
 )
@@ -74,9 +69,6 @@ class RowLookSettings:
     seen_cut: float = tuning(
         0.5, 'the same, where nothing covers its inside', source='measured: 0.54 of a cut tip'
     )
-    seen_short: float = tuning(
-        0.85, 'the same, short of the end of the arm', source='measured: 0.8 of a false one'
-    )
     inside: float = tuning(0.95, 'share of the inside that is seen where nothing covers it')
     appeared: float = tuning(
         0.25, 'the same, off where the row is, of a doubtful one', unit='radius'
@@ -99,14 +91,6 @@ class RowLookSettings:
     unsure_moved: float = tuning(
         0.1, 'the same, added where it moves by a radius', unit='radius', source='invented'
     )
-    ends: float = tuning(
-        0.69,
-        'from the center of the last target, where the arm may end',
-        unit='radius',
-        source='a tenth of the target is cut off there',
-    )
-    clear: float = tuning(1.5, 'before that end, where nothing of it is seen', unit='blur')
-    swept: float = tuning(1.0, 'way from which on the end is told from a target', unit='radius')
     blur: float = tuning(0.5, 'blur of a part off that of neighbors, at most', unit='px')
     blur_moved: float = tuning(0.4, 'the same, added where it moves by a radius', unit='px')
     filled: float = tuning(0.65, 'share of the inside that must be seen', source='measured')
@@ -177,27 +161,6 @@ def _looks_of(
     level_std = np.sqrt(variance[:, 7])
     starts[:, PLATEAU_STD] = np.maximum(level_std, settings.level_std * contrast)
     return starts
-
-
-def short_of_end(expected: Array, places: Array, settings: RowLookSettings = ROW_LOOK) -> Array:
-    """Return outlines of which that of the last target ends where the arm may end.
-
-    expected: as `looks_of_neighbors`; places (targets, 2) px, along the row. While it moves far,
-    the end of the arm and the last target are smeared into each other: only what is on this side
-    of the end, all of the exposure, takes part. END stays infinite where it does not.
-    """
-    outlines = expected.copy()
-    last = outlines[-1]
-    along = places[-1] - places[-2]
-    along /= math.hypot(*along)
-    radius = math.sqrt(last[AXIS_XX] * last[AXIS_YY] - last[AXIS_XY] ** 2)
-    smear = last[[SMEAR_U, SMEAR_V]]
-    if math.hypot(*smear) > settings.swept * radius:
-        last[[END_U, END_V]] = along
-        last[END] = (
-            settings.ends * radius - settings.clear * last[WIDTH] - 0.5 * abs(along @ smear)
-        )
-    return outlines
 
 
 def _lines_at(away: Array, values: Array, known: Mask) -> tuple[Array, Array]:
@@ -279,8 +242,6 @@ def believable_parts(
     alike &= blurred <= settings.blur + settings.blur_moved * moved
     least = np.where(found[:, FILLED] >= settings.inside, settings.seen_cut, settings.seen)
     edge = (share >= settings.whole) | (found[:, SEEN] >= least)
-    # All that covers it is left out: nearly all of the edge that is looked at must be its own.
-    edge &= np.isinf(expected[:, END]) | (found[:, SEEN] >= settings.seen_short)
     within = found[:, BEYOND] <= settings.beyond
     size = share_of_area(found, expected)
     differs = settings.differ * 2.0 * expected[:, SIZE_STD]

@@ -23,15 +23,18 @@ from pneunet_ros.vision.centroid import (
     axes_of,
     BLUR,
     COLUMNS,
+    CONTRAST,
+    is_possible,
     MAJOR,
     MINOR,
     outlines,
+    rows_of,
     SMEAR,
     STD,
     U,
     V,
 )
-from pneunet_ros.vision.ellipse_fit import CENTER_U, CENTER_V, END
+from pneunet_ros.vision.ellipse_fit import CENTER_U, CENTER_V, SMEAR_U, SMEAR_V
 from pneunet_ros.vision.gating import (
     consistent_motion,
     consistent_size,
@@ -40,6 +43,16 @@ from pneunet_ros.vision.gating import (
     gating_numbers,
     initial_area,
     Mask,
+)
+from pneunet_ros.vision.moving_dots import (
+    as_fitted,
+    end_of_arm,
+    fit_moving_dot,
+    is_dot,
+    known_by,
+    moves_far,
+    MovingDot,
+    nothing_known,
 )
 from pneunet_ros.vision.rest_plane import (
     Failure,
@@ -54,7 +67,6 @@ from pneunet_ros.vision.row_look import (
     looks_of_neighbors,
     part_stds,
     share_of_area,
-    short_of_end,
     whole_targets,
 )
 from pneunet_ros.vision.settings import VisionSettings
@@ -198,18 +210,22 @@ def with_partial(
     if last is None:  # nothing tells yet how large each is
         partial &= ~same
     found = np.full_like(row.table, np.nan)
-    before_end = short_of_end(expected, starts[0], settings)
-    at_end, ended = np.isfinite(before_end[:, END]), False
+    swept = expected.copy()
+    if last is not None:
+        ways = _ways(view, row, last)
+        longer = np.hypot(*ways.T) > np.hypot(swept[:, SMEAR_U], swept[:, SMEAR_V])
+        swept[longer, SMEAR_U : SMEAR_V + 1] = ways[longer]
+    moving = partial & moves_far(swept, view.vision.moving_dots)
     for places in starts:
-        for outline, looked_at in ((expected, partial), (before_end, partial & at_end)):
-            outline[:, [CENTER_U, CENTER_V]] = places
-            there = looked_at & np.isfinite(places[:, 0])
-            if not there.any():
-                continue
-            part = _parts_at(view, row, usual, there, outline, last)
+        expected[:, [CENTER_U, CENTER_V]] = places
+        looked_at = partial & ~moving & np.isfinite(places[:, 0])
+        if looked_at.any():
+            part = _parts_at(view, row, usual, looked_at, expected, last)
             better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
             found[better] = part[better]
-            ended = (bool(better[-1]) and outline is before_end) or (ended and not better[-1])
+    if moving.any():
+        dots = _moving_at(view, row, moving, swept, starts, last)
+        found[moving] = dots[moving]
     believed = np.isfinite(found[:, U])
     # What is neither as large as it has been, nor a part of what its neighbors are, is something
     # else.
@@ -219,8 +235,8 @@ def with_partial(
     table = np.where(believed[:, None], found, row.table)
     table[other] = np.nan
     gated = gate_row(view, table, usual, last, believed)
-    if ended and np.isnan(gated.std[-2]):
-        # Of half of its edge alone, beyond a gap: what is behind the arm may look like that.
+    if believed[-1] and moving[-1] and np.isnan(gated.std[-2]):
+        # Of one side of it alone, beyond a gap: what is behind the arm may look like that.
         table[-1] = np.nan
         gated = gate_row(view, table, usual, last, believed)
     return gated
@@ -242,11 +258,6 @@ def _parts_at(
     settings = view.vision.row_look
     found = np.full_like(row.table, np.nan)
     found[partial] = blobs_at(view.image, expected[partial], view.appearance)
-    again = np.isfinite(found[:, U]) & np.isfinite(expected[:, END])
-    if again.any():  # the end moves with the target
-        nearer = expected[again]
-        nearer[:, [CENTER_U, CENTER_V]] = found[again][:, [U, V]]
-        found[again] = blobs_at(view.image, nearer, view.appearance)
     found[:, STD] = part_stds(found, expected, settings)
     off = np.hypot(*(found[:, :2] - expected[:, [CENTER_U, CENTER_V]]).T)
     believed = off <= settings.moved * np.sqrt(usual / math.pi)
@@ -256,6 +267,81 @@ def _parts_at(
         worse = found[:, STD] > settings.worse * np.nanmedian(row.table[:, STD])
         believed &= _are_on_row(view, row, found, partial & (~last.seen | worse))
     found[~believed] = np.nan
+    return found
+
+
+def _ways(view: View, row: ObservedRow, last: TrackedRow) -> Array:
+    """Return how far targets move while the shutter is open, (targets, 2) px, by where they were.
+
+    A line over their own ways, each known by how it is smeared, tells less of those at an end.
+    """
+    both = np.isfinite(row.table[:, U]) & last.seen
+    if not both.any():
+        return last.exposure * last.velocity
+    seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
+    moved = (row.table[both, :2] - last.pixels[both]) / seconds
+    neighbors = view.vision.row_look.neighbors
+    return last.exposure * velocity_along_row(moved, view.arclength, both, neighbors)
+
+
+def _moving_at(
+    view: View,
+    row: ObservedRow,
+    moving: Mask,
+    expected: Array,
+    starts: tuple[Array, ...],
+    last: TrackedRow | None,
+) -> Array:
+    """Return the targets that move far while the shutter is open, rows (targets, columns).
+
+    moving (targets,): which are looked for, at each of `starts`; expected: as
+    `looks_of_neighbors`. NaN where there is none to be believed.
+    """
+    settings, look, grey = view.vision.moving_dots, view.vision.row_look, view.image.grey()
+    along = np.gradient(starts[0], axis=0)
+    along /= np.hypot(*along.T)[:, None]
+    ends = np.full(len(along), math.inf)
+    ends[-1] = end_of_arm(expected[-1], along[-1], settings)
+    tell = np.flatnonzero(whole_targets(row.table, expected, look)).tolist()
+    if not tell:
+        return np.full_like(row.table, np.nan)
+    fitted: dict[int, MovingDot | None] = {}
+    found = np.full_like(row.table, np.nan)
+    away = np.abs(np.arange(len(moving))[:, None] - tell).min(axis=1)
+    for target in sorted(np.flatnonzero(moving).tolist(), key=lambda it: int(away[it])):
+        nearest = sorted(tell, key=lambda it: abs(it - target))[: settings.alike]
+        for other in nearest:
+            if other not in fitted:
+                outline = expected[other].copy()
+                outline[[CENTER_U, CENTER_V]] = row.table[other, :2]
+                nothing = nothing_known(outline, row.table[other, CONTRAST], settings)
+                fitted[other] = fit_moving_dot(
+                    grey, outline, along[other], ends[other], nothing, settings
+                )
+        alike = [dot for it in nearest if (dot := fitted[it]) is not None]
+        if len(alike) < settings.fewest:
+            continue
+        known = known_by(alike, settings)
+        for places in starts:
+            outline = expected[target].copy()
+            outline[[CENTER_U, CENTER_V]] = places[target]
+            if np.isnan(outline).any():
+                continue
+            dot = fit_moving_dot(grey, outline, along[target], ends[target], known, settings)
+            if dot is None or not is_dot(dot, known, settings):
+                continue
+            fitting = rows_of(as_fitted(outline, dot)[None])[0]
+            radius = math.sqrt(fitting[AREA] / math.pi)
+            off = math.hypot(*(dot.center - places[target]))
+            sure = dot.std <= look.unsure * radius and not found[target, STD] <= dot.std
+            if sure and off <= settings.astray * radius:
+                found[target], fitted[target] = fitting, dot
+        if target in fitted:  # skin and light change along the arm: it tells the next one more
+            tell.append(target)
+    found[~is_possible(found, view.appearance.look, grey.shape)] = np.nan
+    if last is not None:
+        worse = found[:, STD] > look.worse * np.nanmedian(row.table[:, STD])
+        found[~_are_on_row(view, row, found, moving & (~last.seen | worse))] = np.nan
     return found
 
 

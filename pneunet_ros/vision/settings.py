@@ -13,6 +13,7 @@ from pneunet_ros.vision.camera_settings import CameraSettings
 from pneunet_ros.vision.curvature_prior import PRIOR, PriorSettings
 from pneunet_ros.vision.ellipse_fit import ELLIPSE, EllipseSettings
 from pneunet_ros.vision.gating import GATING, GatingSettings
+from pneunet_ros.vision.moving_dots import MOVING_DOTS, MovingDotSettings
 from pneunet_ros.vision.row_look import ROW_LOOK, RowLookSettings
 from pneunet_ros.vision.smoother import SMOOTHER, SmootherSettings
 
@@ -65,6 +66,7 @@ class VisionSettings:
     blobs: BlobSettings = BLOBS
     ellipse: EllipseSettings = ELLIPSE
     row_look: RowLookSettings = ROW_LOOK
+    moving_dots: MovingDotSettings = MOVING_DOTS
     association: AssociationSettings = ASSOCIATION
     beam_search: BeamSearchSettings = BEAM_SEARCH
     gating: GatingSettings = GATING
