@@ -64,7 +64,14 @@ def outline(way, off=(0.0, 0.0)):
 
 def known(contrast=PAINT - SKIN):
     """Return what neighbors tell of the contrast."""
-    return Known(contrast=contrast, contrast_std=0.3 * contrast, size=1.0, size_std=0.01)
+    return Known(
+        contrast=contrast,
+        contrast_std=0.3 * contrast,
+        size=1.0,
+        size_std=0.01,
+        longer=1.1,
+        way_std=0.1,
+    )
 
 
 @pytest.mark.parametrize('way', WAYS)
@@ -94,6 +101,7 @@ def test_a_dot_tells_its_size_where_nothing_else_does():
     assert dot.way == pytest.approx([0.0, 12.0], abs=0.5)
     alike = known_by([dot, dot, dot])
     assert (alike.size, alike.contrast) == (dot.size, dot.contrast)
+    assert alike.longer == pytest.approx(1.0 / 0.85, abs=0.05)
     assert alike.size_std == MOVING_DOTS.least_size_std
 
 

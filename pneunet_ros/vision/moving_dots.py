@@ -62,7 +62,8 @@ class MovingDotSettings:
     largest_change: float = tuning(0.4, 'of the size, in all', unit='radius')
     moves: int = tuning(3, 'of what is looked at, after the center')
     near: float = tuning(0.1, 'of the center, after which that need not move', unit='radius')
-    way_std: float = tuning(0.2, 'one sigma of the way by neighbors', unit='way')
+    way_std: float = tuning(0.2, 'one sigma of the way by the row', unit='way')
+    least_way_std: float = tuning(0.1, 'of the way by other fits, at least', unit='way')
     size_std: float = tuning(0.1, 'one sigma of the size by other fits', unit='radius')
     alike: int = tuning(3, 'nearest neighbors that tell size and contrast')
     fewest: int = tuning(2, 'of them')
@@ -97,13 +98,14 @@ MOVING_DOTS = MovingDotSettings()
 class MovingDot(NamedTuple):
     """A dot that was fitted.
 
-    center and way while the shutter is open, px; size over what it was thought to be; contrast,
-    grey levels; std of the center per axis, px; left: root mean square of what is not explained,
-    grey levels.
+    center and way while the shutter is open, px; longer, size: its way and size over what they
+    were thought to be; contrast, grey levels; std of the center per axis, px; left: root mean
+    square of what is not explained, grey levels.
     """
 
     center: Array
     way: Array
+    longer: float
     size: float
     contrast: float
     std: float
@@ -113,13 +115,16 @@ class MovingDot(NamedTuple):
 class Known(NamedTuple):
     """What is known of a dot before the fit, and one sigma of it.
 
-    contrast: grey levels, its std infinite where nothing is known; size: over what is drawn.
+    contrast: grey levels, its std infinite where nothing is known; size, longer: over what is
+    drawn, its way one sigma of either component over its length.
     """
 
     contrast: float
     contrast_std: float
     size: float
     size_std: float
+    longer: float
+    way_std: float
 
 
 def fit_moving_dot(
@@ -144,7 +149,6 @@ def fit_moving_dot(
         if dot is None:
             return None
         outline[[CENTER_U, CENTER_V]] = dot.center
-        outline[[SMEAR_U, SMEAR_V]] = dot.way
         if math.hypot(*(dot.center - before)) < settings.near * _radius(outline):
             break
     return dot
@@ -206,11 +210,12 @@ def _fit_within(
     count, spare = len(pixels.x), len(pixels.x) - many - 1 - OF_DOT
     if spare < many:
         return None
-    given = outline[[SMEAR_U, SMEAR_V]]
+    drawn = outline[[SMEAR_U, SMEAR_V]]
+    given = known.longer * drawn
     off, way, size, contrast = np.zeros(2), given.copy(), known.size, known.contrast
     std = np.full(many + 1 + OF_DOT, math.inf)  # what is known before; nothing of the center
     std[many], std[many + 5] = known.contrast_std, known.size_std
-    std[many + 3 : many + 5] = settings.way_std * math.hypot(*given)
+    std[many + 3 : many + 5] = known.way_std * math.hypot(*given)
     wanted = np.zeros(len(std))
     variance = 1.0
     for turn in range(settings.passes):
@@ -245,6 +250,7 @@ def _fit_within(
     return MovingDot(
         center=outline[[CENTER_U, CENTER_V]] + off,
         way=way,
+        longer=float(way @ drawn / (drawn @ drawn)),
         size=size,
         contrast=contrast,
         std=math.hypot(math.sqrt(square), error),
@@ -305,13 +311,20 @@ def known_by(dots: list[MovingDot], settings: MovingDotSettings = MOVING_DOTS) -
     """Return what dots tell of one next to them."""
     contrast = float(np.median([dot.contrast for dot in dots]))
     sizes = np.array([dot.size for dot in dots])
-    spread = float(np.sqrt(np.mean((sizes - np.median(sizes)) ** 2)))
+    ways = np.array([dot.longer for dot in dots])
     return Known(
         contrast=contrast,
         contrast_std=settings.contrast_std * contrast,
         size=float(np.median(sizes)),
-        size_std=max(spread, settings.least_size_std),
+        size_std=max(_spread(sizes), settings.least_size_std),
+        longer=float(np.median(ways)),
+        way_std=max(_spread(ways), settings.least_way_std),
     )
+
+
+def _spread(values: Array) -> float:
+    """Return how far values are off their median, root mean square."""
+    return float(np.sqrt(np.mean((values - np.median(values)) ** 2)))
 
 
 def nothing_known(outline: Array, contrast: float, settings: MovingDotSettings) -> Known:
@@ -321,6 +334,8 @@ def nothing_known(outline: Array, contrast: float, settings: MovingDotSettings) 
         contrast_std=math.inf,
         size=1.0,
         size_std=max(settings.size_std, float(outline[SIZE_STD])),
+        longer=1.0,
+        way_std=settings.way_std,
     )
 
 
