@@ -76,6 +76,9 @@ class MovingDotSettings:
         unit='way^2 / radius',
         source='measured: composed films of other photographs and seeds than are scored',
     )
+    least_error: float = tuning(
+        0.01, 'of the center, as no dot is painted evenly', unit='radius', source='invented'
+    )
     most_left: float = tuning(
         0.08, 'root mean square of what is not explained, at most', unit='contrast',
         source='measured: 0.03 of dots that are seen, there',
@@ -246,7 +249,8 @@ def _fit_within(
     covariance += variance * (inverse[of_center] * weights) @ inverse[:, of_center]
     white = variance * float(np.diagonal(inverse)[of_center].max())
     square = max(float(np.linalg.eigvalsh(covariance)[-1]), white)
-    error = settings.error * float(way @ way) / _radius(outline)
+    radius = _radius(outline)
+    error = math.hypot(settings.error * float(way @ way) / radius, settings.least_error * radius)
     return MovingDot(
         center=outline[[CENTER_U, CENTER_V]] + off,
         way=way,

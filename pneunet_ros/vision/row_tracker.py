@@ -34,7 +34,14 @@ from pneunet_ros.vision.centroid import (
     U,
     V,
 )
-from pneunet_ros.vision.ellipse_fit import CENTER_U, CENTER_V, SMEAR_U, SMEAR_V
+from pneunet_ros.vision.ellipse_fit import (
+    AXIS_XX,
+    AXIS_YY,
+    CENTER_U,
+    CENTER_V,
+    SMEAR_U,
+    SMEAR_V,
+)
 from pneunet_ros.vision.gating import (
     consistent_motion,
     consistent_size,
@@ -210,12 +217,10 @@ def with_partial(
     if last is None:  # nothing tells yet how large each is
         partial &= ~same
     found = np.full_like(row.table, np.nan)
-    swept = expected.copy()
-    if last is not None:
-        ways = _ways(view, row, last)
-        longer = np.hypot(*ways.T) > np.hypot(swept[:, SMEAR_U], swept[:, SMEAR_V])
-        swept[longer, SMEAR_U : SMEAR_V + 1] = ways[longer]
+    swept = expected if last is None else _with_ways(view, row, expected, last)
     moving = partial & moves_far(swept, view.vision.moving_dots)
+    if moving.any():
+        found[moving] = _moving_at(view, row, moving, swept, starts, last)[moving]
     for places in starts:
         expected[:, [CENTER_U, CENTER_V]] = places
         looked_at = partial & ~moving & np.isfinite(places[:, 0])
@@ -223,9 +228,6 @@ def with_partial(
             part = _parts_at(view, row, usual, looked_at, expected, last)
             better = np.isfinite(part[:, U]) & ~(found[:, STD] <= part[:, STD])
             found[better] = part[better]
-    if moving.any():
-        dots = _moving_at(view, row, moving, swept, starts, last)
-        found[moving] = dots[moving]
     believed = np.isfinite(found[:, U])
     # What is neither as large as it has been, nor a part of what its neighbors are, is something
     # else.
@@ -234,12 +236,7 @@ def with_partial(
         return row
     table = np.where(believed[:, None], found, row.table)
     table[other] = np.nan
-    gated = gate_row(view, table, usual, last, believed)
-    if believed[-1] and moving[-1] and np.isnan(gated.std[-2]):
-        # Of one side of it alone, beyond a gap: what is behind the arm may look like that.
-        table[-1] = np.nan
-        gated = gate_row(view, table, usual, last, believed)
-    return gated
+    return gate_row(view, table, usual, last, believed)
 
 
 def _parts_at(
@@ -270,18 +267,21 @@ def _parts_at(
     return found
 
 
-def _ways(view: View, row: ObservedRow, last: TrackedRow) -> Array:
-    """Return how far targets move while the shutter is open, (targets, 2) px, by where they were.
+def _with_ways(view: View, row: ObservedRow, expected: Array, last: TrackedRow) -> Array:
+    """Return outlines (targets, FITTED) that move as the row does while the shutter is open.
 
-    A line over their own ways, each known by how it is smeared, tells less of those at an end.
+    A line over how neighbors are smeared tells too little where most of them are not seen whole:
+    the longer way counts of that one and of the way since the last frame.
     """
-    both = np.isfinite(row.table[:, U]) & last.seen
-    if not both.any():
-        return last.exposure * last.velocity
-    seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
-    moved = (row.table[both, :2] - last.pixels[both]) / seconds
-    neighbors = view.vision.row_look.neighbors
-    return last.exposure * velocity_along_row(moved, view.arclength, both, neighbors)
+    outlines, both = expected.copy(), np.isfinite(row.table[:, U]) & last.seen
+    if both.any():
+        seconds = seconds_between(last.stamp_ns, view.image.stamp_ns)
+        moved = (row.table[both, :2] - last.pixels[both]) / seconds
+        neighbors = view.vision.row_look.neighbors
+        ways = last.exposure * velocity_along_row(moved, view.arclength, both, neighbors)
+        longer = np.hypot(*ways.T) > np.hypot(expected[:, SMEAR_U], expected[:, SMEAR_V])
+        outlines[longer, SMEAR_U : SMEAR_V + 1] = ways[longer]
+    return outlines
 
 
 def _moving_at(
@@ -294,9 +294,13 @@ def _moving_at(
 ) -> Array:
     """Return the targets that move far while the shutter is open, rows (targets, columns).
 
-    moving (targets,): which are looked for, at each of `starts`; expected: as
-    `looks_of_neighbors`. NaN where there is none to be believed.
+    moving (targets,): which are looked for, at each of `starts`, and where the others lead, as a
+    blob that is smeared may be elsewhere; expected: as `looks_of_neighbors`. NaN where there is
+    none to be believed.
     """
+    without = replace(row, table=row.table.copy(), points=row.points.copy())
+    without.table[moving] = without.points[moving] = np.nan
+    starts = _places_by_neighbors(view, without, last) + starts
     settings, look, grey = view.vision.moving_dots, view.vision.row_look, view.image.grey()
     along = np.gradient(starts[0], axis=0)
     along /= np.hypot(*along.T)[:, None]
@@ -325,7 +329,9 @@ def _moving_at(
         for places in starts:
             outline = expected[target].copy()
             outline[[CENTER_U, CENTER_V]] = places[target]
-            if np.isnan(outline).any():
+            near = settings.near * math.sqrt(expected[target, AXIS_XX] * expected[target, AXIS_YY])
+            again = math.hypot(*(places[target] - found[target, :2])) < near
+            if np.isnan(outline).any() or again:
                 continue
             dot = fit_moving_dot(grey, outline, along[target], ends[target], known, settings)
             if dot is None or not is_dot(dot, known, settings):
