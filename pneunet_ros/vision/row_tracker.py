@@ -217,7 +217,9 @@ def with_partial(
     if last is None:  # nothing tells yet how large each is
         partial &= ~same
     found = np.full_like(row.table, np.nan)
-    swept = expected if last is None else _with_ways(view, row, expected, last)
+    swept = expected
+    if last is not None and partial.any():
+        swept = _with_ways(view, row, expected, last)
     moving = partial & moves_far(swept, view.vision.moving_dots)
     if moving.any():
         found[moving] = _moving_at(view, row, moving, swept, starts, last)[moving]
