@@ -14,6 +14,7 @@ from collections.abc import Callable
 from functools import cache
 import hashlib
 import importlib.util
+import operator
 import os
 from pathlib import Path
 import sys
@@ -24,9 +25,18 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 HAVE_NUMBA = importlib.util.find_spec('numba') is not None and not os.environ.get(
     'PNEUNET_NO_NUMBA'
 )
-WITHIN = {'error_model': 'numpy', 'fastmath': {'contract'}, 'no_cfunc_wrapper': True}
+# Without what numba does for array expressions, which kernels have none of.
+WITHIN = {
+    'error_model': 'numpy',
+    'fastmath': {'contract'},
+    'no_cfunc_wrapper': True,
+    'no_rewrites': True,
+}
 CACHED = {**WITHIN, 'cache': True}
-INLINED = {**WITHIN, 'forceinline': True}
+INNER = {**WITHIN, 'no_cpython_wrapper': True}
+INLINED = {**INNER, 'forceinline': True}
+# What only kernels call: by the function that they name, what numba compiles of it.
+INNER_KERNELS: dict[Callable[..., Any], Any] = {}
 
 
 def fingerprint(package: Path) -> str:
@@ -97,6 +107,14 @@ def kernel(function: Function) -> Function:
     return compiled_or_plain(function, CACHED)
 
 
+def inner(function: Function) -> Function:
+    """Compile what only kernels call: with them, and without what Python needs to call it.
+
+    Python, too, may call it, and then it is plain Python.
+    """
+    return compiled_or_plain(function, INNER)
+
+
 def inlined(function: Function) -> Function:
     """Compile an equation that is copied into its callers, so that loops vectorize.
 
@@ -121,22 +139,49 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
     An equation that is copied into its callers stays as it is; numba compiles it with them.
     """
     import numba
-    from numba.extending import register_jitable
+    from numba.core import types
+    from numba.core.typing.templates import infer_global
 
     compiled: Any
     try:
-        if options is INLINED:
-            compiled = register_jitable(**options)(function)
-        else:
-            compiled = numba.njit(**options)(function)
-            index = compiled._cache._cache_file
-            index._source_stamp = (index._source_stamp, sources())
+        numbers_and_arrays_first()
+        compiled = numba.njit(**options)(function)
+        if options is not CACHED:
+            # Not as numba's `register_jitable`, which compiles once more for callers that are
+            # compiled with other options.
+            INNER_KERNELS[function] = compiled
+            infer_global(function, types.Dispatcher(compiled))
+            return function
+        index = compiled._cache._cache_file
+        index._source_stamp = (index._source_stamp, sources())
     except (RuntimeError, AttributeError):
         # Nowhere to keep a cache, neither beside this file nor in the home folder; or a numba
         # that keeps it in another way.
         compiled = numba.njit(**WITHIN)(function)
     kernel_function: Function = compiled
     return kernel_function
+
+
+@cache
+def numbers_and_arrays_first() -> None:
+    """Have numba look for the arithmetic of numbers, and for entries of arrays, first.
+
+    It looks for them last, after those of strings, lists and arrays of all kinds, with the same
+    outcome: half of the time in which it finds types.
+    """
+    from numba.core.typing import arraydecl, builtins
+    from numba.core.typing.templates import infer_global
+
+    for operation, template in (
+        (operator.getitem, arraydecl.GetItemBuffer),
+        (operator.setitem, arraydecl.SetItemBuffer),
+        (operator.add, builtins.BinOpAdd),
+        (operator.sub, builtins.BinOpSub),
+        (operator.mul, builtins.BinOpMul),
+        (operator.truediv, builtins.BinOpTrueDiv),
+    ):
+        more_specific = {'key': operation, 'metadata': {'target': 'cpu'}}
+        infer_global(operation)(type(template.__name__, (template,), more_specific))
 
 
 def not_literal(value: int) -> Any:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.jit import inner, kernel
 
 SETTLED = 1e-11  # rad, of the last step
 NEAR = 1e-6  # rad, of a step that is taken whole
@@ -24,7 +24,7 @@ LONGEST_STEP = 0.5  # rad
 LOAD_STEPS = 24  # of the way back from the unloaded arm
 
 
-@kernel
+@inner
 def bending_moment(
     d: float, rigidity: float, cubic: float, quintic: float
 ) -> tuple[float, float, float]:
@@ -35,7 +35,7 @@ def bending_moment(
     return energy, moment, rigidity * (1.0 + q * (3.0 * cubic + 5.0 * q * quintic))
 
 
-@kernel
+@inner
 def joint(
     turn: float,
     before: float,
@@ -84,7 +84,7 @@ class ChainFrame(NamedTuple):
     numbers: Array
 
 
-@kernel
+@inner
 def energy_of(
     angles: Array,
     frame: ChainFrame,
@@ -150,7 +150,7 @@ def energy_of(
     return energy
 
 
-@kernel
+@inner
 def settle(angles: Array, frame: ChainFrame, share: float, work: Array) -> float:
     """Move the angles, in place, to where the energy is least; returns the last step in rad.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.jit import inlined, inner, kernel
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import ONES, prepare
 from pneunet_ros.solver.columns import set_ends, write
@@ -61,7 +61,7 @@ def end_load(ends: Array, k: int) -> Four:
     return offset, ends[col.END_X * B + k], ends[col.END_Y * B + k], moment
 
 
-@kernel
+@inner
 def residuals(
     panels: Array, ends: Array, nodes: Array, slopes: Array, scale: Array, worst: Array
 ) -> None:
@@ -110,7 +110,7 @@ def residuals(
             worst[k] = worst[k] + (size + abs(moment_gap) * scale[k])
 
 
-@kernel
+@inner
 def full_steps(
     ends: Array, nodes: Array, slopes: Array, steps: Array, scale: Array, sweep: Array
 ) -> None:

@@ -14,7 +14,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import kernel, not_literal
+from pneunet_ros.core.jit import inner, kernel, not_literal
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.columns import end_load, four, powers, read_panel, set_four
 from pneunet_ros.solver.panel import (
@@ -37,7 +37,7 @@ ONES = (1.0, 1.0, 1.0, 1.0)
 FIRST_PIECE = not_literal(0)
 
 
-@kernel
+@inner
 def rotation_at(s: float, knots: Array, rotation: Array, piece: int) -> tuple[float, int]:
     """Return the intrinsic rotation (rad) from the clamp to s; searches from `piece` on."""
     while piece < knots.size - 2 and s >= knots[piece + 1]:
@@ -140,7 +140,7 @@ def unloaded_nodes(panels: Array, ends: Array, nodes: Array) -> None:
     nodes[-1, col.NODE_MOMENT] = 0.0
 
 
-@kernel
+@inner
 def residual_pass(
     panels: Array, ends: Array, nodes: Array, slopes: Array, moment_scale: float
 ) -> float:
@@ -173,7 +173,7 @@ def residual_pass(
     return worst
 
 
-@kernel
+@inner
 def newton_step(
     ends: Array, nodes: Array, slopes: Array, steps: Array, moment_scale: float
 ) -> None:
@@ -235,7 +235,7 @@ def newton_step(
             node[col.NODE_GAUSS + i] += out[col.STEP_RESIDUAL + i] + per_theta + per_moment
 
 
-@kernel
+@inner
 def scale_of_moments(panels: Array) -> float:
     """Return what makes an angle of a moment: length over the smallest rigidity, 1/(N m)."""
     length = 0.0
@@ -246,7 +246,7 @@ def scale_of_moments(panels: Array) -> float:
     return length * flexibility
 
 
-@kernel
+@inner
 def blend(nodes: Array, share: float, other: Array, out: Array) -> None:
     """Set out to nodes with a share of other nodes."""
     for p in range(len(nodes)):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.jit import inner, kernel
 
 TINY = 1e-300  # no weight at all
 ROUNDING = 1e-13  # of the largest offset: what arithmetic leaves of a length that is zero
@@ -67,7 +67,7 @@ def way_from_hull(points: Array, at: Array, way: Array) -> None:
                 chosen[k], weights[k] = chosen[k + 1], weights[k + 1]
 
 
-@kernel
+@inner
 def nearest_in_plane(
     points: Array, chosen: npt.NDArray[np.int64], rounding: float, weights: Array
 ) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.jit import inner, kernel
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.columns import end_load, panel_force
 from pneunet_ros.solver.panel import (
@@ -28,7 +28,7 @@ from pneunet_ros.solver.settings import (
 )
 
 
-@kernel
+@inner
 def chain_energy(
     links: Array, ends: Array, theta: Array, gradient: Array, diagonal: Array, coupling: Array
 ) -> float:
@@ -77,7 +77,7 @@ def chain_energy(
     return energy
 
 
-@kernel
+@inner
 def descend(links: Array, ends: Array, theta: Array, most_iterations: int) -> None:
     """Newton in energy with line search, in place; indefinite directions are turned downhill."""
     count = len(links)
@@ -122,7 +122,7 @@ def descend(links: Array, ends: Array, theta: Array, most_iterations: int) -> No
             return
 
 
-@kernel
+@inner
 def chain_of(panels: Array) -> Array:
     """Two links on every panel."""
     links = np.empty((2 * len(panels), col.LINK_WIDTH))

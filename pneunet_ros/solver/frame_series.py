@@ -102,7 +102,7 @@ def linearize_frames(
     rotation_changes = np.zeros((further, rods.rotation.shape[1], rods.rotation.shape[2]))
     node_changes = np.empty((col.LOADS + further, panel_count + 1, nodes.shape[2]))
     tip_changes = np.empty((col.LOADS + further, col.TIP_WIDTH))
-    ends, section = np.empty(col.END_WIDTH), np.empty(rods.sections.shape[1:])
+    ends, section = np.empty(col.END_WIDTH), np.empty((rods.sections.shape[1], col.SECTION_WIDTH))
     for k in range(knot_count):
         write(knot_rotation[k], rotation_changes[k])
     for rod in range(len(nodes)):

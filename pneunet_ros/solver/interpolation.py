@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel
+from pneunet_ros.core.jit import inlined, inner, kernel
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import rotation_at
 from pneunet_ros.solver.columns import four, panel_force, powers, read_panel, set_four
@@ -90,7 +90,7 @@ def close(series: Array, field: int, end: float) -> None:
     series[field, 1] += 0.5 * end
 
 
-@kernel
+@inner
 def panel_series(
     panels: Array,
     nodes: Array,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inlined, kernel, not_literal
+from pneunet_ros.core.jit import inlined, inner, kernel, not_literal
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import prepare, rotation_at
 from pneunet_ros.solver.columns import four, powers, read_panel
@@ -70,7 +70,7 @@ def note_law(law: Law, point: int, moment: float, fields: Array) -> None:
     fields[col.POINT_PER_COMPLIANCE, point], fields[col.POINT_PER_MOMENT, point] = e / law[0], e
 
 
-@kernel
+@inner
 def panel_points(panels: Array, nodes: Array, p: int, work: Array, fields: Array) -> None:
     """Fill fields (9, POINTS) of panel p; work holds what `panel_series` left there."""
     h, law, mechanics, _ = read_panel(panels, p)
@@ -230,7 +230,8 @@ def panel_changes(
     rotation (2, causes, pieces, 5) are records on both sides of it, distance (causes,) apart; ends
     and counts are those of the rod.
     """
-    before, after = np.empty(out.shape[1:]), np.empty(out.shape[1:])
+    shape = out.shape[1], out.shape[2]
+    before, after = np.empty(shape), np.empty(shape)
     for cause in range(distance.size):
         scale = 1.0 / distance[cause]
         for side, panels in enumerate((before, after)):

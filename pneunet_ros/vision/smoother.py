@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import CameraError, RequestError
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.jit import inner, kernel
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.core.settings import numbers_type, tuning
 from pneunet_ros.model.arm import Arm
@@ -380,7 +380,7 @@ def smooth_targets(
     return math.sqrt(squares / (2 * seen.size))
 
 
-@kernel
+@inner
 def chords(
     x: Array, y: Array, seen: Indices, distances: Array, angle: Array, stretch: Array
 ) -> None:
@@ -406,7 +406,7 @@ def chords(
         stretch[cell] += turn * turn / 24.0  # the chord of an arc is shorter than the arc
 
 
-@kernel
+@inner
 def integrate(
     points: Array, theta: Array, curvature: Array, log_stretch: Array, px: Array, py: Array
 ) -> None:
@@ -425,7 +425,7 @@ def integrate(
         scale, here_u, here_v = there, there_u, there_v
 
 
-@kernel
+@inner
 def least_variance(std: Array, seen: Indices, least_std: float) -> float:
     """Return the median of what detection says of the seen targets, at least `least_std`; m^2."""
     known = np.empty(seen.size)
@@ -441,7 +441,7 @@ def least_variance(std: Array, seen: Indices, least_std: float) -> float:
     return median * median + least_std * least_std
 
 
-@kernel
+@inner
 def noise_variance(
     bent: Array,
     longer: Array,
