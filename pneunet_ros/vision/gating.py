@@ -70,11 +70,18 @@ def consistent_spacing(
     length. One at either end of the row is not believed when it is `farthest` spacings or more
     from the next.
     """
-    seen = np.isfinite(x) & np.isfinite(y)
-    others = np.empty(x.size, np.int64)
+    seen = np.empty(x.size, np.bool_)
+    for target in range(x.size):
+        seen[target] = math.isfinite(x[target]) and math.isfinite(y[target])
+    others, every = np.empty(x.size, np.int64), np.empty(x.size, np.int64)
     smooth = False
     while True:
-        places = np.flatnonzero(seen)
+        count = NOTHING_BEFORE
+        for target in range(x.size):
+            if seen[target]:
+                every[count] = target
+                count += 1
+        places = every[:count]
         worst, worst_at = 1.0, -1
         for place in range(places.size):
             if smooth:
@@ -153,8 +160,14 @@ def expected_points(
     an arc through the last three, or a line.
     """
     count = x.size
-    at_x, at_y = x.copy(), y.copy()
-    places = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    at_x, at_y, places = np.empty(count), np.empty(count), np.empty(count, np.int64)
+    known = NOTHING_BEFORE
+    for target in range(count):
+        at_x[target], at_y[target] = x[target], y[target]
+        if math.isfinite(x[target]) and math.isfinite(y[target]):
+            places[known] = target
+            known += 1
+    places = places[:known]
     if places.size < 2:
         return at_x, at_y
     after = NOTHING_BEFORE

@@ -306,8 +306,9 @@ def smooth_targets(
     angle, stretch = np.empty(distances.size), np.empty(distances.size)
     chords(x, y, seen, distances, angle, stretch)
     bent, longer = np.zeros((priors, mode_count)), np.zeros((priors, mode_count))
-    line = line_longer = mean_theta = mean_stretch = 0.0
+    line = line_longer = mean_theta = mean_stretch = length_seen = 0.0
     for target in range(1, seen.size):
+        length_seen += distances[target - 1]
         line += distances[target - 1] * angle[target - 1]
         line_longer += distances[target - 1] * stretch[target - 1]
         mean_theta += slope[target] * line
@@ -318,12 +319,14 @@ def smooth_targets(
                 longer[prior, mode] += modes[prior, target, mode] * line_longer
     weights = np.empty(priors)
     least = least_variance(std, seen, least_std)
-    most = (settings.largest_noise * distances.mean()) ** 2
+    most = (settings.largest_noise * (length_seen / distances.size)) ** 2
     noise = noise_variance(bent, longer, mode_variances, least, most, settings, weights)
 
     size = points.size
-    theta, log_stretch = np.full(size, mean_theta), np.full(size, mean_stretch)
+    theta, log_stretch = np.empty(size), np.empty(size)
     curvature, variance = np.zeros(size), np.zeros(size)
+    for point in range(size):
+        theta[point], log_stretch[point] = mean_theta, mean_stretch
     own_curvature, own_variance = np.empty((priors, size)), np.empty((priors, size))
     share = settings.stretch_share * settings.stretch_share
     for prior in range(priors):
@@ -461,6 +464,7 @@ def noise_variance(
     best, best_misfit = least, np.inf
     level = least
     while level <= most or level == least:
+        smallest = np.inf
         for prior in range(weights.size):
             misfit, product = 0.0, 1.0
             for mode in range(mode_variances.shape[1]):
@@ -472,16 +476,20 @@ def noise_variance(
                     misfit += math.log(product)
                     product = 1.0
             misfits[prior] = misfit + math.log(product)
-        if misfits.min() < best_misfit:
-            best, best_misfit = level, misfits.min()
+            smallest = min(smallest, misfits[prior])
+        if smallest < best_misfit:
+            best, best_misfit = level, smallest
             for prior in range(weights.size):
                 weights[prior] = math.exp(-0.5 * (misfits[prior] - best_misfit))
-        elif misfits.min() > best_misfit + settings.far_worse:
+        elif smallest > best_misfit + settings.far_worse:
             break
         level *= settings.level_ratio * settings.level_ratio
-    weights /= weights.sum()
-    for prior in range(weights.size):
-        if weights[prior] < settings.least_weight:
-            weights[prior] = 0.0
-    weights /= weights.sum()
+    for least_weight in (settings.least_weight, 0.0):
+        total = 0.0
+        for prior in range(weights.size):
+            total += weights[prior]
+        for prior in range(weights.size):
+            weights[prior] /= total
+            if weights[prior] < least_weight:
+                weights[prior] = 0.0
     return best
