@@ -177,6 +177,30 @@ def test_kernels_of_other_equations_are_not_taken(monkeypatch):
     assert kernel_cache.kept_file().parent == today.parent
 
 
+@pytest.mark.skipif(not jit.HAVE_NUMBA, reason='no numba here')
+def test_what_only_kernels_call_is_compiled_once_and_plain_for_python():
+    import numba
+    from numba.core import event
+
+    def doubled(x):
+        return 2.0 * x
+
+    def raised(x):
+        return doubled(x) + 1.0
+
+    def entry(x):
+        return raised(x) + doubled(x)
+
+    assert jit.dispatcher(doubled, jit.INNER) is doubled
+    assert jit.dispatcher(raised, jit.INLINED) is raised
+    compiled = numba.njit(**jit.WITHIN)(entry)
+    with event.install_recorder('numba:compile') as recorder:
+        assert compiled(1.5) == entry(1.5) == 7.0
+    begun = [what for _, what in recorder.buffer if what.is_start]
+    functions = [what.data['dispatcher'].py_func.__name__ for what in begun]
+    assert sorted(functions) == ['doubled', 'entry', 'raised']
+
+
 def test_compile_says_that_all_is_there(capsys, unkept):
     unkept.touch()
     assert main(['compile']) == 0
