@@ -17,9 +17,9 @@ class Gravity(Effect):
     name: ClassVar[str] = 'gravity'
     place: ClassVar[Place] = 'mechanics'
     meaning: ClassVar[str] = 'line load in the base frame'
-    # No arm is as heavy all along, and what lies near the clamp bends it less. Invented, of that
-    # size.
-    law_error: ClassVar[float] = 0.1
+    # No arm is as heavy all along, and what lies near the clamp bends it less. Invented: one that
+    # is a third heavier at the clamp than on average reads a quarter too light in blind trials.
+    law_error: ClassVar[float] = 0.2
     weight_x: float = quantity(
         0.0,
         unit='N/m',
