@@ -156,7 +156,7 @@ class Confirmer:
 
         Of frames that are steady states each is an experiment of its own.
         """
-        if len(self.training) > 1 or self.steady:
+        if len(self.training) > 1 or self.steady or not self.settings.confirmation.tested:
             return ()
         if self.has_held_out and self.is_shown(record):
             return ()

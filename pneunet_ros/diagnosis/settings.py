@@ -171,6 +171,7 @@ class ConfirmationSettings:
     )
     surely: float = tuning(3.0, 'the same, so many standard errors', source='convention')
     batches: int = tuning(8, 'parts of a held-out run, to tell that standard error')
+    tested: bool = tuning(True, 'whether something must have tested a name', source='convention')
     wrong: float = tuning(
         0.02,
         'probability that a confirmed name is wrong',

@@ -10,6 +10,7 @@ from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.diagnosis import investigate, Investigation
 from pneunet_ros.diagnosis.experiment_design import Experiment
 from pneunet_ros.diagnosis.result import Diagnosis
+from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings
 from pneunet_ros.exploration.choice import Choice, choice_in_order, next_choice
 from pneunet_ros.exploration.experiments import BEGINNING
 from pneunet_ros.exploration.rivals import named_effects, rival_probabilities
@@ -84,7 +85,14 @@ def explore(
         run = record(choice.experiment, safe, len(runs))
         predicted = None if before is None else score(before.after.arm, run).rms
         runs.append(run)
-        investigation = investigate(model, runs, [], seed=seed, on_progress=on_progress)
+        investigation = investigate(
+            model,
+            runs,
+            [],
+            seed=seed,
+            on_progress=on_progress,
+            settings=diagnosis_settings(len(runs)),
+        )
         rivals = rival_probabilities(investigation)
         yield Round(
             choice=choice, run=run, investigation=investigation, rivals=rivals, predicted=predicted
@@ -100,3 +108,11 @@ def explore(
             choice = choice_in_order(len(runs))
         else:
             choice = next_choice(investigation, rivals, safe, len(runs), settings)
+
+
+def diagnosis_settings(count: int) -> DiagnosisSettings:
+    """Return the settings of a diagnosis of so many recordings.
+
+    Of the first one alone nothing tests a name; it is asked for all the same, as the next one will.
+    """
+    return replace(DEFAULTS, confirmation=replace(DEFAULTS.confirmation, tested=count > 1))
