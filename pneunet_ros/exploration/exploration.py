@@ -113,6 +113,7 @@ def explore(
 def diagnosis_settings(count: int) -> DiagnosisSettings:
     """Return the settings of a diagnosis of so many recordings.
 
-    Of the first one alone nothing tests a name; it is asked for all the same, as the next one will.
+    Of the first one alone nothing tests a name; it is asked for all the same, as the next one
+    will.
     """
     return replace(DEFAULTS, confirmation=replace(DEFAULTS.confirmation, tested=count > 1))
