@@ -21,6 +21,7 @@ from pneunet_ros.diagnosis.diagnosis import (
     is_settled,
     notes_on_rest,
     passes_alike,
+    two_lengths,
     Verdict,
 )
 from pneunet_ros.diagnosis.hypothesis import hypotheses
@@ -300,6 +301,24 @@ def test_sets_that_explain_as_much_are_said_as_sets():
     assert describe_verdict(single, before, after).startswith(
         'The model lacks creep or gravity, which cannot be distinguished with these data: '
     )
+
+
+def test_a_name_that_is_not_confirmed_is_said_to_explain():
+    same = SimpleNamespace(rms=1e-3, held_out=())
+    trial = SimpleNamespace(names=())
+    found = Verdict(answer='unknown', trial=trial, unconfirmed=('creep',), notes=('why',))
+    assert describe_verdict(found, same, same) == (
+        'The model lacks something. creep would explain it, but the name is not confirmed: '
+        'the notes say why.'
+    )
+
+
+@pytest.mark.parametrize(
+    ('lengths', 'texts'),
+    [((3.5e-4, 1.6e-4), ('0.35', '0.16')), ((1.392e-4, 1.36e-4), ('0.139', '0.136'))],
+)
+def test_two_lengths_have_the_decimals_that_tell_them_apart(lengths, texts):
+    assert two_lengths(*lengths) == texts
 
 
 def test_what_is_too_faint_beside_a_strong_effect_is_said_without_a_name():

@@ -57,8 +57,9 @@ class Verdict:
     """The answer: the model that holds, and sets of effects that explain the recordings as well.
 
     probability: how probable it is that each effect is missing; mimicked: effects that an arm
-    which bends unevenly explains as well, where no target shows how it bends; notes: why the best
-    set of effects is not named, or what of its name could not be tested.
+    which bends unevenly explains as well, where no target shows how it bends; unconfirmed: effects
+    that explain the recordings but are not named; notes: why the best set of effects is not named,
+    or what of its name could not be tested.
     """
 
     answer: Answer
@@ -66,6 +67,7 @@ class Verdict:
     alike: tuple[tuple[str, ...], ...] = ()
     probability: Mapping[str, float] = field(default_factory=dict)
     mimicked: tuple[str, ...] = ()
+    unconfirmed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -366,7 +368,7 @@ def decide(
     confirmation = confirmer.confirm(best.record, verdict.alternatives)
     if confirmation.objections:
         notes = closest_notes(best.record, confirmation.objections)
-        return Verdict(answer='unknown', trial=first, notes=notes)
+        return Verdict(answer='unknown', trial=first, unconfirmed=best.names, notes=notes)
     return replace(
         verdict,
         probability=effect_probabilities(
@@ -573,9 +575,10 @@ def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) ->
     """Return the answer in one sentence."""
     names = ' and '.join(verdict.trial.names)
     verb = 'reduces' if after.rms < before.rms else 'takes'
+    start, end = two_lengths(before.rms, after.rms)
     reduced = (
         f'adding {"it" if len(verdict.trial.names) == 1 else "them"} {verb} the model error from '
-        f'{millimeters(before.rms):.2f} to {millimeters(after.rms):.2f} mm rms.'
+        f'{start} to {end} mm rms.'
     )
     if before.held_out is None:
         reduced += ' No recording was held out: it was not tested on anything new.'
@@ -590,6 +593,11 @@ def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) ->
             )
         case 'unobservable':
             return 'No effect of the library is observable in these recordings.'
+        case 'unknown' if verdict.unconfirmed:
+            return (
+                f'The model lacks something. {" and ".join(verdict.unconfirmed)} would explain it, '
+                'but the name is not confirmed: the notes say why.'
+            )
         case 'unknown':
             closest = ' The notes say what came closest.' if verdict.notes else ''
             return f'The model lacks something that no effect of the library explains.{closest}'
@@ -598,6 +606,14 @@ def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) ->
     sets = [' and '.join(names) for names in (verdict.trial.names, *verdict.alike)]
     either = (', or ' if any(' and ' in item for item in sets) else ' or ').join(sets)
     return f'The model lacks {either}, which cannot be distinguished with these data: {reduced}'
+
+
+def two_lengths(before: float, after: float) -> tuple[str, str]:
+    """Return two lengths (m) in mm, with as many decimals as show that they differ: 2 or 3."""
+    texts = [f'{millimeters(length):.2f}' for length in (before, after)]
+    if texts[0] == texts[1]:
+        texts = [f'{millimeters(length):.3f}' for length in (before, after)]
+    return texts[0], texts[1]
 
 
 def describe_certainty(selection: Selection, first: Trial, best: Trial) -> str:
