@@ -594,9 +594,10 @@ def describe_verdict(verdict: Verdict, before: Evaluation, after: Evaluation) ->
         case 'unobservable':
             return 'No effect of the library is observable in these recordings.'
         case 'unknown' if verdict.unconfirmed:
+            closest = ' and '.join(verdict.unconfirmed)
             return (
-                f'The model lacks something. {" and ".join(verdict.unconfirmed)} would explain it, '
-                'but the name is not confirmed: the notes say why.'
+                f'The model lacks something. {closest} would explain it, but the name is not '
+                'confirmed: the notes say why.'
             )
         case 'unknown':
             closest = ' The notes say what came closest.' if verdict.notes else ''
