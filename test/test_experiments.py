@@ -104,8 +104,8 @@ def test_a_known_end_load(lab):
     assert not idle.load_known
     for name, load, match in (
         ('loaded.mcap', ('0', '0.1'), 'has readings of end_wrench'),
-        ('bare.mcap', ('0', 'one'), 'must be numbers, in N'),
-        ('bare.mcap', ('0', 'nan'), 'must be numbers, in N'),
+        ('bare.mcap', ('0', 'one'), 'is not a force: write a number in N'),
+        ('bare.mcap', ('0', 'nan'), 'is not a force: write a number in N'),
         ('idle.mcap', ('0', '1'), 'not among those'),
     ):
         with pytest.raises(RequestError, match=match):

@@ -89,10 +89,17 @@ def estimates_in(path: Path) -> set[int]:
     return {recording.topic(f'/pneunet/{item.name}').count for item in OUTPUTS}
 
 
+def refusal(run: Run) -> str:
+    """Return the sentence of a refused request, which persons and programs are told alike."""
+    assert run.code == 2
+    sentence = json.loads(run.out)['error']
+    assert run.error == f'pneunet replay: {sentence}\n'
+    return sentence
+
+
 def refused(run: Run, output: Path, *words: str) -> None:
     """Check that the request was refused in one sentence and that nothing is left."""
-    assert (run.code, run.out) == (2, '')
-    assert run.error.startswith('pneunet replay: ')
+    assert refusal(run)
     assert run.error.count('\n') == 1
     for word in words:
         assert word in run.error
@@ -284,8 +291,7 @@ def test_a_wrong_model_file_is_refused_by_file_and_key(
 def test_an_output_that_exists_is_refused_and_stays(replay, output):
     output.write_text('precious')
     run = replay(good_readings())
-    assert (run.code, run.out) == (2, '')
-    assert f'{output} exists already' in run.error
+    assert f'{output} exists already' in refusal(run)
     assert output.read_text() == 'precious'
 
 

@@ -153,7 +153,7 @@ def test_an_even_stiffness_is_not_called_uneven():
     assert not variation.matters
     assert variation.statistic < 40.0
     assert variation.tips.nees() < 0.3
-    assert describe_variation(found.joint, variation) == []
+    assert describe_variation(found.joint, variation, law_given=False) == []
     assert verdict_of(found).fit.startswith('The model fits')
 
 

@@ -134,7 +134,8 @@ def calibrate(
     posterior = posterior_of(joint, *fits.span(earlier))
     notes = undetermined_quantities(joint, settings.identifiability)
     joint = consider_nonuniformity(joint, settings)
-    on_progress('stiffness along the arm', 0, 0)
+    if loaded:
+        on_progress('stiffness along the arm', 0, 0)
     variation = stiffness_variation(joint, noise.noise, settings.stiffness_variation)
     joint = hold_variation(joint, variation)
     covariance, explained_variance = low_rank(
@@ -162,7 +163,7 @@ def calibrate(
             *describe_nonuniformity(joint, settings),
             *notes,
             *describe_misfit(joint, settings.consistency),
-            *describe_variation(joint, variation),
+            *describe_variation(joint, variation, law_given=kind is not None),
             *outliers,
         ),
         variation=variation,

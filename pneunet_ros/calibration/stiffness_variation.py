@@ -202,8 +202,13 @@ def hold_variation(fit: Fit, variation: StiffnessVariation | None) -> Fit:
     )
 
 
-def describe_variation(fit: Fit, variation: StiffnessVariation | None) -> list[str]:
-    """Return sentences on a stiffness that varies along the arm; none where it does not matter."""
+def describe_variation(
+    fit: Fit, variation: StiffnessVariation | None, *, law_given: bool
+) -> list[str]:
+    """Return sentences on a stiffness that varies along the arm; none where it does not matter.
+
+    law_given: whether the law was asked for, and no other one is to be tried.
+    """
     if variation is None or not variation.matters:
         return []
     law, factors = fit.parameters.law, variation.factors
@@ -213,7 +218,7 @@ def describe_variation(fit: Fit, variation: StiffnessVariation | None) -> list[s
         f'{factors[place]:.2f} times what was fitted at s / l = {place / (STATIONS - 1):.2g}'
         for place in ends
     )
-    other = ' Try --law piecewise_linear.' if law.sections == 1 else ''
+    other = ' Try --law piecewise_linear.' if law.sections == 1 and not law_given else ''
     return [
         f'the stiffness seems to vary along the arm in another way than the law {law.kind} says: '
         f'as if EI were {here} and {there}. That lowers chi squared by '
