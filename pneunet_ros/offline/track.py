@@ -149,8 +149,8 @@ class TrackTally:
     """What tracking came to, counted step by step; a frame counts once, under one reason or none.
 
     `seen` (targets,) counts the explained frames in which a target was seen; `sentences` holds the
-    last sentence of each reason. points: of
-    each explained frame, (2, targets) m. last_pixel: where the last target was seen first.
+    last sentence of each reason. points: (2, targets) m of each explained frame; last_pixel: where
+    the last target was seen first.
     """
 
     targets: int
