@@ -116,6 +116,21 @@ def test_a_line_that_fills_slowly_is_no_other_arm():
     check_same_arm([one, other], arm.length)
 
 
+def test_a_film_whose_stamps_are_early_shows_no_other_arm():
+    levels = np.array([0.0, 5e4, 1e4, 6e4, 2e4, 3e4])
+    made_runs = [
+        made(PAPER, np.repeat(order, 15), noise=USUAL, name=name)
+        for order, name in ((levels, 'one'), (levels[::-1], 'other'))
+    ]
+    # Each frame shows what comes a frame later: the last one of each level the next level.
+    early = [replace(run, x=np.roll(run.x, -1, 0), y=np.roll(run.y, -1, 0)) for run in made_runs]
+    top = float(levels.max())
+    without = tip_distance(*early, top, replace(CONSISTENCY, clocks=0.0))
+    assert without is not None
+    assert without > 0.06 * PAPER.length
+    check_same_arm(early, PAPER.length)
+
+
 def test_one_recording_or_none_in_common_is_one_arm():
     check_same_arm([], 0.1)
     low, high = (

@@ -68,14 +68,22 @@ def tip_distance(
 def has_rested(run: RecordingData, top: float, settings: SameArmSettings) -> npt.NDArray[np.bool_]:
     """Return in which frames (frames,) the pressure has rested for long enough, as in static ones.
 
-    top: the largest pressure (Pa).
+    It rests for a while after them, too: the stamps of a film may be early, and its frames show
+    what comes then. top: the largest pressure (Pa).
     """
     if run.static:
         return np.ones(len(run.stamp_ns), np.bool_)
     stamps = run.reading_stamp_ns
-    began = np.searchsorted(stamps, stamps - round(settings.rest * NANOSECONDS_PER_SECOND))
-    swing = [np.ptp(run.pressure[began[last] : last + 1]) for last in run.reading]
-    known = stamps[run.reading] - stamps[0] >= round(settings.rest * NANOSECONDS_PER_SECOND)
+    before, after = (
+        round(seconds * NANOSECONDS_PER_SECOND) for seconds in (settings.rest, settings.clocks)
+    )
+    began, ended = (
+        np.searchsorted(stamps, stamps - before),
+        np.searchsorted(stamps, stamps + after),
+    )
+    swing = [np.ptp(run.pressure[began[at] : max(ended[at], at + 1)]) for at in run.reading]
+    shown = stamps[run.reading]
+    known = (shown - stamps[0] >= before) & (stamps[-1] - shown >= after)
     rested: npt.NDArray[np.bool_] = known & (np.array(swing) < 2.0 * settings.same_pressure * top)
     return rested
 

@@ -35,6 +35,12 @@ class SameArmSettings:
     another_time: float = tuning(0.2, 'frames so far apart show the past', unit='recording')
     fewest_pairs: int = tuning(5, 'pairs of frames at the same pressure')
     rest: float = tuning(1.0, 'rest after which a line is filled', unit='s')
+    clocks: float = tuning(
+        0.25,
+        'rest that goes on: a film may be early by as much',
+        unit='s',
+        source='the prior of camera_delay, 0.2 s, and a frame',
+    )
     two_arms: float = tuning(0.03, 'what two arms differ by at least', unit='length')
     two_arms_unknown: float = tuning(0.06, 'where nothing shows what the past does', unit='length')
     times_past: float = tuning(3.0, 'as much as the past does')
