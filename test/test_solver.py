@@ -419,50 +419,88 @@ def test_predict_without_numba_gives_the_same_numbers(foreign_environment):
 # ---- kernels kept on disk -----------------------------------------------------------------------
 
 
-def test_a_kernel_is_compiled_again_when_an_equation_in_another_file_changes(
-    tmp_path, foreign_environment
-):
-    toy = tmp_path / 'toy'
+def toy_of_kernels(folder: Path) -> Path:
+    """Return a package with a kernel that calls another, and the compiler of this one."""
+    toy = folder / 'toy'
     (toy / 'core').mkdir(parents=True)
-    (toy / 'core' / 'jit.py').write_text(Path(jit.__file__).read_text())
+    for module in ('jit', 'kernel_links'):
+        text = Path(jit.__file__).with_name(f'{module}.py').read_text()
+        (toy / 'core' / f'{module}.py').write_text(text.replace('pneunet_ros', 'toy'))
     (toy / 'whole.py').write_text(
         'from toy.core.jit import kernel\n'
         'from toy.piece import piece\n\n\n'
         '@kernel\ndef whole(x: float) -> float:\n    return 2.0 * piece(x)\n\n\n'
         'print(whole(1.0), sum(whole.stats.cache_hits.values()))\n'
     )
-    answers = []
+    return toy
+
+
+def write_piece(toy: Path, kind: str, factor: float) -> None:
+    """Write the kernel that is called."""
+    (toy / 'piece.py').write_text(
+        f'from toy.core.jit import {kind}\n\n\n'
+        f'@{kind}\ndef piece(x: float) -> float:\n    return {factor} * x\n'
+    )
+
+
+def run_toy(toy: Path, environment: dict[str, str]) -> tuple[str, ...]:
+    """Return what the kernel gives in a process of its own, and whether it was kept."""
+    done = subprocess.run(
+        [sys.executable, '-W', 'error', '-c', 'import toy.whole'],
+        env={
+            **environment,
+            'PYTHONPATH': str(toy.parent),
+            'NUMBA_CACHE_DIR': str(toy.parent / 'cache'),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return tuple(done.stdout.split())
+
+
+def test_a_kernel_is_compiled_again_when_an_equation_in_another_file_changes(
+    tmp_path, foreign_environment
+):
+    toy, answers = toy_of_kernels(tmp_path), []
     for kind, factor in (
         ('kernel', 3.0),
         ('kernel', 3.0),
         ('kernel', 5.0),
+        ('inner', 6.0),
+        ('inner', 7.0),
         ('inlined', 8.0),
         ('inlined', 9.0),
     ):
-        (toy / 'piece.py').write_text(
-            f'from toy.core.jit import {kind}\n\n\n'
-            f'@{kind}\ndef piece(x: float) -> float:\n    return {factor} * x\n'
-        )
+        write_piece(toy, kind, factor)
         (toy / 'beside.py').write_text(f'FACTOR = {len(answers)}  # no kernel knows it\n')
-        done = subprocess.run(
-            [sys.executable, '-c', 'import toy.whole'],
-            env={
-                **foreign_environment,
-                'PYTHONPATH': str(tmp_path),
-                'NUMBA_CACHE_DIR': str(tmp_path / 'cache'),
-            },
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        answers.append(tuple(done.stdout.split()))
+        answers.append(run_toy(toy, foreign_environment))
     assert answers == [
         ('6.0', '0'),
         ('6.0', '1'),
         ('10.0', '0'),
+        ('12.0', '0'),
+        ('14.0', '0'),
         ('16.0', '0'),
         ('18.0', '0'),
     ]
+
+
+@pytest.mark.parametrize('kind', ['kernel', 'inner'])
+def test_a_kept_kernel_calls_another_where_it_is(tmp_path, foreign_environment, kind):
+    toy = toy_of_kernels(tmp_path)
+    write_piece(toy, kind, 3.0)
+    assert run_toy(toy, foreign_environment) == ('6.0', '0')
+    pieces = list((tmp_path / 'cache').rglob('piece.piece-*'))
+    assert {file.suffix for file in pieces} == {'.nbi', '.nbc'}
+    for file in pieces:
+        file.unlink()
+    # The one that is left knows the other by its name alone, and has it compiled again.
+    assert run_toy(toy, foreign_environment) == ('6.0', '1')
+    assert {file.name for file in (tmp_path / 'cache').rglob('piece.piece-*')} == {
+        file.name for file in pieces
+    }
 
 
 def test_the_fingerprint_is_of_the_files_with_kernels_alone_whatever_their_order(tmp_path):

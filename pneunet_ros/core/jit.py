@@ -32,7 +32,7 @@ WITHIN = {
     'no_cfunc_wrapper': True,
     'no_rewrites': True,
 }
-CACHED = {**WITHIN, 'cache': True}
+KERNEL = dict(WITHIN)
 INNER = {**WITHIN, 'no_cpython_wrapper': True}
 INLINED = {**INNER, 'forceinline': True}
 # What only kernels call: by the function that they name, what numba compiles of it.
@@ -104,7 +104,7 @@ def kernel(function: Function) -> Function:
     A cached kernel is compiled again when any of the files has changed. Numba itself looks at the
     kernel's own file alone and would go on with equations of another file as they once were.
     """
-    return compiled_or_plain(function, CACHED)
+    return compiled_or_plain(function, KERNEL)
 
 
 def inner(function: Function) -> Function:
@@ -142,24 +142,32 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
     from numba.core import types
     from numba.core.typing.templates import infer_global
 
-    compiled: Any
+    numbers_and_arrays_first()
+    compiled: Any = numba.njit(**options)(function)
+    if options is not INLINED:
+        keep(compiled)
+    if options is KERNEL:
+        kernel_function: Function = compiled
+        return kernel_function
+    # Not as numba's `register_jitable`, which compiles once more for callers that are compiled
+    # with other options.
+    INNER_KERNELS[function] = compiled
+    infer_global(function, types.Dispatcher(compiled))
+    return function
+
+
+def keep(compiled: Any) -> None:
+    """Keep a kernel on the disk, where others find it, or let each caller have a copy of it.
+
+    It cannot be kept where there is no folder that may be written, neither beside its file nor in
+    the home folder; or by a numba that does it in another way.
+    """
     try:
-        numbers_and_arrays_first()
-        compiled = numba.njit(**options)(function)
-        if options is not CACHED:
-            # Not as numba's `register_jitable`, which compiles once more for callers that are
-            # compiled with other options.
-            INNER_KERNELS[function] = compiled
-            infer_global(function, types.Dispatcher(compiled))
-            return function
-        index = compiled._cache._cache_file
-        index._source_stamp = (index._source_stamp, sources())
-    except (RuntimeError, AttributeError):
-        # Nowhere to keep a cache, neither beside this file nor in the home folder; or a numba
-        # that keeps it in another way.
-        compiled = numba.njit(**WITHIN)(function)
-    kernel_function: Function = compiled
-    return kernel_function
+        from pneunet_ros.core.kernel_links import link
+
+        link(compiled)
+    except (RuntimeError, AttributeError, ImportError):
+        pass
 
 
 @cache

@@ -418,10 +418,10 @@ def changes_on_mesh(solution: SolverNodes, changes: Perturbation | None) -> tupl
         panel_changes(
             changes.length,
             changes.sections,
-            changes.knots,
+            frozen_array(changes.knots),
             changes.rotation,
             changes.distance,
-            solution.ends,
+            solution.ends.copy(),
             np.array(solution.counts),
             panels,
         )

@@ -225,9 +225,9 @@ class PerturbationTable:
             sections.append(records[0])
             rotation.append(records[1])
         stacked = RodTable(
-            pressure=rows,
-            sections=np.concatenate(sections or [arm.table.sections[:, :0]], axis=1),
-            rotation=np.concatenate(rotation or [arm.table.rotation[:, :0]], axis=1),
+            pressure=freeze(rows),
+            sections=freeze(np.concatenate(sections or [arm.table.sections[:, :0]], axis=1)),
+            rotation=freeze(np.concatenate(rotation or [arm.table.rotation[:, :0]], axis=1)),
         )
         values = {
             'neighbors': sides,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.jit import kernel
 from pneunet_ros.solver.columns import LOAD_X, LOAD_Y
 
@@ -87,6 +87,7 @@ class RodTable:
         """Sections (n, sections, 8) and rotation (n, pieces, 5) at these pressures (n,)."""
         sections = np.empty((pressure.size, *self.sections.shape[1:]))
         rotation = np.empty((pressure.size, *self.rotation.shape[1:]))
-        interpolate_rows(self.pressure, self.sections, pressure, sections)
-        interpolate_rows(self.pressure, self.rotation, pressure, rotation)
+        at = frozen_array(pressure)  # a kernel is compiled again for one that may be written
+        interpolate_rows(self.pressure, self.sections, at, sections)
+        interpolate_rows(self.pressure, self.rotation, at, rotation)
         return sections, rotation

@@ -1,0 +1,78 @@
+"""Kernels call each other where they are, as programs call libraries.
+
+Numba by itself puts a copy of all that a function calls into it, as what it keeps on the disk has
+to run alone; nearly half of what was compiled were copies. Here a kernel has a name of its own in
+the process, those that call it know no more than this name, and what is kept of them says which
+kernels have to be there first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+import hashlib
+from typing import Any
+
+from llvmlite import binding
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from pneunet_ros.core.jit import sources
+
+# By what it is called with, too, a kernel is compiled: its name here, and the types.
+KERNELS: dict[str, Any] = {}
+NAMED: dict[str, tuple[str, tuple[Any, ...]]] = {}
+
+
+class KeptWithCalls(CompileResultCacheImpl):  # type: ignore[misc]
+    """What is kept of a compiled kernel, and before it the kernels that it calls."""
+
+    def reduce(self, result: Any) -> tuple[Any, ...]:
+        """Return what is written: the kernels that are called, and numba's own."""
+        declared = {each.name for each in result.library._final_module.functions}
+        return [NAMED[name] for name in sorted(declared & NAMED.keys())], super().reduce(result)
+
+    def rebuild(self, target_context: Any, kept: tuple[Any, ...]) -> Any:
+        """Return the compiled kernel once those that it calls are there."""
+        calls, result = kept
+        for name, types in calls:
+            KERNELS[name].compile(types)
+        return super().rebuild(target_context, result)
+
+
+class KernelCache(FunctionCache):  # type: ignore[misc]
+    """Where a kernel is kept; it is another one where any file of kernels has changed."""
+
+    _impl_class = KeptWithCalls
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        index = self._cache_file
+        index._source_stamp = (index._source_stamp, sources())
+
+
+def link(kernel: Any) -> None:
+    """Let other kernels call this one where it is, and keep it on the disk.
+
+    Raises RuntimeError where there is no folder to keep it in.
+    """
+    kernel._cache = KernelCache(kernel.py_func)
+    name = f'{kernel.py_func.__module__}.{kernel.py_func.__qualname__}'
+    KERNELS[name] = kernel
+    add_overload = kernel.add_overload
+
+    def add_named(result: Any) -> None:
+        give_name(name, result)
+        add_overload(result)
+
+    kernel.add_overload = add_named
+
+
+def give_name(kernel: str, result: Any) -> None:
+    """Give what is compiled of a kernel a name that is the same in any process."""
+    descriptor, types = copy(result.fndesc), tuple(result.signature.args)
+    digest = hashlib.sha256(f'{kernel}{types}'.encode()).hexdigest()[:16]
+    descriptor.mangled_name = f'{kernel}.{digest}'
+    address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    binding.add_symbol(descriptor.mangled_name, address)
+    NAMED[descriptor.mangled_name] = kernel, types
+    result.target_context.remove_user_function(result.entry_point)
+    result.target_context.insert_user_function(result.entry_point, descriptor)
