@@ -43,16 +43,19 @@ def test_a_turned_force_sensor_turns_its_noise():
 def test_covariance_is_that_of_matrices_and_what_is_not_finite_is_told():
     random = np.random.default_rng(1)
     noise, tip = random.standard_normal((6, 6)), random.standard_normal((6, 3))
-    stations = random.standard_normal((6, 6, 9))
+    stations, further = random.standard_normal((6, 6, 9)), random.standard_normal((3, 9))
     covariance, std = np.empty((3, 3)), np.empty((3, 9))
-    assert propagate_covariance(noise, tip, stations, covariance, std)
+    assert propagate_covariance(noise, tip, stations, further, covariance, std)
     moved = noise @ tip
-    np.testing.assert_allclose(covariance, moved.T @ moved, rtol=1e-12)
+    own = np.outer(further[:, -1], further[:, -1])
+    np.testing.assert_allclose(covariance, moved.T @ moved + own, rtol=1e-12)
     errors = np.tensordot(noise, stations[:, [0, 1, 3]], axes=1)
-    np.testing.assert_allclose(std, np.sqrt((errors**2).sum(axis=0)), rtol=1e-12)
+    variance = (errors**2).sum(axis=0)
+    variance[:2] += further[:2] ** 2  # a curvature is none of its numbers
+    np.testing.assert_allclose(std, np.sqrt(variance), rtol=1e-12)
     for wrong in (np.nan, np.inf):
         stations[2, 3, 4] = wrong
-        assert not propagate_covariance(noise, tip, stations, covariance, std)
+        assert not propagate_covariance(noise, tip, stations, further, covariance, std)
 
 
 @pytest.mark.parametrize('name', sorted(EFFECTS))

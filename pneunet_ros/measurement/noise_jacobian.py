@@ -51,13 +51,14 @@ def true_load(arm: Arm, load: tuple[float, ...]) -> Array:
 
 @kernel
 def propagate_covariance(
-    noise: Array, tip: Array, stations: Array, covariance: Array, std: Array
+    noise: Array, tip: Array, stations: Array, further: Array, covariance: Array, std: Array
 ) -> bool:
     """Carry errors through a linear response; returns whether all of it is finite.
 
     noise (sources, causes): the noise input matrix; tip (causes, 3) and stations (causes, 6,
-    stations) are the sensitivities. Into covariance (3, 3) of x, y, theta of the tip, and std (3,
-    stations) of x, y and curvature.
+    stations) are the sensitivities; further (3, stations): one more independent error of x, y (m)
+    and theta (rad). Into covariance (3, 3) of x, y, theta of the tip, and std (3, stations) of x,
+    y and curvature.
     """
     sources, causes, count = noise.shape[0], noise.shape[1], stations.shape[2]
     moved, change = np.zeros((sources, 3)), np.empty(count)
@@ -68,13 +69,14 @@ def propagate_covariance(
     total = 0.0
     for i in range(3):
         for j in range(3):
-            covariance[i, j] = 0.0
+            covariance[i, j] = further[i, -1] * further[j, -1]
             for source in range(sources):
                 covariance[i, j] += moved[source, i] * moved[source, j]
             total += covariance[i, j]
     for i in range(3):
         field = 3 if i == 2 else i  # curvature is the fourth field of a station
-        std[i] = 0.0
+        for station in range(count):
+            std[i, station] = 0.0 if i == 2 else further[i, station] * further[i, station]
         for source in range(sources):
             change[:] = 0.0
             for cause in range(causes):

@@ -54,14 +54,17 @@ def propagate_errors(
     """
     covariance, std = np.empty((3, 3)), np.empty((3, arclength.size))
     curved = second_order(sensitivity, noise)
-    if (curved is None and seen is None) or not propagate_covariance(
-        noise, sensitivity.tip, sensitivity.stations(arclength), covariance, std
-    ):
+    if curved is None:
+        if seen is None:
+            return None
+        further = np.zeros((3, arclength.size))
+    else:
+        further = curved.stations(arclength)
+        if seen is not None:
+            further *= seen.allowed(curved)
+    stations = sensitivity.stations(arclength)
+    if not propagate_covariance(noise, sensitivity.tip, stations, further, covariance, std):
         return None
-    if curved is not None:
-        further = curved.stations(arclength) * (1.0 if seen is None else seen.allowed(curved))
-        covariance += np.outer(further[:, -1], further[:, -1])
-        std[:2] = np.hypot(std[:2], further[:2])
     return PropagatedErrors(
         tip_covariance=freeze(covariance), std=freeze(std), second_order=curved
     )

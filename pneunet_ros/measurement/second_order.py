@@ -16,27 +16,13 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.jit import kernel
 from pneunet_ros.core.settings import tuning
-from pneunet_ros.model.equilibrium import is_stable, Sensitivity
-from pneunet_ros.solver.boundary_value_problem import newton
-from pneunet_ros.solver.columns import (
-    CURVATURE,
-    END_X,
-    FORCE_X,
-    FORCE_Y,
-    LOADS,
-    NODE_MOMENT,
-    PANEL_FLEXIBILITY,
-    PANEL_FORCE_X,
-    PANEL_FORCE_Y,
-    PANEL_LENGTH,
-    THETA,
-)
-from pneunet_ros.solver.interpolation import at_stations
-from pneunet_ros.solver.settings import ACCEPTED, SOLVER
-from pneunet_ros.solver.solution import SolverNodes
+from pneunet_ros.model.equilibrium import Sensitivity
+from pneunet_ros.solver.columns import CURVATURE
+from pneunet_ros.solver.settings import SOLVER
+from pneunet_ros.solver.sides import NOT_DEFINED, second_difference, solve_sides, STABLE, UNSTABLE
 
-SCALES = slice(PANEL_LENGTH, PANEL_FLEXIBILITY + 1)
 SECOND_MOMENT = 3.0  # E[xi^4] of a normal xi
 
 
@@ -52,31 +38,40 @@ class SecondOrderSettings:
 
 
 DEFAULTS = SecondOrderSettings()
+KINDS = {None: NOT_DEFINED, True: STABLE, False: UNSTABLE}  # of a rod, by whether it is stable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SecondOrder:
     """The solved rod to either side of an estimate, `step` sigma along its leading error.
 
-    sensitivity: of the estimate; rotation (2, pieces, 5): the intrinsic rotation of the sides, as
-    in `Rods`.
+    sensitivity: of the estimate. Of the sides, before and after it: panels (2, panels, 16) and
+    nodes (2, panels + 1, 6), as of `SolverNodes`, rotation (2, pieces, 5) as in `Rods`.
     """
 
     sensitivity: Sensitivity
-    before: SolverNodes
-    after: SolverNodes
+    panels: Array
+    nodes: Array
     rotation: Array
     step: float
 
     def stations(self, arclength: Array) -> Array:
         """Return one more independent error of x, y (m), theta (rad), (3, n), at places (m)."""
-        twice = -2.0 * self.sensitivity.fields(arclength)
-        fields = np.empty_like(twice)
-        for side, rotation in zip((self.before, self.after), self.rotation, strict=True):
-            panels, _, nodes = side.for_kernels()
-            at_stations(panels, nodes, self.sensitivity.knots, rotation, arclength, fields)
-            twice += fields
-        error: Array = 0.5 * math.sqrt(SECOND_MOMENT) / self.step**2 * twice[:CURVATURE]
+        estimate = self.sensitivity
+        panels, _, nodes = estimate.solution.for_kernels()
+        error = np.empty((CURVATURE, arclength.size))
+        second_difference(
+            panels,
+            nodes,
+            estimate.rotation,
+            self.panels,
+            self.nodes,
+            self.rotation,
+            estimate.knots,
+            arclength,
+            0.5 * math.sqrt(SECOND_MOMENT) / self.step**2,
+            error,
+        )
         return error
 
 
@@ -92,76 +87,61 @@ def second_order(
     (2000).
     """
     direction = sensitivity.single_causes(leading_error(sensitivity.tip, noise))
-    further = direction[LOADS:]
-    panels = along(further, sensitivity.panel_changes)
-    panels[:, PANEL_FORCE_X] += direction[FORCE_X]
-    panels[:, PANEL_FORCE_Y] += direction[FORCE_Y]
-    ends = along(further, sensitivity.end_changes)
-    ends[END_X:] += direction[:LOADS]
-    nodes = along(direction, sensitivity.node_changes)
-    rotation = along(further, sensitivity.rotation_changes)
-    known = sensitivity.solution.panels[:, SCALES]
-    largest = (np.abs(panels[:, SCALES]) / np.abs(known)).max()
-    for step in settings.steps:
-        if not step * largest < 1.0:
-            continue  # a length or a rigidity would change its sign
-        before = settle(sensitivity, -step * panels, -step * ends, -step * nodes)
-        after = settle(sensitivity, step * panels, step * ends, step * nodes)
-        if before is not None and after is not None:
-            return SecondOrder(
-                sensitivity=sensitivity,
-                before=before,
-                after=after,
-                rotation=sensitivity.rotation + np.multiply.outer([-step, step], rotation),
-                step=step,
-            )
-    return None
+    panels, ends, nodes = sensitivity.solution.for_kernels()
+    panels_beside, nodes_beside = np.empty((2, *panels.shape)), np.empty((2, *nodes.shape))
+    rotation_beside = np.empty((2, *sensitivity.rotation.shape))
+    which = solve_sides(
+        panels,
+        ends,
+        nodes,
+        sensitivity.rotation,
+        sensitivity.panel_changes,
+        sensitivity.end_changes,
+        sensitivity.node_changes,
+        sensitivity.rotation_changes,
+        direction,
+        KINDS[sensitivity.stable],
+        np.array(settings.steps),
+        SOLVER.frame_iterations,
+        SOLVER.tolerance,
+        panels_beside,
+        nodes_beside,
+        rotation_beside,
+    )
+    if which < 0:
+        return None
+    return SecondOrder(
+        sensitivity=sensitivity,
+        panels=panels_beside,
+        nodes=nodes_beside,
+        rotation=rotation_beside,
+        step=settings.steps[which],
+    )
 
 
+@kernel
 def leading_error(tip: Array, noise: Array) -> Array:
     """Return the causes (causes,) of the error of one sigma that moves the tip furthest.
 
     tip (causes, 3): sensitivity of x, y, theta; noise (sources, causes): the noise input matrix.
     """
-    moved = noise @ tip[:, :THETA]
-    (along_x, both), (_, along_y) = (moved.T @ moved).tolist()
+    sources, causes = noise.shape
+    moved, direction = np.zeros((sources, 2)), np.zeros(causes)
+    along_x, both, along_y = 0.0, 0.0, 0.0
+    for source in range(sources):
+        for cause in range(causes):
+            for i in range(2):
+                moved[source, i] += noise[source, cause] * tip[cause, i]
+        along_x += moved[source, 0] * moved[source, 0]
+        both += moved[source, 0] * moved[source, 1]
+        along_y += moved[source, 1] * moved[source, 1]
     angle = 0.5 * math.atan2(2.0 * both, along_x - along_y)
-    weights = moved @ np.array([math.cos(angle), math.sin(angle)])
-    size = math.sqrt(weights @ weights)
-    direction: Array = (weights / size if size > 0.0 else weights) @ noise
+    x, y = math.cos(angle), math.sin(angle)
+    size = math.sqrt(x * x * along_x + 2.0 * x * y * both + y * y * along_y)
+    if not size > 0.0:
+        return direction
+    for source in range(sources):
+        weight = (moved[source, 0] * x + moved[source, 1] * y) / size
+        for cause in range(causes):
+            direction[cause] += weight * noise[source, cause]
     return direction
-
-
-def settle(
-    sensitivity: Sensitivity, panels: Array, ends: Array, nodes: Array
-) -> SolverNodes | None:
-    """Solve the rod beside a solution, from changes of its tables along a tangent.
-
-    None where Newton's method goes further than the tangent, or to a rod of another stability:
-    that is no neighbor any more.
-    """
-    known = sensitivity.solution
-    moved = SolverNodes(
-        panels=known.panels + panels,
-        ends=known.ends + ends,
-        nodes=known.nodes + nodes,
-        counts=known.counts,
-    )
-    predicted = moved.nodes.copy()
-    residual, _ = newton(
-        moved.panels, moved.ends, moved.nodes, SOLVER.frame_iterations, SOLVER.tolerance
-    )
-    if not residual <= ACCEPTED:
-        return None
-    further = np.abs(moved.nodes - predicted)[:, :NODE_MOMENT].max()
-    if further > np.abs(nodes)[:, :NODE_MOMENT].max() + ACCEPTED:
-        return None
-    if sensitivity.stable is not None and is_stable(moved) is not sensitivity.stable:
-        return None
-    return moved
-
-
-def along(amounts: Array, changes: Array) -> Array:
-    """Return the sum of changes (causes, ...), so much of each."""
-    total: Array = (amounts @ changes.reshape(amounts.size, -1)).reshape(changes.shape[1:])
-    return total

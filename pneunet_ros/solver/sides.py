@@ -1,0 +1,186 @@
+"""A rod to either side of a solution, along a tangent: what a linearization leaves out.
+
+`sensitivities` gives the tangent, Newton's method the rods beside it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.jit import inner, kernel
+from pneunet_ros.solver import columns as col
+from pneunet_ros.solver.collocation import newton
+from pneunet_ros.solver.columns import write
+from pneunet_ros.solver.interpolation import at_stations
+from pneunet_ros.solver.sensitivity import sensitivities
+from pneunet_ros.solver.settings import ACCEPTED
+
+UNSTABLE, STABLE, NOT_DEFINED = range(3)  # what a rod of the same kind is
+
+
+@inner
+def add_changes(amounts: Array, first: int, changes: Array, out: Array) -> None:
+    """Add changes (causes, i, j) to out (i, j), by amounts of the causes from the first on."""
+    for cause in range(len(changes)):
+        amount = amounts[first + cause]
+        for i in range(out.shape[0]):
+            for j in range(out.shape[1]):
+                out[i, j] += amount * changes[cause, i, j]
+
+
+@inner
+def move(known: Array, share: float, way: Array, out: Array) -> None:
+    """Set out to a table and a share of a way from it."""
+    for i in range(known.shape[0]):
+        for j in range(known.shape[1]):
+            out[i, j] = known[i, j] + share * way[i, j]
+
+
+@inner
+def largest_turn(one: Array, other: Array) -> float:
+    """Return the largest difference of the angles (rad) of two tables of nodes."""
+    largest = 0.0
+    for p in range(len(one)):
+        for i in range(col.NODE_MOMENT):
+            largest = max(largest, abs(one[p, i] - other[p, i]))
+    return largest
+
+
+@inner
+def settle(
+    panels: Array,
+    ends: Array,
+    nodes: Array,
+    reach: float,
+    kind: int,
+    most_iterations: int,
+    tolerance: float,
+) -> bool:
+    """Solve the rod from where a tangent led; whether it is a neighbor of where that began.
+
+    It is none where Newton's method goes further than the tangent, reach (rad), or to a rod of
+    another stability.
+    """
+    predicted = np.empty_like(nodes)
+    write(nodes, predicted)
+    residual, _ = newton(panels, ends, nodes, most_iterations, tolerance)
+    if not residual <= ACCEPTED or largest_turn(nodes, predicted) > reach + ACCEPTED:
+        return False
+    if kind == NOT_DEFINED:
+        return True
+    count = len(panels)
+    no_panels, no_ends = np.empty((0, count, col.PANEL_WIDTH)), np.empty((0, col.END_WIDTH))
+    changes, tip = np.empty((col.LOADS, count + 1, col.NODE_WIDTH)), np.empty((col.LOADS, 3))
+    stable = sensitivities(panels, ends, nodes, no_panels, no_ends, changes, tip)
+    return stable == (kind == STABLE)
+
+
+@kernel
+def solve_sides(
+    panels: Array,
+    ends: Array,
+    nodes: Array,
+    rotation: Array,
+    panel_changes: Array,
+    end_changes: Array,
+    node_changes: Array,
+    rotation_changes: Array,
+    direction: Array,
+    kind: int,
+    steps: Array,
+    most_iterations: int,
+    tolerance: float,
+    panels_beside: Array,
+    nodes_beside: Array,
+    rotation_beside: Array,
+) -> int:
+    """Solve the rod before and after a solution; returns at which of the steps, or -1.
+
+    panel_changes and end_changes (further, ...) and node_changes (3 + further, panels + 1, 6) are
+    those of `sensitivities`, rotation_changes (further, pieces, 5) those of the rotation of the
+    unloaded rod; direction (3 + further,): how much there is of each cause in a step of one; kind:
+    the stability of the solution. The first of the steps counts at which both sides have an
+    equilibrium of this kind. Into panels_beside (2, panels, 16), nodes_beside (2, panels + 1, 6)
+    and rotation_beside (2, pieces, 5).
+    """
+    count = len(panels)
+    panel_way, node_way = np.zeros_like(panels), np.zeros_like(nodes)
+    rotation_way = np.zeros_like(rotation)
+    end_way, ends_beside = np.zeros_like(ends), np.empty_like(ends)
+    add_changes(direction, col.LOADS, panel_changes, panel_way)
+    add_changes(direction, 0, node_changes, node_way)
+    add_changes(direction, col.LOADS, rotation_changes, rotation_way)
+    for cause in range(len(end_changes)):
+        for i in range(ends.size):
+            end_way[i] += direction[col.LOADS + cause] * end_changes[cause, i]
+    for cause in range(col.LOADS):
+        end_way[col.END_X + cause] += direction[cause]
+    largest, turned = 0.0, 0.0
+    for p in range(count):
+        panel_way[p, col.PANEL_FORCE_X] += direction[col.FORCE_X]
+        panel_way[p, col.PANEL_FORCE_Y] += direction[col.FORCE_Y]
+        for scale in (col.PANEL_LENGTH, col.PANEL_FLEXIBILITY):
+            largest = max(largest, abs(panel_way[p, scale] / panels[p, scale]))
+    for p in range(count + 1):
+        for i in range(col.NODE_MOMENT):
+            turned = max(turned, abs(node_way[p, i]))
+    for which in range(steps.size):
+        step = steps[which]
+        if not step * largest < 1.0:
+            continue  # a length or a rigidity would change its sign
+        both = True
+        for side in range(2):
+            share = step if side else -step
+            for i in range(ends.size):
+                ends_beside[i] = ends[i] + share * end_way[i]
+            move(panels, share, panel_way, panels_beside[side])
+            move(nodes, share, node_way, nodes_beside[side])
+            move(rotation, share, rotation_way, rotation_beside[side])
+            both = both and settle(
+                panels_beside[side],
+                ends_beside,
+                nodes_beside[side],
+                step * turned,
+                kind,
+                most_iterations,
+                tolerance,
+            )
+        if both:
+            return which
+    return -1
+
+
+@kernel
+def second_difference(
+    panels: Array,
+    nodes: Array,
+    rotation: Array,
+    panels_beside: Array,
+    nodes_beside: Array,
+    rotation_beside: Array,
+    knots: Array,
+    arclength: Array,
+    factor: float,
+    out: Array,
+) -> None:
+    """Set out (3, n) to a factor of r(+) + r(-) - 2 r(0): x, y, theta at increasing places (m)."""
+    fields = np.empty((col.FIELD_COUNT, arclength.size))
+    at_stations(panels, nodes, knots, rotation, arclength, fields)
+    for field in range(col.CURVATURE):
+        for i in range(arclength.size):
+            out[field, i] = -2.0 * fields[field, i]
+    for side in range(2):
+        at_stations(
+            panels_beside[side],
+            nodes_beside[side],
+            knots,
+            rotation_beside[side],
+            arclength,
+            fields,
+        )
+        for field in range(col.CURVATURE):
+            for i in range(arclength.size):
+                out[field, i] += fields[field, i]
+    for field in range(col.CURVATURE):
+        for i in range(arclength.size):
+            out[field, i] *= factor
