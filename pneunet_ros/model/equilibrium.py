@@ -14,6 +14,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.errors import RequestError
+from pneunet_ros.core.jit import is_compiled
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.domain_position import locate_load, out_of_range
@@ -35,6 +36,7 @@ from pneunet_ros.solver.columns import (
     THETA,
     TIP_WIDTH,
 )
+from pneunet_ros.solver.following import follow
 from pneunet_ros.solver.interpolation import at_stations
 from pneunet_ros.solver.linearization import panel_changes, station_changes
 from pneunet_ros.solver.rod import Rods
@@ -47,6 +49,11 @@ NO_PANELS = np.zeros((0, 0, PANEL_WIDTH))
 TURN_STEP = 1e-4  # rad: of central differences of where a push points
 SLOPES = (-3.0, 0.7)  # taken for possible: of the heading of an arm by where it is pushed
 NO_ENDS = np.zeros((0, END_WIDTH))
+CONVERGED = {  # what is said of an equilibrium, by whether it is stable
+    None: 'converged, stability not defined (negative rigidity)',
+    True: 'converged, stable',
+    False: 'converged, unstable under dead load',
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -254,6 +261,10 @@ def solve_dead_loads(
         percent = 100.0 * settings.shortest
         sentence = f'rest strain shortens the arm to less than {percent:g} % of its length'
         return failed_shape(arm, load, arclength, sentence, math.nan, 0)
+    if start is not None and is_compiled():
+        followed = follow_shape(rods, load, start, arclength, settings, beyond > 0.0)
+        if followed is not None:
+            return followed
     problem = BoundaryValueProblem(rods, (load.force_x, load.force_y), load.moment, settings)
     reason = problem.solve(start, quick)
     if reason:
@@ -265,7 +276,6 @@ def solve_dead_loads(
     freeze(values)
     solution = problem.solution()
     stable = None
-    words = ['converged']
     if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
         stable = is_stable(solution)
         if not (stable or quick) and start is not None and is_stable(start):
@@ -273,9 +283,6 @@ def solve_dead_loads(
             anew = solve_dead_loads(arm, rods, load, None, arclength, settings, quick=False)
             if anew.stable:
                 return anew
-        words.append('stable' if stable else 'unstable under dead load')
-    else:
-        words.append('stability not defined (negative rigidity)')
     return Shape(
         arclength=arclength,
         **dict(zip(FIELDS, values, strict=True)),
@@ -283,12 +290,71 @@ def solve_dead_loads(
         end_moment=load.moment,
         pressure=load.pressure,
         converged=True,
-        status=', '.join(words),
+        status=CONVERGED[stable],
         residual=max(problem.residual, missed),
         iterations=problem.iterations,
         stable=stable,
         extrapolated=beyond > 0.0,
         solution=solution,
+    )
+
+
+def follow_shape(
+    rods: Rods,
+    load: Load,
+    start: SolverNodes,
+    arclength: Array,
+    settings: SolverSettings,
+    extrapolated: bool,
+) -> Shape | None:
+    """Return the shape beside a neighbor, on its mesh; None where it takes more to find it."""
+    if len(start.counts) != rods.sections.shape[1]:
+        return None
+    ends = np.array([*rods.clamp[0].tolist(), load.force_x, load.force_y, load.moment])
+    panels, nodes = np.empty(start.panels.shape), start.nodes.copy()
+    values = np.empty((FIELD_COUNT, arclength.size))
+    found, residual, iterations = follow(
+        rods.length,
+        rods.sections[0],
+        rods.knots,
+        rods.rotation[0],
+        ends,
+        np.array(start.counts),
+        settings.decay_per_panel,
+        settings.turn_per_panel,
+        settings.most_panels,
+        settings.iterations,
+        settings.tolerance,
+        settings.finest_detail * rods.length,
+        arclength,
+        panels,
+        nodes,
+        values,
+    )
+    if not found:
+        return None
+    stable = True if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0 else None
+    x, y, theta, curvature, intrinsic_curvature, moment = freeze(values)
+    return Shape(
+        arclength=arclength,
+        x=x,
+        y=y,
+        theta=theta,
+        curvature=curvature,
+        intrinsic_curvature=intrinsic_curvature,
+        moment=moment,
+        force=(load.force_x, load.force_y),
+        end_moment=load.moment,
+        pressure=load.pressure,
+        converged=True,
+        status=CONVERGED[stable],
+        residual=residual,
+        iterations=iterations,
+        stable=stable,
+        extrapolated=extrapolated,
+        solution=SolverNodes(
+            panels=freeze(panels), ends=freeze(ends), nodes=freeze(nodes), counts=start.counts
+        ),
     )
 
 
