@@ -13,6 +13,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze, table_array
 from pneunet_ros.core.errors import ModelError
+from pneunet_ros.core.jit import kernel
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.units import kilopascals
 from pneunet_ros.solver.convex_hull import way_from_hull
@@ -137,14 +138,11 @@ class LoadHull:
 
     def distance(self, load: Sequence[float] | Array, noise: Sequence[float] | Array) -> float:
         """Return how far (N) a load (4,) is beyond the hull, less noise (4,) on the way, SI."""
-        scale, far = self.scale.tolist(), FAR * max(self.size, 1.0)
-        at = [min(max(one * size, -far), far) for one, size in zip(load, scale, strict=True)]
-        way = self.way_out(np.array(at)).tolist()
-        distance = length_of(way)
-        if distance <= ROUNDING * max(map(abs, at)):
-            return 0.0
-        along = [step * one * size for step, one, size in zip(way, noise, scale, strict=True)]
-        return max(distance - length_of(along) / distance, 0.0)
+        return float(
+            distance_beyond(
+                self.points, self.scale, self.size, np.array(load), np.array(noise, np.float64)
+            )
+        )
 
     def share(self, distance: float) -> float:
         """Return a distance (N) as a share of the size of the hull."""
@@ -153,9 +151,25 @@ class LoadHull:
         return distance / self.size if self.size > 0.0 else math.inf
 
 
-def length_of(way: Sequence[float]) -> float:
-    """Return the length of a way; zero where its square is too small for a number."""
-    return math.sqrt(sum(part * part for part in way))
+@kernel
+def distance_beyond(
+    points: Array, scale: Array, size: float, load: Array, noise: Array
+) -> float:
+    """Do what `LoadHull.distance` does: points, scale and size are those of the hull."""
+    far = FAR * max(size, 1.0)
+    at, way = np.empty(load.size), np.empty(load.size)
+    for i in range(load.size):
+        at[i] = min(max(load[i] * scale[i], -far), far)
+    way_from_hull(points, at, way)
+    largest, distance, along = 0.0, 0.0, 0.0
+    for i in range(load.size):
+        largest = max(largest, abs(at[i]))
+        distance += way[i] ** 2  # zero where a square is too small for a number
+        along += (way[i] * noise[i] * scale[i]) ** 2
+    distance = math.sqrt(distance)
+    if distance <= ROUNDING * largest:
+        return 0.0
+    return max(distance - math.sqrt(along) / distance, 0.0)
 
 
 def load_hull(end_load: Array, pressure: tuple[float, float], length: float) -> LoadHull:

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
+from pneunet_ros.core.jit import kernel
 from pneunet_ros.effects.effect import History, Load, NOTHING, Terms
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
 from pneunet_ros.model.neighbors import DEFAULTS, DifferenceSettings, neighbors
 from pneunet_ros.model.record import Record
-from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, LOAD_X, LOAD_Y, LOADS
+from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, LOAD_X, LOAD_Y, LOADS, write
 from pneunet_ros.solver.rod import Rods, RodTable
 
 
@@ -264,12 +265,28 @@ class PerturbationTable:
         arm, step = self.arm, 0.5 * float(self.distance[0])
         every = near_records(arm, pressure, step, history, load)
         records = self.neighbor_records(pressure, history, load)
+        causes = self.distance.size
+        sections, clamp, rotation = (
+            np.empty((2, causes, *own.shape[1:]))
+            for own in (every.sections, every.clamp, every.rotation)
+        )
+        put_on_sides(
+            every.sections,
+            records.sections,
+            sections,
+            every.clamp,
+            records.clamp,
+            clamp,
+            every.rotation,
+            records.rotation,
+            rotation,
+        )
         change = Perturbation(
             length=self.length,
-            sections=both_sides(every.sections, records.sections),
-            clamp=both_sides(every.clamp, records.clamp),
+            sections=sections,
+            clamp=clamp,
             knots=self.knots,
-            rotation=both_sides(every.rotation, records.rotation),
+            rotation=rotation,
             push=both_sides(every.push, records.push),
             push_place=places_on_both_sides(every, records),
             distance=self.distance,
@@ -321,6 +338,33 @@ class PerturbationTable:
         found = arm.add_to(terms, own, mixed)
         places = np.tile(found.push_place, (len(found.sections), 1))
         return replace(found, push_place=places)
+
+
+@kernel
+def put_on_sides(
+    sections: Array,
+    sections_beside: Array,
+    sections_out: Array,
+    clamp: Array,
+    clamp_beside: Array,
+    clamp_out: Array,
+    rotation: Array,
+    rotation_beside: Array,
+    rotation_out: Array,
+) -> None:
+    """Do what `both_sides` does with the sections, the clamp and the rotation of records."""
+    columns = len(sections_beside) // 2
+    for side in range(2):
+        write(sections[1 + side], sections_out[side, 0])
+        write(rotation[1 + side], rotation_out[side, 0])
+        for i in range(clamp.shape[1]):
+            clamp_out[side, 0, i] = clamp[1 + side, i]
+        for column in range(columns):
+            place = side * columns + column
+            write(sections_beside[place], sections_out[side, 1 + column])
+            write(rotation_beside[place], rotation_out[side, 1 + column])
+            for i in range(clamp.shape[1]):
+                clamp_out[side, 1 + column, i] = clamp_beside[place, i]
 
 
 def both_sides(own: Array, neighbors: Array) -> Array:

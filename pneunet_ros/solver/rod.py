@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.jit import inlined, kernel
 from pneunet_ros.solver.columns import LOAD_X, LOAD_Y
 
 
@@ -58,17 +58,30 @@ class Rods(NamedTuple):
 
 
 @kernel
-def interpolate_rows(pressure: Array, table: Array, at: Array, out: Array) -> None:
-    """Tables over pressure (rows, i, j), linear also beyond their ends, into out (n, i, j)."""
+def interpolate_rows(
+    pressure: Array,
+    sections: Array,
+    rotation: Array,
+    at: Array,
+    sections_at: Array,
+    rotation_at: Array,
+) -> None:
+    """Two tables over pressure (rows, i, j), linear also beyond their ends, into two (n, i, j)."""
     for index in range(at.size):
         row = 0
         while row < pressure.size - 2 and at[index] >= pressure[row + 1]:
             row += 1
         weight = (at[index] - pressure[row]) / (pressure[row + 1] - pressure[row])
-        for i in range(table.shape[1]):
-            for j in range(table.shape[2]):
-                below, above = table[row, i, j], table[row + 1, i, j]
-                out[index, i, j] = (1.0 - weight) * below + weight * above
+        mix(1.0 - weight, sections[row], weight, sections[row + 1], sections_at[index])
+        mix(1.0 - weight, rotation[row], weight, rotation[row + 1], rotation_at[index])
+
+
+@inlined
+def mix(one_share: float, one: Array, other_share: float, other: Array, out: Array) -> None:
+    """Set out to shares of two tables (i, j)."""
+    for i in range(one.shape[0]):
+        for j in range(one.shape[1]):
+            out[i, j] = one_share * one[i, j] + other_share * other[i, j]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,6 +101,5 @@ class RodTable:
         sections = np.empty((pressure.size, *self.sections.shape[1:]))
         rotation = np.empty((pressure.size, *self.rotation.shape[1:]))
         at = frozen_array(pressure)  # a kernel is compiled again for one that may be written
-        interpolate_rows(self.pressure, self.sections, at, sections)
-        interpolate_rows(self.pressure, self.rotation, at, rotation)
+        interpolate_rows(self.pressure, self.sections, self.rotation, at, sections, rotation)
         return sections, rotation
