@@ -132,7 +132,7 @@ def test_where_the_shape_was_seen_the_second_order_is_bounded_by_that():
     sensitivity = estimate.second_order.sensitivity
 
     def added(std):
-        seen = None if std is None else SeenShape(arclength=places, std=np.full(12, std))
+        seen = None if std is None else SeenShape(arclength=places, std=np.full((2, 12), std))
         errors = propagate_errors(sensitivity, estimate.noise, estimate.shape.arclength, seen)
         return errors.tip_covariance - first_order(estimate)
 

@@ -43,6 +43,8 @@ def same_values(left: Any, right: Any) -> bool:
             same_values(getattr(left, field.name), getattr(right, field.name))
             for field in fields(left)
         )
+    if isinstance(left, tuple) and len(left) == len(right):
+        return all(same_values(*pair) for pair in zip(left, right, strict=True))
     return bool(left == right)
 
 

@@ -165,7 +165,7 @@ def keep(compiled: Any) -> None:
     try:
         from pneunet_ros.core.kernel_links import link
 
-        link(compiled)
+        link(compiled, sources())
     except (RuntimeError, AttributeError, ImportError):
         pass
 

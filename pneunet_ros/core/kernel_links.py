@@ -3,7 +3,8 @@
 Numba by itself puts a copy of all that a function calls into it, as what it keeps on the disk has
 to run alone; nearly half of what was compiled were copies. Here a kernel has a name of its own in
 the process, those that call it know no more than this name, and what is kept of them says which
-kernels have to be there first.
+kernels have to be there first. A change of this file compiles the kernels anew, as this line makes
+it one of those with a core.jit import (see `core.jit.fingerprint`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from typing import Any
 
 from llvmlite import binding
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
-from pneunet_ros.core.jit import sources
 
 # By what it is called with, too, a kernel is compiled: its name here, and the types.
 KERNELS: dict[str, Any] = {}
@@ -39,22 +39,23 @@ class KeptWithCalls(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]
-    """Where a kernel is kept; it is another one where any file of kernels has changed."""
+    """Where a kernel is kept, as long as the sources of all kernels are the same."""
 
     _impl_class = KeptWithCalls
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], sources: str) -> None:
         super().__init__(function)
         index = self._cache_file
-        index._source_stamp = (index._source_stamp, sources())
+        index._source_stamp = (index._source_stamp, sources)
 
 
-def link(kernel: Any) -> None:
+def link(kernel: Any, sources: str) -> None:
     """Let other kernels call this one where it is, and keep it on the disk.
 
-    Raises RuntimeError where there is no folder to keep it in.
+    sources: the fingerprint of all kernels. Raises RuntimeError where there is no folder to keep
+    it in.
     """
-    kernel._cache = KernelCache(kernel.py_func)
+    kernel._cache = KernelCache(kernel.py_func, sources)
     name = f'{kernel.py_func.__module__}.{kernel.py_func.__qualname__}'
     KERNELS[name] = kernel
     add_overload = kernel.add_overload

@@ -15,13 +15,20 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import kernel
+from pneunet_ros.core.arrays import Array, frozen_array
+from pneunet_ros.core.jit import inner, kernel
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver.columns import CURVATURE
 from pneunet_ros.solver.settings import SOLVER
-from pneunet_ros.solver.sides import NOT_DEFINED, second_difference, solve_sides, STABLE, UNSTABLE
+from pneunet_ros.solver.sides import (
+    Beside,
+    NOT_DEFINED,
+    second_difference,
+    solve_sides,
+    STABLE,
+    UNSTABLE,
+)
 
 SECOND_MOMENT = 3.0  # E[xi^4] of a normal xi
 
@@ -45,33 +52,19 @@ KINDS = {None: NOT_DEFINED, True: STABLE, False: UNSTABLE}  # of a rod, by wheth
 class SecondOrder:
     """The solved rod to either side of an estimate, `step` sigma along its leading error.
 
-    sensitivity: of the estimate. Of the sides, before and after it: panels (2, panels, 16) and
-    nodes (2, panels + 1, 6), as of `SolverNodes`, rotation (2, pieces, 5) as in `Rods`.
+    sensitivity: of the estimate.
     """
 
     sensitivity: Sensitivity
-    panels: Array
-    nodes: Array
-    rotation: Array
+    beside: Beside
     step: float
 
     def stations(self, arclength: Array) -> Array:
         """Return one more independent error of x, y (m), theta (rad), (3, n), at places (m)."""
-        estimate = self.sensitivity
-        panels, _, nodes = estimate.solution.for_kernels()
         error = np.empty((CURVATURE, arclength.size))
-        second_difference(
-            panels,
-            nodes,
-            estimate.rotation,
-            self.panels,
-            self.nodes,
-            self.rotation,
-            estimate.knots,
-            arclength,
-            0.5 * math.sqrt(SECOND_MOMENT) / self.step**2,
-            error,
-        )
+        factor = second_order_factor(self.step)
+        response = self.sensitivity.for_kernels()
+        second_difference(response, self.beside, frozen_array(arclength), factor, error)
         return error
 
 
@@ -86,37 +79,26 @@ def second_order(
     Source: second-order filters by central differences, Norgaard, Poulsen, Ravn, Automatica 36
     (2000).
     """
-    direction = sensitivity.single_causes(leading_error(sensitivity.tip, noise))
-    panels, ends, nodes = sensitivity.solution.for_kernels()
-    panels_beside, nodes_beside = np.empty((2, *panels.shape)), np.empty((2, *nodes.shape))
-    rotation_beside = np.empty((2, *sensitivity.rotation.shape))
+    response = sensitivity.for_kernels()
+    beside = Beside.of(response)
     which = solve_sides(
-        panels,
-        ends,
-        nodes,
-        sensitivity.rotation,
-        sensitivity.panel_changes,
-        sensitivity.end_changes,
-        sensitivity.node_changes,
-        sensitivity.rotation_changes,
-        direction,
+        response,
+        sensitivity.single_causes(leading_error(sensitivity.tip, noise)),
         KINDS[sensitivity.stable],
         np.array(settings.steps),
         SOLVER.frame_iterations,
         SOLVER.tolerance,
-        panels_beside,
-        nodes_beside,
-        rotation_beside,
+        beside,
     )
     if which < 0:
         return None
-    return SecondOrder(
-        sensitivity=sensitivity,
-        panels=panels_beside,
-        nodes=nodes_beside,
-        rotation=rotation_beside,
-        step=settings.steps[which],
-    )
+    return SecondOrder(sensitivity=sensitivity, beside=beside, step=settings.steps[which])
+
+
+@inner
+def second_order_factor(step: float) -> float:
+    """Return the standard deviation of the square of a normal error, per second difference."""
+    return 0.5 * math.sqrt(SECOND_MOMENT) / step**2
 
 
 @kernel

@@ -152,9 +152,7 @@ class LoadHull:
 
 
 @kernel
-def distance_beyond(
-    points: Array, scale: Array, size: float, load: Array, noise: Array
-) -> float:
+def distance_beyond(points: Array, scale: Array, size: float, load: Array, noise: Array) -> float:
     """Do what `LoadHull.distance` does: points, scale and size are those of the hull."""
     far = FAR * max(size, 1.0)
     at, way = np.empty(load.size), np.empty(load.size)

@@ -42,6 +42,7 @@ from pneunet_ros.solver.linearization import panel_changes, station_changes
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.sensitivity import sensitivities
 from pneunet_ros.solver.settings import SOLVER, SolverSettings
+from pneunet_ros.solver.sides import Response
 from pneunet_ros.solver.solution import SolverNodes
 
 DEFAULT_STATIONS = 57
@@ -77,6 +78,21 @@ class Sensitivity:
     rotation_changes: Array
     node_changes: Array
     mixing: Array | None = None
+
+    def for_kernels(self) -> Response:
+        """Return the solution and its answers as kernels take them, which may write into them."""
+        panels, ends, nodes = self.solution.for_kernels()
+        return Response(
+            panels=panels,
+            ends=ends,
+            nodes=nodes,
+            knots=self.knots,
+            rotation=self.rotation,
+            panel_changes=self.panel_changes,
+            end_changes=self.end_changes,
+            rotation_changes=self.rotation_changes,
+            node_changes=self.node_changes,
+        )
 
     def single_causes(self, amounts: Array) -> Array:
         """Return the single causes (..., single causes) that amounts of the causes come to."""

@@ -38,10 +38,11 @@ def follow(
 ) -> tuple[bool, float, int]:
     """Solve a rod from the nodes of a neighbor, in place, on the mesh of that.
 
-    counts (sections,): the panels of that mesh on each section; finest (m): the detail that it must carry. Fills
-    panels, nodes and the fields (6, stations) at stations of increasing arclength (m). Returns
-    whether the rod is in an equilibrium, stable where that is defined, by how much (rad) it misses
-    the equations, and the steps of Newton. False: it wants another mesh or another start.
+    counts (sections,): the panels of that mesh on each section; finest (m): the detail that it
+    must carry. Fills panels, nodes and the fields (6, stations) at stations of increasing
+    arclength (m). Returns whether the rod is in an equilibrium, stable where that is defined, by
+    how much (rad) it misses the equations, and the steps of Newton. False: it wants another mesh
+    or another start.
     """
     needed = panel_counts(
         length, sections, rotation, ends, decay_per_panel, turn_per_panel, most_panels

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.jit import inner, kernel
@@ -16,6 +18,43 @@ from pneunet_ros.solver.sensitivity import sensitivities
 from pneunet_ros.solver.settings import ACCEPTED
 
 UNSTABLE, STABLE, NOT_DEFINED = range(3)  # what a rod of the same kind is
+
+
+class Response(NamedTuple):
+    """A solved rod and its answer to loads and further causes, as the kernels take it.
+
+    panels, ends and nodes: of the solution; knots (pieces + 1,) m and rotation (pieces, 5): as in
+    `Rods`. panel_changes (further, panels, 16), end_changes (further, 6) and rotation_changes
+    (further, pieces, 5): of the record, per further cause; node_changes (3 + further, panels + 1,
+    6): of the solution, per load and per further cause.
+    """
+
+    panels: Array
+    ends: Array
+    nodes: Array
+    knots: Array
+    rotation: Array
+    panel_changes: Array
+    end_changes: Array
+    rotation_changes: Array
+    node_changes: Array
+
+
+class Beside(NamedTuple):
+    """The rods before and after a solution: panels, nodes and rotation (2, ...) of both sides."""
+
+    panels: Array
+    nodes: Array
+    rotation: Array
+
+    @classmethod
+    def of(cls, response: Response) -> Beside:
+        """Return room for the rods beside a solution."""
+        return cls(
+            panels=np.empty((2, *response.panels.shape)),
+            nodes=np.empty((2, *response.nodes.shape)),
+            rotation=np.empty((2, *response.rotation.shape)),
+        )
 
 
 @inner
@@ -77,39 +116,34 @@ def settle(
 
 @kernel
 def solve_sides(
-    panels: Array,
-    ends: Array,
-    nodes: Array,
-    rotation: Array,
-    panel_changes: Array,
-    end_changes: Array,
-    node_changes: Array,
-    rotation_changes: Array,
+    response: Response,
     direction: Array,
     kind: int,
     steps: Array,
     most_iterations: int,
     tolerance: float,
-    panels_beside: Array,
-    nodes_beside: Array,
-    rotation_beside: Array,
+    beside: Beside,
 ) -> int:
     """Solve the rod before and after a solution; returns at which of the steps, or -1.
 
-    panel_changes and end_changes (further, ...) and node_changes (3 + further, panels + 1, 6) are
-    those of `sensitivities`, rotation_changes (further, pieces, 5) those of the rotation of the
-    unloaded rod; direction (3 + further,): how much there is of each cause in a step of one; kind:
-    the stability of the solution. The first of the steps counts at which both sides have an
-    equilibrium of this kind. Into panels_beside (2, panels, 16), nodes_beside (2, panels + 1, 6)
-    and rotation_beside (2, pieces, 5).
+    direction (3 + further,): how much there is of each cause in a step of one; kind: the stability
+    of the solution. The first of the steps counts at which both sides have an equilibrium of this
+    kind.
     """
+    panels, ends, nodes, rotation = (
+        response.panels,
+        response.ends,
+        response.nodes,
+        response.rotation,
+    )
+    end_changes = response.end_changes
     count = len(panels)
     panel_way, node_way = np.zeros_like(panels), np.zeros_like(nodes)
     rotation_way = np.zeros_like(rotation)
     end_way, ends_beside = np.zeros_like(ends), np.empty_like(ends)
-    add_changes(direction, col.LOADS, panel_changes, panel_way)
-    add_changes(direction, 0, node_changes, node_way)
-    add_changes(direction, col.LOADS, rotation_changes, rotation_way)
+    add_changes(direction, col.LOADS, response.panel_changes, panel_way)
+    add_changes(direction, 0, response.node_changes, node_way)
+    add_changes(direction, col.LOADS, response.rotation_changes, rotation_way)
     for cause in range(len(end_changes)):
         for i in range(ends.size):
             end_way[i] += direction[col.LOADS + cause] * end_changes[cause, i]
@@ -133,13 +167,13 @@ def solve_sides(
             share = step if side else -step
             for i in range(ends.size):
                 ends_beside[i] = ends[i] + share * end_way[i]
-            move(panels, share, panel_way, panels_beside[side])
-            move(nodes, share, node_way, nodes_beside[side])
-            move(rotation, share, rotation_way, rotation_beside[side])
+            move(panels, share, panel_way, beside.panels[side])
+            move(nodes, share, node_way, beside.nodes[side])
+            move(rotation, share, rotation_way, beside.rotation[side])
             both = both and settle(
-                panels_beside[side],
+                beside.panels[side],
                 ends_beside,
-                nodes_beside[side],
+                beside.nodes[side],
                 step * turned,
                 kind,
                 most_iterations,
@@ -152,32 +186,17 @@ def solve_sides(
 
 @kernel
 def second_difference(
-    panels: Array,
-    nodes: Array,
-    rotation: Array,
-    panels_beside: Array,
-    nodes_beside: Array,
-    rotation_beside: Array,
-    knots: Array,
-    arclength: Array,
-    factor: float,
-    out: Array,
+    response: Response, beside: Beside, arclength: Array, factor: float, out: Array
 ) -> None:
     """Set out (3, n) to a factor of r(+) + r(-) - 2 r(0): x, y, theta at increasing places (m)."""
-    fields = np.empty((col.FIELD_COUNT, arclength.size))
-    at_stations(panels, nodes, knots, rotation, arclength, fields)
+    knots, fields = response.knots, np.empty((col.FIELD_COUNT, arclength.size))
+    at_stations(response.panels, response.nodes, knots, response.rotation, arclength, fields)
     for field in range(col.CURVATURE):
         for i in range(arclength.size):
             out[field, i] = -2.0 * fields[field, i]
     for side in range(2):
-        at_stations(
-            panels_beside[side],
-            nodes_beside[side],
-            knots,
-            rotation_beside[side],
-            arclength,
-            fields,
-        )
+        panels, nodes, rotation = beside.panels[side], beside.nodes[side], beside.rotation[side]
+        at_stations(panels, nodes, knots, rotation, arclength, fields)
         for field in range(col.CURVATURE):
             for i in range(arclength.size):
                 out[field, i] += fields[field, i]
