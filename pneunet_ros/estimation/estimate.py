@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.outcome import Refusal
-from pneunet_ros.measurement.propagated_errors import PropagatedErrors
-from pneunet_ros.measurement.second_order import second_order, SecondOrder
+from pneunet_ros.measurement.propagated_errors import propagate_errors, PropagatedErrors
+from pneunet_ros.measurement.second_order import SecondOrder
 from pneunet_ros.model.domain_position import DomainPosition
 from pneunet_ros.model.shape import Shape
 
@@ -52,7 +52,8 @@ class ShapeEstimate:
             return self.curved
         if not any(self.position.error):
             return self.curved
-        return second_order(self.curved.sensitivity, self.noise) or self.curved
+        errors = propagate_errors(self.curved.sensitivity, self.noise, self.shape.arclength)
+        return self.curved if errors is None else errors.second_order
 
 
 def estimate_of(

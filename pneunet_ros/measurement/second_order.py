@@ -16,19 +16,11 @@ import math
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
-from pneunet_ros.core.jit import inner, kernel
+from pneunet_ros.core.jit import inner
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver.columns import CURVATURE
-from pneunet_ros.solver.settings import SOLVER
-from pneunet_ros.solver.sides import (
-    Beside,
-    NOT_DEFINED,
-    second_difference,
-    solve_sides,
-    STABLE,
-    UNSTABLE,
-)
+from pneunet_ros.solver.sides import Beside, NOT_DEFINED, second_difference, STABLE, UNSTABLE
 
 SECOND_MOMENT = 3.0  # E[xi^4] of a normal xi
 
@@ -68,44 +60,19 @@ class SecondOrder:
         return error
 
 
-def second_order(
-    sensitivity: Sensitivity, noise: Array, settings: SecondOrderSettings = DEFAULTS
-) -> SecondOrder | None:
-    """Solve the rod to either side of an estimate.
-
-    sensitivity: of its shape; noise (sources, causes): the noise input matrix. None where there is
-    no equilibrium of the same stability to both sides, however near: a limit point.
-
-    Source: second-order filters by central differences, Norgaard, Poulsen, Ravn, Automatica 36
-    (2000).
-    """
-    response = sensitivity.for_kernels()
-    beside = Beside.of(response)
-    which = solve_sides(
-        response,
-        sensitivity.single_causes(leading_error(sensitivity.tip, noise)),
-        KINDS[sensitivity.stable],
-        np.array(settings.steps),
-        SOLVER.frame_iterations,
-        SOLVER.tolerance,
-        beside,
-    )
-    if which < 0:
-        return None
-    return SecondOrder(sensitivity=sensitivity, beside=beside, step=settings.steps[which])
-
-
 @inner
 def second_order_factor(step: float) -> float:
     """Return the standard deviation of the square of a normal error, per second difference."""
     return 0.5 * math.sqrt(SECOND_MOMENT) / step**2
 
 
-@kernel
+@inner
 def leading_error(tip: Array, noise: Array) -> Array:
     """Return the causes (causes,) of the error of one sigma that moves the tip furthest.
 
     tip (causes, 3): sensitivity of x, y, theta; noise (sources, causes): the noise input matrix.
+    The rod is solved to either side along it. Source: second-order filters by central differences,
+    Norgaard, Poulsen, Ravn, Automatica 36 (2000).
     """
     sources, causes = noise.shape
     moved, direction = np.zeros((sources, 2)), np.zeros(causes)

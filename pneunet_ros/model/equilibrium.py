@@ -102,7 +102,8 @@ class Sensitivity:
         """Return x, y, theta, curvature, intrinsic curvature, moment (6, n) at arclengths (m)."""
         out = np.empty((FIELD_COUNT, arclength.size))
         panels, _, nodes = self.solution.for_kernels()
-        at_stations(panels, nodes, self.knots, self.rotation, arclength, out)
+        places = frozen_array(arclength)  # a kernel is compiled again for what may be written
+        at_stations(panels, nodes, self.knots, self.rotation, places, out)
         return out
 
     def stations(self, arclength: Array) -> Array:
@@ -117,7 +118,7 @@ class Sensitivity:
             self.panel_changes,
             self.rotation_changes,
             self.node_changes,
-            arclength,
+            frozen_array(arclength),
             out,
         )
         return out if self.mixing is None else np.tensordot(self.mixing, out, axes=1)
@@ -253,7 +254,9 @@ def headings(solution: SolverNodes, rods: Rods) -> Array:
     order = np.argsort(rods.push_place)
     fields = np.empty((FIELD_COUNT, order.size))
     panels, _, nodes = solution.for_kernels()
-    at_stations(panels, nodes, rods.knots, rods.rotation[0], rods.push_place[order], fields)
+    at_stations(
+        panels, nodes, rods.knots, rods.rotation[0], freeze(rods.push_place[order]), fields
+    )
     found = np.empty(order.size)
     found[order] = fields[THETA]
     return found

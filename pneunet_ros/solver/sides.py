@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.core.jit import inner, kernel
+from pneunet_ros.core.jit import inner, kernel, not_literal
 from pneunet_ros.solver import columns as col
 from pneunet_ros.solver.collocation import newton
 from pneunet_ros.solver.columns import write
@@ -17,6 +17,7 @@ from pneunet_ros.solver.interpolation import at_stations
 from pneunet_ros.solver.sensitivity import sensitivities
 from pneunet_ros.solver.settings import ACCEPTED
 
+FIRST_LOAD = not_literal(col.FORCE_X)
 UNSTABLE, STABLE, NOT_DEFINED = range(3)  # what a rod of the same kind is
 
 
@@ -114,7 +115,7 @@ def settle(
     return stable == (kind == STABLE)
 
 
-@kernel
+@inner
 def solve_sides(
     response: Response,
     direction: Array,
@@ -142,7 +143,7 @@ def solve_sides(
     rotation_way = np.zeros_like(rotation)
     end_way, ends_beside = np.zeros_like(ends), np.empty_like(ends)
     add_changes(direction, col.LOADS, response.panel_changes, panel_way)
-    add_changes(direction, 0, response.node_changes, node_way)
+    add_changes(direction, FIRST_LOAD, response.node_changes, node_way)
     add_changes(direction, col.LOADS, response.rotation_changes, rotation_way)
     for cause in range(len(end_changes)):
         for i in range(ends.size):
