@@ -10,6 +10,7 @@ from pneunet_ros.files.model_file import load_model
 from pneunet_ros.fusion.belief import (
     BIAS,
     CAMERA,
+    COLUMNS,
     first_belief,
     FORCE,
     forget,
@@ -21,6 +22,7 @@ from pneunet_ros.fusion.belief import (
     with_walk,
 )
 from pneunet_ros.fusion.settings import FUSION
+from pneunet_ros.model.uncertainty import ModelCovariance
 import pytest
 
 ARM = load_model(share_path('config/paper_arm.yaml'))
@@ -91,6 +93,24 @@ def test_what_the_model_lacks_moves_with_time_and_with_the_pressure():
     assert pushed.std(UNKNOWNS.lacking[1]) == pytest.approx(0.1 * SCALE)
     late = move_belief(UNKNOWNS, known, 10**5 * SECOND, SCALE)
     assert late.std(BIAS) == pytest.approx(SCALE * UNKNOWNS.range)
+
+
+def test_what_a_calibration_has_guessed_is_forgotten_and_what_it_knows_is_kept():
+    covariance = ModelCovariance(
+        quantities=('arm.length', 'moment_law.rigidity.0.0'), factor=1e-6 * np.eye(2), guessed=1
+    )
+    unknowns = unknowns_of(replace(ARM, covariance=covariance), FUSION)
+    first = first_belief(unknowns, FUSION, SECOND)
+    seen = take_measurement(
+        first, np.eye(unknowns.std.size)[COLUMNS : COLUMNS + 2], np.ones(2), np.full(2, 0.1)
+    )
+    constant, guess = COLUMNS, COLUMNS + 1
+    assert [seen.std(constant), seen.std(guess)] == pytest.approx([0.0995] * 2, rel=1e-3)
+    late = move_belief(unknowns, seen, SECOND + round(20 * FUSION.guess_time * 1e9), SCALE)
+    assert late.std(constant) == pytest.approx(seen.std(constant))
+    assert late.mean[constant] == pytest.approx(seen.mean[constant])
+    assert late.std(guess) == pytest.approx(1.0)
+    assert late.mean[guess] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_what_is_forgotten_is_as_before_any_frame_and_the_rest_stays():

@@ -350,6 +350,17 @@ def test_a_missing_key_is_named(write, line, missing):
             f'covariance: {{quantities: [arm.length], factor: [[{13 * "1e-5, "}]]}}',
             '1 to 12 columns, not 1 x 13',
         ),
+        *(
+            (
+                'covariance: null',
+                f'covariance: {{quantities: [arm.length], factor: [[1e-5]], guessed: {guessed}}}',
+                sentence,
+            )
+            for guessed, sentence in (
+                (2, 'covariance.guessed must be 0 to 1'),
+                ('true', 'must be a whole number, not True'),
+            )
+        ),
         (
             'covariance: null',
             'covariance: {quantities: [arm.length.0], factor: [[1e-5]]}',
@@ -492,6 +503,7 @@ def same_content(left, right):
                     std=np.full(46, 1 / 3e5),
                     factor=np.full((46, 2), -1 / 7e5),
                 ),
+                guessed=1,
             ),
             provenance={'recordings': [{'file': 'a.mcap', 'sha256': '0' * 64}], 'seed': 3},
         ),

@@ -147,6 +147,22 @@ def test_what_is_written_holds_the_tips_of_such_an_arm():
     assert stds[0] > 1.5 * stds[1]
 
 
+def test_what_is_guessed_is_told_from_what_is_known():
+    found = calibrated(0.5)
+    written, law = found.arm.covariance, found.joint.parameters.law
+    assert written.guessed == law.sections
+    known, guess = np.split(written.factor, [-law.sections], axis=1)
+    curvature = [name.startswith('intrinsic') for name in written.quantities]
+    assert np.any(known[curvature]) and not np.any(guess[curvature])
+    assert not np.any(written.placement.factor[:, -law.sections :])
+    # Both together are what the fit says, as far as few columns can.
+    names, change = found.joint.parameters.quantities()
+    full = np.diag(change @ found.joint.covariance @ change.T)
+    rows = [place for place, name in enumerate(names) if 'rigidity' in name]
+    assert np.sum(written.factor[rows] ** 2, axis=1) == pytest.approx(full[rows], rel=0.4)
+    assert calibrated(0.0).arm.covariance.guessed == 0
+
+
 def test_an_even_stiffness_is_not_called_uneven():
     found = calibrated(0.0)
     variation = found.variation

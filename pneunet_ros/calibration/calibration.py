@@ -24,6 +24,7 @@ from pneunet_ros.calibration.result import Fit
 from pneunet_ros.calibration.settings import CALIBRATION, CalibrationSettings
 from pneunet_ros.calibration.stiffness_variation import (
     describe_variation,
+    guessed_columns,
     hold_variation,
     stiffness_variation,
     StiffnessVariation,
@@ -137,10 +138,11 @@ def calibrate(
     if loaded:
         on_progress('stiffness along the arm', 0, 0)
     variation = stiffness_variation(joint, noise.noise, settings.stiffness_variation)
-    joint = hold_variation(joint, variation)
+    guessed = guessed_columns(joint, variation)
     covariance, explained_variance = low_rank(
-        joint, settings=settings.experiments, painted=painted.size
+        joint, settings=settings.experiments, painted=painted.size, guessed=guessed
     )
+    joint = hold_variation(joint, guessed)
     outliers = outlier_recordings(joint, settings.consistency)
     return Calibration(
         arm=replace(

@@ -19,16 +19,21 @@ def low_rank(
     most: int = MOST_COLUMNS,
     settings: ExperimentSettings = EXPERIMENTS,
     painted: int | None = None,
+    guessed: Array | None = None,
 ) -> tuple[ModelCovariance, float]:
     """Return the covariance of the model's numbers, and its share of the shape's variance.
 
-    painted: of how many targets the placement goes with it, the first; of all where None.
+    painted: of how many targets the placement goes with it, the first; of all where None. guessed
+    (parameters, errors): further errors, of which each is a column of its own.
 
     Of the factor Q of the full covariance those directions are kept in which the targets of the
     fitted frames move most, `most` of them, enlarged so that the variance in total is that of all.
     Where targets show less than the table of kappa_p0 holds, all of the arm counts, also at the
     pressures of the table.
     """
+    if guessed is None:
+        guessed = np.zeros((fit.values.size, 0))
+    most -= guessed.shape[1]
     covariance = fit.covariance + 1e-12 * np.diag(np.diag(fit.covariance))
     factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
     count = settings.covariance_frames
@@ -39,17 +44,20 @@ def low_rank(
     names, change = fit.parameters.quantities()
     low = ModelCovariance(
         quantities=names,
-        factor=rounded(change @ columns),
-        placement=placement_with(fit, factor, turned[:most], painted),
+        factor=rounded(change @ np.hstack([columns, guessed])),
+        placement=placement_with(fit, factor, turned[:most], painted, guessed.shape[1]),
+        guessed=guessed.shape[1],
     )
     return low, share
 
 
-def placement_with(fit: Fit, factor: Array, turned: Array, painted: int | None) -> PlacementKnown:
+def placement_with(
+    fit: Fit, factor: Array, turned: Array, painted: int | None, guessed: int
+) -> PlacementKnown:
     """Return what the fit knows of the placement, and how it goes with columns of its covariance.
 
     factor (n, n): root of the covariance of the parameters; turned (columns, n): the columns, in
-    sigma of it.
+    sigma of it; guessed: how many more there are, with which the placement does not go.
     """
     targets, size = fit.placement.shape[1], fit.values.size
     kept = np.arange(2 * targets).reshape(2, targets)[:, :painted].ravel()
@@ -60,7 +68,7 @@ def placement_with(fit: Fit, factor: Array, turned: Array, painted: int | None) 
     return PlacementKnown(
         mean=rounded(fit.placement.ravel()[kept]),
         std=rounded(np.sqrt(np.maximum(left, 0.0))),
-        factor=rounded(moved),
+        factor=rounded(np.pad(moved, ((0, 0), (0, guessed)))),
     )
 
 

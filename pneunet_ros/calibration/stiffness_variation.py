@@ -164,15 +164,15 @@ def tip_errors(
     return TipErrors(moved=moved, jacobian=jacobian, covariance=covariance, readings=readings)
 
 
-def hold_variation(fit: Fit, variation: StiffnessVariation | None) -> Fit:
-    """Return the fit with a covariance that holds what a varying stiffness moves at the tip.
+def guessed_columns(fit: Fit, variation: StiffnessVariation | None) -> Array:
+    """Return the errors (parameters, errors) that hold what a varying stiffness moves at the tip.
 
     No number of the law can do what such an arm does; each section's stiffness is given an error
     of its own, so large that the tips of the loaded frames lie in their ellipses, and so that the
-    sections together move the tip alike in all directions they can.
+    sections together move the tip alike in all directions they can. None where it does not matter.
     """
     if variation is None or not variation.matters:
-        return fit
+        return np.zeros((fit.values.size, 0))
     settings, tips, law = variation.settings, variation.tips, fit.parameters.law
     assert law is not None
     scalings = np.zeros((fit.values.size, law.sections))
@@ -191,8 +191,14 @@ def hold_variation(fit: Fit, variation: StiffnessVariation | None) -> Fit:
             low = middle
         else:
             high = middle
-    columns = scalings @ per_meter * np.minimum(high, most)
-    further = columns @ columns.T
+    return frozen_array(scalings @ per_meter * np.minimum(high, most))
+
+
+def hold_variation(fit: Fit, guessed: Array) -> Fit:
+    """Return the fit with a covariance that has guessed errors (parameters, errors) as well."""
+    if not guessed.size:
+        return fit
+    further = guessed @ guessed.T
     shared, size = fit.shared_covariance.copy(), fit.values.size
     shared[:size, :size] += further
     return replace(

@@ -149,6 +149,7 @@ def mapping_from_arm(arm: Arm) -> dict[str, Any]:
             'quantities': list(arm.covariance.quantities),
             'factor': arm.covariance.factor.tolist(),
             **placement_block(arm.covariance.placement),
+            **({'guessed': arm.covariance.guessed} if arm.covariance.guessed else {}),
         },
         'domain': None
         if arm.domain is None
@@ -197,8 +198,9 @@ def effects_from_mapping(content: Any) -> tuple[Effect, ...]:
 
 def covariance_from_mapping(content: Any) -> ModelCovariance:
     """Build the low-rank covariance."""
-    keys = ('quantities', 'factor', 'placement')
-    values = MODEL_FILE.block(content, 'covariance', keys, {'placement'})
+    optional = {'placement', 'guessed'}
+    keys = ('quantities', 'factor', 'placement', 'guessed')
+    values = MODEL_FILE.block(content, 'covariance', keys, optional)
     names = values['quantities']
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise ModelError('covariance.quantities must be a list of dotted names')
@@ -207,7 +209,12 @@ def covariance_from_mapping(content: Any) -> ModelCovariance:
         placement = PlacementKnown(
             **MODEL_FILE.block(placement, 'covariance.placement', PLACEMENT_KEYS)
         )
-    return ModelCovariance(quantities=tuple(names), factor=values['factor'], placement=placement)
+    guessed = values.get('guessed', 0)
+    if not isinstance(guessed, int) or isinstance(guessed, bool):
+        raise ModelError(f'covariance.guessed must be a whole number, not {guessed!r}')
+    return ModelCovariance(
+        quantities=tuple(names), factor=values['factor'], placement=placement, guessed=guessed
+    )
 
 
 def placement_block(placement: PlacementKnown | None) -> dict[str, Any]:

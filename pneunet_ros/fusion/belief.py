@@ -101,6 +101,7 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
     """Return the unknowns of an arm; the force scale is the largest force of its calibration."""
     noise, targets = arm.sensors, arm.target_arclength.size
     known = 0 if arm.covariance is None else len(arm.covariance.columns())
+    guessed = 0 if arm.covariance is None else arm.covariance.guessed
     further = len(lack_columns(settings, arm))
     columns = known + further
     largest = 0.0 if arm.domain is None else arm.domain.largest_force
@@ -124,7 +125,8 @@ def unknowns_of(arm: Arm, settings: FusionSettings) -> Unknowns:
         [
             [settings.bias_time, settings.drift_time, settings.drift_time, np.inf, np.inf],
             np.full(4, np.inf),
-            np.full(known, np.inf),
+            np.full(known - guessed, np.inf),
+            np.full(guessed, settings.guess_time),
             np.full(further, settings.bias_time),
         ]
     )

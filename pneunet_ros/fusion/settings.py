@@ -79,6 +79,12 @@ class FusionSettings:
     )
     play_share: float = tuning(0.5, 'std of the part of that play; invented')
     bias_time: float = tuning(20.0, 'correlation time of what the model lacks', unit='s')
+    guess_time: float = tuning(
+        0.5,
+        'correlation time of errors that a calibration has only guessed: they go with pressure '
+        'and load, and so last as long as a force that rests; invented',
+        unit='s',
+    )
     unknown_pressure: float = tuning(
         0.5, 'std of a pressure that is not read any more', unit='of the range'
     )

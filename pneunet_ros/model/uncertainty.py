@@ -78,12 +78,14 @@ class ModelCovariance:
 
     quantities: names such as `moment_law.rigidity.0.1` or `effects.extensibility.axial_stiffness`;
     factor (quantities, columns), SI, at most 12 columns; placement: of the targets that it was
-    calibrated with, None where that is not known.
+    calibrated with, None where that is not known. guessed: how many of the columns, the last, are
+    no constants: what the model lacks, as large as the calibration has guessed it.
     """
 
     quantities: tuple[str, ...]
     factor: Array
     placement: PlacementKnown | None = None
+    guessed: int = 0
 
     def __post_init__(self) -> None:
         """Check the sizes."""
@@ -96,6 +98,11 @@ class ModelCovariance:
         if len(set(self.quantities)) != len(self.quantities):
             raise ModelError('covariance.quantities names a quantity twice')
         object.__setattr__(self, 'factor', factor)
+        if not 0 <= self.guessed <= factor.shape[1]:
+            raise ModelError(
+                f'covariance.guessed must be 0 to {factor.shape[1]}, as many as '
+                f'covariance.factor has columns, not {self.guessed}'
+            )
         if self.placement is not None and self.placement.factor.shape[1] != factor.shape[1]:
             raise ModelError(
                 f'covariance.placement.factor must have {factor.shape[1]} columns as '
