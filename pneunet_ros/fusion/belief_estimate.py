@@ -20,8 +20,8 @@ from pneunet_ros.fusion.belief import (
     CONTACT,
     first_belief,
     FORCE,
+    MOMENT_NOISE,
     TURN,
-    with_noise,
 )
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.contact import Contact, correlation_with_tip
@@ -168,10 +168,12 @@ def arm_at(
     unseen = np.zeros((belief.mean.size, 0))
     if belief.stamp_ns != stamp_ns or not belief.frames:
         pressed = abs(instant.chamber - belief.chamber)
+        pressed = pressed if math.isfinite(pressed) else 0.0
         columns = belief.root.shape[1]
-        belief = bench.move(belief, stamp_ns, pressed if math.isfinite(pressed) else 0.0)
-        unseen = belief.root[:, columns:]
-        belief = with_noise(belief, inputs.moment_std, inputs.chamber_std)
+        noise = (inputs.moment_std, inputs.chamber_std)
+        belief = bench.move(belief, stamp_ns, pressed, noise)
+        unseen = belief.root[:, columns:].copy()
+        unseen[MOMENT_NOISE:] = 0.0
     if wrench is not None and wrench.reading.stamp_ns != state.wrench_used_ns:
         belief = bench.with_wrench(belief, wrench, instant.gauge)
     causes = causes_of(bench.unknowns, inputs)

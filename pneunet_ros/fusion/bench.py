@@ -130,18 +130,27 @@ class Bench:
             belief = self.without(belief, FORCE)
         return take_measurement(belief, response, value, np.full(2, std))
 
-    def move(self, belief: Belief, stamp_ns: int, pressed: float) -> Belief:
+    def move(
+        self,
+        belief: Belief,
+        stamp_ns: int,
+        pressed: float,
+        noise: tuple[float, float],
+        walk: float | None = None,
+    ) -> Belief:
         """Return the belief at a later stamp, with a contact that may have walked.
 
-        pressed (Pa): by how much the pressure has moved since.
+        pressed (Pa): by how much the pressure has moved since; noise, walk: as of `move_belief`.
         """
         scale = scale_of(self.settings, belief.lack_weights)
-        moved = move_belief(self.unknowns, belief, stamp_ns, scale, pressed)
+        moved = move_belief(
+            self.unknowns, belief, stamp_ns, scale, pressed, noise=noise, walk=walk
+        )
         if not belief.touched:
             return moved
         seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
         settings, scale = self.settings, self.unknowns.force_scale
-        force_walk = min(belief.walk, settings.contact_walk * scale)
+        force_walk = min(moved.walk, settings.contact_walk * scale)
         walk = np.array([force_walk, settings.place_walk * self.arm.length])
         return widen(moved, CONTACT, walk * math.sqrt(seconds))
 

@@ -24,7 +24,6 @@ from pneunet_ros.fusion.belief import (
     Belief,
     CAMERA,
     COLUMNS,
-    compress,
     CONTACT,
     DRIFT,
     FORCE,
@@ -518,7 +517,7 @@ class FrameProblem:
         root = root_after(self.root, fit.jacobian, fit.factor)
         step, gain = fit.newton_step()
         if gain > self.settings.small_gain:
-            root = compress(np.column_stack([root, self.root @ step]))
+            root = np.column_stack([root, self.root @ step])
         weights, growth = self.prior.lack_weights, self.growth
         if growth is not None:
             weights = weights_after(self.settings, weights, growth, fit.lack_information(growth))
