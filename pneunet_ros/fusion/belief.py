@@ -27,7 +27,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import PlacementKnown
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.solution import SolverNodes
-from scipy.linalg.lapack import dpotrf, dtrtrs
+from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtrs
 
 FORCE = slice(0, 2)
 BIAS = 2
@@ -42,6 +42,7 @@ TURN = 7  # rad, of the camera around the base
 OFFSET = slice(8, 10)  # N, of the force sensor
 GAIN = 10  # of the force sensor, beyond 1
 COLUMNS = 11  # where the columns of the model's covariance begin
+BLOCK = 32  # columns that LAPACK reflects at once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -477,8 +478,8 @@ def root_after(root: Array, seen: Array, factor: Array) -> Array:
 def compress(root: Array) -> Array:
     """Return a square root (n, n) of the covariance of a root (n, m), m >= n."""
     size = len(root)
-    reflected, _ = np.linalg.qr(root.T, mode='raw')
-    return freeze(reflected[:, :size] * lower_triangle(size))
+    reflected, _, _, _ = dgeqrf(root.T, lwork=BLOCK * size)
+    return freeze(reflected[:size].T * lower_triangle(size))
 
 
 def compressed(belief: Belief) -> Belief:

@@ -31,6 +31,7 @@ from pneunet_ros.fusion.lack import lack_columns, remember, scale_of
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
+from pneunet_ros.measurement.propagated_errors import Indices
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
 from pneunet_ros.model.part_load import PartLoad
@@ -44,6 +45,8 @@ EXACT = 1e-6  # of the force scale: std of a force that is known
 class Bench:
     """A calibrated arm with its sensors and painted targets, prepared for the fusion.
 
+    arclength (stations,) m of an estimate; places (n,) m: those and the targets in their order
+    along the arm, of_stations and of_targets: which of them they are.
     Raises ModelError where the arm has no targets.
     """
 
@@ -51,6 +54,9 @@ class Bench:
     sensors: EstimatorSettings
     settings: FusionSettings
     arclength: Array = field(init=False, repr=False)
+    places: Array = field(init=False, repr=False)
+    of_stations: Indices = field(init=False, repr=False)
+    of_targets: Indices = field(init=False, repr=False)
     table: PerturbationTable = field(init=False, repr=False)
     unknowns: Unknowns = field(init=False, repr=False)
 
@@ -59,7 +65,13 @@ class Bench:
         if not self.arm.target_arclength.size:
             raise ModelError('arm.target_arclength is empty: without targets nothing can be fused')
         stations = station_arclength(self.arm.reach, self.sensors.stations)
+        places, which = np.unique(
+            np.concatenate([stations, self.arm.target_arclength]), return_inverse=True
+        )
         object.__setattr__(self, 'arclength', stations)
+        object.__setattr__(self, 'places', places)
+        object.__setattr__(self, 'of_stations', which[: stations.size])
+        object.__setattr__(self, 'of_targets', which[stations.size :])
         object.__setattr__(
             self,
             'table',

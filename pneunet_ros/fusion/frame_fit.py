@@ -163,10 +163,10 @@ def contact_of(arm: Arm, settings: FusionSettings, x: Array) -> PartLoad | None:
     return PartLoad(force=force, place=place, width=settings.contact_width * arm.length)
 
 
-def camera_at(x: Array) -> complex:
-    """Return where the camera has the clamp, x + i y (m), of the unknowns (n,)."""
-    place: complex = (x[CAMERA] + x[DRIFT]).view(np.complex128)[0]
-    return place
+def camera_at(x: Array) -> tuple[complex, complex]:
+    """Return where the camera has the clamp, x + i y (m), and how it is turned, of x (n,)."""
+    drift_x, drift_y, place_x, place_y, turn = x[DRIFT.start : TURN + 1].tolist()
+    return complex(drift_x + place_x, drift_y + place_y), cmath.rect(1.0, turn)
 
 
 def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:
@@ -377,11 +377,11 @@ class FrameProblem:
             return None
         heading = np.exp(1j * shape.theta)
         along, across = x[unknowns.painted].reshape(2, -1)
-        turn = cmath.exp(1j * x[TURN])
+        clamp, turn = camera_at(x)
         seen_x, seen_y = arm.see(shape.x, shape.y)
         seen = turn * (seen_x + 1j * seen_y + heading * (along + 1j * across))
         back = heading.conj() / turn if self.prior.camera_moved else heading.conj()
-        residual = self.whiten((self.measured - camera_at(x) - seen) * back)
+        residual = self.whiten((self.measured - clamp - seen) * back)
         cost = float(xi @ xi + residual @ residual)
         if not math.isfinite(cost):
             return None
@@ -420,7 +420,9 @@ class FrameProblem:
         if not max(jacobian.max(), -jacobian.min()) < LIMIT_POINT:
             return None
         factor = innovation_factor(jacobian)
-        seen = jacobian @ np.stack([xi, *root[FORCE]], axis=1)
+        sides = np.empty((3, xi.size))
+        sides[0], sides[1:] = xi, root[FORCE]
+        seen = jacobian @ sides.T
         seen[:, 0] += trial.residual
         solved = solve_factored(factor, seen)
         innovation, weighed = seen[:, 0], solved[:, 0]

@@ -81,12 +81,21 @@ def weights_after(
     score, precision = information
     assumed = growth.scale
     share, axes, _ = dsyev(assumed**2 * precision, lower=1)
-    without = 1.0 / (1.0 - share.clip(0.0, MOST_CERTAIN))  # of S without these errors
-    score = (without * (score @ axes)) ** 2
-    precise = without * share / assumed**2
-    scales = squared(settings.lack_scales)[:, None]
-    grown = 1.0 + scales * precise
-    likelihood = 0.5 * (scales * score / grown - np.log(grown)).sum(axis=1)
+    scores, precise = [], []
+    for one, told in zip(share.tolist(), (score @ axes).tolist(), strict=True):
+        without = 1.0 / (1.0 - min(max(one, 0.0), MOST_CERTAIN))  # of S without these errors
+        scores.append((without * told) ** 2)
+        precise.append(without * one / assumed**2)
+    likelihood = np.array(
+        [
+            0.5
+            * sum(
+                scale**2 * told / (1.0 + scale**2 * known) - math.log1p(scale**2 * known)
+                for told, known in zip(scores, precise, strict=True)
+            )
+            for scale in settings.lack_scales
+        ]
+    )
     kept = math.exp(-growth.seconds / settings.lack_time)
     after = kept * log_weights + (1.0 - kept) * first_weights(settings) + likelihood
     return freeze(after - after.max())

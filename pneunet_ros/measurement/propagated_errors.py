@@ -6,10 +6,13 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.measurement.noise_jacobian import propagate_covariance
 from pneunet_ros.measurement.second_order import second_order, SecondOrder
 from pneunet_ros.model.equilibrium import Sensitivity
+
+Indices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,21 +29,38 @@ class PropagatedErrors:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SeenShape:
-    """Where along an arm (places,) m its shape was measured, and its std (2, places) m."""
+class PlaceChanges:
+    """Places along an arm, (places,) m, and what is changed there by each cause (causes, 6, places).
+
+    As of `Sensitivity.stations`. The last place is the tip.
+    """
 
     arclength: Array
+    changes: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenShape:
+    """Where along an arm its shape was measured, and how well.
+
+    at: places (m) with its changes, of stations and of what was seen; stations: which of them are
+    the stations; seen: which were seen; std (2, seen) m.
+    """
+
+    at: PlaceChanges
+    stations: Indices
+    seen: Indices
     std: Array
 
-    def allowed(self, curved: SecondOrder) -> float:
+    def allowed(self, further: Array) -> float:
         """Return the share of an error to second order that would not have been seen.
 
-        Errors whose linear parts cancel at the places seen, and whose second order does not, are
-        no errors of one sigma any more: the measurements bound them where the second order is as
-        large as their noise.
+        further (3, places): all of it. Errors whose linear parts cancel at the places seen, and
+        whose second order does not, are no errors of one sigma any more: the measurements bound
+        them where the second order is as large as their noise.
         """
-        moved = curved.stations(self.arclength)[:2] / self.std
-        size = math.sqrt(float(np.sum(moved**2)))
+        moved = further[:2].take(self.seen, axis=1) / self.std
+        size = math.sqrt(float((moved**2).sum()))
         return 1.0 / max(1.0, size)
 
 
@@ -50,18 +70,26 @@ def propagate_errors(
     """Carry errors through a solved rod, to second order.
 
     noise (sources, causes): the noise input matrix; arclength (stations,) m; seen: where the shape
-    was measured, if it was. None where the shape has no bounded answer to its errors.
+    was measured, if it was, with the same stations. None where the shape has no bounded answer to its errors.
     """
-    covariance, std = np.empty((3, 3)), np.empty((3, arclength.size))
     curved = second_order(sensitivity, noise)
-    if (curved is None and seen is None) or not propagate_covariance(
-        noise, sensitivity.tip, sensitivity.stations(arclength), covariance, std
-    ):
+    if seen is None:
+        if curved is None:
+            return None
+        at = PlaceChanges(arclength=arclength, changes=sensitivity.stations(arclength))
+    else:
+        at = seen.at
+    covariance, std = np.empty((3, 3)), np.empty((3, at.arclength.size))
+    if not propagate_covariance(noise, sensitivity.tip, at.changes, covariance, std):
         return None
     if curved is not None:
-        further = curved.stations(arclength) * (1.0 if seen is None else seen.allowed(curved))
-        covariance += np.outer(further[:, -1], further[:, -1])
+        further = curved.stations(at.arclength)
+        if seen is not None:
+            further *= seen.allowed(further)
+        covariance += further[:, -1:] * further[:, -1]
         std[:2] = np.hypot(std[:2], further[:2])
+    if seen is not None:
+        std = std.take(seen.stations, axis=1)
     return PropagatedErrors(
         tip_covariance=freeze(covariance), std=freeze(std), second_order=curved
     )
