@@ -484,7 +484,7 @@ class FrameProblem:
         return self.linearize(trial) or fit
 
     def at_targets(self, fit: FrameLinearization) -> Array:
-        """Return the chi squared (targets,) of each target against all others; NaN: not used.
+        """Return the chi squared of each target that counts against all others, (counting,).
 
         Of the residual that is left, with the covariance that it has after the fit.
         """
@@ -492,11 +492,8 @@ class FrameProblem:
         along, across = precision.diagonal().reshape(-1, 2).T
         both = precision.diagonal(-1)[::2]
         x, y = fit.trial.residual.reshape(-1, 2).T
-        found = np.full(self.used.size, np.nan)
-        found[self.used] = (across * x**2 - 2.0 * both * x * y + along * y**2) / (
-            along * across - both**2
-        )
-        return found
+        found = (across * x**2 - 2.0 * both * x * y + along * y**2) / (along * across - both**2)
+        return np.asarray(found)
 
     def is_allowed(self, xi: Array) -> bool:
         """Whether a contact, if there is one, is on the arm."""

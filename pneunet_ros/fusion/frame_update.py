@@ -169,11 +169,11 @@ def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
     most = math.floor(problem.settings.most_left_out * float(seen))
     for _ in range(most):
         against = problem.at_targets(fit)
-        worst = int(np.nanargmax(against))
-        if against[worst] <= problem.settings.target_gate:
+        worst = int(against.argmax())
+        if not against[worst] > problem.settings.target_gate:
             break
         used = problem.used.copy()
-        used[worst] = False
+        used[np.flatnonzero(used)[worst]] = False
         without = replace(problem, used=used)
         again = without.search(fit.trial.solved, fit.trial.bent.solution)
         if again is None:
