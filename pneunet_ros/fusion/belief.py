@@ -335,7 +335,7 @@ def move_belief(
 
     scale: of what the model lacks; pressed (Pa): by how much the pressure has moved since; walk
     (N/sqrt(s)): of the forces from now on, None for as they moved lately; noise (N m, Pa): one
-    sigma of readings there (as of `with_noise`), None where they are those of before. What
+    sigma of readings of moment and pressure there, None where they are those of before. What
     moves is an Ornstein-Uhlenbeck process of the std before any frame, and what the model lacks
     moves with the pressure as well; the force keeps its mean, and only grows less certain, at
     first by its walk. One column of the root follows for all that moves, then those of the noise.
@@ -392,13 +392,6 @@ def widen(belief: Belief, where: slice | npt.NDArray[np.intp], std: Array) -> Be
     root = with_columns(belief.root, std.size)
     root[where, known:] = np.diag(std)
     return replace(belief, root=freeze(root))
-
-
-def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief:
-    """Return the belief with the noise of other readings: of the moment (N m), of the pressure."""
-    mean, root = belief.mean.copy(), with_columns(belief.root, 2)
-    set_noise(mean, root, (moment_std, pressure_std))
-    return replace(belief, mean=freeze(mean), root=freeze(root))
 
 
 def set_noise(mean: Array, root: Array, noise: tuple[float, float]) -> None:

@@ -36,6 +36,7 @@ from pneunet_ros.fusion.frame_fit import (
     pressure_like,
 )
 from pneunet_ros.fusion.judgement import confirmed
+from pneunet_ros.fusion.lack import scale_of
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
@@ -171,7 +172,8 @@ def arm_at(
         pressed = pressed if math.isfinite(pressed) else 0.0
         columns = belief.root.shape[1]
         noise = (inputs.moment_std, inputs.chamber_std)
-        belief = bench.move(belief, stamp_ns, pressed, noise)
+        scale = scale_of(bench.settings, belief.lack_weights)
+        belief = bench.move(belief, stamp_ns, pressed, noise, scale)
         unseen = belief.root[:, columns:].copy()
         unseen[MOMENT_NOISE:] = 0.0
     if wrench is not None and wrench.reading.stamp_ns != state.wrench_used_ns:

@@ -148,23 +148,24 @@ class Bench:
         stamp_ns: int,
         pressed: float,
         noise: tuple[float, float],
+        scale: float,
         walk: float | None = None,
     ) -> Belief:
         """Return the belief at a later stamp, with a contact that may have walked.
 
-        pressed (Pa): by how much the pressure has moved since; noise, walk: as of `move_belief`.
+        pressed (Pa): by how much the pressure has moved since; noise, scale, walk: as of
+        `move_belief`.
         """
-        scale = scale_of(self.settings, belief.lack_weights)
         moved = move_belief(
             self.unknowns, belief, stamp_ns, scale, pressed, noise=noise, walk=walk
         )
         if not belief.touched:
             return moved
         seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
-        settings, scale = self.settings, self.unknowns.force_scale
-        force_walk = min(moved.walk, settings.contact_walk * scale)
-        walk = np.array([force_walk, settings.place_walk * self.arm.length])
-        return widen(moved, CONTACT, walk * math.sqrt(seconds))
+        settings = self.settings
+        force_walk = min(moved.walk, settings.contact_walk * self.unknowns.force_scale)
+        walks = np.array([force_walk, settings.place_walk * self.arm.length])
+        return widen(moved, CONTACT, walks * math.sqrt(seconds))
 
     @property
     def largest_force_std(self) -> float:

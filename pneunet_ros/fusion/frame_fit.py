@@ -319,13 +319,18 @@ class FrameProblem:
         white = sightings.std if counting is None else sightings.std[counting]
         std = np.fmax(white, max(self.table.arm.sensors.target_std, SMALLEST_STD)).repeat(2)
         causes, touched = causes_of(unknowns, self.inputs), self.prior.touched
-        by_cause = (causes @ root, root[CAMERA] + root[DRIFT], root[TURN : TURN + 1])
+        own, size = len(causes), root.shape[1]
+        cause_root = np.empty((own + (5 if touched else 3), size))
+        np.matmul(causes, root, out=cause_root[:own])
         if touched:
-            by_cause = (by_cause[0], root[CONTACT], *by_cause[1:])
-        painted = root[unknowns.painted].reshape(2, unknowns.targets, -1)
+            cause_root[own:-3] = root[CONTACT]
+        np.add(root[CAMERA], root[DRIFT], out=cause_root[-3:-1])
+        cause_root[-1] = root[TURN]
+        places = root[unknowns.painted].reshape(2, unknowns.targets, size).transpose(1, 0, 2)
         if counting is not None:
-            painted = painted[:, counting]
-        painted = painted.transpose(1, 0, 2).reshape(std.size, -1) / std[:, None]
+            places = places[counting]
+        painted = np.empty((std.size // 2, 2, size))
+        np.divide(places, std.reshape(-1, 2, 1), out=painted)
         lacking, force = unknowns.lacking, root[FORCE]
         for name, value in (
             ('touched', touched),
@@ -333,8 +338,8 @@ class FrameProblem:
             ('std', std),
             ('measured', sightings.x + 1j * sightings.y),
             ('causes', causes),
-            ('cause_root', np.concatenate(by_cause)),
-            ('painted', painted),
+            ('cause_root', cause_root),
+            ('painted', painted.reshape(std.size, size)),
             ('lack_causes', causes[:, lacking] * unknowns.std[lacking]),
             ('force', force @ force.T),
         ):

@@ -306,11 +306,13 @@ def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
     inputs = bench.inputs_at(instant, frame.wrench)
     pressed = abs(frame.instant.chamber - belief.chamber)
     pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
+    scale = scale_of(bench.settings, belief.lack_weights)
     prior = bench.move(
         belief,
         frame.stamp_ns,
         pressed,
         noise=(inputs.moment_std, inputs.chamber_std),
+        scale=scale,
         walk=bench.settings.largest_walk * bench.unknowns.force_scale,
     )
     growth = None
@@ -320,7 +322,7 @@ def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
     else:
         seconds = seconds_between(belief.stamp_ns, frame.stamp_ns) if belief.frames else math.inf
         growth = LackGrowth(
-            scale=scale_of(bench.settings, belief.lack_weights),
+            scale=scale,
             grown=lack_grown(bench.unknowns, seconds, pressed),
             seconds=seconds,
         )

@@ -30,9 +30,9 @@ class PropagatedErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlaceChanges:
-    """Places along an arm, (places,) m, and what is changed there by each cause (causes, 6, places).
+    """Places along an arm, the last of them the tip, and what each cause changes there.
 
-    As of `Sensitivity.stations`. The last place is the tip.
+    arclength (places,) m; changes (causes, 6, places): as of `Sensitivity.stations`.
     """
 
     arclength: Array
@@ -70,7 +70,8 @@ def propagate_errors(
     """Carry errors through a solved rod, to second order.
 
     noise (sources, causes): the noise input matrix; arclength (stations,) m; seen: where the shape
-    was measured, if it was, with the same stations. None where the shape has no bounded answer to its errors.
+    was measured, if it was, with the same stations. None where the shape has no bounded answer to
+    its errors.
     """
     curved = second_order(sensitivity, noise)
     if seen is None:

@@ -300,7 +300,10 @@ class PerturbationTable:
             rotation.reshape(2 * causes, *arm.table.rotation.shape[1:]),
         )
         record = join_records(
-            [self.with_terms(record, which, side, at, history, loads) for which, side in self.alike]
+            [
+                self.with_terms(record, which, side, at, history, loads)
+                for which, side in self.alike
+            ]
         )
         change = Perturbation(
             length=self.length,
