@@ -48,9 +48,14 @@ from pneunet_ros.model.part_load import (
 from pneunet_ros.model.perturbation import Perturbation, PerturbationTable
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.rod import Rods
+from pneunet_ros.solver.settings import SOLVER
 from pneunet_ros.solver.solution import SolverNodes
 from scipy.linalg.lapack import dpotri, dpotrs
 
+# Frames follow one another: a mesh that was refined is kept while it may be needed (the detail on
+# half as many panels is at most so many times larger), and not tried without and refined again.
+# The targets are where they are on the coarser mesh to within its detail, 1e-6 of the length.
+FOLLOWING = replace(SOLVER, coarser=80.0)
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 
 Mask = npt.NDArray[np.bool_]
@@ -150,7 +155,7 @@ def bend_arm(
     amounts[0] = 0.0  # the pressure stands in the record already
     rods = beside.moved(rods, amounts)
     pushed = rods if contact is None else with_part_load(rods, contact)
-    shape = solve_rod(table.arm, pushed, load, start, arclength, quick=quick)
+    shape = solve_rod(table.arm, pushed, load, start, arclength, FOLLOWING, quick)
     return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
 
 

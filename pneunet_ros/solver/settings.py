@@ -30,7 +30,7 @@ class SolverSettings:
     refined: float = tuning(
         1.5, 'panels from which on a mesh was refined', unit='those of one that was not'
     )
-    coarser: float = tuning(80.0, 'detail on half as many panels, at most', unit='detail')
+    coarser: float = tuning(32.0, 'detail on half as many panels, at least', unit='detail')
     most_panels: int = tuning(400, 'panels of the finest mesh')
     shortest: float = tuning(0.05, 'least stretch that rest strain may leave')
     first_load_step: float = tuning(0.05, 'first step of load continuation', unit='of the load')
