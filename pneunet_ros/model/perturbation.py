@@ -224,13 +224,15 @@ class PerturbationTable:
             rotation.append(records[1])
         own = constant_records(arm, arm.table.pressure, changing, clamp[:1].copy())
         stacked = RodTable(
-            pressure=rows,
-            sections=np.concatenate(sections, axis=1),
-            rotation=np.concatenate(rotation, axis=1),
+            pressure=freeze(rows),  # kernels are compiled again for what may be written
+            sections=freeze(np.concatenate(sections, axis=1)),
+            rotation=freeze(np.concatenate(rotation, axis=1)),
         )
         values = {
             'neighbors': tuple(befores + afters),
-            'own': RodTable(pressure=arm.table.pressure, sections=own[0], rotation=own[1]),
+            'own': RodTable(
+                pressure=arm.table.pressure, sections=freeze(own[0]), rotation=freeze(own[1])
+            ),
             'distance': np.array(distance),
             'length': np.array([[item.reach for item in side] for side in by_cause]),
             'knots': np.array([[item.knots for item in side] for side in by_cause]),
