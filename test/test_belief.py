@@ -11,6 +11,7 @@ from pneunet_ros.fusion.belief import (
     BIAS,
     CAMERA,
     COLUMNS,
+    compressed,
     first_belief,
     FORCE,
     forget,
@@ -18,7 +19,6 @@ from pneunet_ros.fusion.belief import (
     take_measurement,
     unknowns_of,
     widen,
-    with_noise,
     with_walk,
 )
 from pneunet_ros.fusion.settings import FUSION
@@ -124,11 +124,23 @@ def test_what_is_forgotten_is_as_before_any_frame_and_the_rest_stays():
 
 
 def test_noise_is_new_in_every_reading():
-    belief = with_noise(with_noise(believed(), 1.0, 1.0), 2e-5, 60.0)
+    before = move_belief(UNKNOWNS, believed(), SECOND, SCALE, noise=(1.0, 1.0))
+    belief = move_belief(UNKNOWNS, before, SECOND, SCALE, noise=(2e-5, 60.0))
     assert belief.mean[-2:] == pytest.approx([0.0, 0.0])
     assert covariance(belief)[-2:] @ np.ones(belief.mean.size) == pytest.approx([4e-10, 3600.0])
     more = widen(belief, slice(BIAS, BIAS + 1), np.array([1e4]))
     assert more.std(BIAS) == pytest.approx(np.hypot(belief.std(BIAS), 1e4))
+
+
+def test_a_root_that_has_grown_is_made_square_and_means_the_same():
+    belief = move_belief(UNKNOWNS, believed(), 2 * SECOND, SCALE, noise=(2e-5, 60.0))
+    square = compressed(belief)
+    assert square.root.shape == (belief.mean.size,) * 2 < belief.root.shape
+    scale = np.sqrt(np.diagonal(covariance(belief))) + 1e-12
+    assert covariance(square) / np.outer(scale, scale) == pytest.approx(
+        covariance(belief) / np.outer(scale, scale), abs=1e-12
+    )
+    assert compressed(square) is square
 
 
 def test_the_walk_rises_at_once_and_falls_slowly():

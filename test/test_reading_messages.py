@@ -34,7 +34,7 @@ DATATYPES = {'i2': 3, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
 
 def cloud(fields=FIELDS, size=24, *, ids=(0, 1, 2, 3), frame_id=BASE, rows=1, padding=0, **other):
     """Return a cloud of the four targets above, its points laid out by `fields`."""
-    points = np.zeros(len(ids), point_type(list(fields), size))
+    points = np.zeros(len(ids), point_type(tuple(fields), size))
     for place, number in enumerate(ids):
         for name, values in (('x', X), ('y', Y), ('id', np.arange(4))):
             if name in points.dtype.names:

@@ -13,7 +13,7 @@ from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.predicted_targets import predict_targets
-from pneunet_ros.measurement.propagated_errors import propagate_errors, SeenShape
+from pneunet_ros.measurement.propagated_errors import PlaceChanges, propagate_errors, SeenShape
 from pneunet_ros.measurement.second_order import leading_error
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import SensorNoise
@@ -128,12 +128,15 @@ def test_errors_without_any_equilibrium_are_refused():
 def test_where_the_shape_was_seen_the_second_order_is_bounded_by_that():
     arm = paper_arm()
     estimate = estimate_at(arm, 0.0, (0.25, 0.0))
-    places = np.linspace(0.01, arm.length, 12)
+    places, every = np.arange(4, 57, 4), np.arange(57)  # some of the stations are seen
+    arclength = estimate.shape.arclength
     sensitivity = estimate.second_order.sensitivity
 
     def added(std):
-        seen = None if std is None else SeenShape(arclength=places, std=np.full((2, 12), std))
-        errors = propagate_errors(sensitivity, estimate.noise, estimate.shape.arclength, seen)
+        at = PlaceChanges(arclength=arclength, changes=sensitivity.stations(arclength))
+        measured = SeenShape(at=at, stations=every, seen=places, std=np.full((2, 14), std))
+        seen = None if std is None else measured
+        errors = propagate_errors(sensitivity, estimate.noise, arclength, seen)
         return errors.tip_covariance - first_order(estimate)
 
     assert added(1.0) == pytest.approx(added(None))  # seen so badly that it tells nothing

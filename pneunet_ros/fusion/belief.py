@@ -12,7 +12,7 @@ every reading.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 import math
 
@@ -27,7 +27,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import PlacementKnown
 from pneunet_ros.solver.columns import END_LOAD_MOMENT
 from pneunet_ros.solver.solution import SolverNodes
-from scipy.linalg.lapack import dpotrf, dtrtrs
+from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtrs
 
 FORCE = slice(0, 2)
 BIAS = 2
@@ -35,12 +35,14 @@ OF_BIAS = slice(2, 3)
 DRIFT = slice(3, 5)
 CAMERA = slice(5, 7)
 CONTACT = slice(-4, -2)  # force N along the normal, place m along the arm
-FORCES = [0, 1, -4]  # of the tip and of a contact
+TIP_FORCES = (0, 1)
+FORCES = (*TIP_FORCES, -4)  # of the tip and of a contact
 MOMENT_NOISE, PRESSURE_NOISE = -2, -1
 TURN = 7  # rad, of the camera around the base
 OFFSET = slice(8, 10)  # N, of the force sensor
 GAIN = 10  # of the force sensor, beyond 1
 COLUMNS = 11  # where the columns of the model's covariance begin
+BLOCK = 32  # columns that LAPACK reflects at once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,7 +55,9 @@ class Unknowns:
     stand for what the model lacks, whose std is that of a lack of all of the range; range (Pa): of
     the pressure; causes (causes, n): what one of each changes of every cause of `target_jacobian`,
     but for what goes with what was read. placement: of the targets that the model was calibrated
-    with, None where it is not known.
+    with, None where it is not known. moving, moving_times, moving_std (m,): which of the unknowns
+    move, how fast (the force: 1 s) and how far at most; lacking_moves: where those that are
+    lacking stand among them.
     """
 
     columns: int
@@ -67,6 +71,26 @@ class Unknowns:
     length: float
     causes: Array
     placement: PlacementKnown | None = None
+    moving: npt.NDArray[np.intp] = field(init=False)
+    moving_times: Array = field(init=False)
+    moving_std: Array = field(init=False)
+    lacking_moves: npt.NDArray[np.intp] = field(init=False)
+    lacking_times: tuple[float, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Note what moves."""
+        times = np.concatenate([[1.0, 1.0], self.times])
+        moves = np.isfinite(times)
+        moves[self.lacking] = True
+        moving = np.flatnonzero(moves)
+        for name, value in (
+            ('moving', moving),
+            ('moving_times', freeze(times[moving])),
+            ('moving_std', freeze(self.std[moving])),
+            ('lacking_moves', np.searchsorted(moving, self.lacking)),
+            ('lacking_times', tuple(times[self.lacking].tolist())),
+        ):
+            object.__setattr__(self, name, value)
 
     @property
     def of_columns(self) -> slice:
@@ -290,36 +314,63 @@ def lack_grown(unknowns: Unknowns, seconds: float, pressed: float) -> Array:
 
     It moves with time, and with the pressure, which has moved by `pressed` (Pa).
     """
-    times = unknowns.times[unknowns.lacking - BIAS]
-    return np.hypot(np.sqrt(-np.expm1(-2.0 * seconds / times)), pressed / unknowns.range)
+    by_pressure = pressed / unknowns.range
+    return np.array(
+        [
+            math.hypot(math.sqrt(-math.expm1(-2.0 * seconds / time)), by_pressure)
+            for time in unknowns.lacking_times
+        ]
+    )
 
 
 def move_belief(
-    unknowns: Unknowns, belief: Belief, stamp_ns: int, scale: float, pressed: float = 0.0
+    unknowns: Unknowns,
+    belief: Belief,
+    stamp_ns: int,
+    scale: float,
+    pressed: float = 0.0,
+    *,
+    walk: float | None = None,
+    noise: tuple[float, float] | None = None,
 ) -> Belief:
     """Return the belief at another stamp, before or after its own: it tells as little of both.
 
-    scale: of what the model lacks; pressed (Pa): by how much the pressure has moved since. What
+    scale: of what the model lacks; pressed (Pa): by how much the pressure has moved since; walk
+    (N/sqrt(s)): of the forces from now on, None for as they moved lately; noise (N m, Pa): one
+    sigma of readings of moment and pressure there, None where they are those of before. What
     moves is an Ornstein-Uhlenbeck process of the std before any frame, and what the model lacks
     moves with the pressure as well; the force keeps its mean, and only grows less certain, at
-    first by its walk.
+    first by its walk. One column of the root follows for all that moves, then those of the noise.
     """
     seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
-    if seconds == 0.0 and pressed == 0.0:
-        return replace(belief, stamp_ns=stamp_ns)
-    force_time = 2.0 * (unknowns.force_scale / belief.walk) ** 2
-    decay = np.exp(-seconds / np.array([force_time, force_time, *unknowns.times]))
-    moving = decay.size
+    walk = belief.walk if walk is None else walk
+    moving = unknowns.moving
+    times = unknowns.moving_times.copy()
+    times[FORCE] = 2.0 * (unknowns.force_scale / walk) ** 2
+    decay = np.exp(-seconds / times)
     grown = np.sqrt(1.0 - decay**2)
-    grown[unknowns.lacking] = lack_grown(unknowns, seconds, pressed)
-    (moved,) = grown.nonzero()
-    known = belief.root.shape[1]
-    mean, root = belief.mean.copy(), with_columns(belief.root, moved.size)
-    mean[BIAS:moving] *= decay[BIAS:]
-    root[:moving, :known] *= decay[:, None]
-    new = np.arange(known, known + moved.size)
-    root[moved, new] = scaled_std(unknowns, scale)[moved] * grown[moved]
-    return replace(belief, stamp_ns=stamp_ns, mean=freeze(mean), root=freeze(root))
+    grown[unknowns.lacking_moves] = scale * lack_grown(unknowns, seconds, pressed)
+    known, count = belief.root.shape[1], moving.size
+    mean = belief.mean.copy()
+    root = with_columns(belief.root, count + (0 if noise is None else 2))
+    mean[moving[BIAS:]] *= decay[BIAS:]
+    root[moving, :known] *= decay[:, None]
+    root[moving, np.arange(known, known + count)] = grown * unknowns.moving_std
+    if noise is not None:
+        set_noise(mean, root, noise)
+    return Belief(
+        stamp_ns=stamp_ns,
+        mean=freeze(mean),
+        root=freeze(root),
+        walk=walk,
+        usual_walk=belief.usual_walk,
+        lack_weights=belief.lack_weights,
+        chamber=belief.chamber,
+        solution=belief.solution,
+        frames=belief.frames,
+        same_targets=belief.same_targets,
+        camera_moved=belief.camera_moved,
+    )
 
 
 def with_columns(root: Array, more: int) -> Array:
@@ -345,12 +396,10 @@ def widen(belief: Belief, where: slice | npt.NDArray[np.intp], std: Array) -> Be
     return replace(belief, root=freeze(root))
 
 
-def with_noise(belief: Belief, moment_std: float, pressure_std: float) -> Belief:
-    """Return the belief with the noise of other readings: of the moment (N m), of the pressure."""
-    mean, root = belief.mean.copy(), with_columns(belief.root, 2)
+def set_noise(mean: Array, root: Array, noise: tuple[float, float]) -> None:
+    """Put noise (N m, Pa) into a mean and a root whose last two columns are still of nothing."""
     mean[MOMENT_NOISE:], root[MOMENT_NOISE:] = 0.0, 0.0
-    root[MOMENT_NOISE, -2], root[PRESSURE_NOISE, -1] = moment_std, pressure_std
-    return replace(belief, mean=freeze(mean), root=freeze(root))
+    root[MOMENT_NOISE, -2], root[PRESSURE_NOISE, -1] = noise
 
 
 def with_walk(
@@ -365,19 +414,20 @@ def with_walk(
     seconds = seconds_between(before.stamp_ns, after.stamp_ns)
     if not before.frames or seconds <= 0.0:
         return replace(after, walk=before.walk, usual_walk=before.usual_walk)
-    change = np.square(after.mean[FORCES] - before.mean[FORCES])
-    explained = np.sum(before.root[FORCES] ** 2, axis=1) + np.sum(after.root[FORCES] ** 2, axis=1)
-    found = (change - explained) / seconds
-    tip = slice(FORCE.start, FORCE.stop)
-    weights = explained[tip] ** -2.0
-    average = float(weights @ found[tip] / weights.sum())
+    found, weights = [], []
+    for force in FORCES:
+        change = float(after.mean[force] - before.mean[force]) ** 2
+        rows = before.root[force], after.root[force]
+        explained = sum(float(row @ row) for row in rows)
+        found.append((change - explained) / seconds)
+        weights.append(explained**-2.0 if force in TIP_FORCES else 0.0)
+    average = sum(weight * one for weight, one in zip(weights, found, strict=True)) / sum(weights)
     share = -math.expm1(-seconds / settings.usual_time)
     usual = before.usual_walk**2 + share * (average - before.usual_walk**2)
-    least, largest = np.square(
-        unknowns.force_scale * np.array([settings.least_walk, settings.largest_walk])
-    ).tolist()
+    least = (unknowns.force_scale * settings.least_walk) ** 2
+    largest = (unknowns.force_scale * settings.largest_walk) ** 2
     usual = min(max(usual, least), largest)
-    recent = min(max(float(np.max(found)), usual), largest)
+    recent = min(max(*found, usual), largest)
     share = 1.0 if recent > before.walk**2 else -math.expm1(-seconds / settings.walk_time)
     walk = before.walk**2 + share * (recent - before.walk**2)
     return replace(after, walk=math.sqrt(walk), usual_walk=math.sqrt(usual))
@@ -423,8 +473,14 @@ def root_after(root: Array, seen: Array, factor: Array) -> Array:
 def compress(root: Array) -> Array:
     """Return a square root (n, n) of the covariance of a root (n, m), m >= n."""
     size = len(root)
-    reflected, _ = np.linalg.qr(root.T, mode='raw')
-    return freeze(reflected[:, :size] * lower_triangle(size))
+    reflected, _, _, _ = dgeqrf(root.T, lwork=BLOCK * size)
+    return freeze(reflected[:size].T * lower_triangle(size))
+
+
+def compressed(belief: Belief) -> Belief:
+    """Return the same belief with a square root; the root grows with all that moves."""
+    rows, columns = belief.root.shape
+    return belief if columns <= rows else replace(belief, root=compress(belief.root))
 
 
 @cache

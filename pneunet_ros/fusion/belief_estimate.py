@@ -20,8 +20,8 @@ from pneunet_ros.fusion.belief import (
     CONTACT,
     first_belief,
     FORCE,
+    MOMENT_NOISE,
     TURN,
-    with_noise,
 )
 from pneunet_ros.fusion.bench import Bench
 from pneunet_ros.fusion.contact import Contact, correlation_with_tip
@@ -36,11 +36,12 @@ from pneunet_ros.fusion.frame_fit import (
     pressure_like,
 )
 from pneunet_ros.fusion.judgement import confirmed
+from pneunet_ros.fusion.lack import scale_of
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.state import FusionState
 from pneunet_ros.measurement.extrapolation_error import with_extrapolation_error
 from pneunet_ros.measurement.noise_model import target_std
-from pneunet_ros.measurement.propagated_errors import propagate_errors, SeenShape
+from pneunet_ros.measurement.propagated_errors import PlaceChanges, propagate_errors, SeenShape
 from pneunet_ros.model.domain_position import DomainPosition, locate_load
 from pneunet_ros.model.equilibrium import jacobian_of, Sensitivity
 from pneunet_ros.model.shape import Shape
@@ -168,10 +169,13 @@ def arm_at(
     unseen = np.zeros((belief.mean.size, 0))
     if belief.stamp_ns != stamp_ns or not belief.frames:
         pressed = abs(instant.chamber - belief.chamber)
+        pressed = pressed if math.isfinite(pressed) else 0.0
         columns = belief.root.shape[1]
-        belief = bench.move(belief, stamp_ns, pressed if math.isfinite(pressed) else 0.0)
-        unseen = belief.root[:, columns:]
-        belief = with_noise(belief, inputs.moment_std, inputs.chamber_std)
+        noise = (inputs.moment_std, inputs.chamber_std)
+        scale = scale_of(bench.settings, belief.lack_weights)
+        belief = bench.move(belief, stamp_ns, pressed, noise, scale)
+        unseen = belief.root[:, columns:].copy()
+        unseen[MOMENT_NOISE:] = 0.0
     if wrench is not None and wrench.reading.stamp_ns != state.wrench_used_ns:
         belief = bench.with_wrench(belief, wrench, instant.gauge)
     causes = causes_of(bench.unknowns, inputs)
@@ -271,7 +275,7 @@ def shape_estimate(
     bent, position = arm.bent, arm.position
     sensitivity = bent.linearize()
     causes = causes_with_contact(arm.causes, bent.contact)
-    noise = np.ascontiguousarray(compress(causes @ arm.belief.root).T)
+    noise = compress(causes @ arm.belief.root).T.copy()
     if mode is Mode.PREDICTION:
         widened = with_extrapolation_error(noise, position)
         errors = propagate_errors(sensitivity, widened, bench.arclength)
@@ -336,11 +340,17 @@ def seen_shape(bench: Bench, unseen: Array, sensitivity: Sensitivity) -> SeenSha
 
     unseen (causes, errors): what has moved since.
     """
-    noise, places = bench.arm.sensors, bench.arm.target_arclength
-    std = math.hypot(target_std(noise), noise.registration_std, noise.drift_std)
-    by_cause = sensitivity.stations(places)[:, :2].reshape(len(unseen), -1)
-    moved = np.sum(np.square(unseen.T @ by_cause), axis=0).reshape(2, -1)
-    return SeenShape(arclength=places, std=np.sqrt(std**2 + moved))
+    noise = bench.arm.sensors
+    variance = target_std(noise) ** 2 + noise.registration_std**2 + noise.drift_std**2
+    changes = sensitivity.stations(bench.places)
+    by_cause = changes[:, :2].take(bench.of_targets, axis=2).reshape(len(unseen), -1)
+    moved = ((unseen.T @ by_cause) ** 2).sum(axis=0).reshape(2, -1)
+    return SeenShape(
+        at=PlaceChanges(arclength=bench.places, changes=changes),
+        stations=bench.of_stations,
+        seen=bench.of_targets,
+        std=np.sqrt(variance + moved),
+    )
 
 
 def sensor_fault(

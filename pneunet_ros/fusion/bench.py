@@ -31,6 +31,7 @@ from pneunet_ros.fusion.lack import lack_columns, remember, scale_of
 from pneunet_ros.fusion.readings import load_read, NearWrench, PressureInstant
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.measurement.noise_jacobian import noise_jacobian, PRESSURE
+from pneunet_ros.measurement.propagated_errors import Indices
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import station_arclength
 from pneunet_ros.model.part_load import PartLoad
@@ -44,6 +45,8 @@ EXACT = 1e-6  # of the force scale: std of a force that is known
 class Bench:
     """A calibrated arm with its sensors and painted targets, prepared for the fusion.
 
+    arclength (stations,) m of an estimate; places (n,) m: those and the targets in their order
+    along the arm, of_stations and of_targets: which of them they are.
     Raises ModelError where the arm has no targets.
     """
 
@@ -51,6 +54,9 @@ class Bench:
     sensors: EstimatorSettings
     settings: FusionSettings
     arclength: Array = field(init=False, repr=False)
+    places: Array = field(init=False, repr=False)
+    of_stations: Indices = field(init=False, repr=False)
+    of_targets: Indices = field(init=False, repr=False)
     table: PerturbationTable = field(init=False, repr=False)
     unknowns: Unknowns = field(init=False, repr=False)
 
@@ -59,7 +65,13 @@ class Bench:
         if not self.arm.target_arclength.size:
             raise ModelError('arm.target_arclength is empty: without targets nothing can be fused')
         stations = station_arclength(self.arm.reach, self.sensors.stations)
+        places, which = np.unique(
+            np.concatenate([stations, self.arm.target_arclength]), return_inverse=True
+        )
         object.__setattr__(self, 'arclength', stations)
+        object.__setattr__(self, 'places', places)
+        object.__setattr__(self, 'of_stations', which[: stations.size])
+        object.__setattr__(self, 'of_targets', which[stations.size :])
         object.__setattr__(
             self,
             'table',
@@ -130,20 +142,30 @@ class Bench:
             belief = self.without(belief, FORCE)
         return take_measurement(belief, response, value, np.full(2, std))
 
-    def move(self, belief: Belief, stamp_ns: int, pressed: float) -> Belief:
+    def move(
+        self,
+        belief: Belief,
+        stamp_ns: int,
+        pressed: float,
+        noise: tuple[float, float],
+        scale: float,
+        walk: float | None = None,
+    ) -> Belief:
         """Return the belief at a later stamp, with a contact that may have walked.
 
-        pressed (Pa): by how much the pressure has moved since.
+        pressed (Pa): by how much the pressure has moved since; noise, scale, walk: as of
+        `move_belief`.
         """
-        scale = scale_of(self.settings, belief.lack_weights)
-        moved = move_belief(self.unknowns, belief, stamp_ns, scale, pressed)
+        moved = move_belief(
+            self.unknowns, belief, stamp_ns, scale, pressed, noise=noise, walk=walk
+        )
         if not belief.touched:
             return moved
         seconds = abs(seconds_between(belief.stamp_ns, stamp_ns))
-        settings, scale = self.settings, self.unknowns.force_scale
-        force_walk = min(belief.walk, settings.contact_walk * scale)
-        walk = np.array([force_walk, settings.place_walk * self.arm.length])
-        return widen(moved, CONTACT, walk * math.sqrt(seconds))
+        settings = self.settings
+        force_walk = min(moved.walk, settings.contact_walk * self.unknowns.force_scale)
+        walks = np.array([force_walk, settings.place_walk * self.arm.length])
+        return widen(moved, CONTACT, walks * math.sqrt(seconds))
 
     @property
     def largest_force_std(self) -> float:

@@ -232,7 +232,7 @@ def score_pushes(problem: FrameProblem, fit: FrameLinearization) -> PushScores:
     bent, arm = fit.trial.bent, problem.table.arm
     place, sensitivity = pushed_on_panels(bent.solution, bent.rods)
     moved = measured_moves(arm, sensitivity)[LOADS:]
-    pushes = (moved[:, :, problem.used].reshape(place.size, -1) / problem.std).T
+    pushes = problem.whiten_at(fit.trial, moved).T
     weighed, std = fit.solve(pushes), problem.unknowns.force_scale
     information = np.sum(pushes * weighed, axis=0) + std**-2
     score = fit.innovation @ weighed

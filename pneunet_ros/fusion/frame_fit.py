@@ -11,20 +11,19 @@ Control 38 (1993).
 
 from __future__ import annotations
 
+import cmath
 from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.frames import rotate
 from pneunet_ros.core.readings import TargetSightings
 from pneunet_ros.effects.effect import History, Load
 from pneunet_ros.fusion.belief import (
     Belief,
     CAMERA,
     COLUMNS,
-    compress,
     CONTACT,
     DRIFT,
     FORCE,
@@ -35,7 +34,7 @@ from pneunet_ros.fusion.belief import (
 )
 from pneunet_ros.fusion.lack import LackGrowth, weights_after
 from pneunet_ros.fusion.settings import FusionSettings
-from pneunet_ros.measurement.disturbances import placement_jacobian, SMALLEST_STD
+from pneunet_ros.measurement.disturbances import SMALLEST_STD
 from pneunet_ros.measurement.gauss_newton import End, gauss_newton
 from pneunet_ros.measurement.noise_jacobian import PRESSURE
 from pneunet_ros.measurement.predicted_targets import target_jacobian
@@ -49,12 +48,18 @@ from pneunet_ros.model.part_load import (
 from pneunet_ros.model.perturbation import Perturbation, PerturbationTable
 from pneunet_ros.model.shape import Shape
 from pneunet_ros.solver.rod import Rods
+from pneunet_ros.solver.settings import SOLVER
 from pneunet_ros.solver.solution import SolverNodes
 from scipy.linalg.lapack import dpotri, dpotrs
 
+# Frames follow one another: a mesh that was refined is kept while it may be needed (the detail on
+# half as many panels is at most so many times larger), and not tried without and refined again.
+# The targets are where they are on the coarser mesh to within its detail, 1e-6 of the length.
+FOLLOWING = replace(SOLVER, coarser=80.0)
 LIMIT_POINT = 1e6  # sigma of a target that one sigma of the prior moves it
 
 Mask = npt.NDArray[np.bool_]
+Complex = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -150,7 +155,7 @@ def bend_arm(
     amounts[0] = 0.0  # the pressure stands in the record already
     rods = beside.moved(rods, amounts)
     pushed = rods if contact is None else with_part_load(rods, contact)
-    shape = solve_rod(table.arm, pushed, load, start, arclength, quick=quick)
+    shape = solve_rod(table.arm, pushed, load, start, arclength, FOLLOWING, quick)
     return BentArm(rods=rods, changes=beside, shape=shape, contact=contact)
 
 
@@ -161,6 +166,12 @@ def contact_of(arm: Arm, settings: FusionSettings, x: Array) -> PartLoad | None:
     if not low * arm.length <= place <= high * arm.length:
         return None
     return PartLoad(force=force, place=place, width=settings.contact_width * arm.length)
+
+
+def camera_at(x: Array) -> tuple[complex, complex]:
+    """Return where the camera has the clamp, x + i y (m), and how it is turned, of x (n,)."""
+    drift_x, drift_y, place_x, place_y, turn = x[DRIFT.start : TURN + 1].tolist()
+    return complex(drift_x + place_x, drift_y + place_y), cmath.rect(1.0, turn)
 
 
 def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:
@@ -179,14 +190,17 @@ def causes_with_contact(causes: Array, contact: PartLoad | None) -> Array:
 class Trial:
     """Unknowns that were tried: xi, the arm there, the whitened residual, and what it costs.
 
-    places (2, targets) m: where targets would be seen; solved: xi of the arm; the others may be a
-    last step further, as good as linear.
+    Of targets x + i y: seen (targets,) m where they would be seen, from where the camera has the
+    clamp, and back (targets,): what turns a vector of the base frame into one along and across the
+    arm. residual (coordinates,): along and across the arm at one target after the other. solved:
+    xi of the arm; the others may be a last step further, as good as linear.
     """
 
     xi: Array
     solved: Array
     bent: BentArm
-    places: Array
+    seen: Complex
+    back: Complex
     residual: Array
     cost: float
 
@@ -204,8 +218,9 @@ class FrameLinearization:
     jacobian (coordinates, unknowns): of what is predicted, whitened; lacking (coordinates,
     errors): of what the model lacks, for a lack of all of the range; innovation (coordinates,):
     what would be left with the prior's mean, to first order; factor: of its covariance, by
-    Cholesky; weighed (coordinates,): the inverse of that covariance times the innovation; step
-    (unknowns,) in xi to where the cost is least, and its gain.
+    Cholesky; weighed (coordinates,): the inverse of that covariance times the innovation; force
+    (2, 2) N^2: the covariance of the tip force after the frame; step (unknowns,) in xi to where
+    the cost is least, and its gain.
     """
 
     trial: Trial
@@ -214,15 +229,9 @@ class FrameLinearization:
     innovation: Array
     factor: Array
     weighed: Array
-    step: Array = field(init=False)
-    gain: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Take the step to where the cost is least."""
-        xi, jacobian = self.trial.xi, self.jacobian
-        step = self.weighed @ jacobian - xi
-        object.__setattr__(self, 'step', step)
-        object.__setattr__(self, 'gain', float(step @ (self.trial.residual @ jacobian - xi)))
+    force: Array
+    step: Array
+    gain: float
 
     def solve(self, sides: Array) -> Array:
         """Return S^-1 sides, of the covariance S of the innovation."""
@@ -244,14 +253,27 @@ class FrameLinearization:
 
     def stepped(self) -> FrameLinearization:
         """Return it at the end of its step, as good as linear: what is solved with it stays."""
-        step, gain = self.newton_step()
-        trial = replace(
-            self.trial,
-            xi=self.trial.xi + step,
-            residual=self.trial.residual - self.jacobian @ step,
-            cost=self.cost - gain,
+        trial = self.trial
+        there = Trial(
+            xi=trial.xi + self.step,
+            solved=trial.solved,
+            bent=trial.bent,
+            seen=trial.seen,
+            back=trial.back,
+            residual=trial.residual - self.jacobian @ self.step,
+            cost=self.cost - self.gain,
         )
-        return replace(self, trial=trial)
+        return FrameLinearization(
+            trial=there,
+            jacobian=self.jacobian,
+            lacking=self.lacking,
+            innovation=self.innovation,
+            factor=self.factor,
+            weighed=self.weighed,
+            force=self.force,
+            step=np.zeros(self.step.size),
+            gain=0.0,
+        )
 
     @property
     def log_evidence_cost(self) -> float:
@@ -269,6 +291,12 @@ class FrameProblem:
     prior: moved to the stamp of the frame, with the noise of its readings; growth: how what the
     model lacks moved since the last one, None where no pressure was read; used (targets,): which
     targets count.
+
+    What stays while it is searched: std (coordinates,) m of white noise; measured (targets,) m, x
+    + i y; causes (causes, unknowns): what unknowns change of every cause; cause_root: what one
+    sigma of each xi changes of the causes, of the camera's place (x, y) and of its turn; painted
+    (coordinates, xi): of the places painted, whitened; lack_causes (causes, errors): of a lack of
+    all of the range; force (2, 2) N^2: covariance of the tip force before the frame.
     """
 
     table: PerturbationTable
@@ -279,17 +307,48 @@ class FrameProblem:
     inputs: FrameInputs
     sightings: TargetSightings
     used: Mask
+    touched: bool = field(init=False)
+    counting: npt.NDArray[np.intp] | None = field(init=False)
     std: Array = field(init=False)
-    measured: Array = field(init=False)
+    measured: Complex = field(init=False)
     causes: Array = field(init=False)
+    cause_root: Array = field(init=False)
+    painted: Array = field(init=False)
+    lack_causes: Array = field(init=False)
+    force: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Take the targets that count with their white noise, and what the unknowns change."""
-        object.__setattr__(self, 'causes', causes_of(self.unknowns, self.inputs))
-        least = max(self.table.arm.sensors.target_std, SMALLEST_STD)
-        white = np.fmax(self.sightings.std[self.used], least)
-        object.__setattr__(self, 'std', np.concatenate([white, white]))
-        object.__setattr__(self, 'measured', np.stack([self.sightings.x, self.sightings.y]))
+        unknowns, root, sightings = self.unknowns, self.prior.root, self.sightings
+        counting = None if self.used.all() else np.flatnonzero(self.used)
+        white = sightings.std if counting is None else sightings.std[counting]
+        std = np.fmax(white, max(self.table.arm.sensors.target_std, SMALLEST_STD)).repeat(2)
+        causes, touched = causes_of(unknowns, self.inputs), self.prior.touched
+        own, size = len(causes), root.shape[1]
+        cause_root = np.empty((own + (5 if touched else 3), size))
+        np.matmul(causes, root, out=cause_root[:own])
+        if touched:
+            cause_root[own:-3] = root[CONTACT]
+        np.add(root[CAMERA], root[DRIFT], out=cause_root[-3:-1])
+        cause_root[-1] = root[TURN]
+        places = root[unknowns.painted].reshape(2, unknowns.targets, size).transpose(1, 0, 2)
+        if counting is not None:
+            places = places[counting]
+        painted = np.empty((std.size // 2, 2, size))
+        np.divide(places, std.reshape(-1, 2, 1), out=painted)
+        lacking, force = unknowns.lacking, root[FORCE]
+        for name, value in (
+            ('touched', touched),
+            ('counting', counting),
+            ('std', std),
+            ('measured', sightings.x + 1j * sightings.y),
+            ('causes', causes),
+            ('cause_root', cause_root),
+            ('painted', painted.reshape(std.size, size)),
+            ('lack_causes', causes[:, lacking] * unknowns.std[lacking]),
+            ('force', force @ force.T),
+        ):
+            object.__setattr__(self, name, value)
 
     @property
     def mean(self) -> Array:
@@ -309,66 +368,91 @@ class FrameProblem:
 
     def try_at(self, xi: Array, start: SolverNodes | None) -> Trial | None:
         """Predict the targets; None where there is no stable shape."""
-        unknowns, targets = self.unknowns, self.table.arm.target_arclength
+        unknowns, arm = self.unknowns, self.table.arm
         x = self.mean + self.root @ xi
-        contact = contact_of(self.table.arm, self.settings, x) if self.prior.touched else None
-        if contact is None and self.prior.touched:
+        contact = contact_of(arm, self.settings, x) if self.touched else None
+        if contact is None and self.touched:
             return None
         bent = bend_arm(
             self.table,
             self.inputs,
             self.causes @ x,
             start,
-            targets,
+            arm.target_arclength,
             quick=True,
             contact=contact,
         )
         shape = bent.shape
         if not shape.converged or shape.stable is False:
             return None
-        places = np.stack(self.table.arm.see(shape.x, shape.y))
-        cosine, sine = np.cos(shape.theta), np.sin(shape.theta)
-        along, across = x[unknowns.along], x[unknowns.across]
-        places += np.stack([cosine * along - sine * across, sine * along + cosine * across])
-        places = np.stack(rotate(x[TURN], *places)) + (x[CAMERA] + x[DRIFT])[:, None]
-        residual = (self.measured - places)[:, self.used].ravel() / self.std
+        heading = np.exp(1j * shape.theta)
+        along, across = x[unknowns.painted].reshape(2, -1)
+        clamp, turn = camera_at(x)
+        seen_x, seen_y = arm.see(shape.x, shape.y)
+        seen = turn * (seen_x + 1j * seen_y + heading * (along + 1j * across))
+        back = heading.conj() / turn if self.prior.camera_moved else heading.conj()
+        residual = self.whiten((self.measured - clamp - seen) * back)
         cost = float(xi @ xi + residual @ residual)
         if not math.isfinite(cost):
             return None
-        return Trial(xi=xi, solved=xi, bent=bent, places=places, residual=residual, cost=cost)
+        return Trial(
+            xi=xi, solved=xi, bent=bent, seen=seen, back=back, residual=residual, cost=cost
+        )
+
+    def whiten(self, moves: Complex) -> Array:
+        """Return coordinates (.., coordinates) of targets (.., targets) m that count, in sigma.
+
+        moves: along + i across the arm.
+        """
+        if self.counting is not None:
+            moves = moves.take(self.counting, axis=-1)
+        return np.asarray(moves.view(np.float64) / self.std)
+
+    def whiten_at(self, trial: Trial, moves: Array) -> Array:
+        """Return whitened moves (n, coordinates) of those (n, 2, targets) m in the base frame."""
+        return self.whiten((moves[:, 0] + 1j * moves[:, 1]) * trial.back)
 
     def linearize(self, trial: Trial) -> FrameLinearization | None:
         """Linearize what is predicted around a trial; None at a limit point of the arm."""
-        unknowns, bent = self.unknowns, trial.bent
-        sensitivity = bent.linearize()
-        by_cause = target_jacobian(self.table, sensitivity)
-        targets = unknowns.targets
-        causes = causes_with_contact(self.causes, bent.contact)
-        response = (by_cause.reshape(len(by_cause), -1).T @ causes).reshape(2, targets, -1)
-        painted = slice(unknowns.along.start, unknowns.across.stop)
-        response[:, :, painted] = placement_jacobian(bent.shape.theta)
-        x = self.mean + self.root @ trial.xi
+        xi, root = trial.xi, self.root
+        by_cause = target_jacobian(self.table, trial.bent.linearize())
+        moves = np.empty((len(by_cause) + 3, by_cause.shape[2]), dtype=np.complex128)
+        of_arm, of_camera = moves[:-3], moves[-3:]
+        of_arm.real, of_arm.imag = by_cause[:, 0], by_cause[:, 1]
         if self.prior.camera_moved:
-            response = np.stack(rotate(x[TURN], *response))
-        across, along = trial.places - (x[CAMERA] + x[DRIFT])[:, None]
-        response[:, :, TURN] = -along, across
-        for axis in range(2):
-            response[axis, :, DRIFT.start + axis] = 1.0
-            response[axis, :, CAMERA.start + axis] = 1.0
-        seen = response[:, self.used].reshape(-1, self.mean.size)
-        jacobian = seen @ self.root / self.std[:, None]
-        if not np.abs(jacobian).max() < LIMIT_POINT:
+            of_arm *= cmath.exp(1j * float(self.mean[TURN] + root[TURN] @ xi))
+        of_camera[0], of_camera[1] = 1.0, 1j
+        np.multiply(trial.seen, 1j, out=of_camera[2])
+        moves *= trial.back
+        whitened = self.whiten(moves)
+        jacobian = whitened.T @ self.cause_root
+        jacobian += self.painted
+        if not max(jacobian.max(), -jacobian.min()) < LIMIT_POINT:
             return None
         factor = innovation_factor(jacobian)
-        innovation = trial.residual + jacobian @ trial.xi
-        lacking = unknowns.lacking
+        sides = np.empty((3, xi.size))
+        sides[0], sides[1:] = xi, root[FORCE]
+        seen = jacobian @ sides.T
+        seen[:, 0] += trial.residual
+        solved = solve_factored(factor, seen)
+        innovation, weighed = seen[:, 0], solved[:, 0]
+        step = weighed @ jacobian - xi
+        gain = float(step @ (trial.residual @ jacobian - xi))
+        force = self.force - seen[:, 1:].T @ solved[:, 1:]
+        if gain > self.settings.small_gain:
+            left = root[FORCE] @ step
+            force += left[:, None] * left
+        known = len(self.lack_causes)
         return FrameLinearization(
             trial=trial,
             jacobian=jacobian,
-            lacking=seen[:, lacking] * unknowns.std[lacking] / self.std[:, None],
+            lacking=whitened[:known].T @ self.lack_causes,
             innovation=innovation,
             factor=factor,
-            weighed=solve_factored(factor, innovation),
+            weighed=weighed,
+            force=force,
+            step=step,
+            gain=gain,
         )
 
     def search(self, xi: Array, start: SolverNodes | None) -> FrameLinearization | None:
@@ -410,39 +494,28 @@ class FrameProblem:
         return self.linearize(trial) or fit
 
     def at_targets(self, fit: FrameLinearization) -> Array:
-        """Return the chi squared (targets,) of each target against all others; NaN: not used.
+        """Return the chi squared of each target that counts against all others, (counting,).
 
         Of the residual that is left, with the covariance that it has after the fit.
         """
-        count = self.std.size // 2
         precision, _ = dpotri(fit.factor, lower=1)
-        along_x, along_y = np.diagonal(precision).reshape(2, count)
-        both = np.diagonal(precision, -count)
-        x, y = fit.trial.residual.reshape(2, count)
-        found = np.full(self.used.size, np.nan)
-        found[self.used] = (along_y * x**2 - 2.0 * both * x * y + along_x * y**2) / (
-            along_x * along_y - both**2
-        )
-        return found
+        along, across = precision.diagonal().reshape(-1, 2).T
+        both = precision.diagonal(-1)[::2]
+        x, y = fit.trial.residual.reshape(-1, 2).T
+        found = (across * x**2 - 2.0 * both * x * y + along * y**2) / (along * across - both**2)
+        return np.asarray(found)
 
     def is_allowed(self, xi: Array) -> bool:
         """Whether a contact, if there is one, is on the arm."""
+        if not self.touched:
+            return True
         x = self.mean + self.root @ xi
-        touched = self.prior.touched
-        return not touched or contact_of(self.table.arm, self.settings, x) is not None
+        return contact_of(self.table.arm, self.settings, x) is not None
 
     def knows_force(self, fit: FrameLinearization, most: float) -> bool:
         """Whether the force is known after the frame, to a share `most` of its scale."""
         largest = most * self.unknowns.force_scale
-        return bool(np.trace(self.force_covariance(fit)) <= largest**2)
-
-    def force_covariance(self, fit: FrameLinearization) -> Array:
-        """Return the covariance (2, 2) N^2 of the force after the frame, as of the posterior."""
-        force = self.root[FORCE]
-        seen = fit.jacobian @ force.T
-        step, gain = fit.newton_step()
-        left = force @ step if gain > self.settings.small_gain else np.zeros(2)
-        return np.asarray(force @ force.T - seen.T @ fit.solve(seen) + np.outer(left, left))
+        return bool(fit.force[0, 0] + fit.force[1, 1] <= largest**2)
 
     def posterior(self, fit: FrameLinearization) -> Belief:
         """Return what is believed after the frame.
@@ -453,7 +526,7 @@ class FrameProblem:
         root = root_after(self.root, fit.jacobian, fit.factor)
         step, gain = fit.newton_step()
         if gain > self.settings.small_gain:
-            root = compress(np.column_stack([root, self.root @ step]))
+            root = np.column_stack([root, self.root @ step])
         weights, growth = self.prior.lack_weights, self.growth
         if growth is not None:
             weights = weights_after(self.settings, weights, growth, fit.lack_information(growth))

@@ -158,8 +158,7 @@ def misfits(fit: Fit) -> bool:
     """
     problem, found = fit
     coordinates = found.trial.residual.size
-    _, gain = found.newton_step()
-    return found.cost - gain > coordinates * chi_square_limit(
+    return found.cost - found.gain > coordinates * chi_square_limit(
         coordinates, problem.settings.quantile
     )
 
@@ -170,11 +169,11 @@ def leave_out(problem: FrameProblem, fit: FrameLinearization) -> Fit:
     most = math.floor(problem.settings.most_left_out * float(seen))
     for _ in range(most):
         against = problem.at_targets(fit)
-        worst = int(np.nanargmax(against))
-        if against[worst] <= problem.settings.target_gate:
+        worst = int(against.argmax())
+        if not against[worst] > problem.settings.target_gate:
             break
         used = problem.used.copy()
-        used[worst] = False
+        used[np.flatnonzero(used)[worst]] = False
         without = replace(problem, used=used)
         again = without.search(fit.trial.solved, fit.trial.bent.solution)
         if again is None:
@@ -192,7 +191,7 @@ def hold_force(found: Fit) -> Fit:
     problem, fit = found
     if problem.knows_force(fit, problem.settings.determined):
         return found
-    variances, axes = np.linalg.eigh(problem.force_covariance(fit))
+    variances, axes = np.linalg.eigh(fit.force)
     largest = problem.settings.determined * problem.unknowns.force_scale
     unknown = axes[:, variances > largest**2]
     if not unknown.size:
@@ -297,6 +296,6 @@ def force_at(problem: FrameProblem, trial: Trial) -> Array:
 def are_apart(first: Fit, second: Fit) -> bool:
     """Whether two fits are two solutions, and not two ends of one search."""
     between = force_at(first[0], first[1].trial) - force_at(second[0], second[1].trial)
-    covariance = first[0].force_covariance(first[1])
+    covariance = first[1].force
     distance = float(between @ np.linalg.solve(covariance, between))
     return distance > first[0].settings.apart

@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 import math
+from typing import Any
 
 import numpy as np
 from pneunet_ros.core.outcome import Refusal
@@ -345,8 +346,9 @@ class Fusion:
             unweighed = taken
         else:
             state, taken = weigh_and_judge(self.bench, state, taken)
-        state = replace(state, seen=seen, unweighed=unweighed, pressure_lost=taken.frame.alone)
-        return self.after_frame(state, taken)
+        return self.after_frame(
+            state, taken, seen=seen, unweighed=unweighed, pressure_lost=taken.frame.alone
+        )
 
     def read_frame(
         self, state: FusionState, sightings: TargetSightings, *, force_lost: bool
@@ -372,8 +374,8 @@ class Fusion:
         last = {instant.gauge for instant in state.pressures[-self.settings.still_readings :]}
         return len(last) == 1 and len(state.pressures) >= self.settings.still_readings
 
-    def after_frame(self, state: FusionState, taken: TakenFrame) -> FusionState:
-        """Remember what became of a frame, and count it."""
+    def after_frame(self, state: FusionState, taken: TakenFrame, **seen: Any) -> FusionState:
+        """Remember what became of a frame, and count it; seen: what else of it is remembered."""
         nis, update, shown_ns = state.nis, taken.update, taken.frame.stamp_ns
         if update.coordinates:
             limit = chi_square_limit(update.coordinates, self.settings.quantile)
@@ -385,26 +387,31 @@ class Fusion:
                 else nis.followed_by(shown_ns, value, limit, self.settings.nis_time)
             )
         if update.belief is None:
-            return replace(state, nis=nis, lost=state.lost + 1).count_unused(update.reason)
-        state = replace(state, nis=nis, told=False, lost=0, frames=state.frames + 1)
-        return self.with_taken(state, taken, update.belief)
+            lost = replace(state, nis=nis, lost=state.lost + 1, **seen)
+            return lost.count_unused(update.reason)
+        seen |= {'nis': nis, 'told': False, 'lost': 0, 'frames': state.frames + 1}
+        return self.with_taken(state, taken, update.belief, **seen)
 
-    def with_taken(self, state: FusionState, taken: TakenFrame, after: Belief) -> FusionState:
-        """Remember what is believed after a frame, and what of it is still to be looked at."""
+    def with_taken(
+        self, state: FusionState, taken: TakenFrame, after: Belief, **seen: Any
+    ) -> FusionState:
+        """Remember what is believed after a frame, and what of it is still to be looked at.
+
+        seen: what else of it is remembered.
+        """
         frame, update, settings = taken.frame, taken.update, self.settings
         belief = with_walk(self.bench.unknowns, settings, taken.before, after)
         if belief.same_targets and update.left_out and update.fit:
             strange = np.flatnonzero(taken.problem.used & ~update.fit[0].used)
             belief = with_strange_targets(self.bench.unknowns, settings, belief, strange)
-        state = replace(
+        return replace(
             state,
             belief=belief,
             wrench_used_ns=None if frame.wrench is None else frame.wrench.reading.stamp_ns,
             unchecked=update.unchecked,
+            search=ColdSearch(ambiguous=update.ambiguous) if update.settled else state.search,
+            **seen,
         )
-        if not update.settled:
-            return state
-        return replace(state, search=ColdSearch(ambiguous=update.ambiguous))
 
     def doubt_frame(self, state: FusionState) -> FusionState:
         """Weigh the last frame against all else that it may be, then look for another force.
@@ -421,6 +428,7 @@ class Fusion:
                 state = replace(state, belief=None, unchecked=None)
             else:
                 state = self.with_taken(state, taken, belief)
-        if state.unchecked is None:
-            return state
-        return replace(state, unchecked=None, search=state.search.looked(state.unchecked))
+        if state.unchecked is not None:
+            search = state.search.looked(state.unchecked)
+            state = replace(state, unchecked=None, search=search)
+        return state.compressed()

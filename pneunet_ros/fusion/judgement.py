@@ -16,7 +16,6 @@ import numpy as np
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.fusion.belief import (
     Belief,
-    compress,
     first_belief,
     FORCE,
     lack_grown,
@@ -25,7 +24,6 @@ from pneunet_ros.fusion.belief import (
     TURN,
     widen,
     with_moved_camera,
-    with_noise,
     with_other_targets,
     without_lessons,
 )
@@ -304,18 +302,27 @@ def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
     But it is not drawn to zero either, frame after frame, which the unknowns that stay would
     take for evidence.
     """
-    free = replace(belief, walk=bench.settings.largest_walk * bench.unknowns.force_scale)
+    instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
+    inputs = bench.inputs_at(instant, frame.wrench)
     pressed = abs(frame.instant.chamber - belief.chamber)
     pressed = 0.0 if frame.alone or not math.isfinite(pressed) else pressed
-    moved, growth = bench.move(free, frame.stamp_ns, pressed), None
-    prior = replace(moved, root=compress(moved.root))
+    scale = scale_of(bench.settings, belief.lack_weights)
+    prior = bench.move(
+        belief,
+        frame.stamp_ns,
+        pressed,
+        noise=(inputs.moment_std, inputs.chamber_std),
+        scale=scale,
+        walk=bench.settings.largest_walk * bench.unknowns.force_scale,
+    )
+    growth = None
     if frame.alone:
         std = bench.settings.unknown_pressure * bench.unknowns.range
         prior = widen(prior, OF_BIAS, np.array([std]))
     else:
-        seconds = seconds_between(free.stamp_ns, frame.stamp_ns) if free.frames else math.inf
+        seconds = seconds_between(belief.stamp_ns, frame.stamp_ns) if belief.frames else math.inf
         growth = LackGrowth(
-            scale=scale_of(bench.settings, belief.lack_weights),
+            scale=scale,
             grown=lack_grown(bench.unknowns, seconds, pressed),
             seconds=seconds,
         )
@@ -325,14 +332,12 @@ def problem_of(bench: Bench, frame: ReadFrame, belief: Belief) -> FrameProblem:
         prior = bench.without(prior, FORCE)
     if frame.wrench is not None:
         prior = bench.with_wrench(prior, frame.wrench, frame.instant.gauge)
-    instant = replace(frame.instant, std=0.0) if frame.alone else frame.instant
-    inputs = bench.inputs_at(instant, frame.wrench)
     sightings = frame.sightings
     return FrameProblem(
         table=bench.table,
         unknowns=bench.unknowns,
         settings=bench.settings,
-        prior=with_noise(prior, inputs.moment_std, inputs.chamber_std),
+        prior=prior,
         growth=growth,
         inputs=inputs,
         sightings=sightings,

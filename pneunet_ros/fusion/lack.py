@@ -26,6 +26,7 @@ from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.fusion.settings import FusionSettings
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.uncertainty import STIFFNESS
+from scipy.linalg.lapack import dsyev
 
 MOST_CERTAIN = 1.0 - 1e-9  # share of an innovation that one error can be
 
@@ -45,7 +46,13 @@ class LackGrowth:
 
 def first_weights(settings: FusionSettings) -> Array:
     """Return the log weights (scales,) before any frame: the larger, the less likely."""
-    return freeze(-settings.lack_fall * np.log(np.array(settings.lack_scales)))
+    return falling(settings.lack_scales, settings.lack_fall)
+
+
+@cache
+def falling(scales: tuple[float, ...], power: float) -> Array:
+    """Return minus a power of the scales, in logs."""
+    return freeze(-power * np.log(np.array(scales)))
 
 
 @cache
@@ -73,13 +80,22 @@ def weights_after(
     """
     score, precision = information
     assumed = growth.scale
-    share, axes = np.linalg.eigh(assumed**2 * precision)
-    without = 1.0 / (1.0 - np.clip(share, 0.0, MOST_CERTAIN))  # of S without these errors
-    score = np.square(without * (axes.T @ score))
-    precise = without * share / assumed**2
-    scales = squared(settings.lack_scales)[:, None]
-    grown = 1.0 + scales * precise
-    likelihood = 0.5 * np.sum(scales * score / grown - np.log(grown), axis=1)
+    share, axes, _ = dsyev(assumed**2 * precision, lower=1)
+    scores, precise = [], []
+    for one, told in zip(share.tolist(), (score @ axes).tolist(), strict=True):
+        without = 1.0 / (1.0 - min(max(one, 0.0), MOST_CERTAIN))  # of S without these errors
+        scores.append((without * told) ** 2)
+        precise.append(without * one / assumed**2)
+    likelihood = np.array(
+        [
+            0.5
+            * sum(
+                scale**2 * told / (1.0 + scale**2 * known) - math.log1p(scale**2 * known)
+                for told, known in zip(scores, precise, strict=True)
+            )
+            for scale in settings.lack_scales
+        ]
+    )
     kept = math.exp(-growth.seconds / settings.lack_time)
     after = kept * log_weights + (1.0 - kept) * first_weights(settings) + likelihood
     return freeze(after - after.max())

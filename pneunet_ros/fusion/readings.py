@@ -6,7 +6,6 @@ from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.effects.effect import History, Load
@@ -38,7 +37,7 @@ class SeenFrame:
     def is_same(self, sightings: TargetSightings) -> bool:
         """Whether targets are seen there again to the last bit, which noise never allows."""
         pairs = ((self.x, sightings.x), (self.y, sightings.y))
-        return all(np.array_equal(one, other, equal_nan=True) for one, other in pairs)
+        return all(one.tobytes() == other.tobytes() for one, other in pairs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

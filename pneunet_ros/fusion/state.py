@@ -11,7 +11,7 @@ from pneunet_ros.core.readings import TargetSightings, WrenchReading
 from pneunet_ros.core.stamps import AHEAD, count_reason, StampGate
 from pneunet_ros.core.units import seconds_between
 from pneunet_ros.estimation.state import EstimatorState
-from pneunet_ros.fusion.belief import Belief
+from pneunet_ros.fusion.belief import Belief, compressed
 from pneunet_ros.fusion.force_sensor import Verdict
 from pneunet_ros.fusion.frame_fit import FrameProblem
 from pneunet_ros.fusion.frame_update import ColdSearch, Fit, FrameUpdate
@@ -160,6 +160,14 @@ class FusionState:
             pressure_off=True,
             sensor=Verdict.OPEN,
         )
+
+    def compressed(self) -> FusionState:
+        """Return it with square roots of what is believed, which grow with every frame."""
+        belief = None if self.belief is None else compressed(self.belief)
+        rival = None if self.rival is None else compressed(self.rival)
+        if belief is self.belief and rival is self.rival:
+            return self
+        return replace(self, belief=belief, rival=rival)
 
     def without_frames_after(self, stamp_ns: int) -> FusionState:
         """Forget the frame whose stamp was ahead of its time, or that stamp where it was used."""

@@ -113,6 +113,8 @@ def target_jacobian(table: PerturbationTable, sensitivity: Sensitivity) -> Array
 def measured_moves(arm: Arm, sensitivity: Sensitivity) -> Array:
     """Return how targets are measured to move by each change of the rod, (changes, 2, targets)."""
     moved = sensitivity.stations(arm.target_arclength)[:, :2]
+    if not arm.seeing:
+        return moved
     true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
     return np.stack(arm.see_moves(true_x, true_y, moved[:, 0], moved[:, 1]), axis=1)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+import numpy.typing as npt
 from pneunet_ros.core.arrays import Array, freeze, frozen_array
 from pneunet_ros.core.jit import inner, kernel
 from pneunet_ros.measurement.noise_jacobian import propagate_covariance
@@ -18,12 +19,13 @@ from pneunet_ros.measurement.second_order import (
 )
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.solver import columns as col
-from pneunet_ros.solver.linearization import station_changes
 from pneunet_ros.solver.settings import SOLVER
 from pneunet_ros.solver.sides import Beside, Response, second_difference, solve_sides
 
+Indices = npt.NDArray[np.intp]
 NO_SIDES, UNBOUNDED = -1, -2  # why errors are not carried to second order, or not at all
-NO_MIXING, NO_PLACES = np.zeros((0, 0)), freeze(np.zeros(0))
+NO_MIXING, NO_STD = np.zeros((0, 0)), np.zeros((2, 0))
+NOTHING_SEEN = np.zeros(0, np.intp)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,19 +42,30 @@ class PropagatedErrors:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SeenShape:
-    """Where along an arm (places,) m its shape was measured, and its std (2, places) m.
+class PlaceChanges:
+    """Places along an arm, the last of them the tip, and what each cause changes there.
 
-    Errors whose linear parts cancel at the places seen, and whose second order does not, are no
-    errors of one sigma any more: the measurements bound them where the second order is as large as
-    their noise.
+    arclength (places,) m; changes (causes, 6, places): as of `Sensitivity.stations`.
     """
 
     arclength: Array
+    changes: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenShape:
+    """Where along an arm its shape was measured, and how well.
+
+    at: places (m) with its changes, of stations and of what was seen; stations: which of them are
+    the stations; seen: which were seen; std (2, seen) m. Errors whose linear parts cancel at the
+    places seen, and whose second order does not, are no errors of one sigma any more: the
+    measurements bound them where the second order is as large as their noise.
+    """
+
+    at: PlaceChanges
+    stations: Indices
+    seen: Indices
     std: Array
-
-
-NOT_SEEN = SeenShape(arclength=NO_PLACES, std=np.zeros((2, 0)))
 
 
 def propagate_errors(
@@ -61,10 +74,14 @@ def propagate_errors(
     """Carry errors through a solved rod, to second order.
 
     noise (sources, causes): the noise input matrix; arclength (stations,) m; seen: where the shape
-    was measured, if it was. None where the shape has no bounded answer to its errors.
+    was measured, if it was, with the same stations. None where the shape has no bounded answer to
+    its errors.
     """
-    covariance, std = np.empty((3, 3)), np.empty((3, arclength.size))
-    measured = NOT_SEEN if seen is None else seen
+    if seen is None:
+        at = PlaceChanges(arclength=arclength, changes=sensitivity.stations(arclength))
+    else:
+        at = seen.at
+    covariance, std = np.empty((3, 3)), np.empty((3, at.arclength.size))
     response = sensitivity.for_kernels()
     beside = Beside.of(response)
     which = carry_errors(
@@ -76,9 +93,10 @@ def propagate_errors(
         np.array(DEFAULTS.steps),
         SOLVER.frame_iterations,
         SOLVER.tolerance,
-        arclength,
-        frozen_array(measured.arclength),
-        measured.std,
+        frozen_array(at.arclength),
+        at.changes,
+        NOTHING_SEEN if seen is None else seen.seen,
+        NO_STD if seen is None else seen.std,
         beside,
         covariance,
         std,
@@ -88,6 +106,8 @@ def propagate_errors(
     curved = None
     if which != NO_SIDES:
         curved = SecondOrder(sensitivity=sensitivity, beside=beside, step=DEFAULTS.steps[which])
+    if seen is not None:
+        std = std.take(seen.stations, axis=1)
     return PropagatedErrors(
         tip_covariance=freeze(covariance), std=freeze(std), second_order=curved
     )
@@ -104,7 +124,8 @@ def carry_errors(
     most_iterations: int,
     tolerance: float,
     arclength: Array,
-    seen: Array,
+    changes: Array,
+    seen: Indices,
     seen_std: Array,
     beside: Beside,
     covariance: Array,
@@ -113,9 +134,10 @@ def carry_errors(
     """Do what `propagate_errors` does; returns at which of the steps, NO_SIDES or UNBOUNDED.
 
     tip (causes, 3): the sensitivity of the free end; mixing (causes, single causes), of size 0
-    where a cause is single; kind and steps: as of `solve_sides`; seen (places,) m and seen_std (2,
-    places) m, of size 0 where the shape was not measured. Fills the rods beside the solution,
-    covariance (3, 3) and std (3, stations).
+    where a cause is single; kind and steps: as of `solve_sides`; changes (causes, 6, places) at
+    places of increasing arclength (m), the last of them the tip; seen: which of these were
+    measured, none where the shape was not; seen_std (2, seen) m. Fills the rods beside the
+    solution, covariance (3, 3) and std (3, places).
     """
     direction = leading_error(tip, noise)
     if mixing.size:
@@ -125,35 +147,17 @@ def carry_errors(
     if which >= 0:
         factor = second_order_factor(steps[which])
         second_difference(response, beside, arclength, factor, further)
-        if seen.size:
-            at_seen = np.empty((col.CURVATURE, seen.size))
-            second_difference(response, beside, seen, factor, at_seen)
-            square = 0.0
-            for i in range(2):
-                for place in range(seen.size):
-                    square += (at_seen[i, place] / seen_std[i, place]) ** 2
-            share = 1.0 / max(1.0, math.sqrt(square))
-            for i in range(col.CURVATURE):
-                for station in range(arclength.size):
-                    further[i, station] *= share
+        square = 0.0
+        for i in range(2):
+            for k in range(seen.size):
+                square += (further[i, seen[k]] / seen_std[i, k]) ** 2
+        allowed = 1.0 / max(1.0, math.sqrt(square))
+        for i in range(col.CURVATURE):
+            for place in range(arclength.size):
+                further[i, place] *= allowed
     elif not seen.size:
         return UNBOUNDED
-    panels, nodes, causes = response.panels, response.nodes, len(response.node_changes)
-    stations = np.empty((causes, col.FIELD_COUNT, arclength.size))
-    station_changes(
-        panels,
-        nodes,
-        response.knots,
-        response.rotation,
-        response.panel_changes,
-        response.rotation_changes,
-        response.node_changes,
-        arclength,
-        stations,
-    )
-    if mixing.size:
-        stations = mixed_stations(stations, mixing)
-    if not propagate_covariance(noise, tip, stations, further, covariance, std):
+    if not propagate_covariance(noise, tip, changes, further, covariance, std):
         return UNBOUNDED
     return which
 
@@ -166,16 +170,3 @@ def single_causes(amounts: Array, mixing: Array) -> Array:
         for i in range(single.size):
             single[i] += amounts[cause] * mixing[cause, i]
     return single
-
-
-@inner
-def mixed_stations(stations: Array, mixing: Array) -> Array:
-    """Return the changes (causes, 6, n) per cause, of those per single cause."""
-    mixed = np.zeros((mixing.shape[0], stations.shape[1], stations.shape[2]))
-    for cause in range(mixing.shape[0]):
-        for single in range(mixing.shape[1]):
-            share = mixing[cause, single]
-            for field in range(stations.shape[1]):
-                for i in range(stations.shape[2]):
-                    mixed[cause, field, i] += share * stations[single, field, i]
-    return mixed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -31,12 +32,7 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
         ]
     except UNFIT as error:
         raise MessageError(f'a message is no usable {POINTS_TYPE}: {error}') from error
-    names = [name for name, _, _ in fields]
-    if len(set(names)) < len(names):
-        raise MessageError(f'a point names a field twice: {", ".join(names)}')
-    for name, kind, offset in fields:
-        if not 0 <= offset <= point_step - np.dtype(kind).itemsize:
-            raise MessageError(f'the field {name} does not lie within the {point_step} bytes')
+    point = point_type(tuple(fields), point_step)
     needed = (height - 1) * row_step + width * point_step if height and width else 0
     if row_step < width * point_step and height > 1:
         raise MessageError(f'rows of {row_step} bytes cannot hold {width} points')
@@ -45,23 +41,33 @@ def cloud_points(message: Any) -> npt.NDArray[Any]:
             f'{data.size} bytes cannot hold {height} x {width} points of {point_step} bytes'
         )
     if not needed:
-        return np.empty(0, point_type(fields, max(point_step, 1)))
+        return np.empty(0, point)
     rows = np.ndarray(
         (height, width),
-        point_type(fields, point_step),
+        point,
         np.ascontiguousarray(data),
         strides=(row_step, point_step),
     )
     return rows.reshape(-1)
 
 
-def point_type(fields: list[tuple[str, str, int]], size: int) -> np.dtype[Any]:
-    """Return the record of fields (name, kind, offset) in a point of so many bytes."""
+@lru_cache(maxsize=64)
+def point_type(fields: tuple[tuple[str, str, int], ...], size: int) -> np.dtype[Any]:
+    """Return the record of fields (name, kind, offset) in a point of so many bytes.
+
+    Raises MessageError where a name stands twice, or a field beyond the point.
+    """
+    names = [name for name, _, _ in fields]
+    if len(set(names)) < len(names):
+        raise MessageError(f'a point names a field twice: {", ".join(names)}')
+    for name, kind, offset in fields:
+        if not 0 <= offset <= size - np.dtype(kind).itemsize:
+            raise MessageError(f'the field {name} does not lie within the {size} bytes')
     return np.dtype(
         {
-            'names': [name for name, _, _ in fields],
+            'names': names,
             'formats': [kind for _, kind, _ in fields],
             'offsets': [offset for _, _, offset in fields],
-            'itemsize': size,
+            'itemsize': max(size, 1),
         }
     )

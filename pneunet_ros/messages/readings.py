@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.arrays import Array, freeze
 from pneunet_ros.core.errors import MessageError
 from pneunet_ros.core.frames import BASE_FRAME, heading_quaternion, planar_heading
 from pneunet_ros.core.readings import (
@@ -41,8 +41,8 @@ from pneunet_ros.messages.tracker import TARGETS_OUTPUT
 PRESSURE_TYPE = 'sensor_msgs/msg/FluidPressure'
 WRENCH_TYPE = 'geometry_msgs/msg/WrenchStamped'
 TIP_POSE_TYPE = 'geometry_msgs/msg/PoseStamped'
-# What a point of `targets` may hold beside its coordinates and its id.
-_MEASURED_IN_IMAGE = ('std', 'u', 'v', 'area', 'major', 'minor', 'angle')
+# What a point of `targets` may hold beside its id.
+_OF_A_TARGET = ('x', 'y', 'std', 'u', 'v', 'area', 'major', 'minor', 'angle')
 
 
 class UnusableTopic(MessageError):
@@ -241,20 +241,23 @@ def decode_targets(message: Any, frame_id: str, targets: int | None = None) -> T
             f'there are {points.size} points in targets, and the arm has {targets} targets: '
             'every message must hold a point for each, NaN where it was not seen'
         )
-    ids = points['id'].astype(np.int64)
-    if not np.array_equal(np.sort(ids), np.arange(points.size)):
-        raise MessageError(
-            f'the ids of targets must be 0 to {points.size - 1}, each once, not '
-            f'{", ".join(str(number) for number in ids[:30].tolist())}'
-        )
-    points = points[np.argsort(ids)]
-    columns = {
-        name: points[name].astype(np.float64) if name in kinds else np.full(points.size, np.nan)
-        for name in ('x', 'y', *_MEASURED_IN_IMAGE)
-    }
-    unseen = ~(np.isfinite(columns['x']) & np.isfinite(columns['y']))
-    for values in columns.values():
-        values[unseen] = np.nan
+    ids = points['id'].tolist()
+    if ids != list(range(points.size)):  # they may come in any order
+        order = sorted(range(points.size), key=ids.__getitem__)
+        points = points[order]
+        if points['id'].tolist() != list(range(points.size)):
+            raise MessageError(
+                f'the ids of targets must be 0 to {points.size - 1}, each once, not '
+                f'{", ".join(str(number) for number in ids[:30])}'
+            )
+    table = np.full((len(_OF_A_TARGET), points.size), np.nan)
+    for row, name in zip(table, _OF_A_TARGET, strict=True):
+        if name in kinds:
+            row[:] = points[name]
+    seen = np.isfinite(table[:2]).all(axis=0)
+    if not seen.all():
+        table[:, ~seen] = np.nan
+    columns = dict(zip(_OF_A_TARGET, freeze(table), strict=True))
     return TargetSightings(stamp_ns=stamp_ns, **columns)
 
 

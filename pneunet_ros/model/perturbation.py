@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 from pneunet_ros.core.arrays import Array, freeze
-from pneunet_ros.core.jit import kernel
 from pneunet_ros.effects.effect import History, Load, NOTHING, Terms
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.intrinsic_curvature import over_meters
 from pneunet_ros.model.neighbors import DEFAULTS, DifferenceSettings, neighbors
 from pneunet_ros.model.record import Record
-from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, LOAD_X, LOAD_Y, LOADS, write
+from pneunet_ros.solver.columns import CLAMP_ANGLE, CLAMP_WIDTH, LOAD_X, LOAD_Y, LOADS
 from pneunet_ros.solver.rod import Rods, RodTable
 
 
@@ -139,13 +138,12 @@ class Perturbation:
         """
         if not amounts.any():
             return rods
-        shares = amounts / self.distance[: amounts.size]
+        size = amounts.size
+        shares = amounts / self.distance[:size]
 
         def change(sides: Array) -> Array:
-            between = sides[1, : amounts.size] - sides[0, : amounts.size]
-            return np.asarray(
-                (shares @ between.reshape(shares.size, -1)).reshape(between.shape[1:])
-            )
+            before, after = sides[:, :size].reshape(2, size, -1)
+            return (shares @ (after - before)).reshape(sides.shape[2:])
 
         length, knots, push, places = rods.length, rods.knots, rods.push, rods.push_place
         if not self.same_places:
@@ -183,12 +181,15 @@ class PerturbationTable:
     quantity moves in one unit; neighbors: the arm before each column, then the arm after each;
     distance (1 + columns,): how far the sides are apart, of the pressure in Pa, then of the
     columns in sigma; length, knots and same_places: as of the changes, whatever the pressure.
+    table: of all sides, the arm itself and the arms before each column, then itself and those
+    after; own: of the arm alone; clamp: of all sides.
     """
 
     arm: Arm
     settings: DifferenceSettings = DEFAULTS
     further: tuple[Mapping[str, float], ...] = ()
     neighbors: tuple[Arm, ...] = field(init=False, repr=False)
+    own: RodTable = field(init=False, repr=False)
     distance: Array = field(init=False, repr=False)
     length: Array = field(init=False, repr=False)
     knots: Array = field(init=False, repr=False)
@@ -206,8 +207,8 @@ class PerturbationTable:
         columns = (*known, *self.further)
         pairs = [neighbors(arm, column, self.settings) for column in columns]
         befores, afters = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
-        sides = tuple(befores + afters)
         by_cause = [[arm, *befores], [arm, *afters]]
+        sides = tuple(by_cause[0] + by_cause[1])
         same_places = all(
             side.reach == arm.reach and np.array_equal(side.knots, arm.knots) for side in sides
         )
@@ -218,25 +219,25 @@ class PerturbationTable:
         changing = tuple(place for place, item in enumerate(terms) if added_at_each_call(item))
         sections, rotation = [], []
         for place, side in enumerate(sides):
-            records = side.table.at(rows)
-            clamp[place, CLAMP_ANGLE] = side.clamp_angle
-            for number, effect in enumerate(side.effects):
-                if number not in changing:
-                    side.add_terms(effect.terms(rows), records[0], clamp[place : place + 1])
+            records = constant_records(side, rows, changing, clamp[place : place + 1])
             sections.append(records[0])
             rotation.append(records[1])
+        own = constant_records(arm, arm.table.pressure, changing, clamp[:1].copy())
         stacked = RodTable(
-            pressure=freeze(rows),
-            sections=freeze(np.concatenate(sections or [arm.table.sections[:, :0]], axis=1)),
-            rotation=freeze(np.concatenate(rotation or [arm.table.rotation[:, :0]], axis=1)),
+            pressure=freeze(rows),  # kernels are compiled again for what may be written
+            sections=freeze(np.concatenate(sections, axis=1)),
+            rotation=freeze(np.concatenate(rotation, axis=1)),
         )
         values = {
-            'neighbors': sides,
+            'neighbors': tuple(befores + afters),
+            'own': RodTable(
+                pressure=arm.table.pressure, sections=freeze(own[0]), rotation=freeze(own[1])
+            ),
             'distance': np.array(distance),
             'length': np.array([[item.reach for item in side] for side in by_cause]),
             'knots': np.array([[item.knots for item in side] for side in by_cause]),
             'same_places': same_places,
-            'clamp': clamp,
+            'clamp': freeze(clamp),
             'table': stacked,
             'row_rotation': np.array(
                 [
@@ -263,54 +264,63 @@ class PerturbationTable:
         history: what other parameters would have made of it is left out.
         """
         arm, step = self.arm, 0.5 * float(self.distance[0])
+        at = freeze(np.array([pressure]))
+        sections, rotation = self.table.at(at)
+        causes, count = self.distance.size, arm.table.sections.shape[1]
+        if not self.alike:
+            near = freeze(np.array([pressure, pressure - step, pressure + step]))
+            own_sections, own_rotation = self.own.at(near)
+            sections = sections.reshape(2, causes, *own_sections.shape[1:])
+            rotation = rotation.reshape(2, causes, *own_rotation.shape[1:])
+            sections[:, 0], rotation[:, 0] = own_sections[1:], own_rotation[1:]
+            rods = Rods(
+                length=arm.reach,
+                pressure=at,
+                sections=own_sections[:1],
+                clamp=self.clamp[:1],
+                knots=arm.knots,
+                rotation=own_rotation[:1],
+                push=np.empty((1, 0, count)),
+                push_place=np.empty(0),
+            )
+            return rods, Perturbation(
+                length=self.length,
+                sections=sections,
+                clamp=self.clamp.reshape(2, causes, CLAMP_WIDTH),
+                knots=self.knots,
+                rotation=rotation,
+                push=np.empty((2, causes, 0, count)),
+                push_place=np.empty((2, causes, 0)),
+                distance=self.distance,
+                same_places=self.same_places,
+            )
         every = near_records(arm, pressure, step, history, load)
-        records = self.neighbor_records(pressure, history, load)
-        causes = self.distance.size
-        sections, clamp, rotation = (
-            np.empty((2, causes, *own.shape[1:]))
-            for own in (every.sections, every.clamp, every.rotation)
+        loads = None if load is None else load.row
+        record = Record.without_pushes(
+            sections.reshape(2 * causes, count, -1),
+            self.clamp.copy(),
+            rotation.reshape(2 * causes, *arm.table.rotation.shape[1:]),
         )
-        put_on_sides(
-            every.sections,
-            records.sections,
-            sections,
-            every.clamp,
-            records.clamp,
-            clamp,
-            every.rotation,
-            records.rotation,
-            rotation,
+        record = join_records(
+            [
+                self.with_terms(record, which, side, at, history, loads)
+                for which, side in self.alike
+            ]
         )
         change = Perturbation(
             length=self.length,
-            sections=sections,
-            clamp=clamp,
+            sections=both_sides(every.sections, record.sections),
+            clamp=both_sides(every.clamp, record.clamp),
             knots=self.knots,
-            rotation=rotation,
-            push=both_sides(every.push, records.push),
-            push_place=places_on_both_sides(every, records),
+            rotation=both_sides(every.rotation, record.rotation),
+            push=both_sides(every.push, record.push),
+            push_place=places_on_both_sides(every, record),
             distance=self.distance,
             same_places=self.same_places,
         )
         if arm.by_load:
             change = change.followed_by(load_change(arm, pressure, history, load, self.settings))
         return every.record(0), change
-
-    def neighbor_records(
-        self, pressure: float, history: tuple[History, ...] | None, load: Load | None
-    ) -> Record:
-        """Return the records of all neighbors at one pressure (Pa), with places of each one's."""
-        at, own, count = np.array([pressure]), self.arm.table, len(self.neighbors)
-        sections, rotation = self.table.at(at)
-        sections = sections.reshape(count, *own.sections.shape[1:])
-        rotation = rotation.reshape(count, *own.rotation.shape[1:])
-        if not self.alike:
-            return Record.without_pushes(sections, self.clamp, rotation)
-        record = Record.without_pushes(sections, self.clamp.copy(), rotation)
-        loads = None if load is None else load.row
-        return join_records(
-            [self.with_terms(record, which, arm, at, history, loads) for which, arm in self.alike]
-        )
 
     def with_terms(
         self,
@@ -340,50 +350,37 @@ class PerturbationTable:
         return replace(found, push_place=places)
 
 
-@kernel
-def put_on_sides(
-    sections: Array,
-    sections_beside: Array,
-    sections_out: Array,
-    clamp: Array,
-    clamp_beside: Array,
-    clamp_out: Array,
-    rotation: Array,
-    rotation_beside: Array,
-    rotation_out: Array,
-) -> None:
-    """Do what `both_sides` does with the sections, the clamp and the rotation of records."""
-    columns = len(sections_beside) // 2
-    for side in range(2):
-        write(sections[1 + side], sections_out[side, 0])
-        write(rotation[1 + side], rotation_out[side, 0])
-        for i in range(clamp.shape[1]):
-            clamp_out[side, 0, i] = clamp[1 + side, i]
-        for column in range(columns):
-            place = side * columns + column
-            write(sections_beside[place], sections_out[side, 1 + column])
-            write(rotation_beside[place], rotation_out[side, 1 + column])
-            for i in range(clamp.shape[1]):
-                clamp_out[side, 1 + column, i] = clamp_beside[place, i]
+def constant_records(
+    arm: Arm, rows: Array, changing: tuple[int, ...], clamp: Array
+) -> tuple[Array, Array]:
+    """Return sections and rotation of an arm at pressures (n,) Pa, with what effects add at all.
+
+    changing: effects that are left out; clamp (1, 3): where they add to it.
+    """
+    sections, rotation = arm.table.at(rows)
+    clamp[:, CLAMP_ANGLE] = arm.clamp_angle
+    for number, effect in enumerate(arm.effects):
+        if number not in changing:
+            arm.add_terms(effect.terms(rows), sections, clamp)
+    return sections, rotation
 
 
-def both_sides(own: Array, neighbors: Array) -> Array:
+def both_sides(own: Array, sides: Array) -> Array:
     """Return numbers on both sides (2, 1 + columns, ...) of a pressure and of all columns.
 
-    own (3, ...): at the pressure, before and after it; neighbors (2 columns, ...): before each
-    column, then after each.
+    own (3, ...): at the pressure, before and after it; sides (2 + 2 columns, ...), which are
+    overwritten: at the pressure and before each column, then at the pressure and after each.
     """
-    columns, shape = len(neighbors) // 2, own.shape[1:]
-    sides = np.empty((2, 1 + columns, *shape))
-    sides[:, 0], sides[:, 1:] = own[1:], neighbors.reshape(2, columns, *shape)
-    return sides
+    both = sides.reshape(2, len(sides) // 2, *own.shape[1:])
+    both[:, 0] = own[1:]
+    return both
 
 
 def places_on_both_sides(every: Rods, records: Record) -> Array:
     """Return the places of pushes (2, 1 + columns, pushes) m; arguments as of `both_sides`."""
     places = every.push_place
     if not places.size:
-        return np.empty((2, 1 + len(records.sections) // 2, 0))
+        return np.empty((2, len(records.sections) // 2, 0))
     return both_sides(np.array([places] * 3), records.push_place)
 
 
