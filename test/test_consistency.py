@@ -240,6 +240,8 @@ def predicted(share, errors) -> PredictedTargets:
         x=0.1 * share,
         y=np.zeros(share.size),
         errors=errors,
+        by_load=np.zeros((3, 2, share.size)),
+        theta=np.zeros(share.size),
         share=share,
         placed=np.zeros((2, share.size)),
         placed_std=np.full(share.size, 0.0),
@@ -352,15 +354,17 @@ def test_a_frame_waits_for_its_reading():
     monitored = unloaded(1000, 1010, 1020).tell(frame(1029))
     assert monitored.consistency.matched == 0
     monitored.tell(PressureReading(stamp_ns=1_030_000_000, pressure=20e3))
+    assert monitored.consistency.matched == 0  # the one behind it tells whether it goes on so
+    monitored.tell(PressureReading(stamp_ns=1_040_000_000, pressure=20e3))
     assert monitored.consistency.matched == 1
     assert not monitored.consistency.waiting
     assert not monitored.consistency.unmatched
 
 
 def test_frames_of_a_clock_that_is_ahead_do_not_pile_up():
-    monitored = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(50)))
+    monitored = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(200)))
     assert len(monitored.consistency.waiting) == USED.most_waiting
-    assert dict(monitored.consistency.unmatched) == {'no_estimate': 50 - USED.most_waiting}
+    assert dict(monitored.consistency.unmatched) == {'no_estimate': 200 - USED.most_waiting}
 
 
 def test_one_frame_that_is_stamped_ahead_costs_nothing():

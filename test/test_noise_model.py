@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.effects.pressure_elongation import PressureElongation
-from pneunet_ros.measurement.dataset import interpolated_noise
+from pneunet_ros.measurement.between_readings import interpolated_noise
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of

@@ -2,8 +2,9 @@
 
 As the estimator: state in, state out; no clock, no topic, no file. `take_estimate` is given every
 pressure reading with what became of it, `take_targets` every frame of targets, and
-`ConsistencyState.disagreement` says where things stand. A frame is compared with the estimate at
-the pressure reading that is nearest by the stamps, within half a period of the readings.
+`ConsistencyState.disagreement` says where things stand. A frame is compared with what the
+estimates beside it say of its instant (`frame_prediction`); one is at most `reach` away by the
+stamps.
 `agreement_of` is the verdict on a whole recording, of the same frames.
 """
 
@@ -29,7 +30,8 @@ from pneunet_ros.core.stamps import (
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.measurement.predicted_targets import innovation, predict_targets
+from pneunet_ros.estimation.frame_prediction import BESIDE, predict_frame
+from pneunet_ros.measurement.predicted_targets import innovation, PredictedTargets
 from scipy.special import bdtrc
 
 
@@ -39,7 +41,12 @@ class ConsistencySettings:
 
     estimates_kept: int = tuning(256, 'estimates that wait for frames, which come later')
     periods: int = tuning(32, 'last readings, whose median distance is their period')
-    most_waiting: int = tuning(32, 'frames that wait for their reading')
+    most_waiting: int = tuning(128, 'frames that wait for their readings')
+    reach: float = tuning(
+        0.75,
+        'of a frame from the nearest reading: half of it, and half as much for stamps that jitter',
+        unit='period',
+    )
     fewest_frames: int = tuning(10, 'frames, before anything is claimed')
     share: float = tuning(0.25, 'share of recent frames beyond the limit that is a disagreement')
     most_beyond: float = tuning(
@@ -310,34 +317,43 @@ def compare_waiting(
         return state
     stamps = np.array([estimate.stamp_ns for estimate in state.estimates])
     periods = np.diff(stamps[-settings.periods - 1 :])
-    reach = 0.5 * float(np.median(periods)) if periods.size else 0.0
+    reach = settings.reach * float(np.median(periods)) if periods.size else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
     delay_ns = round(estimator.arm.frame_delay * NANOSECONDS_PER_SECOND)
     for sightings in waiting:
         shown_ns = sightings.stamp_ns - delay_ns
         nearest, near = match_stamps(np.array([shown_ns]), stamps, reach)
-        if near[0]:
+        behind = np.count_nonzero(stamps >= shown_ns)
+        at_reading = near[0] and is_at(state.estimates[nearest[0]], shown_ns)
+        if near[0] and (at_reading or behind >= BESIDE):
             estimate = state.estimates[nearest[0]]
-            running, frame = add_frame(state.running, sightings, estimate, estimator, settings)
+            predicted = predict_frame(estimator, state.estimates, shown_ns)
+            running, frame = add_frame(
+                state.running, sightings, estimate, predicted, estimator, settings
+            )
             compared = (*state.compared, frame)
             state = replace(state, running=running, compared=compared, matched=state.matched + 1)
-        elif shown_ns > stamps[-1]:
+        elif behind < BESIDE and (near[0] or not behind):
             state = replace(state, waiting=(*state.waiting, sightings))
         else:
             state = state.count_unmatched('no_estimate')
     return state
 
 
+def is_at(estimate: ShapeEstimate, shown_ns: int) -> bool:
+    """Whether a frame was taken with the readings of an estimate: nothing later tells more."""
+    return estimate.stamp_ns == shown_ns and not estimate.wrench_age
+
+
 def add_frame(
     before: RunningInnovation | None,
     sightings: TargetSightings,
     estimate: ShapeEstimate,
+    predicted: PredictedTargets,
     estimator: Estimator,
     settings: ConsistencySettings,
 ) -> tuple[RunningInnovation, FrameInnovation]:
     """Take a frame into the running means; after a gap of `watch_time` they start anew."""
-    assert estimate.noise is not None and estimate.second_order is not None
-    predicted = predict_targets(estimator.table, estimate.noise, estimate.second_order)
     frame = innovation(predicted, sightings, estimator.arm.sensors)
     assert frame is not None
     stamp_ns, time = sightings.stamp_ns, estimator.settings.watch_time

@@ -13,11 +13,8 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.measurement.dataset import (
-    instants_among,
-    interpolated_noise,
-    RecordingData,
-)
+from pneunet_ros.measurement.between_readings import interpolated_noise
+from pneunet_ros.measurement.dataset import instants_among, RecordingData
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, steady_inputs
