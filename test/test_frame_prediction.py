@@ -49,10 +49,10 @@ def truth(pressure, force):
 @pytest.mark.parametrize('late', [0, 1], ids=['wrench in time', 'wrench late'])
 @pytest.mark.parametrize('share', [0.0, 0.3, 0.5, 0.9])
 def test_on_a_ramp_targets_are_where_the_ramp_is(late, share):
-    pressures, forces = 30e3 + 2e3 * np.arange(6), 0.05 + 4e-3 * np.arange(6)
+    pressures, forces = 30e3 + 2e3 * np.arange(6), 0.05 + 2e-3 * np.arange(6)
     estimator, found = estimates(pressures.tolist(), forces.tolist(), late)
     predicted = predict_frame(estimator, found, START + round((2 + share) * PERIOD))
-    x, y = truth(34e3 + 2e3 * share, 0.058 + 4e-3 * share)
+    x, y = truth(34e3 + 2e3 * share, 0.054 + 2e-3 * share)
     np.testing.assert_allclose(predicted.x, x, atol=3e-5)
     np.testing.assert_allclose(predicted.y, y, atol=3e-5)
     # The arm has gone 0.6 mm and more from the nearest estimate on the way.

@@ -5,7 +5,8 @@ pressure reading with what became of it, `take_targets` every frame of targets, 
 `ConsistencyState.disagreement` says where things stand. A frame is compared with what the
 estimates beside it say of its instant (`frame_prediction`); one is at most `reach` away by the
 stamps.
-`agreement_of` is the verdict on a whole recording, of the same frames.
+`agreement_of` is the verdict on a whole recording, of the same frames, each by itself and, by
+`persistent_errors`, all together.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.estimation.frame_prediction import BESIDE, predict_frame
+from pneunet_ros.estimation.persistent_errors import FrameEvidence, PersistentErrors
 from pneunet_ros.measurement.predicted_targets import innovation, PredictedTargets
 from scipy.special import bdtrc
 
@@ -113,7 +115,8 @@ class FrameInnovation:
 
     rms: of the whitened difference, 1 where it is all noise; limit: what noise rarely exceeds;
     at_tip: chi square of the tip alone, two coordinates, NaN where it is not seen; force_read:
-    whether the end load was measured.
+    whether the end load was measured; evidence: of errors that persist, None where the model
+    claims nothing.
     """
 
     stamp_ns: int
@@ -121,6 +124,7 @@ class FrameInnovation:
     limit: float
     force_read: bool
     at_tip: float = math.nan
+    evidence: FrameEvidence | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,7 +135,8 @@ class Agreement:
     exceeds; beyond: share of frames beyond that, and most: the share up to which the model holds.
     tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN where no tip was
     seen, tips_chance: how often that many are, of a model that holds, and sure: below it that is
-    no chance. force_read: whether the end load was measured in all of them.
+    no chance. force_read: whether the end load was measured in all of them. persistent: what all
+    frames say together, None where they are too few.
     """
 
     frames: int
@@ -143,6 +148,7 @@ class Agreement:
     tips_chance: float
     sure: float
     force_read: bool
+    persistent: PersistentErrors | None = None
 
     @property
     def tips_hold(self) -> bool:
@@ -152,6 +158,11 @@ class Agreement:
     @property
     def holds(self) -> bool:
         """Whether noise explains nearly all frames, and where their tips are."""
+        return self.frames_hold and (self.persistent is None or self.persistent.holds)
+
+    @property
+    def frames_hold(self) -> bool:
+        """The same, of each frame by itself."""
         return self.median <= self.limit and self.beyond <= self.most and self.tips_hold
 
     @property
@@ -160,6 +171,10 @@ class Agreement:
         verdict, advice = 'the model holds on this recording', ''
         if not self.holds:
             verdict, advice = 'the model does not hold on this recording', '; run pneunet diagnose'
+        together = ''
+        if self.persistent is not None and not self.persistent.holds:
+            together = f'; {self.persistent.sentence}'
+            advice = f'; {self.persistent.advice}'
         tips = ''
         if not self.tips_hold:
             tips = (
@@ -169,7 +184,7 @@ class Agreement:
         return (
             f'{verdict}: median {self.median:.2f} x the noise, more than noise explains in '
             f'{100.0 * self.beyond:.0f} % of {self.frames} frames (it holds up to '
-            f'{100.0 * self.most:.0f} %){tips}{advice}'
+            f'{100.0 * self.most:.0f} %){tips}{together}{advice}'
             + ('' if self.force_read else f'; {FORCE_NOT_JUDGED}')
         )
 
@@ -246,9 +261,14 @@ class ConsistencyState:
 
 
 def agreement_of(
-    compared: Sequence[FrameInnovation], settings: ConsistencySettings = DEFAULTS
+    compared: Sequence[FrameInnovation],
+    persistent: PersistentErrors | None = None,
+    settings: ConsistencySettings = DEFAULTS,
 ) -> Agreement:
-    """Return how measured and predicted targets agreed over these frames, at least one."""
+    """Return how measured and predicted targets agreed over these frames, at least one.
+
+    persistent: what they say together.
+    """
     rms, limit, at_tip = np.array([(one.rms, one.limit, one.at_tip) for one in compared]).T
     tips = at_tip[np.isfinite(at_tip)]
     outside = int(np.count_nonzero(tips > -2.0 * math.log(settings.tip_level)))
@@ -262,6 +282,7 @@ def agreement_of(
         tips_chance=float(bdtrc(outside - 1, tips.size, settings.most_tips)),
         sure=settings.sure,
         force_read=all(frame.force_read for frame in compared),
+        persistent=persistent,
     )
 
 
@@ -366,6 +387,7 @@ def add_frame(
         limit=math.sqrt(most),
         force_read=force_read,
         at_tip=frame.at_tip,
+        evidence=evidence_of(sightings, estimate, predicted),
     )
     beyond = float(chi_square > most)
     since = math.inf if before is None else seconds_between(before.stamp_ns, stamp_ns)
@@ -398,6 +420,24 @@ def add_frame(
         force_read=force_read,
     )
     return running, by_itself
+
+
+def evidence_of(
+    sightings: TargetSightings, estimate: ShapeEstimate, predicted: PredictedTargets
+) -> FrameEvidence | None:
+    """Return what a frame tells of errors that persist; None beyond the domain of the model."""
+    position = estimate.position
+    if estimate.curved is None or (position is not None and any(position.error)):
+        return None
+    assert estimate.noise is not None
+    return FrameEvidence(
+        stamp_ns=sightings.stamp_ns,
+        residual=np.stack([sightings.x - predicted.x, sightings.y - predicted.y]),
+        std=sightings.std,
+        predicted=predicted,
+        tip_errors=estimate.noise @ estimate.curved.sensitivity.tip[:, :2],
+        tip_covariance=estimate.tip_covariance[:2, :2],
+    )
 
 
 def chi_square_limit(coordinates: float, quantile: float) -> float:
