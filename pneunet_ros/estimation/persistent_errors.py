@@ -201,8 +201,11 @@ def persistent_errors(
     likely = min(chance_of(moved, seen), chance_of(further, seen_further))
     dof = float(problem.coordinates - np.trace(gram @ covariance))
     spread_left = math.hypot(math.sqrt(2.0 * repeated / dof), 2.0 * settings.white_error)
-    known = covariance[:columns, :columns]
-    off = [tip_off(frame, model.step[:columns], known) for frame in kept]
+    chance = min(2.0 * likely, 1.0)  # of two that were tried
+    step, known = model.step[:columns], covariance[:columns, :columns]
+    if chance < settings.sure:
+        step, known = without_prior(step, known, settings)
+    off = [tip_off(frame, step, known) for frame in kept]
     squares, outside = np.mean(off, axis=0).tolist()
     return PersistentErrors(
         frames=count,
@@ -211,7 +214,7 @@ def persistent_errors(
         unknowns=seen,
         moved_with_places=further,
         unknowns_with_places=seen_further,
-        chance=min(2.0 * likely, 1.0),  # of two that were tried
+        chance=chance,
         sure=settings.sure,
         left=float(np.sum(rest**2)) / dof,
         left_limit=1.0 + settings.quantile * spread_left,
@@ -305,6 +308,18 @@ def distance(
     seen = variances > settings.seen
     along = (axes.T @ step)[seen]
     return float(np.sum(along**2 / variances[seen])), int(np.count_nonzero(seen))
+
+
+def without_prior(
+    step: Array, covariance: Array, settings: PersistenceSettings = PERSISTENCE
+) -> tuple[Array, Array]:
+    """Return a step (n,) and its covariance (n, n) as the frames alone tell them.
+
+    For a prior that is refuted holds a step back. Where frames tell little it stays as it is.
+    """
+    left, axes = np.linalg.eigh(covariance)
+    told = np.where(1.0 - left > settings.seen, 1.0 - left, 1.0)
+    return axes @ ((axes.T @ step) / told), axes @ np.diag(left / told) @ axes.T
 
 
 def chance_of(moved: float, unknowns: int) -> float:
