@@ -13,7 +13,7 @@ found from what is left. Source: Newey and West, Econometrica 55 (1987).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -47,6 +47,9 @@ class PersistenceSettings:
     fewest: int = tuning(20, 'frames, before anything is claimed')
     seen: float = tuning(
         0.1, 'variance that frames tell of an unknown, to count it', unit='of its prior'
+    )
+    camera: float = tuning(
+        0.01, 'that a camera is elsewhere: that tells nothing of the arm', unit='length'
     )
     sure: float = tuning(1e-4, 'probability that unknowns are so far off by chance')
     white_error: float = tuning(0.05, 'relative error of the std of white noise')
@@ -183,7 +186,7 @@ def persistent_errors(
     """
     if len(kept) < settings.fewest:
         return None
-    problem = linear_problem(kept, arm)
+    problem = linear_problem(kept, arm, settings)
     count, unknowns = len(kept), problem.shared.shape[2]
     model = GaussianModel.of(
         [problem.shared.reshape(-1, unknowns)], [problem.residual.ravel()], np.zeros(unknowns)
@@ -238,7 +241,9 @@ class LinearProblem:
     coordinates: int
 
 
-def linear_problem(kept: Sequence[FrameEvidence], arm: Arm) -> LinearProblem:
+def linear_problem(
+    kept: Sequence[FrameEvidence], arm: Arm, settings: PersistenceSettings = PERSISTENCE
+) -> LinearProblem:
     """Return frames, whitened by the errors that are their own."""
     noise, count, targets = arm.sensors, len(kept), arm.target_arclength.size
     size = 2 * targets
@@ -260,7 +265,9 @@ def linear_problem(kept: Sequence[FrameEvidence], arm: Arm) -> LinearProblem:
         places, columns = placing * known.std, columns + placing @ known.factor
     stamps = np.array([frame.stamp_ns for frame in kept])
     progress = (stamps - stamps.min()) / max(int(np.ptp(stamps)), 1)
-    path = path_weights(progress) @ np.linalg.cholesky(path_prior(noise))
+    anywhere = math.hypot(noise.registration_std, settings.camera * arm.length)
+    prior = path_prior(replace(noise, registration_std=anywhere))
+    path = path_weights(progress) @ np.linalg.cholesky(prior)
     camera = np.zeros((count, 2, targets, 2, path.shape[1]))
     camera[:, 0, :, 0] = camera[:, 1, :, 1] = path[:, None]
     shared = np.concatenate([columns, places, camera.reshape(count, size, -1)], axis=2)
