@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from pneunet_ros.measurement.between_readings import (
+    furthest_error,
     interpolate,
     interpolated_noise,
     interpolation_error,
@@ -50,6 +51,17 @@ def test_a_ramp_that_begins_between_readings_is_the_furthest_that_is_allowed_for
         start = (3 + begins) * PERIOD
         off, said = missed(lambda t, at=start: 5e-5 * max(t - at, 0), round((3 + share) * PERIOD))
         assert off / said == pytest.approx(np.sqrt(3.0), rel=1e-3)
+
+
+def test_nothing_is_further_off_than_is_said():
+    random = np.random.default_rng(5)
+    for begins, share in random.uniform(size=(300, 2)):
+        start, shown = (3 + begins) * PERIOD, round((3 + share) * PERIOD)
+        most = furthest_error(np.array([shown]), STAMPS)[0]
+        for course in (lambda t, at=start: 5e3 * (t >= at), lambda t, at=start: max(t - at, 0)):
+            off, said = missed(course, shown)
+            assert abs(off) <= 1.001 * most * said
+    assert furthest_error(np.array([9]), STAMPS[:1]).tolist() == [np.sqrt(3.0)]
 
 
 def test_a_smooth_course_keeps_most_of_its_weight():

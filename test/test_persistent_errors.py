@@ -9,9 +9,9 @@ from pneunet_ros.estimation.persistent_errors import (
     FrameEvidence,
     frames_as_one,
     KeptFrames,
+    PersistenceSettings,
     persistent_errors,
     PersistentErrors,
-    PersistenceSettings,
 )
 from pneunet_ros.measurement.predicted_targets import PredictedTargets
 from pneunet_ros.model.uncertainty import ModelCovariance, PlacementKnown

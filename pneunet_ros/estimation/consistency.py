@@ -349,6 +349,9 @@ def compare_waiting(
         if near[0] and (at_reading or behind >= BESIDE):
             estimate = state.estimates[nearest[0]]
             predicted = predict_frame(estimator, state.estimates, shown_ns)
+            if predicted is None:
+                state = state.count_unmatched('unsteady')
+                continue
             running, frame = add_frame(
                 state.running, sightings, estimate, predicted, estimator, settings
             )
@@ -387,7 +390,7 @@ def add_frame(
         limit=math.sqrt(most),
         force_read=force_read,
         at_tip=frame.at_tip,
-        evidence=evidence_of(sightings, estimate, predicted),
+        evidence=evidence_of(sightings, estimate, predicted, beyond=chi_square > most),
     )
     beyond = float(chi_square > most)
     since = math.inf if before is None else seconds_between(before.stamp_ns, stamp_ns)
@@ -423,9 +426,16 @@ def add_frame(
 
 
 def evidence_of(
-    sightings: TargetSightings, estimate: ShapeEstimate, predicted: PredictedTargets
+    sightings: TargetSightings,
+    estimate: ShapeEstimate,
+    predicted: PredictedTargets,
+    *,
+    beyond: bool,
 ) -> FrameEvidence | None:
-    """Return what a frame tells of errors that persist; None beyond the domain of the model."""
+    """Return what a frame tells of errors that persist; None beyond the domain of the model.
+
+    beyond: it is further off than noise explains.
+    """
     position = estimate.position
     if estimate.curved is None or (position is not None and any(position.error)):
         return None
@@ -437,6 +447,7 @@ def evidence_of(
         predicted=predicted,
         tip_errors=estimate.noise @ estimate.curved.sensitivity.tip[:, :2],
         tip_covariance=estimate.tip_covariance[:2, :2],
+        beyond=beyond,
     )
 
 

@@ -18,6 +18,7 @@ from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.measurement.between_readings import (
+    furthest_error,
     interpolate,
     interpolated_noise,
     interpolation_error,
@@ -37,10 +38,12 @@ BESIDE = 2  # estimates on either side of a frame that tell what lies between
 
 def predict_frame(
     estimator: Estimator, estimates: Sequence[ShapeEstimate], shown_ns: int
-) -> PredictedTargets:
+) -> PredictedTargets | None:
     """Return where the targets must be in a frame that shows the arm of a stamp (ns).
 
-    estimates: at increasing stamps (ns), at least one.
+    estimates: at increasing stamps (ns), at least one. None where they do not tell: the arm goes
+    so far from one to the next, or may have done so, that a straight line is wrong by more than
+    the noise of a target.
     """
     stamps = np.array([estimate.stamp_ns for estimate in estimates])
     behind = int(np.searchsorted(stamps, shown_ns))
@@ -66,21 +69,26 @@ def predict_frame(
     moved += np.tensordot(load - used, predicted.by_load, axes=1)
     chamber = np.array([[estimate.chamber_pressure] for estimate in estimates])
     std = np.maximum(np.diag(nearest.noise)[: PRESSURE + 1], SMALLEST_STD)
+    missed = np.append(
+        interpolation_error(shown, wrench_ns, wrench, std[:LOADS])[0] / std[:LOADS],
+        interpolation_error(shown, stamps, chamber, std[PRESSURE:])[0] / std[PRESSURE:],
+    )
+    furthest = missed * furthest_error(shown, stamps)
+    furthest[:LOADS] = missed[:LOADS] * furthest_error(shown, wrench_ns)
+    strayed = np.hypot(*np.abs(furthest) @ np.abs(predicted.errors[: PRESSURE + 1, :, -1]))
+    gone = np.hypot(*moved[:, -1])
+    if max(strayed, gone) ** 2 > estimator.arm.length * estimator.arm.sensors.target_std:
+        return None
     size = np.ones(len(predicted.errors))
-    size[:LOADS] = error_over(shown, wrench_ns, wrench, std[:LOADS])
-    size[PRESSURE] = error_over(shown, stamps, chamber, std[PRESSURE:])[0]
+    size[:LOADS] = interpolated_noise(shown, wrench_ns)
+    size[PRESSURE] = interpolated_noise(shown, stamps)[0]
+    size[: PRESSURE + 1] = np.hypot(size[: PRESSURE + 1], missed)
     return replace(
         predicted,
         x=predicted.x + moved[0],
         y=predicted.y + moved[1],
         errors=size[:, None, None] * predicted.errors,
     )
-
-
-def error_over(shown: Stamps, stamp_ns: Stamps, values: Array, std: Array) -> Array:
-    """Return the error of values (readings, n) at one other stamp, over std (n,) of a reading."""
-    missed = interpolation_error(shown, stamp_ns, values, std)[0] / std
-    return np.asarray(np.hypot(interpolated_noise(shown, stamp_ns), missed))
 
 
 def load_of(estimate: ShapeEstimate) -> Array:

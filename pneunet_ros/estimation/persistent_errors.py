@@ -45,11 +45,20 @@ class PersistenceSettings:
 
     frames: int = tuning(200, 'of a recording that are used, evenly spread, up to twice as many')
     fewest: int = tuning(20, 'frames, before anything is claimed')
+    odd: float = tuning(
+        0.05, 'share of frames that are off by themselves and tell of nothing that persists'
+    )
     seen: float = tuning(
         0.1, 'variance that frames tell of an unknown, to count it', unit='of its prior'
     )
     camera: float = tuning(
         0.01, 'that a camera is elsewhere: that tells nothing of the arm', unit='length'
+    )
+    painted: float = tuning(
+        0.25,
+        'that a target may be elsewhere than a calibration says: few columns do not hold all that '
+        'it left open',
+        unit='placement_std',
     )
     sure: float = tuning(1e-4, 'probability that unknowns are so far off by chance')
     white_error: float = tuning(0.05, 'relative error of the std of white noise')
@@ -66,6 +75,7 @@ class FrameEvidence:
     residual (2, targets) m: measured minus predicted, NaN where not seen; std (targets,) m of the
     white noise, NaN: that of the model; tip_errors (sources, 2) m: what one sigma of each error
     of readings and model moves the tip; tip_covariance (2, 2) m^2 as the estimate states it.
+    beyond: the frame by itself is further off than noise explains.
     """
 
     stamp_ns: int
@@ -74,6 +84,7 @@ class FrameEvidence:
     predicted: PredictedTargets
     tip_errors: Array
     tip_covariance: Array
+    beyond: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -184,6 +195,9 @@ def persistent_errors(
     those of the model's covariance with the places of the targets, which go with them, and the
     camera. The frames' own errors are those of their readings, and the white noise of targets.
     """
+    odd = [frame.beyond for frame in kept]
+    if any(odd) and np.mean(odd) <= settings.odd:
+        kept = [frame for frame in kept if not frame.beyond]
     if len(kept) < settings.fewest:
         return None
     problem = linear_problem(kept, arm, settings)
@@ -262,7 +276,8 @@ def linear_problem(
         places = noise.placement_std * placing
     else:
         residual = residual - placing @ known.mean
-        places, columns = placing * known.std, columns + placing @ known.factor
+        left = np.hypot(known.std, settings.painted * noise.placement_std)
+        places, columns = placing * left, columns + placing @ known.factor
     stamps = np.array([frame.stamp_ns for frame in kept])
     progress = (stamps - stamps.min()) / max(int(np.ptp(stamps)), 1)
     anywhere = math.hypot(noise.registration_std, settings.camera * arm.length)

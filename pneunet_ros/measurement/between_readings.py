@@ -16,6 +16,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
 
+NEVER = 1e-6  # share of the time between two readings in which nothing jumps
 SIGMA_OF_SECOND = math.sqrt(6.0)  # of a second difference, over that of a reading
 
 
@@ -88,3 +89,17 @@ def interpolation_error(
     missed = np.where(bend[0] * bend[1] < 0.0, jump, bent)
     beyond = np.abs(slope[-2])[..., None] * np.minimum(late, apart)
     return np.asarray(np.where(late > 0, beyond, missed).T)
+
+
+def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
+    """Return how far off the straight line may be, over one sigma of `interpolation_error`.
+
+    Of a jump, all of it, if the value jumped in the shorter part of the time between two readings;
+    of a bent course the one that goes on from either side, (shown,).
+    """
+    bent = np.full(len(shown), math.sqrt(3.0))
+    if len(stamp_ns) < 2:
+        return bent
+    _, share = places_between(shown, stamp_ns)
+    least = np.maximum(np.minimum(share, 1.0 - share), NEVER)
+    return np.asarray(np.maximum(bent, np.sqrt((1.0 - least) / least)))
