@@ -13,7 +13,7 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.measurement.between_readings import interpolated_noise
+from pneunet_ros.measurement.between_readings import interpolated_noise, interpolation_error
 from pneunet_ros.measurement.dataset import instants_among, RecordingData
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
@@ -78,7 +78,8 @@ def reading_errors(
     The last two are the camera between the nodes of its path. A known load is wrong by the same in
     every frame, and no error of a reading: it is among `Disturbances`.
     """
-    pressure = noise.pressure_std * pressure_moves(model, arm, run, inputs, jacobian)[:, :, None]
+    moves = pressure_moves(model, arm, run, inputs, jacobian)
+    pressure = (pressure_std(noise, arm, run)[:, None] * moves)[:, :, None]
     camera = camera_errors(noise.drift_std * BETWEEN_NODES, run.x.shape[1])
     camera = np.pad(camera, ((0, jacobian.shape[1] - len(camera)), (0, 0)))
     camera = np.broadcast_to(camera, (*jacobian.shape[:2], 2))
@@ -86,6 +87,26 @@ def reading_errors(
         return np.concatenate([pressure, camera], axis=2)
     loads = jacobian[:, :, :LOADS] * attached_std(noise, run)[:, None]
     return np.concatenate([pressure, loads, camera], axis=2)
+
+
+def pressure_std(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
+    """Return one sigma (Pa) of the pressure in every frame, (frames,).
+
+    That of a reading, and what the straight line between two readings misses.
+    """
+    missed = missed_pressure(noise, arm, run)
+    return np.asarray(np.hypot(noise.pressure_std, missed))
+
+
+def missed_pressure(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
+    """Return one sigma (Pa) of what the line between two readings misses, (frames,).
+
+    Zero in static frames, and in those of a camera that takes them together with readings.
+    """
+    if run.static:
+        return np.zeros(len(run.stamp_ns))
+    shown = run.instants - round(arm.frame_delay * NANOSECONDS_PER_SECOND)
+    return interpolation_error(shown, run.reading_stamp_ns, run.pressure, noise.pressure_std)
 
 
 def pressure_moves(
@@ -168,9 +189,11 @@ def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorN
     model = ForwardModel(arm.target_arclength)
     seen = run.seen & model.solve(arm, inputs)[:, None]
     loads = attached_std(noise, replace(run, wrench_stamp_ns=None, wrench=None))
-    pressure = pressure_error(arm, inputs, noise.pressure_std)
+    read = np.full(len(run.stamp_ns), noise.pressure_std)
     if not run.static:
-        pressure *= interpolated_noise(run.instants, run.reading_stamp_ns)[:, None, None]
+        read *= interpolated_noise(run.instants, run.reading_stamp_ns)
+    read = np.hypot(read, missed_pressure(noise, arm, run))
+    pressure = read[:, None, None] * pressure_error(arm, inputs, 1.0)
     if run.wrench_stamp_ns is not None and not (run.static or run.load_known):
         shown = instants_among(run.stamp_ns, run.wrench_stamp_ns)
         loads = loads * interpolated_noise(shown, run.wrench_stamp_ns)[:, None]
