@@ -30,7 +30,8 @@ EDGE = 0.5  # s, invented: more than the delay of most cameras
 def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
     """Return one sigma of F1, F2 (N) and M (N m) as read in every frame, (frames, 3).
 
-    Within `EDGE` of readings of a load a frame has their error: how late it is, is not known.
+    Within `EDGE` of readings of a load a frame has their error: how late it is, is not known. With
+    it goes what the straight line between two readings misses.
     """
     attached = np.any(run.load != 0.0, axis=1)
     if run.wrench_stamp_ns is not None and run.wrench is not None and not run.static:
@@ -40,7 +41,18 @@ def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
         attached |= np.searchsorted(read, run.stamp_ns + edge, side='right') > first
     moment_std = noise.moment_std if np.any(run.moment != 0.0) else 0.0
     stds = np.array([noise.force_std, noise.force_std, moment_std])
-    return np.asarray(attached[:, None] * stds)
+    return np.asarray(np.hypot(attached[:, None] * stds, missed_load(run, stds)))
+
+
+def missed_load(run: RecordingData, stds: Array) -> Array:
+    """Return one sigma of what the line between two readings of the load misses, (frames, 3).
+
+    stds (3,): of F1, F2 (N) and M (N m) as read.
+    """
+    if run.wrench_stamp_ns is None or run.wrench is None or run.static or run.load_known:
+        return np.zeros((len(run.stamp_ns), LOADS))
+    shown = instants_among(run.stamp_ns, run.wrench_stamp_ns)
+    return interpolation_error(shown, run.wrench_stamp_ns, run.wrench, stds)
 
 
 def target_std(noise: SensorNoise) -> float:
