@@ -336,11 +336,18 @@ def compare_waiting(
     """Compare the waiting frames whose nearest estimate is known by now."""
     if not state.estimates:
         return state
+    delay_ns = round(estimator.arm.frame_delay * NANOSECONDS_PER_SECOND)
+    last = state.estimates[-BESIDE:]
+    if all(
+        one.stamp_ns - delay_ns > last[0].stamp_ns
+        and not any(is_at(estimate, one.stamp_ns - delay_ns) for estimate in last)
+        for one in state.waiting
+    ):
+        return state  # not decided yet
     stamps = np.array([estimate.stamp_ns for estimate in state.estimates])
     periods = np.diff(stamps[-settings.periods - 1 :])
     reach = settings.reach * float(np.median(periods)) if periods.size else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
-    delay_ns = round(estimator.arm.frame_delay * NANOSECONDS_PER_SECOND)
     for sightings in waiting:
         shown_ns = sightings.stamp_ns - delay_ns
         nearest, near = match_stamps(np.array([shown_ns]), stamps, reach)
@@ -348,7 +355,11 @@ def compare_waiting(
         at_reading = near[0] and is_at(state.estimates[nearest[0]], shown_ns)
         if near[0] and (at_reading or behind >= BESIDE):
             estimate = state.estimates[nearest[0]]
-            predicted = predict_frame(estimator, state.estimates, shown_ns)
+            predicted = predict_frame(
+                estimator,
+                state.estimates[max(nearest[0] - BESIDE, 0) : nearest[0] + BESIDE + 1],
+                shown_ns,
+            )
             if predicted is None:
                 state = state.count_unmatched('unsteady')
                 continue
