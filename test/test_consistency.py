@@ -30,6 +30,7 @@ from pneunet_ros.estimation.consistency import (
 )
 from pneunet_ros.estimation.estimate import ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.persistent_errors import persistent_errors
 from pneunet_ros.estimation.settings import EstimatorSettings
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.measurement.dataset import RecordingData
@@ -80,7 +81,7 @@ class Monitored:
     def __init__(self, arm: Arm = KNOWN, **settings) -> None:
         self.estimator = Estimator(arm=arm, settings=EstimatorSettings(**settings))
         self.state, self.consistency = EstimatorState(), ConsistencyState()
-        self.said = []
+        self.said, self.frames = [], []
         self.estimate = None
 
     def tell(self, *told: Event):
@@ -89,12 +90,14 @@ class Monitored:
             if isinstance(event, TargetSightings):
                 self.consistency, refusal = take_targets(self.consistency, self.estimator, event)
                 assert refusal is None
+                self.frames += self.consistency.compared
             else:
                 self.state, outcome = self.estimator.step(self.state, event)
                 if isinstance(event, PressureReading):
                     assert isinstance(outcome, ShapeEstimate)
                     self.estimate = outcome
                     self.consistency = take_estimate(self.consistency, self.estimator, outcome)
+                    self.frames += self.consistency.compared
             if self.consistency.running is not running:
                 self.said.append(self.consistency.disagreement())
         return self
@@ -186,6 +189,37 @@ def test_one_bad_frame_is_no_disagreement():
     assert not any(item.beyond for item in monitored.found)
 
 
+def as_stiff(share: float) -> Arm:
+    """Return an arm of so much of the known stiffness, which is known within 0.5 %."""
+    rigidity = KNOWN.moment_law.rigidity
+    names = [f'moment_law.rigidity.{row}.{side}' for row, side in np.ndindex(rigidity.shape)]
+    column = 0.005 * rigidity.ravel()
+    covariance = ModelCovariance(quantities=tuple(names), factor=column[:, None])
+    off = dict(zip(names, (200.0 * (share - 1.0) * column).tolist(), strict=True))
+    arm = replace(KNOWN, domain=None).with_changes(off)
+    return replace(arm, covariance=covariance)
+
+
+def together(model: Arm, truth: Arm, seed: int):
+    """Return the verdict on a recording of an arm, of each frame and of all together."""
+    frames = Monitored(model).tell(*events(seen_of(truth, seed))).frames
+    evidence = [frame.evidence for frame in frames if frame.evidence is not None]
+    return agreement_of(frames, persistent_errors(evidence, model))
+
+
+def test_a_stiffness_that_has_drifted_hides_in_each_frame_but_not_in_all():
+    for seed in range(4):
+        holds = together(as_stiff(1.0), as_stiff(1.0), seed)
+        assert holds.frames_hold
+        assert holds.holds
+        drifted = together(as_stiff(1.0), as_stiff(0.96), seed)
+        assert drifted.frames_hold
+        assert not drifted.holds
+        assert drifted.persistent.unknowns == 1
+        assert 'all frames together' in drifted.sentence
+        assert drifted.sentence.endswith('calibrate anew')
+
+
 # What a frame is compared with
 
 
@@ -240,6 +274,8 @@ def predicted(share, errors) -> PredictedTargets:
         x=0.1 * share,
         y=np.zeros(share.size),
         errors=errors,
+        by_load=np.zeros((3, 2, share.size)),
+        theta=np.zeros(share.size),
         share=share,
         placed=np.zeros((2, share.size)),
         placed_std=np.full(share.size, 0.0),
@@ -352,15 +388,17 @@ def test_a_frame_waits_for_its_reading():
     monitored = unloaded(1000, 1010, 1020).tell(frame(1029))
     assert monitored.consistency.matched == 0
     monitored.tell(PressureReading(stamp_ns=1_030_000_000, pressure=20e3))
+    assert monitored.consistency.matched == 0  # the one behind it tells whether it goes on so
+    monitored.tell(PressureReading(stamp_ns=1_040_000_000, pressure=20e3))
     assert monitored.consistency.matched == 1
     assert not monitored.consistency.waiting
     assert not monitored.consistency.unmatched
 
 
 def test_frames_of_a_clock_that_is_ahead_do_not_pile_up():
-    monitored = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(50)))
+    monitored = unloaded(1000, 1010).tell(*(frame(5e6 + 10 * index) for index in range(200)))
     assert len(monitored.consistency.waiting) == USED.most_waiting
-    assert dict(monitored.consistency.unmatched) == {'no_estimate': 50 - USED.most_waiting}
+    assert dict(monitored.consistency.unmatched) == {'no_estimate': 200 - USED.most_waiting}
 
 
 def test_one_frame_that_is_stamped_ahead_costs_nothing():

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.discovery.amplitude import Columns, FrameColumns, left_out_gain, Projection
 from pneunet_ros.discovery.covariates import Covariate
 from pneunet_ros.discovery.kinds import KINDS
 from pneunet_ros.discovery.law import Cause, choose_law
 from pneunet_ros.discovery.time_law import find_swing
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import multivariate_normal
 

@@ -14,9 +14,9 @@ from pneunet_ros.diagnosis.experiment_design import (
     prior_end_factor,
     propose_experiment,
 )
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.settings import ExperimentDesignSettings
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 import pytest
 from support.lab_designs import asked, fitted
 

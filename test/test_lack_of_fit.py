@@ -9,7 +9,6 @@ import pickle
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.lack_of_fit import (
     clean_moments,
     lack_of_fit_tests,
@@ -20,6 +19,7 @@ from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import linearize_all_runs
 from pneunet_ros.diagnosis.settings import LackOfFitSettings
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import design, fitted, TRAINING

@@ -7,12 +7,12 @@ import functools
 
 import numpy as np
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.lack_of_fit import lack_of_fit_tests
 from pneunet_ros.diagnosis.law_errors import along_arm, LawErrors, OpenLaws
 from pneunet_ros.diagnosis.refit import Refit
 from pneunet_ros.diagnosis.score_test import score_effects
 from pneunet_ros.diagnosis.settings import LawErrorSettings
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 import pytest
 from support.lab_designs import asked, fitted
 

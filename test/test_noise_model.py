@@ -9,7 +9,7 @@ import numpy as np
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.effects.pressure_elongation import PressureElongation
-from pneunet_ros.measurement.dataset import interpolated_noise
+from pneunet_ros.measurement.between_readings import interpolated_noise
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import inputs_of
@@ -20,6 +20,7 @@ from pneunet_ros.measurement.noise_model import (
     EDGE,
     model_errors,
     pressure_moves,
+    pressure_std,
     reading_errors,
     target_std,
 )
@@ -184,3 +185,23 @@ def test_one_sigma_of_a_target_that_was_not_seen_is_not_known():
     assert np.isnan(stds[1, :, 3]).all()
     assert np.isnan(stds).sum() == 2
     assert stds[np.isfinite(stds)].min() >= target_std(USUAL)
+
+
+def test_between_readings_a_jump_is_an_error_of_the_reading():
+    arm, frames = paper_arm(), 20
+    pressure = np.where(np.arange(frames) < 10, 2e4, 2.6e4)
+    force = np.tile([0.1, 0.05], (frames, 1))
+    force[10:, 0] = 0.14
+    run = made(arm, pressure, force)
+    run = replace(run, wrench_stamp_ns=run.stamp_ns, wrench=run.load)
+    late = replace(run, stamp_ns=run.stamp_ns + PERIOD // 2)
+    assert pressure_std(USUAL, arm, run).tolist() == [USUAL.pressure_std] * frames
+    assert attached_std(USUAL, run)[:, 0].tolist() == [USUAL.force_std] * frames
+    # Half a period on, frame 9 is in the jump, which is half done or is not.
+    stds = pressure_std(USUAL, arm, late)
+    assert stds[9] == pytest.approx(3e3, rel=0.01)
+    loads = attached_std(USUAL, late)[:, 0]
+    assert loads[9] == pytest.approx(0.02, rel=0.01)
+    elsewhere = np.delete(np.arange(frames), 9)
+    assert stds[elsewhere].tolist() == [USUAL.pressure_std] * (frames - 1)
+    assert pressure_std(USUAL, arm, replace(late, static=True)).max() == USUAL.pressure_std

@@ -376,8 +376,8 @@ def test_every_compared_frame_counts_once():
     recording = open_recording(share_path('bags/lab_day/heldout.mcap'))
     targets = targets_topic(recording, ESTIMATOR, {})
     tally = Tally()
-    assert tally.agreement is None
+    assert tally.agreement(ESTIMATOR.arm) is None
     for step in steps(recording, ESTIMATOR, input_topics(recording, ESTIMATOR, {}), targets):
         tally.count(step, '/pneunet/pressure')
     assert len(tally.compared) == tally.consistency.matched > 100
-    assert tally.agreement.frames == len(tally.compared)
+    assert tally.agreement(ESTIMATOR.arm).frames == len(tally.compared)

@@ -6,7 +6,6 @@ import functools
 import math
 
 import numpy as np
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import hypotheses
 from pneunet_ros.diagnosis.score_test import (
     Candidate,
@@ -16,6 +15,7 @@ from pneunet_ros.diagnosis.score_test import (
     score_effects,
 )
 from pneunet_ros.diagnosis.settings import ScoreTestSettings
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 import pytest
 from scipy.stats import chi2
 from support.lab_designs import asked, fitted

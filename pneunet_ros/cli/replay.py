@@ -26,6 +26,7 @@ from pneunet_ros.cli.verb import (
 )
 from pneunet_ros.core.errors import RequestError
 from pneunet_ros.core.units import kilopascals, millimeters
+from pneunet_ros.estimation.consistency import Agreement
 from pneunet_ros.estimation.estimator import Estimator
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.messages.link_chain import JOINT_STATES
@@ -123,6 +124,7 @@ def run(arguments: Namespace) -> int:
             markers = (markers_output(lambda: arm), transform_output(TIP_FRAME), JOINT_STATES)
             shown = markers if arguments.views else ()
             record_steps(writer, recording, estimator, topics, on_progress, shown, targets)
+    agreement = tally.agreement(arm)
     seconds = time.perf_counter() - begun
     state = tally.state
     summary = {
@@ -139,7 +141,7 @@ def run(arguments: Namespace) -> int:
         'std_leaves_out': error_left_out(arm.covariance, arm.sources),
         'resets': 0 if state is None else state.resets,
         'worst_residual': tally.worst_residual,
-        'watch': None if targets is None else consistency_summary(tally),
+        'watch': None if targets is None else consistency_summary(tally, agreement),
         'seconds': seconds,
         'sentences': list(recording.sentences),
         'last_refusal': tally.refusal.sentence if tally.refusal else None,
@@ -147,13 +149,13 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         print_json(summary)
     else:
-        show(summary, tally)
+        show(summary, tally, agreement)
     return DONE if summary['estimates'] else NEGATIVE
 
 
-def consistency_summary(tally: Tally) -> dict[str, object]:
+def consistency_summary(tally: Tally, agreement: Agreement | None) -> dict[str, object]:
     """Return how the targets agreed with the estimates, where they did so worst."""
-    worst, agreement = tally.disagreement, tally.agreement
+    worst = tally.disagreement
     return {
         'agreement': None if agreement is None else dataclasses.asdict(agreement),
         'holds': None if agreement is None else agreement.holds,
@@ -163,7 +165,7 @@ def consistency_summary(tally: Tally) -> dict[str, object]:
     }
 
 
-def show(summary: dict[str, object], tally: Tally) -> None:
+def show(summary: dict[str, object], tally: Tally, agreement: Agreement | None) -> None:
     """Print the summary for people."""
     console = output_console()
     table = Table(title=f'{summary["recording"]} through {summary["model"]}', show_header=False)
@@ -178,7 +180,7 @@ def show(summary: dict[str, object], tally: Tally) -> None:
         ', '.join(f'{count} {reason}' for reason, count in rejected.items()) or 'none',
     )
     table.add_row('worst residual', f'{summary["worst_residual"]:.1e} rad')
-    worst, agreement = tally.disagreement, tally.agreement
+    worst = tally.disagreement
     if agreement is not None:
         table.add_row('measured targets', agreement.sentence)
     if tally.last is not None:

@@ -9,12 +9,12 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.linearization import KnownInputs, Linearization
 from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.score_test import Candidate
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, ExperimentDesignSettings
 from pneunet_ros.measurement.dataset import RecordingData
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import legendre
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizedRun
 from pneunet_ros.diagnosis.refit import Refit, split_numbers
 from pneunet_ros.diagnosis.settings import DEFAULTS, LawErrorSettings
 from pneunet_ros.measurement.covariance import Whitening
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,9 +14,9 @@ import numpy as np
 from pneunet_ros.calibration.nonuniformity import linear_departure
 from pneunet_ros.calibration.settings import RESOLUTION, ResolutionSettings
 from pneunet_ros.core.arrays import Array
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.score_test import Candidate
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 
 LEAST_INFORMATION = 1e-300  # of an effect of which nothing is left
 FIELD = 'curvature 1 x p'  # of `generic_field`: linear along the arm, proportional to pressure

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pneunet_ros.core.arrays import Array, frozen_array
 from pneunet_ros.core.errors import ModelError
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.linearization import Linearization, LinearizationPoint
 from pneunet_ros.diagnosis.settings import DEFAULTS, RefitSettings
 from pneunet_ros.effects.effect import Effect
 from pneunet_ros.measurement.gauss_newton import Bounds, gauss_newton
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,7 +9,6 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.errors import ModelError
 from pneunet_ros.core.progress import OnProgress
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.hypothesis import Hypothesis
 from pneunet_ros.diagnosis.lack_of_fit import lack_of_fit_tests, LackOfFit, MapFunction
 from pneunet_ros.diagnosis.law_errors import LawErrors, OpenLaws
@@ -21,6 +20,7 @@ from pneunet_ros.diagnosis.nonuniform_arm import (
 from pneunet_ros.diagnosis.refit import linearize_all_runs, Refit, refit, settle, split_numbers
 from pneunet_ros.diagnosis.score_test import Candidate, largest_clean_score, score_effects
 from pneunet_ros.diagnosis.settings import DEFAULTS, DiagnosisSettings, SelectionSettings
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 from scipy.stats import chi2, norm
 
 

@@ -15,7 +15,6 @@ from pneunet_ros.core.progress import OnProgress, say_nothing
 from pneunet_ros.diagnosis.confirmation import Confirmer, error_rises
 from pneunet_ros.diagnosis.diagnosis import evaluate, Investigation, take_back
 from pneunet_ros.diagnosis.evaluation import removed_share
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.lack_of_fit import clean_moments, LackOfFit, white_statistic
 from pneunet_ros.diagnosis.law_errors import OpenLaws
 from pneunet_ros.diagnosis.result import Diagnosis, Estimated
@@ -49,6 +48,7 @@ from pneunet_ros.discovery.settings import (
     DiscoverySettings,
     LawConfirmationSettings,
 )
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

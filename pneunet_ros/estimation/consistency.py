@@ -2,9 +2,11 @@
 
 As the estimator: state in, state out; no clock, no topic, no file. `take_estimate` is given every
 pressure reading with what became of it, `take_targets` every frame of targets, and
-`ConsistencyState.disagreement` says where things stand. A frame is compared with the estimate at
-the pressure reading that is nearest by the stamps, within half a period of the readings.
-`agreement_of` is the verdict on a whole recording, of the same frames.
+`ConsistencyState.disagreement` says where things stand. A frame is compared with what the
+estimates beside it say of its instant (`frame_prediction`); one is at most `reach` away by the
+stamps.
+`agreement_of` is the verdict on a whole recording, of the same frames, each by itself and, by
+`persistent_errors`, all together.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ from pneunet_ros.core.stamps import (
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND, seconds_between
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
-from pneunet_ros.measurement.predicted_targets import innovation, predict_targets
+from pneunet_ros.estimation.frame_prediction import BESIDE, predict_frame
+from pneunet_ros.estimation.persistent_errors import FrameEvidence, PersistentErrors
+from pneunet_ros.measurement.predicted_targets import innovation, PredictedTargets
 from scipy.special import bdtrc
 
 
@@ -39,7 +43,12 @@ class ConsistencySettings:
 
     estimates_kept: int = tuning(256, 'estimates that wait for frames, which come later')
     periods: int = tuning(32, 'last readings, whose median distance is their period')
-    most_waiting: int = tuning(32, 'frames that wait for their reading')
+    most_waiting: int = tuning(128, 'frames that wait for their readings')
+    reach: float = tuning(
+        0.75,
+        'of a frame from the nearest reading: half of it, and half as much for stamps that jitter',
+        unit='period',
+    )
     fewest_frames: int = tuning(10, 'frames, before anything is claimed')
     share: float = tuning(0.25, 'share of recent frames beyond the limit that is a disagreement')
     most_beyond: float = tuning(
@@ -106,7 +115,8 @@ class FrameInnovation:
 
     rms: of the whitened difference, 1 where it is all noise; limit: what noise rarely exceeds;
     at_tip: chi square of the tip alone, two coordinates, NaN where it is not seen; force_read:
-    whether the end load was measured.
+    whether the end load was measured; evidence: of errors that persist, None where the model
+    claims nothing.
     """
 
     stamp_ns: int
@@ -114,6 +124,7 @@ class FrameInnovation:
     limit: float
     force_read: bool
     at_tip: float = math.nan
+    evidence: FrameEvidence | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,7 +135,8 @@ class Agreement:
     exceeds; beyond: share of frames beyond that, and most: the share up to which the model holds.
     tips_outside: share of frames whose tip is outside of its 95 % ellipse, NaN where no tip was
     seen, tips_chance: how often that many are, of a model that holds, and sure: below it that is
-    no chance. force_read: whether the end load was measured in all of them.
+    no chance. force_read: whether the end load was measured in all of them. persistent: what all
+    frames say together, None where they are too few.
     """
 
     frames: int
@@ -136,6 +148,7 @@ class Agreement:
     tips_chance: float
     sure: float
     force_read: bool
+    persistent: PersistentErrors | None = None
 
     @property
     def tips_hold(self) -> bool:
@@ -145,6 +158,11 @@ class Agreement:
     @property
     def holds(self) -> bool:
         """Whether noise explains nearly all frames, and where their tips are."""
+        return self.frames_hold and (self.persistent is None or self.persistent.holds)
+
+    @property
+    def frames_hold(self) -> bool:
+        """The same, of each frame by itself."""
         return self.median <= self.limit and self.beyond <= self.most and self.tips_hold
 
     @property
@@ -153,6 +171,10 @@ class Agreement:
         verdict, advice = 'the model holds on this recording', ''
         if not self.holds:
             verdict, advice = 'the model does not hold on this recording', '; run pneunet diagnose'
+        together = ''
+        if self.persistent is not None and not self.persistent.holds:
+            together = f'; {self.persistent.sentence}'
+            advice = f'; {self.persistent.advice}'
         tips = ''
         if not self.tips_hold:
             tips = (
@@ -162,7 +184,7 @@ class Agreement:
         return (
             f'{verdict}: median {self.median:.2f} x the noise, more than noise explains in '
             f'{100.0 * self.beyond:.0f} % of {self.frames} frames (it holds up to '
-            f'{100.0 * self.most:.0f} %){tips}{advice}'
+            f'{100.0 * self.most:.0f} %){tips}{together}{advice}'
             + ('' if self.force_read else f'; {FORCE_NOT_JUDGED}')
         )
 
@@ -239,9 +261,14 @@ class ConsistencyState:
 
 
 def agreement_of(
-    compared: Sequence[FrameInnovation], settings: ConsistencySettings = DEFAULTS
+    compared: Sequence[FrameInnovation],
+    persistent: PersistentErrors | None = None,
+    settings: ConsistencySettings = DEFAULTS,
 ) -> Agreement:
-    """Return how measured and predicted targets agreed over these frames, at least one."""
+    """Return how measured and predicted targets agreed over these frames, at least one.
+
+    persistent: what they say together.
+    """
     rms, limit, at_tip = np.array([(one.rms, one.limit, one.at_tip) for one in compared]).T
     tips = at_tip[np.isfinite(at_tip)]
     outside = int(np.count_nonzero(tips > -2.0 * math.log(settings.tip_level)))
@@ -255,6 +282,7 @@ def agreement_of(
         tips_chance=float(bdtrc(outside - 1, tips.size, settings.most_tips)),
         sure=settings.sure,
         force_read=all(frame.force_read for frame in compared),
+        persistent=persistent,
     )
 
 
@@ -308,36 +336,59 @@ def compare_waiting(
     """Compare the waiting frames whose nearest estimate is known by now."""
     if not state.estimates:
         return state
+    delay_ns = round(estimator.arm.frame_delay * NANOSECONDS_PER_SECOND)
+    last = state.estimates[-BESIDE:]
+    if all(
+        one.stamp_ns - delay_ns > last[0].stamp_ns
+        and not any(is_at(estimate, one.stamp_ns - delay_ns) for estimate in last)
+        for one in state.waiting
+    ):
+        return state  # not decided yet
     stamps = np.array([estimate.stamp_ns for estimate in state.estimates])
     periods = np.diff(stamps[-settings.periods - 1 :])
-    reach = 0.5 * float(np.median(periods)) if periods.size else 0.0
+    reach = settings.reach * float(np.median(periods)) if periods.size else 0.0
     waiting, state = state.waiting, replace(state, waiting=())
-    delay_ns = round(estimator.arm.frame_delay * NANOSECONDS_PER_SECOND)
     for sightings in waiting:
         shown_ns = sightings.stamp_ns - delay_ns
         nearest, near = match_stamps(np.array([shown_ns]), stamps, reach)
-        if near[0]:
+        behind = np.count_nonzero(stamps >= shown_ns)
+        at_reading = near[0] and is_at(state.estimates[nearest[0]], shown_ns)
+        if near[0] and (at_reading or behind >= BESIDE):
             estimate = state.estimates[nearest[0]]
-            running, frame = add_frame(state.running, sightings, estimate, estimator, settings)
+            predicted = predict_frame(
+                estimator,
+                state.estimates[max(nearest[0] - BESIDE, 0) : nearest[0] + BESIDE + 1],
+                shown_ns,
+            )
+            if predicted is None:
+                state = state.count_unmatched('unsteady')
+                continue
+            running, frame = add_frame(
+                state.running, sightings, estimate, predicted, estimator, settings
+            )
             compared = (*state.compared, frame)
             state = replace(state, running=running, compared=compared, matched=state.matched + 1)
-        elif shown_ns > stamps[-1]:
+        elif behind < BESIDE and (near[0] or not behind):
             state = replace(state, waiting=(*state.waiting, sightings))
         else:
             state = state.count_unmatched('no_estimate')
     return state
 
 
+def is_at(estimate: ShapeEstimate, shown_ns: int) -> bool:
+    """Whether a frame was taken with the readings of an estimate: nothing later tells more."""
+    return estimate.stamp_ns == shown_ns and not estimate.wrench_age
+
+
 def add_frame(
     before: RunningInnovation | None,
     sightings: TargetSightings,
     estimate: ShapeEstimate,
+    predicted: PredictedTargets,
     estimator: Estimator,
     settings: ConsistencySettings,
 ) -> tuple[RunningInnovation, FrameInnovation]:
     """Take a frame into the running means; after a gap of `watch_time` they start anew."""
-    assert estimate.noise is not None and estimate.second_order is not None
-    predicted = predict_targets(estimator.table, estimate.noise, estimate.second_order)
     frame = innovation(predicted, sightings, estimator.arm.sensors)
     assert frame is not None
     stamp_ns, time = sightings.stamp_ns, estimator.settings.watch_time
@@ -350,6 +401,7 @@ def add_frame(
         limit=math.sqrt(most),
         force_read=force_read,
         at_tip=frame.at_tip,
+        evidence=evidence_of(sightings, estimate, predicted, beyond=chi_square > most),
     )
     beyond = float(chi_square > most)
     since = math.inf if before is None else seconds_between(before.stamp_ns, stamp_ns)
@@ -382,6 +434,32 @@ def add_frame(
         force_read=force_read,
     )
     return running, by_itself
+
+
+def evidence_of(
+    sightings: TargetSightings,
+    estimate: ShapeEstimate,
+    predicted: PredictedTargets,
+    *,
+    beyond: bool,
+) -> FrameEvidence | None:
+    """Return what a frame tells of errors that persist; None beyond the domain of the model.
+
+    beyond: it is further off than noise explains.
+    """
+    position = estimate.position
+    if estimate.curved is None or (position is not None and any(position.error)):
+        return None
+    assert estimate.noise is not None
+    return FrameEvidence(
+        stamp_ns=sightings.stamp_ns,
+        residual=np.stack([sightings.x - predicted.x, sightings.y - predicted.y]),
+        std=sightings.std,
+        predicted=predicted,
+        tip_errors=estimate.noise @ estimate.curved.sensitivity.tip[:, :2],
+        tip_covariance=estimate.tip_covariance[:2, :2],
+        beyond=beyond,
+    )
 
 
 def chi_square_limit(coordinates: float, quantile: float) -> float:

@@ -13,7 +13,6 @@ import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.diagnosis.diagnosis import Investigation
 from pneunet_ros.diagnosis.experiment_design import Experiment, linearize_experiments
-from pneunet_ros.diagnosis.gaussian_model import GaussianModel
 from pneunet_ros.diagnosis.linearization import Linearization
 from pneunet_ros.diagnosis.refit import effect_direction, linearize_all_runs, Refit
 from pneunet_ros.diagnosis.score_test import Candidate
@@ -27,6 +26,7 @@ from pneunet_ros.exploration.rivals import (
 )
 from pneunet_ros.exploration.safe_set import SafeSet
 from pneunet_ros.exploration.settings import EXPLORATION, ExplorationSettings
+from pneunet_ros.measurement.gaussian_model import GaussianModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

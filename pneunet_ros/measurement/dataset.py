@@ -12,6 +12,7 @@ from pneunet_ros.core.errors import RecordingError
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import match_stamps, Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.measurement.between_readings import interpolate
 from pneunet_ros.model.uncertainty import SensorNoise
 
 
@@ -308,22 +309,3 @@ def instants_among(stamp_ns: Stamps, reading_stamp_ns: Stamps) -> Stamps:
     """Return when every frame was taken by the clock of some readings, (frames,) ns."""
     nearest, _ = match_stamps(stamp_ns, reading_stamp_ns, 0.0)
     return frame_instants(stamp_ns, reading_stamp_ns, nearest)
-
-
-def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
-    """Return the noise of values (stamps,) interpolated at other stamps, over that of one.
-
-    On a line between two readings a part of the white noise of both averages out.
-    """
-    if len(stamp_ns) < 2:
-        return np.ones(len(shown))
-    after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
-    apart = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)  # of one stamp: no line
-    share = np.clip((shown - stamp_ns[after - 1]) / apart, 0.0, 1.0)
-    return np.asarray(np.hypot(1.0 - share, share))
-
-
-def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
-    """Return values (stamps,) at other stamps, on the straight lines between them."""
-    first = stamp_ns[0]  # no float holds a stamp
-    return np.asarray(np.interp(shown - first, stamp_ns - first, values))

@@ -47,12 +47,7 @@ class Disturbances:
         prior = np.zeros((size, size))
         placement = max(self.noise.placement_std, SMALLEST_STD)
         prior[: 2 * self.targets, : 2 * self.targets] = placement**2 * np.eye(2 * self.targets)
-        # A place that is constant, and a random walk that reaches drift_std at the end.
-        share = np.linspace(0.0, 1.0, PATH_NODES)
-        place = max(self.noise.registration_std, SMALLEST_STD)
-        drift = max(self.noise.drift_std, SMALLEST_STD)
-        path = place**2 + drift**2 * np.minimum.outer(share, share)
-        path += SMALLEST_STD**2 * np.eye(PATH_NODES)
+        path = path_prior(self.noise)
         for start, run in zip(range(2 * self.targets, size, OF_RUN), self.runs, strict=True):
             load = np.maximum(known_load_std(self.noise, run), SMALLEST_STD)
             stop = start + OF_RUN
@@ -64,6 +59,18 @@ class Disturbances:
         start = 2 * self.targets + OF_RUN * which
         own = np.arange(start, start + OF_RUN)
         return np.concatenate([np.arange(2 * self.targets), own])
+
+
+def path_prior(noise: SensorNoise) -> Array:
+    """Return the covariance (PATH_NODES, PATH_NODES) m^2 of the camera's path, in x and in y.
+
+    A place that is constant, and a random walk that reaches drift_std at the end.
+    """
+    share = np.linspace(0.0, 1.0, PATH_NODES)
+    place = max(noise.registration_std, SMALLEST_STD)
+    drift = max(noise.drift_std, SMALLEST_STD)
+    path = place**2 + drift**2 * np.minimum.outer(share, share)
+    return np.asarray(path + SMALLEST_STD**2 * np.eye(PATH_NODES))
 
 
 def known_load_std(noise: SensorNoise, run: RecordingData) -> Array:
@@ -90,7 +97,7 @@ def disturbance_jacobian(run: RecordingData, theta: Array) -> Array:
     start = 2 * targets
     out = np.zeros((frames, 2, targets, start + OF_RUN))
     out[..., :start] = placement_jacobian(theta)
-    hats, middle = path_weights(run), start + PATH_NODES
+    hats, middle = path_weights(run.progress), start + PATH_NODES
     out[:, 0, :, start:middle] = hats[:, None]
     out[:, 1, :, middle : middle + PATH_NODES] = hats[:, None]
     return out
@@ -111,9 +118,9 @@ def placement_jacobian(theta: Array) -> Array:
     return out
 
 
-def path_weights(run: RecordingData) -> Array:
-    """Weight of each node of the camera's path at the frames of a run, (frames, PATH_NODES)."""
-    at = (PATH_NODES - 1) * run.progress
+def path_weights(progress: Array) -> Array:
+    """Weight of each node of the camera's path so far into a run, (frames, PATH_NODES)."""
+    at = (PATH_NODES - 1) * progress
     weights: Array = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(PATH_NODES)))
     return weights
 

@@ -13,11 +13,8 @@ import math
 import numpy as np
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.measurement.dataset import (
-    instants_among,
-    interpolated_noise,
-    RecordingData,
-)
+from pneunet_ros.measurement.between_readings import interpolated_noise, interpolation_error
+from pneunet_ros.measurement.dataset import instants_among, RecordingData
 from pneunet_ros.measurement.disturbances import BETWEEN_NODES, SMALLEST_STD
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import Inputs, steady_inputs
@@ -33,7 +30,8 @@ EDGE = 0.5  # s, invented: more than the delay of most cameras
 def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
     """Return one sigma of F1, F2 (N) and M (N m) as read in every frame, (frames, 3).
 
-    Within `EDGE` of readings of a load a frame has their error: how late it is, is not known.
+    Within `EDGE` of readings of a load a frame has their error: how late it is, is not known. With
+    it goes what the straight line between two readings misses.
     """
     attached = np.any(run.load != 0.0, axis=1)
     if run.wrench_stamp_ns is not None and run.wrench is not None and not run.static:
@@ -43,7 +41,18 @@ def attached_std(noise: SensorNoise, run: RecordingData) -> Array:
         attached |= np.searchsorted(read, run.stamp_ns + edge, side='right') > first
     moment_std = noise.moment_std if np.any(run.moment != 0.0) else 0.0
     stds = np.array([noise.force_std, noise.force_std, moment_std])
-    return np.asarray(attached[:, None] * stds)
+    return np.asarray(np.hypot(attached[:, None] * stds, missed_load(run, stds)))
+
+
+def missed_load(run: RecordingData, stds: Array) -> Array:
+    """Return one sigma of what the line between two readings of the load misses, (frames, 3).
+
+    stds (3,): of F1, F2 (N) and M (N m) as read.
+    """
+    if run.wrench_stamp_ns is None or run.wrench is None or run.static or run.load_known:
+        return np.zeros((len(run.stamp_ns), LOADS))
+    shown = instants_among(run.stamp_ns, run.wrench_stamp_ns)
+    return interpolation_error(shown, run.wrench_stamp_ns, run.wrench, stds)
 
 
 def target_std(noise: SensorNoise) -> float:
@@ -81,7 +90,8 @@ def reading_errors(
     The last two are the camera between the nodes of its path. A known load is wrong by the same in
     every frame, and no error of a reading: it is among `Disturbances`.
     """
-    pressure = noise.pressure_std * pressure_moves(model, arm, run, inputs, jacobian)[:, :, None]
+    moves = pressure_moves(model, arm, run, inputs, jacobian)
+    pressure = (pressure_std(noise, arm, run)[:, None] * moves)[:, :, None]
     camera = camera_errors(noise.drift_std * BETWEEN_NODES, run.x.shape[1])
     camera = np.pad(camera, ((0, jacobian.shape[1] - len(camera)), (0, 0)))
     camera = np.broadcast_to(camera, (*jacobian.shape[:2], 2))
@@ -89,6 +99,26 @@ def reading_errors(
         return np.concatenate([pressure, camera], axis=2)
     loads = jacobian[:, :, :LOADS] * attached_std(noise, run)[:, None]
     return np.concatenate([pressure, loads, camera], axis=2)
+
+
+def pressure_std(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
+    """Return one sigma (Pa) of the pressure in every frame, (frames,).
+
+    That of a reading, and what the straight line between two readings misses.
+    """
+    missed = missed_pressure(noise, arm, run)
+    return np.asarray(np.hypot(noise.pressure_std, missed))
+
+
+def missed_pressure(noise: SensorNoise, arm: Arm, run: RecordingData) -> Array:
+    """Return one sigma (Pa) of what the line between two readings misses, (frames,).
+
+    Zero in static frames, and in those of a camera that takes them together with readings.
+    """
+    if run.static:
+        return np.zeros(len(run.stamp_ns))
+    shown = run.instants - round(arm.frame_delay * NANOSECONDS_PER_SECOND)
+    return interpolation_error(shown, run.reading_stamp_ns, run.pressure, noise.pressure_std)
 
 
 def pressure_moves(
@@ -171,9 +201,11 @@ def coordinate_stds(arm: Arm, run: RecordingData, inputs: Inputs, noise: SensorN
     model = ForwardModel(arm.target_arclength)
     seen = run.seen & model.solve(arm, inputs)[:, None]
     loads = attached_std(noise, replace(run, wrench_stamp_ns=None, wrench=None))
-    pressure = pressure_error(arm, inputs, noise.pressure_std)
+    read = np.full(len(run.stamp_ns), noise.pressure_std)
     if not run.static:
-        pressure *= interpolated_noise(run.instants, run.reading_stamp_ns)[:, None, None]
+        read *= interpolated_noise(run.instants, run.reading_stamp_ns)
+    read = np.hypot(read, missed_pressure(noise, arm, run))
+    pressure = read[:, None, None] * pressure_error(arm, inputs, 1.0)
     if run.wrench_stamp_ns is not None and not (run.static or run.load_known):
         shown = instants_among(run.stamp_ns, run.wrench_stamp_ns)
         loads = loads * interpolated_noise(shown, run.wrench_stamp_ns)[:, None]

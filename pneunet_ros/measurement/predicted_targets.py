@@ -22,6 +22,7 @@ from pneunet_ros.model.arm import Arm
 from pneunet_ros.model.equilibrium import Sensitivity
 from pneunet_ros.model.perturbation import PerturbationTable
 from pneunet_ros.model.uncertainty import SensorNoise
+from pneunet_ros.solver.columns import LOADS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,15 +30,19 @@ class PredictedTargets:
     """Where the targets of the arm must be measured; x, y (targets,) m in the base frame.
 
     errors (sources, 2, targets) m: what one sigma of each independent error of reading or model
-    does to all of them, the last to second order. The place of the camera and the targets' own
-    noise are not among these. share (targets,): where they are, of the way to the last one.
-    placed (2, targets) m: by how much each is painted beside its place, as the calibration found
-    it, and placed_std (targets,) m how well that is known.
+    does to all of them, of F1, F2, M, the pressure and the columns of the model's covariance, the
+    last to second order. The place of the camera and the targets' own noise are not among these.
+    by_load (3, 2, targets): how they move by F1, F2 (m/N), M (1/N). theta (targets,) rad. share
+    (targets,): where they are, of the way to the last one. placed (2, targets) m: by how much each
+    is painted beside its place, as the calibration found it, and placed_std (targets,) m how well
+    that is known.
     """
 
     x: Array
     y: Array
     errors: Array
+    by_load: Array
+    theta: Array
     share: Array
     placed: Array
     placed_std: Array
@@ -69,15 +74,29 @@ def predict_targets(
     arm, sensitivity = table.arm, curved.sensitivity
     true_x, true_y, theta = sensitivity.fields(arm.target_arclength)[:3]
     moved = curved.stations(arm.target_arclength)[:2]
-    linear = np.tensordot(noise, target_jacobian(table, sensitivity), axes=1)
+    jacobian = target_jacobian(table, sensitivity)
+    linear = np.tensordot(noise, jacobian, axes=1)
     further = np.stack(arm.see_moves(true_x, true_y, *moved))
     errors = np.concatenate([linear, further[None]])
     x, y = arm.see(true_x, true_y)
     share = arm.target_arclength / max(float(arm.target_arclength[-1]), 1e-12)
     placed, placed_std = painted_beside(arm, theta)
     return PredictedTargets(
-        x=x, y=y, errors=errors, share=share, placed=placed, placed_std=placed_std
+        x=x,
+        y=y,
+        errors=errors,
+        by_load=jacobian[:LOADS],
+        theta=theta,
+        share=share,
+        placed=placed,
+        placed_std=placed_std,
     )
+
+
+def seen_targets(arm: Arm, sensitivity: Sensitivity) -> tuple[Array, Array]:
+    """Return where the targets of a solved rod are measured, x and y (targets,) m."""
+    true_x, true_y = sensitivity.fields(arm.target_arclength)[:2]
+    return arm.see(true_x, true_y)
 
 
 def painted_beside(arm: Arm, theta: Array) -> tuple[Array, Array]:

@@ -17,7 +17,8 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.core.settings import tuning
 from pneunet_ros.core.stamps import Stamps
 from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
-from pneunet_ros.measurement.dataset import interpolate, RecordingData
+from pneunet_ros.measurement.between_readings import interpolate
+from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.uncertainty import SensorNoise
 
 Piece = tuple[int, int]  # first and last reading of a straight line

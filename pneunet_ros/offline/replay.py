@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pneunet_ros.core.errors import MessageError
@@ -19,12 +19,14 @@ from pneunet_ros.estimation.consistency import (
 )
 from pneunet_ros.estimation.estimate import Outcome, ShapeEstimate
 from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.estimation.persistent_errors import KeptFrames, persistent_errors
 from pneunet_ros.estimation.state import EstimatorState
 from pneunet_ros.messages.builders import Output, UNREADABLE
 from pneunet_ros.messages.consistency import take_targets_message
 from pneunet_ros.messages.estimate import OUTPUTS
 from pneunet_ros.messages.readings import PRESSURE, Sensor, SENSORS, TARGETS
 from pneunet_ros.messages.serializer import MessageSerializer
+from pneunet_ros.model.arm import Arm
 from pneunet_ros.recordings.message_store import ROSBAGS_TYPES, serialize
 from pneunet_ros.recordings.recorded_series import find_series
 from pneunet_ros.recordings.recording import RecordedMessage, Recording
@@ -148,7 +150,11 @@ def record_steps(
 
 @dataclass(slots=True)
 class Tally:
-    """What a replay came to, counted step by step; warned: how many estimates by warning."""
+    """What a replay came to, counted step by step.
+
+    warned: how many estimates by warning; kept: frames that tell of
+    errors that persist.
+    """
 
     messages: int = 0
     pressures: int = 0
@@ -159,6 +165,7 @@ class Tally:
     consistency: ConsistencyState = field(default_factory=ConsistencyState)
     disagreement: Disagreement | None = None
     compared: list[FrameInnovation] = field(default_factory=list)
+    kept: KeptFrames = field(default_factory=KeptFrames)
     warned: dict[str, int] = field(default_factory=dict)
 
     def count(self, step: Step, pressure_topic: str) -> None:
@@ -178,7 +185,10 @@ class Tally:
     def compare(self, consistency: ConsistencyState) -> None:
         """Keep all frames, and the largest disagreement, one that is more than noise first."""
         if consistency.compared is not self.consistency.compared:
-            self.compared += consistency.compared
+            for frame in consistency.compared:
+                if frame.evidence is not None:
+                    self.kept = self.kept.after(frame.evidence)
+                self.compared.append(replace(frame, evidence=None))
         if consistency.running is not self.consistency.running:
             found = consistency.disagreement()
             if found is not None and (
@@ -187,7 +197,8 @@ class Tally:
                 self.disagreement = found
         self.consistency = consistency
 
-    @property
-    def agreement(self) -> Agreement | None:
-        """How measured and predicted targets agreed over the recording; None: none compared."""
-        return agreement_of(self.compared) if self.compared else None
+    def agreement(self, arm: Arm) -> Agreement | None:
+        """Return how measured targets agreed with those of an arm; None: none were compared."""
+        if not self.compared:
+            return None
+        return agreement_of(self.compared, persistent_errors(self.kept.frames, arm))

@@ -1,0 +1,108 @@
+"""Where the targets of a frame must be, from the estimates before and behind it.
+
+A frame is rarely taken with a reading. The arm is taken to go on a straight line from one estimate
+to the next, under the load that the readings before and behind the frame tell, and both have the
+errors of what lies between readings. An estimate uses the last wrench that had come; what was
+read behind it counts here, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.stamps import Stamps
+from pneunet_ros.core.units import NANOSECONDS_PER_SECOND
+from pneunet_ros.estimation.estimate import ShapeEstimate
+from pneunet_ros.estimation.estimator import Estimator
+from pneunet_ros.measurement.between_readings import (
+    furthest_error,
+    interpolate,
+    interpolated_noise,
+    interpolation_error,
+    places_between,
+)
+from pneunet_ros.measurement.disturbances import SMALLEST_STD
+from pneunet_ros.measurement.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.predicted_targets import (
+    predict_targets,
+    PredictedTargets,
+    seen_targets,
+)
+from pneunet_ros.solver.columns import LOADS
+
+BESIDE = 2  # estimates on either side of a frame that tell what lies between
+
+
+def predict_frame(
+    estimator: Estimator, estimates: Sequence[ShapeEstimate], shown_ns: int
+) -> PredictedTargets | None:
+    """Return where the targets must be in a frame that shows the arm of a stamp (ns).
+
+    estimates: at increasing stamps (ns), at least one. None where they do not tell: the arm goes
+    so far from one to the next, or may have done so, that a straight line is wrong by more than
+    the noise of a target.
+    """
+    stamps = np.array([estimate.stamp_ns for estimate in estimates])
+    behind = int(np.searchsorted(stamps, shown_ns))
+    near = slice(max(behind - BESIDE, 0), behind + BESIDE)
+    estimates, stamps, shown = estimates[near], stamps[near], np.array([shown_ns])
+    nearest = estimates[int(np.argmin(np.abs(stamps - shown_ns)))]
+    assert nearest.noise is not None and nearest.second_order is not None
+    predicted = predict_targets(estimator.table, nearest.noise, nearest.second_order)
+    if len(estimates) < 2:
+        return predicted
+    places, shares = places_between(shown, stamps)
+    before, share = int(places[0]), float(shares[0])
+    pair = estimates[before : before + 2]
+    moved = np.zeros((2, predicted.x.size))
+    for estimate, weight in zip(pair, (1.0 - share, share), strict=True):
+        if estimate is not nearest and weight > 0.0:
+            assert estimate.curved is not None
+            there = seen_targets(estimator.arm, estimate.curved.sensitivity)
+            moved += weight * (np.stack(there) - [predicted.x, predicted.y])
+    wrench_ns, wrench = wrenches_of(estimates)
+    used = (1.0 - share) * load_of(pair[0]) + share * load_of(pair[1])
+    load = np.array([float(interpolate(shown, wrench_ns, part)[0]) for part in wrench.T])
+    moved += np.tensordot(load - used, predicted.by_load, axes=1)
+    chamber = np.array([[estimate.chamber_pressure] for estimate in estimates])
+    std = np.maximum(np.diag(nearest.noise)[: PRESSURE + 1], SMALLEST_STD)
+    missed = np.append(
+        interpolation_error(shown, wrench_ns, wrench, std[:LOADS])[0] / std[:LOADS],
+        interpolation_error(shown, stamps, chamber, std[PRESSURE:])[0] / std[PRESSURE:],
+    )
+    furthest = missed * furthest_error(shown, stamps)
+    furthest[:LOADS] = missed[:LOADS] * furthest_error(shown, wrench_ns)
+    strayed = np.hypot(*np.abs(furthest) @ np.abs(predicted.errors[: PRESSURE + 1, :, -1]))
+    gone = np.hypot(*moved[:, -1])
+    if max(strayed, gone) ** 2 > estimator.arm.length * estimator.arm.sensors.target_std:
+        return None
+    size = np.ones(len(predicted.errors))
+    size[:LOADS] = interpolated_noise(shown, wrench_ns)
+    size[PRESSURE] = interpolated_noise(shown, stamps)[0]
+    size[: PRESSURE + 1] = np.hypot(size[: PRESSURE + 1], missed)
+    return replace(
+        predicted,
+        x=predicted.x + moved[0],
+        y=predicted.y + moved[1],
+        errors=size[:, None, None] * predicted.errors,
+    )
+
+
+def load_of(estimate: ShapeEstimate) -> Array:
+    """Return F1, F2 (N), M (N m) of an estimate, (3,)."""
+    return np.array([*estimate.shape.force, estimate.shape.end_moment])
+
+
+def wrenches_of(estimates: Sequence[ShapeEstimate]) -> tuple[Stamps, Array]:
+    """Return the stamps (wrenches,) ns and loads (wrenches, 3) that estimates have used."""
+    read = {
+        estimate.stamp_ns - round((estimate.wrench_age or 0.0) * NANOSECONDS_PER_SECOND): load_of(
+            estimate
+        )
+        for estimate in estimates
+    }
+    stamps = sorted(read)
+    return np.array(stamps), np.array([read[stamp] for stamp in stamps])

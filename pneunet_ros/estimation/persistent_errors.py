@@ -1,0 +1,367 @@
+"""Errors that persist over a recording: one test of a model on all of its frames together.
+
+What is wrong by the same in all frames hides in the noise of each. Here the errors that a model
+admits are unknowns that the frames share: the columns of its covariance, the places where targets
+are painted, and the path of the camera. Each has the prior that calibration left, and all frames
+together tell where it is. A model holds if that is no further from the prior than the prior and
+the noise of the frames allow, and if what the unknowns leave is as large as that noise.
+
+Errors that go on from frame to frame tell less than as many that are new: by how much less is
+found from what is left. Source: Newey and West, Econometrica 55 (1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.units import millimeters
+from pneunet_ros.measurement.covariance import Whitening
+from pneunet_ros.measurement.disturbances import (
+    BETWEEN_NODES,
+    path_prior,
+    path_weights,
+    placement_jacobian,
+    SMALLEST_STD,
+)
+from pneunet_ros.measurement.gaussian_model import GaussianModel
+from pneunet_ros.measurement.noise_jacobian import PRESSURE
+from pneunet_ros.measurement.noise_model import camera_errors
+from pneunet_ros.measurement.predicted_targets import PredictedTargets
+from pneunet_ros.model.arm import Arm
+from scipy.special import chdtrc, gammaincc
+
+READINGS = PRESSURE + 1  # errors of a frame that are of its own readings, the first
+LARGEST_95 = -2.0 * math.log(0.05)  # chi squared of two coordinates, 95 %
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PersistenceSettings:
+    """When errors that persist are more than a model admits."""
+
+    frames: int = tuning(200, 'of a recording that are used, evenly spread, up to twice as many')
+    fewest: int = tuning(20, 'frames, before anything is claimed')
+    odd: float = tuning(
+        0.05, 'share of frames that are off by themselves and tell of nothing that persists'
+    )
+    seen: float = tuning(
+        0.1, 'variance that frames tell of an unknown, to count it', unit='of its prior'
+    )
+    camera: float = tuning(
+        0.01, 'that a camera is elsewhere: that tells nothing of the arm', unit='length'
+    )
+    painted: float = tuning(
+        0.25,
+        'that a target may be elsewhere than a calibration says: few columns do not hold all that '
+        'it left open',
+        unit='placement_std',
+    )
+    sure: float = tuning(1e-4, 'probability that unknowns are so far off by chance')
+    white_error: float = tuning(0.05, 'relative error of the std of white noise')
+    quantile: float = tuning(3.719, 'one-sided quantile of 1e-4 of what is left', unit='sigma')
+
+
+PERSISTENCE = PersistenceSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameEvidence:
+    """A frame beside its prediction, as `persistent_errors` takes it.
+
+    residual (2, targets) m: measured minus predicted, NaN where not seen; std (targets,) m of the
+    white noise, NaN: that of the model; tip_errors (sources, 2) m: what one sigma of each error
+    of readings and model moves the tip; tip_covariance (2, 2) m^2 as the estimate states it.
+    beyond: the frame by itself is further off than noise explains.
+    """
+
+    stamp_ns: int
+    residual: Array
+    std: Array
+    predicted: PredictedTargets
+    tip_errors: Array
+    tip_covariance: Array
+    beyond: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KeptFrames:
+    """Frames evenly spread over a recording, however long: every `stride`-th of `count`."""
+
+    frames: tuple[FrameEvidence, ...] = ()
+    stride: int = 1
+    count: int = 0
+
+    def after(
+        self, frame: FrameEvidence, settings: PersistenceSettings = PERSISTENCE
+    ) -> KeptFrames:
+        """Return them with one more frame; of too many every other one is dropped."""
+        kept, stride = self.frames, self.stride
+        if self.count % stride == 0:
+            kept = (*kept, frame)
+        if len(kept) > 2 * settings.frames:
+            kept, stride = kept[::2], 2 * stride
+        return KeptFrames(frames=kept, stride=stride, count=self.count + 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PersistentErrors:
+    """What the frames of a recording say together of the errors that a model admits.
+
+    frames: that were used; repeated: how many of them tell as much as one that were independent,
+    1 where the noise is new in each. Of the columns of the model's covariance: how far they had to
+    move, moved (chi squared), over so many that the frames tell of, unknowns. Of these with the
+    places of the targets: moved_with_places, unknowns_with_places. chance: how often a model that
+    holds has to move as far, and sure: below it that is no chance. left: chi squared per degree of
+    freedom of what they leave, and left_limit, what noise does not exceed. tip_rms (m): how far
+    the moves of the columns take the tip; tips_outside: share of frames whose true tip is then
+    outside of its stated 95 % ellipse.
+    """
+
+    frames: int
+    repeated: float
+    moved: float
+    unknowns: int
+    moved_with_places: float
+    unknowns_with_places: int
+    chance: float
+    sure: float
+    left: float
+    left_limit: float
+    tip_rms: float
+    tips_outside: float
+
+    @property
+    def within_prior(self) -> bool:
+        """Whether the shared unknowns are no further off than the model admits."""
+        return self.chance >= self.sure
+
+    @property
+    def noise_left(self) -> bool:
+        """Whether what the shared unknowns leave may be noise."""
+        return self.left <= self.left_limit
+
+    @property
+    def holds(self) -> bool:
+        """Whether all frames together speak for the model."""
+        return self.within_prior and self.noise_left
+
+    @property
+    def sentence(self) -> str:
+        """Say to a person what is wrong; empty where nothing is."""
+        if self.holds:
+            return ''
+        said = []
+        if not self.within_prior:
+            said.append(
+                'all frames together put the arm or its targets further from the model than it '
+                f'admits (chi squared {self.moved:.3g} for {self.unknowns} numbers of the model, '
+                f'{self.moved_with_places:.3g} for {self.unknowns_with_places} with the places '
+                f'of the targets): the tip is off by {millimeters(self.tip_rms):.2g} mm rms by '
+                f'the model alone, and outside of its ellipse in some {self.percent_outside} %'
+            )
+        if not self.noise_left:
+            said.append(
+                f'and what no error that it admits explains is {math.sqrt(self.left):.2g} x the '
+                f'noise (noise alone: less than {math.sqrt(self.left_limit):.2g})'
+            )
+        return ', '.join(said).removeprefix('and ')
+
+    @property
+    def percent_outside(self) -> str:
+        """The share of tips outside in percent."""
+        return f'{100.0 * self.tips_outside:.0f}'
+
+    @property
+    def advice(self) -> str:
+        """Say what to do next."""
+        if self.noise_left:
+            return 'other numbers of the same model explain it: calibrate anew'
+        return (
+            'calibrate anew, and run pneunet diagnose on the recordings of that: the arm has '
+            'changed, or something is missing in the model'
+        )
+
+
+def persistent_errors(
+    kept: Sequence[FrameEvidence], arm: Arm, settings: PersistenceSettings = PERSISTENCE
+) -> PersistentErrors | None:
+    """Return what frames in the order of time say together; None where there are too few.
+
+    All is linearized at the estimates. The unknowns that frames share have the prior of the arm:
+    those of the model's covariance with the places of the targets, which go with them, and the
+    camera. The frames' own errors are those of their readings, and the white noise of targets.
+    """
+    odd = [frame.beyond for frame in kept]
+    if any(odd) and np.mean(odd) <= settings.odd:
+        kept = [frame for frame in kept if not frame.beyond]
+    if len(kept) < settings.fewest:
+        return None
+    problem = linear_problem(kept, arm, settings)
+    count, unknowns = len(kept), problem.shared.shape[2]
+    model = GaussianModel.of(
+        [problem.shared.reshape(-1, unknowns)], [problem.residual.ravel()], np.zeros(unknowns)
+    )
+    rest = model.best_residuals()[0].reshape(count, -1)
+    gram, covariance = model.grams[0], model.covariance
+    columns = problem.columns
+    scores = np.einsum('tci,tc->ti', problem.shared, rest) @ covariance
+    repeated = frames_as_one(scores[:, : columns or unknowns])
+    # What a step is before the frames are known: from the prior, and from their noise.
+    spread = covariance @ (gram @ gram + repeated * gram) @ covariance
+    places = columns + 2 * arm.target_arclength.size
+    moved, seen = distance(model.step[:columns], spread[:columns, :columns], settings)
+    further, seen_further = distance(model.step[:places], spread[:places, :places], settings)
+    likely = min(chance_of(moved, seen), chance_of(further, seen_further))
+    dof = float(problem.coordinates - np.trace(gram @ covariance))
+    spread_left = math.hypot(math.sqrt(2.0 * repeated / dof), 2.0 * settings.white_error)
+    chance = min(2.0 * likely, 1.0)  # of two that were tried
+    step, known = model.step[:columns], covariance[:columns, :columns]
+    if chance < settings.sure:
+        step, known = without_prior(step, known, settings)
+    off = [tip_off(frame, step, known) for frame in kept]
+    squares, outside = np.mean(off, axis=0).tolist()
+    return PersistentErrors(
+        frames=count,
+        repeated=repeated,
+        moved=moved,
+        unknowns=seen,
+        moved_with_places=further,
+        unknowns_with_places=seen_further,
+        chance=chance,
+        sure=settings.sure,
+        left=float(np.sum(rest**2)) / dof,
+        left_limit=1.0 + settings.quantile * spread_left,
+        tip_rms=math.sqrt(squares),
+        tips_outside=outside,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinearProblem:
+    """Frames as one linear problem, white but for the unknowns that they share.
+
+    residual (frames, coordinates); shared (frames, coordinates, unknowns): what one sigma of each
+    moves: columns of the model's covariance, so many, places of the targets along and across the
+    arm, nodes of the camera's path. coordinates: that were seen in all frames.
+    """
+
+    residual: Array
+    shared: Array
+    columns: int
+    coordinates: int
+
+
+def linear_problem(
+    kept: Sequence[FrameEvidence], arm: Arm, settings: PersistenceSettings = PERSISTENCE
+) -> LinearProblem:
+    """Return frames, whitened by the errors that are their own."""
+    noise, count, targets = arm.sensors, len(kept), arm.target_arclength.size
+    size = 2 * targets
+    residual = np.array([frame.residual for frame in kept])
+    seen = np.tile(np.isfinite(residual).all(axis=1), (1, 2))
+    white = np.array([np.fmax(frame.std, noise.target_std) for frame in kept])
+    std = np.tile(np.maximum(white, SMALLEST_STD), (1, 2))
+    errors = np.array([frame.predicted.errors for frame in kept])
+    errors = errors.reshape(count, -1, size).transpose(0, 2, 1)
+    columns = errors[:, :, READINGS:-1]
+    placing = placement_jacobian(np.array([frame.predicted.theta for frame in kept]))
+    placing = placing.reshape(count, size, size)
+    residual = residual.reshape(count, size)
+    known = None if arm.covariance is None else arm.covariance.placement
+    if known is None:
+        places = noise.placement_std * placing
+    else:
+        residual = residual - placing @ known.mean
+        left = np.hypot(known.std, settings.painted * noise.placement_std)
+        places, columns = placing * left, columns + placing @ known.factor
+    stamps = np.array([frame.stamp_ns for frame in kept])
+    progress = (stamps - stamps.min()) / max(int(np.ptp(stamps)), 1)
+    anywhere = math.hypot(noise.registration_std, settings.camera * arm.length)
+    prior = path_prior(replace(noise, registration_std=anywhere))
+    path = path_weights(progress) @ np.linalg.cholesky(prior)
+    camera = np.zeros((count, 2, targets, 2, path.shape[1]))
+    camera[:, 0, :, 0] = camera[:, 1, :, 1] = path[:, None]
+    shared = np.concatenate([columns, places, camera.reshape(count, size, -1)], axis=2)
+    between = camera_errors(noise.drift_std * BETWEEN_NODES, targets)
+    own = np.concatenate(
+        [
+            errors[:, :, :READINGS],
+            errors[:, :, -1:],
+            np.broadcast_to(between, (count, *between.shape)),
+        ],
+        axis=2,
+    )
+    whitening = Whitening(1.0, own / std[:, :, None], seen)
+    return LinearProblem(
+        residual=whitening((residual / std)[:, :, None])[:, :, 0],
+        shared=whitening(shared / std[:, :, None]),
+        columns=columns.shape[2],
+        coordinates=int(np.count_nonzero(seen)),
+    )
+
+
+def frames_as_one(scores: Array) -> float:
+    """Return how many frames tell as much as one would whose noise is new in each, at least 1.
+
+    scores (frames, unknowns): how far each frame moves each unknown by what is left.
+    """
+    alone = scores.T @ scores
+    lags = math.isqrt(len(scores))
+    together = alone.copy()
+    for lag in range(1, lags + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        together += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    ratio = np.trace(np.linalg.pinv(alone, hermitian=True) @ together)
+    return max(float(ratio) / max(int(np.linalg.matrix_rank(alone, hermitian=True)), 1), 1.0)
+
+
+def distance(
+    step: Array, spread: Array, settings: PersistenceSettings = PERSISTENCE
+) -> tuple[float, int]:
+    """Return the chi squared of a step (n,) of covariance spread (n, n), and of how many numbers.
+
+    Directions of which the frames tell little do not count.
+    """
+    variances, axes = np.linalg.eigh(spread)
+    seen = variances > settings.seen
+    along = (axes.T @ step)[seen]
+    return float(np.sum(along**2 / variances[seen])), int(np.count_nonzero(seen))
+
+
+def without_prior(
+    step: Array, covariance: Array, settings: PersistenceSettings = PERSISTENCE
+) -> tuple[Array, Array]:
+    """Return a step (n,) and its covariance (n, n) as the frames alone tell them.
+
+    For a prior that is refuted holds a step back. Where frames tell little it stays as it is.
+    """
+    left, axes = np.linalg.eigh(covariance)
+    told = np.where(1.0 - left > settings.seen, 1.0 - left, 1.0)
+    return axes @ ((axes.T @ step) / told), axes @ np.diag(left / told) @ axes.T
+
+
+def chance_of(moved: float, unknowns: int) -> float:
+    """Return the probability of a chi squared of at least so much."""
+    return float(chdtrc(unknowns, moved)) if unknowns else 1.0
+
+
+def tip_off(frame: FrameEvidence, step: Array, covariance: Array) -> tuple[float, float]:
+    """Return the square (m^2) of how far a step of the model's columns takes the tip of a frame.
+
+    And the probability that the true tip is outside of its stated 95 % ellipse then, with the
+    errors of its readings. covariance (columns, columns): how well the step is known. A sum of
+    squares of normal numbers has about a gamma law of the same mean and variance.
+    """
+    readings, columns = frame.tip_errors[:READINGS], frame.tip_errors[READINGS:]
+    off = step @ columns
+    spread = readings.T @ readings + columns.T @ covariance @ columns
+    stated = np.linalg.inv(frame.tip_covariance)
+    shared = stated @ spread
+    mean = off @ stated @ off + np.trace(shared)
+    variance = 2.0 * np.trace(shared @ shared) + 4.0 * off @ shared @ stated @ off
+    outside = gammaincc(mean**2 / variance, LARGEST_95 * mean / variance)
+    return float(off @ off), float(outside)

@@ -1,0 +1,105 @@
+"""What a sensor would have read between two of its readings, and how well that is known.
+
+On the straight line between two readings a part of their white noise averages out. But nobody read
+what happened in between: a ramp that goes on through the readings beside is on the line, a value
+that jumped was before or behind it all along, and one that began to ramp is on one side of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+import numpy.typing as npt
+from pneunet_ros.core.arrays import Array
+from pneunet_ros.core.settings import tuning
+from pneunet_ros.core.stamps import Stamps
+
+NEVER = 1e-6  # share of the time between two readings in which nothing jumps
+SIGMA_OF_SECOND = math.sqrt(6.0)  # of a second difference, over that of a reading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BetweenReadingsSettings:
+    """When a value did something between its readings that these do not tell."""
+
+    noise: float = tuning(2.0, 'of a second difference, that is no noise', unit='sigma')
+
+
+BETWEEN_READINGS = BetweenReadingsSettings()
+
+
+def interpolate(shown: Stamps, stamp_ns: Stamps, values: Array) -> Array:
+    """Return values (stamps,) at other stamps, on the straight lines between them."""
+    first = stamp_ns[0]  # no float holds a stamp
+    return np.asarray(np.interp(shown - first, stamp_ns - first, values))
+
+
+def interpolated_noise(shown: Stamps, stamp_ns: Stamps) -> Array:
+    """Return the noise of values (stamps,) interpolated at other stamps, over that of one.
+
+    On a line between two readings a part of the white noise of both averages out.
+    """
+    if len(stamp_ns) < 2:
+        return np.ones(len(shown))
+    _, share = places_between(shown, stamp_ns)
+    return np.asarray(np.hypot(1.0 - share, share))
+
+
+def places_between(shown: Stamps, stamp_ns: Stamps) -> tuple[Stamps, Array]:
+    """Return behind which of two or more readings stamps are, and how far on the way, 0 to 1."""
+    after = np.clip(np.searchsorted(stamp_ns, shown), 1, len(stamp_ns) - 1)
+    apart = np.maximum(stamp_ns[after] - stamp_ns[after - 1], 1)  # of one stamp: no line
+    share = np.clip((shown - stamp_ns[after - 1]) / apart, 0.0, 1.0)
+    return after - 1, np.asarray(share)
+
+
+def interpolation_error(
+    shown: Stamps,
+    stamp_ns: Stamps,
+    values: Array,
+    noise: npt.ArrayLike,
+    settings: BetweenReadingsSettings = BETWEEN_READINGS,
+) -> Array:
+    """Return one sigma of what the straight line between two readings misses, (shown, ...).
+
+    stamp_ns (readings,) and values (readings, ...) with white noise of this size (...). By how
+    much does the change between two readings differ from the one before, and the one behind from
+    it? Where the value went on as before, and as behind, the line is right. Where both differ the
+    same way, the course between them is bent: it lies between the line and the courses that go on
+    from either side, anywhere alike. Where one takes back the other, the value jumped: with a
+    share w of the time gone it had jumped already with probability w, so that the error has a
+    standard deviation of the root of w (1 - w) of the jump. Before the first reading and behind
+    the last the value is taken to be at rest; beyond the last it may go on changing as it did.
+    """
+    if len(stamp_ns) < 2:
+        return np.zeros((len(shown), *values.shape[1:]))
+    before, share = places_between(shown, stamp_ns)
+    apart = np.maximum(np.diff(stamp_ns), 1)
+    rest = np.zeros((1, *values.shape[1:]))
+    slope = np.concatenate([rest, (np.diff(values, axis=0).T / apart).T, rest])
+    apart, late = apart[before], np.maximum(shown - stamp_ns[-1], 0)
+    bends = np.diff(slope, axis=0)
+    bend = np.stack([bends[before].T, bends[before + 1].T]) * apart
+    least = settings.noise * SIGMA_OF_SECOND * np.asarray(noise)[..., None]
+    first, second = np.sqrt(np.maximum(bend**2 - least**2, 0.0))
+    jump = np.minimum(first, second) * np.sqrt(share * (1.0 - share))
+    bent = np.minimum(share * first, (1.0 - share) * second) / math.sqrt(3.0)
+    missed = np.where(bend[0] * bend[1] < 0.0, jump, bent)
+    beyond = np.abs(slope[-2])[..., None] * np.minimum(late, apart)
+    return np.asarray(np.where(late > 0, beyond, missed).T)
+
+
+def furthest_error(shown: Stamps, stamp_ns: Stamps) -> Array:
+    """Return how far off the straight line may be, over one sigma of `interpolation_error`.
+
+    Of a jump, all of it, if the value jumped in the shorter part of the time between two readings;
+    of a bent course the one that goes on from either side, (shown,).
+    """
+    bent = np.full(len(shown), math.sqrt(3.0))
+    if len(stamp_ns) < 2:
+        return bent
+    _, share = places_between(shown, stamp_ns)
+    least = np.maximum(np.minimum(share, 1.0 - share), NEVER)
+    return np.asarray(np.maximum(bent, np.sqrt((1.0 - least) / least)))

@@ -1,0 +1,100 @@
+"""What lies between two readings, beside random courses that these do not tell apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from pneunet_ros.measurement.between_readings import (
+    furthest_error,
+    interpolate,
+    interpolated_noise,
+    interpolation_error,
+)
+import pytest
+
+PERIOD = 100_000_000  # ns
+STAMPS = PERIOD * np.arange(8)
+NOISE = 60.0  # Pa
+
+
+def missed(course, shown: int, noise: float = 0.0) -> tuple[float, float]:
+    """Return what the line misses of a course(ns) at a stamp, and what it is said to miss."""
+    values = np.array([course(stamp) for stamp in STAMPS])
+    at = np.array([shown])
+    error = interpolation_error(at, STAMPS, values, noise)[0]
+    return float(interpolate(at, STAMPS, values)[0] - course(shown)), float(error)
+
+
+def test_a_ramp_that_goes_on_and_a_value_that_rests_are_on_the_line():
+    for course in (lambda t: 3e-5 * t, lambda t: 7e3):
+        for shown in (PERIOD // 4, 3 * PERIOD + 7, int(6.8 * PERIOD)):
+            off, error = missed(course, shown, NOISE)
+            assert abs(off) < 1e-6
+            if PERIOD < shown < 6 * PERIOD:
+                assert error == 0.0
+
+
+@pytest.mark.parametrize('share', [0.1, 0.5, 0.8])
+def test_a_jump_at_an_unknown_instant_is_missed_by_as_much_as_is_said(share):
+    random = np.random.default_rng(1)
+    shown = round((3 + share) * PERIOD)
+    found = []
+    for instant in random.uniform(3 * PERIOD, 4 * PERIOD, 4000):
+        off, said = missed(lambda t, at=instant: 5e3 * (t >= at), shown)
+        found.append(off)
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(said, rel=0.05)
+    assert said == pytest.approx(5e3 * np.sqrt(share * (1.0 - share)))
+
+
+def test_a_ramp_that_begins_between_readings_is_the_furthest_that_is_allowed_for():
+    random = np.random.default_rng(2)
+    for begins, share in random.uniform(size=(200, 2)):
+        start = (3 + begins) * PERIOD
+        off, said = missed(lambda t, at=start: 5e-5 * max(t - at, 0), round((3 + share) * PERIOD))
+        assert off / said == pytest.approx(np.sqrt(3.0), rel=1e-3)
+
+
+def test_nothing_is_further_off_than_is_said():
+    random = np.random.default_rng(5)
+    for begins, share in random.uniform(size=(300, 2)):
+        start, shown = (3 + begins) * PERIOD, round((3 + share) * PERIOD)
+        most = furthest_error(np.array([shown]), STAMPS)[0]
+        for course in (lambda t, at=start: 5e3 * (t >= at), lambda t, at=start: max(t - at, 0)):
+            off, said = missed(course, shown)
+            assert abs(off) <= 1.001 * most * said
+    assert furthest_error(np.array([9]), STAMPS[:1]).tolist() == [np.sqrt(3.0)]
+
+
+def test_a_smooth_course_keeps_most_of_its_weight():
+    off, said = missed(lambda t: 2e4 * np.sin(t / (5 * PERIOD)), int(3.5 * PERIOD))
+    assert abs(off) < said < 3.0 * abs(off)
+
+
+def test_noise_alone_is_hardly_ever_taken_for_a_jump():
+    random = np.random.default_rng(3)
+    shown = np.array([int(3.5 * PERIOD)])
+    said = [
+        interpolation_error(shown, STAMPS, NOISE * random.standard_normal(8), NOISE)[0]
+        for _ in range(2000)
+    ]
+    assert np.mean(np.square(said)) < 0.05 * NOISE**2
+
+
+def test_many_values_are_as_one_by_one():
+    random = np.random.default_rng(4)
+    values = random.standard_normal((8, 3))
+    shown = np.sort(random.integers(0, 9 * PERIOD, 20))
+    together = interpolation_error(shown, STAMPS, values, [0.0, 0.1, 1.0])
+    for column, noise in enumerate((0.0, 0.1, 1.0)):
+        alone = interpolation_error(shown, STAMPS, values[:, column], noise)
+        np.testing.assert_allclose(together[:, column], alone)
+
+
+def test_beyond_the_last_reading_a_value_may_go_on():
+    off, said = missed(lambda t: 3e-5 * t, int(7.5 * PERIOD))
+    assert said == pytest.approx(abs(off))
+
+
+def test_one_reading_tells_nothing_of_between():
+    one = np.array([5]), np.array([3.0])
+    assert interpolation_error(np.array([9]), *one, 1.0).tolist() == [0.0]
+    assert interpolated_noise(np.array([9]), one[0]).tolist() == [1.0]
