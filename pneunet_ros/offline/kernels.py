@@ -6,6 +6,7 @@ Those are made here, as an installation need not have any recordings.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +19,7 @@ from pneunet_ros.files.camera_file import load_camera
 from pneunet_ros.files.model_file import load_model
 from pneunet_ros.files.scenario_file import load_lab, load_scenario
 from pneunet_ros.lab.live import Film, LiveLab, SCENE
+from pneunet_ros.lab.protocols import Strings
 from pneunet_ros.lab.simulation import simulate
 from pneunet_ros.measurement.forward_model import ForwardModel
 from pneunet_ros.measurement.inputs import steady_inputs
@@ -35,6 +37,7 @@ from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem
 from pneunet_ros.vision.tracker import Tracker, TrackerState
 
 RECORDING = 'strings'  # the scenario of it
+DURATION = 6.0  # s of it
 MESSAGES = 200  # of it are replayed
 FRAMES = 4  # of a recording, for a fit that nobody reads
 IMAGES = 20
@@ -59,7 +62,8 @@ def call_kernels(on_progress: OnProgress = say_nothing) -> None:
 
 def play(folder: Path) -> None:
     """Record in the virtual lab."""
-    recording = simulate(load_scenario(share_path(f'scenarios/{RECORDING}.yaml')))
+    scenario = load_scenario(share_path(f'scenarios/{RECORDING}.yaml'))
+    recording = simulate(replace(scenario, protocol=Strings(duration=DURATION)))
     write_lab(recording, folder / f'{RECORDING}.mcap', overwrite=False, on_progress=lambda: None)
 
 
