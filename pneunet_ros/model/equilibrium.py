@@ -330,7 +330,7 @@ def follow_shape(
     if len(start.counts) != rods.sections.shape[1]:
         return None
     ends = np.array([*rods.clamp[0].tolist(), load.force_x, load.force_y, load.moment])
-    panels, nodes = np.empty(start.panels.shape), start.nodes.copy()
+    panels, nodes = start.panels.copy(), start.nodes.copy()
     values = np.empty((FIELD_COUNT, arclength.size))
     found, residual, iterations = follow(
         rods.length,
@@ -345,6 +345,7 @@ def follow_shape(
         settings.iterations,
         settings.tolerance,
         settings.finest_detail * rods.length,
+        settings.coarser,
         arclength,
         panels,
         nodes,

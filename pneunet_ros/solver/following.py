@@ -31,25 +31,32 @@ def follow(
     most_iterations: int,
     tolerance: float,
     finest: float,
+    coarser: float,
     arclength: Array,
     panels: Array,
     nodes: Array,
     fields: Array,
 ) -> tuple[bool, float, int]:
-    """Solve a rod from the nodes of a neighbor, in place, on the mesh of that.
+    """Solve a rod from the panels and nodes of a neighbor, in place, on the mesh of that.
 
     counts (sections,): the panels of that mesh on each section; finest (m): the detail that it
-    must carry. Fills panels, nodes and the fields (6, stations) at stations of increasing
-    arclength (m). Returns whether the rod is in an equilibrium, stable where that is defined, by
-    how much (rad) it misses the equations, and the steps of Newton. False: it wants another mesh
-    or another start.
+    must carry; coarser: as of `SolverSettings`. Fills panels, nodes and the fields (6, stations)
+    at stations of increasing arclength (m). Returns whether the rod is in an equilibrium, stable
+    where that is defined, by how much (rad) it misses the equations, and the steps of Newton.
+    False: it wants another mesh or another start.
     """
     needed = panel_counts(
         length, sections, rotation, ends, decay_per_panel, turn_per_panel, most_panels
     )
+    same, refined = True, True
     for k in range(len(sections)):
-        if needed[k] != counts[k]:
-            return False, np.inf, 0
+        same = same and counts[k] == needed[k]
+        refined = refined and counts[k] == 2 * needed[k]
+    if not same and not refined:
+        return False, np.inf, 0
+    # As `BoundaryValueProblem.refine_as` decides.
+    if not same and not coarser * resolution(panels, nodes, knots, rotation) > finest:
+        return False, np.inf, 0
     prepare(length, sections, knots, rotation, ends, counts, panels)
     residual, iterations = newton(panels, ends, nodes, most_iterations, tolerance)
     if not residual <= ACCEPTED or resolution(panels, nodes, knots, rotation) > finest:
