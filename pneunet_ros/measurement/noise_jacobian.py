@@ -61,19 +61,20 @@ def propagate_covariance(
     y and curvature.
     """
     sources, causes, count = noise.shape[0], noise.shape[1], stations.shape[2]
-    moved, change = np.zeros((sources, 3)), np.empty(count)
+    size = len(std)  # not 3: loops of a known length are compiled as often
+    moved, change = np.zeros((sources, size)), np.empty(count)
     for source in range(sources):
         for cause in range(causes):
-            for i in range(3):
+            for i in range(size):
                 moved[source, i] += noise[source, cause] * tip[cause, i]
     total = 0.0
-    for i in range(3):
-        for j in range(3):
+    for i in range(size):
+        for j in range(size):
             covariance[i, j] = further[i, -1] * further[j, -1]
             for source in range(sources):
                 covariance[i, j] += moved[source, i] * moved[source, j]
             total += covariance[i, j]
-    for i in range(3):
+    for i in range(size):
         field = 3 if i == 2 else i  # curvature is the fourth field of a station
         for station in range(count):
             std[i, station] = 0.0 if i == 2 else further[i, station] * further[i, station]

@@ -40,7 +40,7 @@ RECORDING = 'strings'  # the scenario of it
 DURATION = 6.0  # s of it
 MESSAGES = 200  # of it are replayed
 FRAMES = 4  # of a recording, for a fit that nobody reads
-IMAGES = 20
+IMAGES = 14
 PRESSURE = 2000.0  # Pa, by which the arm is inflated from image to image once it has rested
 PERIOD_NS = 100_000_000  # from image to image
 

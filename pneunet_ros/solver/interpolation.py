@@ -146,7 +146,7 @@ def panel_series(
         stretch = h * (rest + axial * along)
         work[WAY_X, i], work[WAY_Y, i] = stretch * cosine, stretch * sine
         work[SLOPE, i] = -stretch * across
-    for field in range(col.SERIES_COUNT):
+    for field in range(len(series)):
         for k in range(INNER + 1):
             series[field, k] = 0.0
         integrate(TO_SERIES, work[WAY_X + field], series[field])

@@ -192,15 +192,15 @@ def second_difference(
     """Set out (3, n) to a factor of r(+) + r(-) - 2 r(0): x, y, theta at increasing places (m)."""
     knots, fields = response.knots, np.empty((col.FIELD_COUNT, arclength.size))
     at_stations(response.panels, response.nodes, knots, response.rotation, arclength, fields)
-    for field in range(col.CURVATURE):
+    for field in range(len(out)):  # x, y, theta
         for i in range(arclength.size):
             out[field, i] = -2.0 * fields[field, i]
     for side in range(2):
         panels, nodes, rotation = beside.panels[side], beside.nodes[side], beside.rotation[side]
         at_stations(panels, nodes, knots, rotation, arclength, fields)
-        for field in range(col.CURVATURE):
+        for field in range(len(out)):
             for i in range(arclength.size):
                 out[field, i] += fields[field, i]
-    for field in range(col.CURVATURE):
+    for field in range(len(out)):
         for i in range(arclength.size):
             out[field, i] *= factor
