@@ -272,6 +272,7 @@ def solve_dead_loads(
     quick: bool,
 ) -> Shape:
     """Return what `solve_rod` does, of a rod without pushes that turn with it."""
+    arclength = frozen_array(arclength)  # kernels are compiled again for what may be written
     chamber = float(rods.pressure[0])
     beyond = arm.beyond_range(chamber)
     if beyond > EXTRAPOLATION:
@@ -281,9 +282,9 @@ def solve_dead_loads(
         sentence = f'rest strain shortens the arm to less than {percent:g} % of its length'
         return failed_shape(arm, load, arclength, sentence, math.nan, 0)
     if start is not None and is_compiled():
-        followed = follow_shape(rods, load, start, arclength, settings, beyond > 0.0)
+        followed = follow_shape(rods, load, start, arclength, settings)
         if followed is not None:
-            return followed
+            return replace(followed, extrapolated=True) if beyond > 0.0 else followed
     problem = BoundaryValueProblem(rods, (load.force_x, load.force_y), load.moment, settings)
     reason = problem.solve(start, quick)
     if reason:
@@ -292,7 +293,6 @@ def solve_dead_loads(
     missed = at_stations(
         problem.panels, problem.nodes, rods.knots, rods.rotation[0], arclength, values
     )
-    freeze(values)
     solution = problem.solution()
     stable = None
     if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0:
@@ -302,20 +302,9 @@ def solve_dead_loads(
             anew = solve_dead_loads(arm, rods, load, None, arclength, settings, quick=False)
             if anew.stable:
                 return anew
-    return Shape(
-        arclength=arclength,
-        **dict(zip(FIELDS, values, strict=True)),
-        force=(load.force_x, load.force_y),
-        end_moment=load.moment,
-        pressure=load.pressure,
-        converged=True,
-        status=CONVERGED[stable],
-        residual=max(problem.residual, missed),
-        iterations=problem.iterations,
-        stable=stable,
-        extrapolated=beyond > 0.0,
-        solution=solution,
-    )
+    residual = max(problem.residual, missed)
+    shape = solved_shape(load, arclength, values, solution, stable, residual, problem.iterations)
+    return replace(shape, extrapolated=True) if beyond > 0.0 else shape
 
 
 def follow_shape(
@@ -324,7 +313,6 @@ def follow_shape(
     start: SolverNodes,
     arclength: Array,
     settings: SolverSettings,
-    extrapolated: bool,
 ) -> Shape | None:
     """Return the shape beside a neighbor, on its mesh; None where it takes more to find it."""
     if len(start.counts) != rods.sections.shape[1]:
@@ -354,6 +342,22 @@ def follow_shape(
     if not found:
         return None
     stable = True if min(rods.sections[0, :, RIGIDITY].tolist()) > 0.0 else None
+    solution = SolverNodes(
+        panels=freeze(panels), ends=freeze(ends), nodes=freeze(nodes), counts=start.counts
+    )
+    return solved_shape(load, arclength, values, solution, stable, residual, iterations)
+
+
+def solved_shape(
+    load: Load,
+    arclength: Array,
+    values: Array,
+    solution: SolverNodes,
+    stable: bool | None,
+    residual: float,
+    iterations: int,
+) -> Shape:
+    """Return an equilibrium within the calibrated range; values (6, stations): its fields."""
     x, y, theta, curvature, intrinsic_curvature, moment = freeze(values)
     return Shape(
         arclength=arclength,
@@ -371,10 +375,8 @@ def follow_shape(
         residual=residual,
         iterations=iterations,
         stable=stable,
-        extrapolated=extrapolated,
-        solution=SolverNodes(
-            panels=freeze(panels), ends=freeze(ends), nodes=freeze(nodes), counts=start.counts
-        ),
+        extrapolated=False,
+        solution=solution,
     )
 
 
