@@ -467,10 +467,12 @@ def write_piece(toy: Path, kind: str, factor: float) -> None:
     )
 
 
-def run_toy(toy: Path, environment: dict[str, str]) -> tuple[str, ...]:
+def run_toy(
+    toy: Path, environment: dict[str, str], program: str = 'import toy.whole'
+) -> tuple[str, ...]:
     """Return what the kernel gives in a process of its own, and whether it was kept."""
     done = subprocess.run(
-        [sys.executable, '-W', 'error', '-c', 'import toy.whole'],
+        [sys.executable, '-W', 'error', '-c', program],
         env={
             **environment,
             'PYTHONPATH': str(toy.parent),
@@ -525,6 +527,38 @@ def test_a_kept_kernel_calls_another_where_it_is(tmp_path, foreign_environment, 
     assert {file.name for file in (tmp_path / 'cache').rglob('piece.piece-*')} == {
         file.name for file in pieces
     }
+    for file in pieces:
+        if file.suffix == '.nbc':
+            file.write_bytes(b'')
+    assert run_toy(toy, foreign_environment) == ('6.0', '1')
+
+
+def test_a_kept_kernel_does_not_call_one_of_other_types(tmp_path, foreign_environment):
+    """Of two processes that compile one kernel, one may keep its code in the file of the other."""
+    toy = toy_of_kernels(tmp_path)
+    write_piece(toy, 'kernel', 3.0)
+    both = 'import toy.whole; toy.whole.piece(2)'
+    assert run_toy(toy, foreign_environment, both) == ('6.0', '0')
+    one, other = sorted((tmp_path / 'cache').rglob('piece.piece-*.nbc'))
+    of_one = one.read_bytes()
+    one.write_bytes(other.read_bytes())
+    other.write_bytes(of_one)
+    assert run_toy(toy, foreign_environment, both) == ('6.0', '1')
+
+
+def test_kept_kernels_take_their_places_where_one_of_them_is_lost(tmp_path, foreign_environment):
+    toy = toy_of_kernels(tmp_path)
+    write_piece(toy, 'kernel', 3.0)
+    whole = (toy / 'whole.py').read_text()
+    (toy / 'whole.py').write_text(whole[: whole.index('print')])
+    program = 'import toy.whole as w; print(w.whole(1.0), type(w.whole).__name__)'
+    assert run_toy(toy, foreign_environment, program) == ('6.0', 'CPUDispatcher')
+    for file in (tmp_path / 'cache').rglob('whole.whole-*.nbc'):
+        file.unlink()
+    answer_first = 'from toy.core import jit; jit.answer_first()\n'
+    take_over = program.replace(' print', ' jit.use_compiled(); print')
+    found = run_toy(toy, foreign_environment, answer_first + take_over)
+    assert found == ('6.0', 'CPUDispatcher')
 
 
 def test_the_fingerprint_is_of_the_files_with_kernels_alone_whatever_their_order(tmp_path):

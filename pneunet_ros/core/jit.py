@@ -146,21 +146,21 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
     compiled: Any = numba.njit(**options)(function)
     if options is not INLINED:
         keep(compiled)
+    # What kernels call by the plain function; not as numba's `register_jitable`, which compiles
+    # once more for callers that are compiled with other options.
+    infer_global(function, types.Dispatcher(compiled))
     if options is KERNEL:
         kernel_function: Function = compiled
         return kernel_function
-    # Not as numba's `register_jitable`, which compiles once more for callers that are compiled
-    # with other options.
     INNER_KERNELS[function] = compiled
-    infer_global(function, types.Dispatcher(compiled))
     return function
 
 
 def keep(compiled: Any) -> None:
     """Keep a kernel on the disk, where others find it, or let each caller have a copy of it.
 
-    It cannot be kept where there is no folder that may be written, neither beside its file nor in
-    the home folder; or by a numba that does it in another way.
+    The latter where there is no folder that may be written, neither beside its file nor in the
+    home folder; or with a numba that has no such cache.
     """
     try:
         from pneunet_ros.core.kernel_links import link

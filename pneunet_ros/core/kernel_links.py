@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 import hashlib
+from pickle import UnpicklingError
 from typing import Any
 
 from llvmlite import binding
@@ -45,8 +46,22 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     def __init__(self, function: Callable[..., Any], sources: str) -> None:
         super().__init__(function)
+        # Of the version, which numba reads before it looks for the types of another version.
         index = self._cache_file
-        index._source_stamp = (index._source_stamp, sources)
+        index._version = (index._version, sources)
+
+    def _load_overload(self, types: tuple[Any, ...], target_context: Any) -> Any:
+        """Return what is kept for some types; None where it is damaged, or of other types.
+
+        Numba writes the index and then the code, so that of two processes at once one may find
+        the code of the other.
+        """
+        try:
+            result = super()._load_overload(types, target_context)
+        except (EOFError, KeyError, ValueError, UnpicklingError):
+            return None
+        same = result is not None and tuple(result.signature.args) == tuple(types)
+        return result if same else None
 
 
 def link(kernel: Any, sources: str) -> None:
@@ -70,6 +85,7 @@ def link(kernel: Any, sources: str) -> None:
 def give_name(kernel: str, result: Any) -> None:
     """Give what is compiled of a kernel a name that is the same in any process."""
     descriptor, types = copy(result.fndesc), tuple(result.signature.args)
+    descriptor.typemap = descriptor.calltypes = None  # large, and of no use to callers
     digest = hashlib.sha256(f'{kernel}{types}'.encode()).hexdigest()[:16]
     descriptor.mangled_name = f'{kernel}.{digest}'
     address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)

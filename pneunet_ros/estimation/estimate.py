@@ -52,7 +52,7 @@ class ShapeEstimate:
             return self.curved
         if not any(self.position.error):
             return self.curved
-        errors = propagate_errors(self.curved.sensitivity, self.noise, self.shape.arclength)
+        errors = propagate_errors(self.curved.sensitivity, self.noise, self.shape.arclength[-1:])
         return self.curved if errors is None else errors.second_order
 
 

@@ -140,7 +140,11 @@ class LoadHull:
         """Return how far (N) a load (4,) is beyond the hull, less noise (4,) on the way, SI."""
         return float(
             distance_beyond(
-                self.points, self.scale, self.size, np.array(load), np.array(noise, np.float64)
+                self.points,
+                self.scale,
+                self.size,
+                np.array(load, np.float64),
+                np.array(noise, np.float64),
             )
         )
 

@@ -80,7 +80,10 @@ class Sensitivity:
     mixing: Array | None = None
 
     def for_kernels(self) -> Response:
-        """Return the solution and its answers as kernels take them, which may write into them."""
+        """Return the solution and its answers as kernels take them.
+
+        Panels, ends and nodes are copies, as kernels are compiled for what may be written.
+        """
         panels, ends, nodes = self.solution.for_kernels()
         return Response(
             panels=panels,
@@ -93,10 +96,6 @@ class Sensitivity:
             rotation_changes=self.rotation_changes,
             node_changes=self.node_changes,
         )
-
-    def single_causes(self, amounts: Array) -> Array:
-        """Return the single causes (..., single causes) that amounts of the causes come to."""
-        return amounts if self.mixing is None else amounts @ self.mixing
 
     def fields(self, arclength: Array) -> Array:
         """Return x, y, theta, curvature, intrinsic curvature, moment (6, n) at arclengths (m)."""
