@@ -99,7 +99,7 @@ def state_of_kernels() -> str:
 
 
 def kernel(function: Function) -> Function:
-    """Compile a kernel (cached on disk), or hand it back unchanged where there is no numba.
+    """Compile a kernel (cached on disk), or hand it back as it is where there is no numba.
 
     A cached kernel is compiled again when any of the files has changed. Numba itself looks at the
     kernel's own file alone and would go on with equations of another file as they once were.
@@ -126,11 +126,19 @@ def inlined(function: Function) -> Function:
 def compiled_or_plain(function: Function, options: dict[str, Any]) -> Function:
     """Return a function that compiles itself when it is called, or for the time being itself."""
     if not HAVE_NUMBA:
-        return function
+        return without_warnings(function) if options is KERNEL else function
     if WAITING.expected:
         WAITING.plain.append((function, options))
         return function
     return dispatcher(function, options)
+
+
+def without_warnings(function: Function) -> Function:
+    """Return a kernel that is silent about what is not finite, as compiled ones are."""
+    import numpy as np
+
+    quiet: Function = np.errstate(divide='ignore', invalid='ignore', over='ignore')(function)
+    return quiet
 
 
 def dispatcher(function: Function, options: dict[str, Any]) -> Function:
