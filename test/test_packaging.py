@@ -36,6 +36,7 @@ LIBRARIES = {
     'lz4': ('lz4', 'mcap-ros2-support'),
     'matplotlib': ('matplotlib', 'python3-matplotlib'),
     'mcap': ('mcap', 'mcap-ros2-support'),
+    'llvmlite': ('numba', 'python3-numba'),  # numba comes with it
     'numba': ('numba', 'python3-numba'),
     'numpy': ('numpy', 'python3-numpy'),
     'rich': ('rich', 'python3-rich'),

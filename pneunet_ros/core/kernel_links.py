@@ -11,57 +11,66 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from functools import cache
 import hashlib
 from pickle import UnpicklingError
 from typing import Any
-
-from llvmlite import binding
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
 # By what it is called with, too, a kernel is compiled: its name here, and the types.
 KERNELS: dict[str, Any] = {}
 NAMED: dict[str, tuple[str, tuple[Any, ...]]] = {}
 
 
-class KeptWithCalls(CompileResultCacheImpl):  # type: ignore[misc]
-    """What is kept of a compiled kernel, and before it the kernels that it calls."""
+@cache
+def linked_cache() -> Any:
+    """Return the class of the cache of a kernel, of its function and the sources of all kernels.
 
-    def reduce(self, result: Any) -> tuple[Any, ...]:
-        """Return what is written: the kernels that are called, and numba's own."""
-        declared = {each.name for each in result.library._final_module.functions}
-        return [NAMED[name] for name in sorted(declared & NAMED.keys())], super().reduce(result)
+    Numba is imported by nobody who does not compile.
+    """
+    from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
-    def rebuild(self, target_context: Any, kept: tuple[Any, ...]) -> Any:
-        """Return the compiled kernel once those that it calls are there."""
-        calls, result = kept
-        for name, types in calls:
-            KERNELS[name].compile(types)
-        return super().rebuild(target_context, result)
+    class KeptWithCalls(CompileResultCacheImpl):  # type: ignore[misc]
+        """What is kept of a compiled kernel, and before it the kernels that it calls."""
 
+        def reduce(self, result: Any) -> tuple[Any, ...]:
+            """Return what is written: the kernels that are called, and numba's own."""
+            declared = {each.name for each in result.library._final_module.functions}
+            return [NAMED[name] for name in sorted(declared & NAMED.keys())], super().reduce(
+                result
+            )
 
-class KernelCache(FunctionCache):  # type: ignore[misc]
-    """Where a kernel is kept, as long as the sources of all kernels are the same."""
+        def rebuild(self, target_context: Any, kept: tuple[Any, ...]) -> Any:
+            """Return the compiled kernel once those that it calls are there."""
+            calls, result = kept
+            for name, types in calls:
+                KERNELS[name].compile(types)
+            return super().rebuild(target_context, result)
 
-    _impl_class = KeptWithCalls
+    class KernelCache(FunctionCache):  # type: ignore[misc]
+        """Where a kernel is kept, as long as the sources of all kernels are the same."""
 
-    def __init__(self, function: Callable[..., Any], sources: str) -> None:
-        super().__init__(function)
-        # Of the version, which numba reads before it looks for the types of another version.
-        index = self._cache_file
-        index._version = (index._version, sources)
+        _impl_class = KeptWithCalls
 
-    def _load_overload(self, types: tuple[Any, ...], target_context: Any) -> Any:
-        """Return what is kept for some types; None where it is damaged, or of other types.
+        def __init__(self, function: Callable[..., Any], sources: str) -> None:
+            super().__init__(function)
+            # Of the version, which numba reads before it looks for the types of another version.
+            index = self._cache_file
+            index._version = (index._version, sources)
 
-        Numba writes the index and then the code, so that of two processes at once one may find
-        the code of the other.
-        """
-        try:
-            result = super()._load_overload(types, target_context)
-        except (EOFError, KeyError, ValueError, UnpicklingError):
-            return None
-        same = result is not None and tuple(result.signature.args) == tuple(types)
-        return result if same else None
+        def _load_overload(self, types: tuple[Any, ...], target_context: Any) -> Any:
+            """Return what is kept for some types; None where it is damaged, or of other types.
+
+            Numba writes the index and then the code, so that of two processes at once one may
+            find the code of the other.
+            """
+            try:
+                result = super()._load_overload(types, target_context)
+            except (EOFError, KeyError, ValueError, UnpicklingError):
+                return None
+            same = result is not None and tuple(result.signature.args) == tuple(types)
+            return result if same else None
+
+    return KernelCache
 
 
 def link(kernel: Any, sources: str) -> None:
@@ -70,7 +79,7 @@ def link(kernel: Any, sources: str) -> None:
     sources: the fingerprint of all kernels. Raises RuntimeError where there is no folder to keep
     it in.
     """
-    kernel._cache = KernelCache(kernel.py_func, sources)
+    kernel._cache = linked_cache()(kernel.py_func, sources)
     name = f'{kernel.py_func.__module__}.{kernel.py_func.__qualname__}'
     KERNELS[name] = kernel
     add_overload = kernel.add_overload
@@ -84,6 +93,8 @@ def link(kernel: Any, sources: str) -> None:
 
 def give_name(kernel: str, result: Any) -> None:
     """Give what is compiled of a kernel a name that is the same in any process."""
+    from llvmlite import binding  # it comes with numba
+
     descriptor, types = copy(result.fndesc), tuple(result.signature.args)
     descriptor.typemap = descriptor.calltypes = None  # large, and of no use to callers
     digest = hashlib.sha256(f'{kernel}{types}'.encode()).hexdigest()[:16]
