@@ -443,6 +443,15 @@ def test_predict_without_numba_gives_the_same_numbers(foreign_environment):
 # ---- kernels kept on disk -----------------------------------------------------------------------
 
 
+def test_a_kernel_without_numba_says_nothing_of_what_is_not_finite():
+    def inverse(x: np.float64) -> np.float64:
+        return np.float64(1.0) / x
+
+    with pytest.raises(RuntimeWarning):
+        inverse(np.float64(0.0))
+    assert jit.without_warnings(inverse)(np.float64(0.0)) == math.inf
+
+
 def toy_of_kernels(folder: Path) -> Path:
     """Return a package with a kernel that calls another, and the compiler of this one."""
     toy = folder / 'toy'

@@ -35,9 +35,8 @@ def linked_cache() -> Any:
         def reduce(self, result: Any) -> tuple[Any, ...]:
             """Return what is written: the kernels that are called, and numba's own."""
             declared = {each.name for each in result.library._final_module.functions}
-            return [NAMED[name] for name in sorted(declared & NAMED.keys())], super().reduce(
-                result
-            )
+            calls = [NAMED[name] for name in sorted(declared & NAMED.keys())]
+            return calls, super().reduce(result)
 
         def rebuild(self, target_context: Any, kept: tuple[Any, ...]) -> Any:
             """Return the compiled kernel once those that it calls are there."""

@@ -152,8 +152,7 @@ def record_steps(
 class Tally:
     """What a replay came to, counted step by step.
 
-    warned: how many estimates by warning; kept: frames that tell of
-    errors that persist.
+    warned: how many estimates by warning; kept: frames that tell of errors that persist.
     """
 
     messages: int = 0
