@@ -19,7 +19,6 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.uncertainty import SensorNoise
 from pneunet_ros.solver.columns import LOADS
-from scipy.linalg import block_diag
 
 PATH_NODES = 9  # of the camera's path in one recording, straight lines between
 # of drift_std: a random walk between its nodes on a straight line, per frame
@@ -50,8 +49,9 @@ class Disturbances:
         path = path_prior(self.noise)
         for start, run in zip(range(2 * self.targets, size, OF_RUN), self.runs, strict=True):
             load = np.maximum(known_load_std(self.noise, run), SMALLEST_STD)
-            stop = start + OF_RUN
-            prior[start:stop, start:stop] = block_diag(path, path, np.diag(load**2))
+            middle, end, stop = start + np.array([PATH_NODES, 2 * PATH_NODES, OF_RUN])
+            prior[start:middle, start:middle] = prior[middle:end, middle:end] = path
+            prior[end:stop, end:stop] = np.diag(load**2)
         object.__setattr__(self, 'prior', frozen_array(prior))
 
     def of_run(self, which: int) -> Array:

@@ -16,6 +16,7 @@ from pneunet_ros.core.arrays import Array
 from pneunet_ros.measurement.inputs import Inputs
 from pneunet_ros.model.arm import Arm, EXTRAPOLATION
 from pneunet_ros.model.equilibrium import HeadingSearch
+from pneunet_ros.model.intrinsic_curvature import over_meters, rotation_pieces
 from pneunet_ros.model.record import owners
 from pneunet_ros.solver.boundary_value_problem import BoundaryValueProblem, panels_needed
 from pneunet_ros.solver.collocation import unloaded_nodes
@@ -26,7 +27,6 @@ from pneunet_ros.solver.columns import (
     LOADS,
     NODE_WIDTH,
     RIGIDITY,
-    ROTATION_WIDTH,
     START,
 )
 from pneunet_ros.solver.columns import (
@@ -50,7 +50,6 @@ from pneunet_ros.solver.columns import (
 from pneunet_ros.solver.frame_series import FrameSolutions, linearize_frames, solve_frames
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import SOLVER
-from scipy.interpolate import CubicSpline
 
 LOAD_STEP = 1e-4  # of weight and length: of differences where effects go with the end load
 Columns = npt.NDArray[np.int64]  # (k, 2): section and column of its record
@@ -402,7 +401,5 @@ def mesh_counts(rods: Rods, loads: Array) -> npt.NDArray[np.int64]:
 def knot_rotation(arm: Arm) -> Array:
     """Return the rotation (knots, pieces, 5) of a curvature of 1/m at one knot and 0 at others."""
     shares = arm.intrinsic_curvature.arclength
-    spline = CubicSpline(shares, np.eye(shares.size), axis=1)
-    powers = np.moveaxis(spline.antiderivative().c[::-1], (0, 1, 2), (2, 1, 0))
-    powers = powers * arm.length ** (1.0 - np.arange(float(ROTATION_WIDTH)))
+    powers = over_meters(rotation_pieces(shares, np.eye(shares.size)), arm.length)
     return np.ascontiguousarray(arm.on_knots(powers))

@@ -15,7 +15,7 @@ from pneunet_ros.core.arrays import (
     table_array,
 )
 from pneunet_ros.core.errors import ModelError
-from scipy.interpolate import CubicSpline
+from pneunet_ros.model.cubic_spline import cubic_spline
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,13 +50,10 @@ class IntrinsicCurvature:
                 f'{where}.curvature must have a row per pressure and a column per arclength, '
                 f'{expected[0]} x {expected[1]}, not {curvature.shape[0]} x {curvature.shape[1]}'
             )
-        spline = CubicSpline(arclength, curvature, axis=1)
-        integral = spline.antiderivative()
-        rotation = np.moveaxis(integral.c[::-1], (0, 1, 2), (2, 1, 0))
         object.__setattr__(self, 'pressure', pressure)
         object.__setattr__(self, 'arclength', arclength)
         object.__setattr__(self, 'curvature', curvature)
-        object.__setattr__(self, 'rotation', frozen_array(rotation))
+        object.__setattr__(self, 'rotation', frozen_array(rotation_pieces(arclength, curvature)))
 
     def rotation_of(self, pressure: Array, length: float) -> Array:
         """Pieces of the rotation over arclength in m; (pressures, columns - 1, 5)."""
@@ -86,7 +83,22 @@ class IntrinsicCurvature:
         """kappa_p0 (1/m) at one pressure (Pa) and any s / l."""
         row, weight = pressure_rows(self.pressure, pressure)
         values = (1.0 - weight) * self.curvature[row] + weight * self.curvature[row + 1]
-        return freeze(np.asarray(CubicSpline(self.arclength, values)(np.asarray(arclength))))
+        places = np.asarray(arclength, dtype=np.float64)
+        piece = np.searchsorted(self.arclength[1:-1], places, side='right')
+        powers = cubic_spline(self.arclength, values)[piece]
+        beyond = (places - self.arclength[piece])[..., None] ** np.arange(4)
+        return freeze(np.asarray((powers * beyond).sum(axis=-1)))
+
+
+def rotation_pieces(arclength: Array, curvature: Array) -> Array:
+    """Return the antiderivative of curvature (rows, columns) over s / l, (rows, columns - 1, 5).
+
+    Ascending powers of the distance from the start of each piece; 0 where the arm starts.
+    """
+    slopes = cubic_spline(arclength, curvature) / np.arange(1.0, 5.0)
+    turned = (slopes * np.diff(arclength)[:, None] ** np.arange(1.0, 5.0)).sum(axis=-1)
+    start = np.cumsum(turned, axis=-1) - turned
+    return np.concatenate([start[..., None], slopes], axis=-1)
 
 
 def over_meters(per_length: Array, length: float) -> Array:

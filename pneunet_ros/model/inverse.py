@@ -31,7 +31,6 @@ from pneunet_ros.solver.columns import RIGIDITY
 from pneunet_ros.solver.rod import Rods
 from pneunet_ros.solver.settings import SolverSettings
 from pneunet_ros.solver.solution import SolverNodes
-from scipy.optimize import least_squares
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,6 +146,8 @@ class TipSearch:
 
     def descend(self, guess: Shape) -> Shape:
         """Levenberg-Marquardt on the tip's place, among shapes of the guess's stability."""
+        from scipy.optimize import least_squares  # slow to import, and few ask for a tip
+
         best = latest = guess
         lost = np.full(2, self.tip_error(guess) + self.arm.length)  # no step leads there
 

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 import numpy.typing as npt
 from pneunet_ros.core.arrays import Array
 from pneunet_ros.effects.effect import across, NOTHING, Part, Terms
 from pneunet_ros.solver.columns import ROTATION_WIDTH, START
-from scipy.special import comb
 
 # Where a part ends at an end of the arm or where another begins, a section of this length, in s /
 # l, is left between them: a neighbor of the arm then has as many sections, and none is empty.
 LEAST_SECTION = 1e-9
 Indices = npt.NDArray[np.int64]
-BINOMIAL = comb(*np.ogrid[:ROTATION_WIDTH, :ROTATION_WIDTH])
+POWERS = range(ROTATION_WIDTH)
+BINOMIAL = np.array([[float(comb(n, k)) for k in POWERS] for n in POWERS])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
