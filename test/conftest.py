@@ -6,10 +6,13 @@ import importlib.util
 import os
 from pathlib import Path
 import signal
+import subprocess
+import sys
 import tempfile
 import zlib
 
 import hypothesis
+from pneunet_ros.core.kernel_cache import kernels_kept
 from pneunet_ros.core.threads import THREADS as NAMES_OF_THREADS
 from pneunet_ros.core.threads import use_one_thread
 import pytest
@@ -76,6 +79,15 @@ def pytest_configure(config: pytest.Config) -> None:
     here = Path(__file__).parent
     gone = [name for name in LENGTHY.split() if not (here / f'test_{name}.py').is_file()]
     assert not gone, f'LENGTHY in test/conftest.py names what is gone: {", ".join(gone)}'
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Have the kernels compiled, once: a verb that finds none starts a process that does.
+
+    Tests would go on without them until then, and find that process at the end.
+    """
+    if not kernels_kept() and not hasattr(session.config, 'workerinput'):
+        subprocess.run([sys.executable, '-m', 'pneunet_ros.cli', 'compile'], check=True)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
