@@ -151,7 +151,7 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
     from numba.core.typing.templates import infer_global
 
     numbers_and_arrays_first()
-    compiled: Any = numba.njit(**options)(function)
+    compiled: Any = numba.njit(**options, **compiled_by())(function)
     if options is not INLINED:
         keep(compiled)
     # What kernels call by the plain function; not as numba's `register_jitable`, which compiles
@@ -162,6 +162,16 @@ def dispatcher(function: Function, options: dict[str, Any]) -> Function:
         return kernel_function
     INNER_KERNELS[function] = compiled
     return function
+
+
+def compiled_by() -> dict[str, Any]:
+    """Return the option of numba that names our compiler, none with a numba that does not fit."""
+    from pneunet_ros.core.kernel_compiler import kernel_compiler
+
+    try:
+        return {'pipeline_class': kernel_compiler()}
+    except ImportError:
+        return {}
 
 
 def keep(compiled: Any) -> None:
