@@ -456,7 +456,7 @@ def toy_of_kernels(folder: Path) -> Path:
     """Return a package with a kernel that calls another, and the compiler of this one."""
     toy = folder / 'toy'
     (toy / 'core').mkdir(parents=True)
-    for module in ('jit', 'kernel_links'):
+    for module in ('jit', 'kernel_compiler', 'kernel_links'):
         text = Path(jit.__file__).with_name(f'{module}.py').read_text()
         (toy / 'core' / f'{module}.py').write_text(text.replace('pneunet_ros', 'toy'))
     (toy / 'whole.py').write_text(
@@ -540,6 +540,25 @@ def test_a_kept_kernel_calls_another_where_it_is(tmp_path, foreign_environment, 
         if file.suffix == '.nbc':
             file.write_bytes(b'')
     assert run_toy(toy, foreign_environment) == ('6.0', '1')
+
+
+@pytest.mark.parametrize(
+    'other_numba',
+    [
+        'from numba.core.codegen import CPUCodeLibrary as Any; of_any = Any._optimize_functions\n'
+        'kernels = dict.fromkeys(["whole", "piece"])  # of those None is called\n'
+        'Any._optimize_functions = lambda one, ir: kernels.get(one.name, of_any)(one, ir)',
+        'from llvmlite import binding; del binding.create_new_module_pass_manager',
+        'from numba.core import codegen; del codegen.JITCodeLibrary',
+    ],
+    ids=['optimized once', 'without its passes', 'without its classes'],
+)
+def test_kernels_are_optimized_once_where_numba_can(tmp_path, foreign_environment, other_numba):
+    toy = toy_of_kernels(tmp_path)
+    write_piece(toy, 'kernel', 3.0)
+    program = f'import numba\n{other_numba}\nimport toy.whole'
+    assert run_toy(toy, foreign_environment, program) == ('6.0', '0')
+    assert run_toy(toy, foreign_environment, program) == ('6.0', '1')
 
 
 def test_a_kept_kernel_does_not_call_one_of_other_types(tmp_path, foreign_environment):

@@ -62,7 +62,7 @@ class FusionSettings:
         unit='of the range',
     )
     lack_fall: float = tuning(
-        2.5, 'power of the size with which a lack is less likely before any frame; invented'
+        1.5, 'power of the size with which a lack is less likely before any frame; invented'
     )
     lack_stiffness: float = tuning(
         0.5, 'share of the stiffness that is missing with all of the range; invented'
