@@ -548,8 +548,7 @@ def test_a_kept_kernel_calls_another_where_it_is(tmp_path, foreign_environment, 
         'from numba.core.codegen import CPUCodeLibrary as Any; of_any = Any._optimize_functions\n'
         'kernels = dict.fromkeys(["whole", "piece"])  # of those None is called\n'
         'Any._optimize_functions = lambda one, ir: kernels.get(one.name, of_any)(one, ir)',
-        'from llvmlite import binding\n'
-        'vars(binding).pop("create_new_module_pass_manager", None)',
+        'from llvmlite import binding\nvars(binding).pop("create_new_module_pass_manager", None)',
         'from numba.core import codegen; del codegen.JITCodeLibrary',
     ],
     ids=['optimized once', 'without its passes', 'without its classes'],
