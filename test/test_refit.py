@@ -192,6 +192,11 @@ class Swinging:
     cost: float
     settled: bool = False
     hypotheses: tuple[()] = ()
+    gain: float = 0.0
+
+    @property
+    def misfit(self) -> float:
+        return self.cost
 
     @property
     def point(self) -> Array:
@@ -221,6 +226,26 @@ def test_a_search_that_swings_from_model_to_model_comes_to_rest(monkeypatch):
     found = settle(start, 20)
     assert found.settled
     assert found.numbers == pytest.approx(0.0, abs=0.1)
+
+
+class RestlessFit(SwingingFit):
+    """Rounds that never settle; of the first the search broke off, at the lowest cost."""
+
+    rounds = iter(())
+
+    def fit(self, *_: object) -> Swinging:
+        cost, gain = next(self.rounds)
+        return Swinging(np.array([cost]), np.zeros(1), cost, gain=gain)
+
+
+def test_a_search_that_broke_off_is_not_the_best_of_its_rounds(monkeypatch):
+    monkeypatch.setattr(refit_module, 'JointFit', RestlessFit)
+    RestlessFit.rounds = iter([(6e5, 1e3), (7.4e5, 0.1), (7.2e5, 0.2), (7.3e5, 0.1)])
+    found = settle(Swinging(np.array([1e6]), np.zeros(1), 1e6), 4)
+    assert not found.settled
+    assert found.cost == 7.2e5
+    RestlessFit.rounds = iter([(6e5, 1e3), (7.4e5, 2e3)])
+    assert settle(Swinging(np.array([1e6]), np.zeros(1), 1e6), 2).cost == 6e5
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from pneunet_ros.diagnosis.localization import (
 )
 from pneunet_ros.diagnosis.nonuniform_arm import beside_nonuniform, nonuniform_columns
 from pneunet_ros.diagnosis.reading_noise import with_reading_noise
-from pneunet_ros.diagnosis.refit import Refit
+from pneunet_ros.diagnosis.refit import has_ended, Refit
 from pneunet_ros.diagnosis.result import (
     Adequacy,
     Answer,
@@ -216,7 +216,7 @@ def is_settled(fit: Refit, settings: DiagnosisSettings = DEFAULTS) -> bool:
     the next, so that is not asked.
     """
     nearly = 0.5 * settings.calibration.map_estimation.nearly**2
-    return fit.gain < max(nearly, settings.base_fit.unsettled * fit.misfit)
+    return fit.gain < nearly or has_ended(fit, settings.refit)
 
 
 def unsettled(seed: int, notes: Sequence[str], settings: DiagnosisSettings) -> UnsettledDiagnosis:

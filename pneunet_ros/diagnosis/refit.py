@@ -276,7 +276,8 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
     What errors of readings move is that of the model around which is linearized, so that a search
     may swing from one model to another and back: where the cost rises, it goes on halfway. Where
     it does not come to rest, or there is no arm halfway, the most probable fit of all rounds is
-    returned.
+    returned, of those whose own search ended: one that broke off far from its minimum may cost
+    less, by larger errors of the model it began with.
     """
     around, best = fit, None
     for _ in range(rounds):
@@ -291,8 +292,14 @@ def settle(fit: Refit, rounds: int, settings: RefitSettings = DEFAULTS.refit) ->
             break
         around = again if again.cost < fit.cost else halfway(around, again)
         fit = replace(again, settled=abs(fit.cost - again.cost) < settings.settled)
-        best = fit if best is None or fit.cost <= best.cost else best
+        pair = (fit,) if best is None else (fit, best)
+        best = min(pair, key=lambda item: (not has_ended(item, settings), item.cost))
     return fit if fit.settled else best or fit
+
+
+def has_ended(fit: Refit, settings: RefitSettings = DEFAULTS.refit) -> bool:
+    """Whether the search of a fit ended where a step more gains next to nothing of the misfit."""
+    return fit.gain < max(settings.least_gain, settings.unsettled * fit.misfit)
 
 
 def halfway(one: Refit, other: Refit) -> Refit:

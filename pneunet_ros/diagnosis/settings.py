@@ -19,7 +19,6 @@ class BaseFitSettings:
 
     frames: int = tuning(48, 'frames of every run; neighbors differ by white noise alone')
     first_frames: int = tuning(24, 'frames of every run for the fit of the base model')
-    unsettled: float = tuning(1e-3, 'gain of a step more that is no answer', unit='of misfit')
     harmless_camera: float = tuning(5e-4, 'camera motion that is no finding', unit='length')
 
 
@@ -113,6 +112,7 @@ class RefitSettings:
     most_halvings: int = tuning(5, 'most halvings of a step')
     least_gain: float = tuning(0.1, 'cost that a step must gain; below it has converged')
     settled: float = tuning(0.5, 'change of cost from round to round; below it is settled')
+    unsettled: float = tuning(1e-3, 'gain of a step more that is no answer', unit='of misfit')
     # The base takes up most of what gravity does: a coarser difference is bent by more than is
     # left, and taken for information.
     difference: float = tuning(5e-4, 'step of numerical derivatives', unit='prior std')
