@@ -19,6 +19,8 @@ COPY . src/pneunet_ros
 RUN . /opt/ros/jazzy/setup.sh && colcon build \
     && . install/setup.sh && install/pneunet_ros/lib/pneunet_ros/pneunet compile
 
+# A devcontainer is started past the entrypoint: its terminals are shells of their own.
+RUN echo '. /opt/ros/jazzy/setup.bash; . /workspace/install/setup.bash' >> /root/.bashrc
 COPY .devcontainer/entrypoint.sh /entrypoint.sh
 ENTRYPOINT ["/entrypoint.sh"]
 CMD ["bash"]

@@ -143,6 +143,21 @@ def test_foxglove_shows_topics_that_are_there(foxglove):
     assert {'3D', 'Image', 'Plot'} <= kinds
 
 
+def test_foxglove_draws_as_said(foxglove):
+    """Keys without which the program chose for itself, when it was looked at."""
+    for name, panel in foxglove['configById'].items():
+        if name.startswith('Plot'):
+            assert panel['foxglovePanelTitle']
+            assert 'title' not in panel
+    scene = foxglove['configById']['3D!scene']
+    assert scene['scene']['transforms']['showLabel'] is False, 'as high as the arm is long'
+    for topic, how in scene['topics'].items():
+        if how.get('colorMode') == 'flat':
+            assert how['colorField'], topic
+    lines = [how for how in scene['topics'].values() if how.get('type') == 'line']
+    assert len({tuple(how['gradient']) for how in lines}) == len(lines)
+
+
 def test_foxglove_tells_of_the_health_of_live_nodes(checkout):
     assert '/diagnostics' in (checkout / 'foxglove/live.json').read_text()
 
