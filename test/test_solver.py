@@ -479,9 +479,12 @@ def write_piece(toy: Path, kind: str, factor: float) -> None:
 def run_toy(
     toy: Path, environment: dict[str, str], program: str = 'import toy.whole'
 ) -> tuple[str, ...]:
-    """Return what the kernel gives in a process of its own, and whether it was kept."""
+    """Return what the kernel gives in a process of its own, and whether it was kept.
+
+    Without bytecode: Python takes that of a file of the same size and second for this one's.
+    """
     done = subprocess.run(
-        [sys.executable, '-W', 'error', '-c', program],
+        [sys.executable, '-B', '-W', 'error', '-c', program],
         env={
             **environment,
             'PYTHONPATH': str(toy.parent),

@@ -177,7 +177,8 @@ def test_the_property_suite_takes_a_file_of_a_user(tmp_path):
         (path / 'soft_part.py').write_text(text, encoding='utf-8')
         done = subprocess.run(
             [
-                sys.executable, '-m', 'pytest', '-q', '-n', '0', '-p', 'no:cacheprovider',
+                # Without bytecode: that of a file of the same size and second is taken for new.
+                sys.executable, '-B', '-m', 'pytest', '-q', '-n', '0', '-p', 'no:cacheprovider',
                 str(TESTS / 'test_effects.py'), '-k', 'soft_part and (adds_nothing or declared)',
                 '--effects-path', str(path),
             ],
