@@ -32,6 +32,15 @@ def test_a_model_that_misses_something_is_to_be_diagnosed():
     assert verdict.command.startswith('pneunet diagnose')
 
 
+def test_a_model_better_than_its_noise_says_that_the_noise_is_too_large():
+    found = calibration()
+    good = replace(found, joint=replace(found.joint, chi_squared=0.16 * found.joint.dof))
+    verdict = verdict_of(good)
+    assert verdict.fit.startswith('The model fits')
+    assert 'better than the noise that was assumed: 0.4 times it' in verdict.fit
+    assert 'too large' in verdict.fit
+
+
 def test_a_load_that_only_its_noise_explains_is_not_sure():
     found = calibration()
     larger = larger_under_load(found.joint)

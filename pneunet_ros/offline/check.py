@@ -14,6 +14,7 @@ from pneunet_ros.calibration.preconditions import (
     check_runs,
     check_targets,
     check_units,
+    looks_absolute,
 )
 from pneunet_ros.calibration.settings import PRECONDITIONS
 from pneunet_ros.core.arrays import Array
@@ -53,7 +54,6 @@ STILL = 8.0  # standard deviations of a reading, over which it spreads while it 
 STILL_SHARE = 0.005  # of the calibrated range of pressure, the same
 FEW_PASCALS = 0.01  # of the range: a pressure that never exceeds this share is of another unit
 SOLVES_TRIED = 20  # readings without an equilibrium, after which no other is tried
-LIKE_AIR = 0.8  # of the ambient pressure: a pressure that is never lower is absolute
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,11 +197,11 @@ def doubts(series: Mapping[str, ReadingSeries], request: CheckRequest) -> list[s
     """Return sentences about pressures that do not look like gauge pressures of this arm."""
     if PRESSURE.name not in series:
         return []
-    arm, settings = request.arm, request.settings
+    arm = request.arm
     topic, values = series[PRESSURE.name].topic, series[PRESSURE.name].values[:, 0]
     lowest, highest = limits(values)
     low, high = arm.pressure_range
-    if lowest > LIKE_AIR * settings.ambient_pressure and lowest > high:
+    if looks_absolute(lowest, arm):
         return [f'{topic}: never below {kilopascals(lowest):.4g} kPa: if it is absolute, say so']
     if 0.0 < highest < FEW_PASCALS * high:
         return [f'{topic}: never above {highest:.3g} Pa: is it in another unit than Pa?']

@@ -71,6 +71,11 @@ def fit_sentence(calibration: Calibration, settings: ReportSettings) -> str:
         )
     if times <= settings.as_noise:
         larger = larger_under_load(fit)
+        if larger <= settings.hidden_under_load and times < settings.below_noise:
+            return (
+                f'The model fits: {size}, better than the noise that was assumed: {times:.2g} '
+                'times it. Standard errors that rest on that noise are too large.'
+            )
         if larger <= settings.hidden_under_load:
             return f'The model fits: {size}, as good as the noise.'
         return (
