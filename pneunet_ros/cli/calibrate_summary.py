@@ -19,13 +19,13 @@ from rich.table import Table
 from rich.text import Text
 
 
-def numbers_of(calibration: Calibration) -> dict[str, Any]:
-    """Return the summary for programs."""
+def numbers_of(calibration: Calibration, model: str) -> dict[str, Any]:
+    """Return the summary for programs; model: the file that it is written to."""
     joint = calibration.joint
     return {
         'status': joint.status,
         'converged': joint.converged,
-        'verdict': asdict(verdict_of(calibration)),
+        'verdict': asdict(verdict_of(calibration, model=model)),
         'bending_stiffness': [asdict(item) for item in bending_stiffness(joint)],
         'quantities': [
             {'name': row.name, 'value': row.value, 'std': row.std, 'prior_std': row.prior_std}
@@ -79,9 +79,9 @@ def show(
     calibration: Calibration, summary: dict[str, Any], sentences: Sequence[str], console: Console
 ) -> None:
     """Print the summary for people, the verdict first; sentences: on the recordings."""
-    verdict = verdict_of(calibration)
-    console.print(Text(verdict.fit, style='bold'))
-    console.print(Text(verdict.certainty))
+    verdict = summary['verdict']
+    console.print(Text(verdict['fit'], style='bold'))
+    console.print(Text(verdict['certainty']))
     table = Table(title='Recordings')
     for column in ('recording', 'load', 'frames', 'rms (mm)', 'chi2 per coordinate'):
         table.add_column(column, justify='left' if column in ('recording', 'load') else 'right')
@@ -116,7 +116,7 @@ def show(
         console.print(f'wrote {summary["output"]}')
     if summary['report'] is not None:
         console.print(f'wrote {summary["report"]}/index.html')
-    console.print(Text(f'{verdict.next_step} {verdict.command}'))
+    console.print(Text(f'{verdict["next_step"]} {verdict["command"]}'))
 
 
 def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
