@@ -233,12 +233,14 @@ class Survey:
                     failed=row['failed'],
                     found=found,
                     arm=load_model(folder / found['model']) if found else None,
+                    recordings=tuple(map(str, item.recordings)),
                 )
             )
         return SurveyData(
             source=source,
             arms=tuple(arms),
             fleet=compare(arms, self.request.seed),
+            output=str(self.folder.path),
             left_out=folders_left_out(Path(source), fleet),
         )
 
