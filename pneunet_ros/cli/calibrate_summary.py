@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.stiffness_variation import StiffnessVariation
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.reports.calibration import tables
@@ -93,19 +94,19 @@ def show(
             f'{millimeters(row["rms"]):.3f}',
             f'{row["chi_squared_per_coordinate"]:.2f}',
         )
-    console.print(table)
+    print_table(console, table)
     rows = number_rows(calibration)
-    console.print(curvature_table(calibration, rows))
+    print_table(console, curvature_table(calibration, rows))
     law = law_rows(rows)
     if law:
-        console.print(law_table(calibration, law))
+        print_table(console, law_table(calibration, law))
     if summary['laws']:
         table = Table(title='Moment laws on loaded recordings that were left out')
         table.add_column('law')
         table.add_column('rms (mm)', justify='right')
         for item in summary['laws']:
             table.add_row(item['kind'], f'{millimeters(item["rms"]):.3f}')
-        console.print(table)
+        print_table(console, table)
     for sentence in (*sentences, *summary['notes']):
         console.print(f'note: {sentence}')
     if calibration.arm.domain is not None:

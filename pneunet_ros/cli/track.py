@@ -280,11 +280,11 @@ def preview_followers(
 
         video = stack.enter_context(write_video(arguments.preview, stream.rate, **options))
 
-        def film(step: TrackStep) -> None:
+        def shot(step: TrackStep) -> None:
             if isinstance(step.outcome, Tracking) and isinstance(step.item.reading, Image):
                 video.add(step.item.reading, step.outcome, step.state)
 
-        return [film]
+        return [shot]
     from pneunet_ros.cli.track_preview import open_preview
 
     preview = stack.enter_context(open_preview(arguments, stream, arm, unit, film, **options))
