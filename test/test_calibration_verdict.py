@@ -21,6 +21,8 @@ def test_a_model_as_good_as_the_noise_is_to_be_tested():
     assert 'near the clamp' in verdict.certainty
     assert 'N m^2' in verdict.certainty
     assert verdict.command.startswith('pneunet replay')
+    named = verdict_of(calibration(), model='my arm/model.yaml')
+    assert named.command == "pneunet replay FRESH.mcap --model 'my arm/model.yaml'"
 
 
 def test_a_model_that_misses_something_is_to_be_diagnosed():
@@ -30,6 +32,7 @@ def test_a_model_that_misses_something_is_to_be_diagnosed():
     assert 'does not fit' in verdict.fit
     assert 'worse than the noise: 3 times it' in verdict.fit
     assert verdict.command.startswith('pneunet diagnose')
+    assert '--model m.yaml' in verdict_of(poor, model='m.yaml').command
 
 
 def test_a_model_better_than_its_noise_says_that_the_noise_is_too_large():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import hashlib
+import html
 import json
 from pathlib import Path
 
@@ -106,7 +107,8 @@ def test_what_is_handed_on_and_written(run, found, lab):
     assert set(said['versions']) >= {'pneunet_ros', 'numpy', 'scipy', 'python'}
     arm = load_model('out/model.yaml')
     assert [effect.name for effect in arm.effects] == ['extensibility']
-    assert Path('out/report.html').stat().st_size > 10_000
+    page = html.unescape(Path('out/report.html').read_text())
+    assert all(sentence in page for sentence in (*said['left_out'], said['unloaded']))
 
 
 @pytest.fixture
@@ -212,7 +214,9 @@ def test_a_model_that_cannot_be_fitted_is_said_first_and_has_no_numbers(run, lab
     assert 'note: check the units' in out
     assert 'chi2' not in out
     assert sorted(path.name for path in Path('out').iterdir()) == [NUMBERS, PAGE]
-    assert sentence in Path('out', PAGE).read_text()
+    page = Path('out', PAGE).read_text()
+    assert sentence in page
+    assert f'pneunet check {lab}/' in page
     code, out, _ = run(*given(lab, '--overwrite', '--json'))
     said = json.loads(out)
     assert code == 1

@@ -29,7 +29,7 @@ from pneunet_ros.reports.diagnosis.files import (
 )
 from pneunet_ros.reports.diagnosis.localization_figures import maps, shares
 from pneunet_ros.reports.diagnosis.loop_figures import directions_of, loops
-from pneunet_ros.reports.diagnosis.report import report_page
+from pneunet_ros.reports.diagnosis.report import Given, report_page
 from pneunet_ros.reports.diagnosis.tables import detectable_table, shift_table, sigmas
 from pneunet_ros.reports.diagnosis.words import p_value_text, with_error
 from pneunet_ros.reports.figure import draw_figures
@@ -220,6 +220,20 @@ def test_when_nothing_is_missing_there_is_less_to_show(coarse, monkeypatch):
     assert 'No effect was added' in text
     assert error_sentence(nothing).endswith(' mm: nothing was added.')
     assert Page(text).tags.count('img') == 4
+
+
+def test_commands_have_the_names_that_were_given():
+    found, *_ = diagnosis()
+    pictures: dict = dict.fromkeys(FIGURES, ())
+    given = Given(model='my arm.yaml', folder='found', notes=('a.mcap: no load',))
+    text = report_page(found, pictures, PROVENANCE, given=given)
+    assert 'pneunet diagnose --model &#39;my arm.yaml&#39; --train' in text
+    assert '<li>a.mcap: no load</li>' in text
+    certain = replace(found, answer='named', proposal='')
+    text = report_page(certain, pictures, PROVENANCE, given=given)
+    assert 'pneunet replay FRESH.mcap --model found/model.yaml' in text
+    law = report_page(found, pictures, PROVENANCE, discovery=discovery(found), given=given)
+    assert law.count('--model found/model_discovered.yaml --effects-path found/effects') == 2
 
 
 def test_the_worst_frames_are_where_the_model_is_furthest_off():

@@ -102,6 +102,8 @@ def test_a_fleet_is_done_once_and_what_failed_says_why(run, tmp_path):
     leading = [item for item in Page(page).references if not item.startswith(('#', 'data:'))]
     assert leading == ['arms/long/report.html']
     assert Path('out/arms/long/report.html').is_file()
+    assert 'Too few arms to ask which is odd' in page
+    assert f'pneunet check {tmp_path / "fleet/torn/unloaded.mcap"}' in page
     assert load_model('out/arms/long/model.yaml').effects[0].name == 'pressure_elongation'
 
     # The same command again does the arm that was mended meanwhile, and nothing else.
@@ -115,6 +117,8 @@ def test_a_fleet_is_done_once_and_what_failed_says_why(run, tmp_path):
     assert numbers['turning']['value'] == pytest.approx(1.0, abs=0.05)
     assert content['effects'] == {'pressure_elongation': 1}
     assert content['sentence'].startswith('No arm is called odd')
+    page = Path('out/survey.html').read_text()
+    assert 'pneunet replay FRESH.mcap --model out/arms/long/model.yaml' in page
 
     # What was done from other recordings is not replaced unasked.
     torn.write_bytes((tmp_path / 'fleet/long/unloaded.mcap').read_bytes())

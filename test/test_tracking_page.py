@@ -115,6 +115,26 @@ def test_only_the_script_of_the_package_may_run(steps):
     assert all(item.startswith(('data:', '#')) for item in references)
 
 
+def test_the_delay_of_a_film_stands_on_the_first_screen(steps):
+    followed = [step for step in steps if not step.outcome.reason]
+    film = {'readings': 'a.csv', 'delay_sentence': '1.35 s ahead', 'frames_covered': 3}
+    page = collected(followed)
+    assert 'Delay' not in page.html(METERS, 'o.mcap')
+    page.film = film
+    html = page.html(METERS, 'o.mcap')
+    assert f'1.35 s ahead; 3 of {len(followed)} frames lie within the table' in html
+    page.film = film | {'frames_covered': 0}
+    assert '--readings a.csv --delay S --output o.mcap' in page.html(METERS, 'o.mcap')
+
+
+def test_without_a_script_a_frame_with_its_targets_is_there(steps):
+    html = collected(steps).html(METERS, '')
+    (still,) = re.findall('<div id="still">(.*?)</div>', html, re.DOTALL)
+    assert still.count('<circle') == ARM.target_arclength.size
+    assert 'href="data:image/jpeg' in still
+    assert '<div id="scrub" hidden>' in html
+
+
 def test_nothing_tracked_and_nothing_seen_are_said(steps):
     assert 'The arm was not found' in collected([steps[DARK]]).html(METERS, '')
     assert 'There is no frame in it' in collected([]).html(METERS, '')

@@ -137,11 +137,12 @@ def run(arguments: Namespace) -> int:
                 calibration,
                 arguments.report,
                 provenance=provenance,
+                model=str(arguments.output),
                 overwrite=arguments.overwrite,
                 units=units_of(arguments, calibration.arm),
             )
     summary = (
-        numbers_of(calibration)
+        numbers_of(calibration, str(arguments.output))
         | {
             'output': arguments.output if calibration.joint.converged else None,
             'report': arguments.report,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
 from pneunet_ros.calibration.stiffness_variation import StiffnessVariation
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.model.moment_law import PiecewiseLinearLaw
 from pneunet_ros.reports.calibration import tables
@@ -19,13 +20,13 @@ from rich.table import Table
 from rich.text import Text
 
 
-def numbers_of(calibration: Calibration) -> dict[str, Any]:
-    """Return the summary for programs."""
+def numbers_of(calibration: Calibration, model: str) -> dict[str, Any]:
+    """Return the summary for programs; model: the file that it is written to."""
     joint = calibration.joint
     return {
         'status': joint.status,
         'converged': joint.converged,
-        'verdict': asdict(verdict_of(calibration)),
+        'verdict': asdict(verdict_of(calibration, model=model)),
         'bending_stiffness': [asdict(item) for item in bending_stiffness(joint)],
         'quantities': [
             {'name': row.name, 'value': row.value, 'std': row.std, 'prior_std': row.prior_std}
@@ -79,9 +80,9 @@ def show(
     calibration: Calibration, summary: dict[str, Any], sentences: Sequence[str], console: Console
 ) -> None:
     """Print the summary for people, the verdict first; sentences: on the recordings."""
-    verdict = verdict_of(calibration)
-    console.print(Text(verdict.fit, style='bold'))
-    console.print(Text(verdict.certainty))
+    verdict = summary['verdict']
+    console.print(Text(verdict['fit'], style='bold'))
+    console.print(Text(verdict['certainty']))
     table = Table(title='Recordings')
     for column in ('recording', 'load', 'frames', 'rms (mm)', 'chi2 per coordinate'):
         table.add_column(column, justify='left' if column in ('recording', 'load') else 'right')
@@ -93,19 +94,19 @@ def show(
             f'{millimeters(row["rms"]):.3f}',
             f'{row["chi_squared_per_coordinate"]:.2f}',
         )
-    console.print(table)
+    print_table(console, table)
     rows = number_rows(calibration)
-    console.print(curvature_table(calibration, rows))
+    print_table(console, curvature_table(calibration, rows))
     law = law_rows(rows)
     if law:
-        console.print(law_table(calibration, law))
+        print_table(console, law_table(calibration, law))
     if summary['laws']:
         table = Table(title='Moment laws on loaded recordings that were left out')
         table.add_column('law')
         table.add_column('rms (mm)', justify='right')
         for item in summary['laws']:
             table.add_row(item['kind'], f'{millimeters(item["rms"]):.3f}')
-        console.print(table)
+        print_table(console, table)
     for sentence in (*sentences, *summary['notes']):
         console.print(f'note: {sentence}')
     if calibration.arm.domain is not None:
@@ -116,7 +117,7 @@ def show(
         console.print(f'wrote {summary["output"]}')
     if summary['report'] is not None:
         console.print(f'wrote {summary["report"]}/index.html')
-    console.print(Text(f'{verdict.next_step} {verdict.command}'))
+    console.print(Text(f'{verdict["next_step"]} {verdict["command"]}'))
 
 
 def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:

@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.verb import (
     add_json,
     add_model,
@@ -61,7 +62,7 @@ def show(found: dict[str, Any], console: Console) -> None:
     """Print what was found in one recording."""
     table = Table(title=f'{found["recording"]}, {found["seconds"]:.4g} s')
     for column in ('topic', 'type', 'count', 'rate', 'jitter', 'gaps', 'by'):
-        table.add_column(column, no_wrap=column == 'topic')
+        table.add_column(column)
     for topic in found['topics']:
         timed = topic['rate'] is not None
         gaps = f'{topic["gaps"]}, longest {topic["longest_gap"]:.3g} s' if topic['gaps'] else '0'
@@ -74,7 +75,7 @@ def show(found: dict[str, Any], console: Console) -> None:
             gaps,
             topic['stamps'],
         )
-    console.print(table)
+    print_table(console, table)
     for line in [*sync_lines(found['sync']), *range_lines(found['ranges'])]:
         console.print(line)
     holds = found['holds']

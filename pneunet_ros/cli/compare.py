@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.verb import (
     add_dimensionless,
     add_json,
@@ -146,7 +147,7 @@ def show(contents: list[dict[str, Any]]) -> None:
             if content[name] is not None:
                 add_errors(table, name, content[name], known=content['length'] is not None)
         if table.row_count:
-            console.print(table)
+            print_table(console, table)
         for name in ('tip', 'shape'):
             if content[name] is not None:
                 console.print(matched_sentence(name, content[name]))

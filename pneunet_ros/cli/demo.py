@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.verb import (
     add_json,
     add_model,
@@ -132,7 +133,7 @@ def show(
             f'{millimeters(row["tip_std"]):.2f}',
             f'{row["largest_curvature"]:.1f}',
         )
-    console.print(table)
+    print_table(console, table)
     console.print(
         "Pressures and forces are the paper's; the arm's stiffness and curvature are a "
         'representative set, no measurement.'

@@ -42,6 +42,7 @@ from pneunet_ros.files.atomic import atomic_output
 from pneunet_ros.files.model_file import load_model, model_hash
 from pneunet_ros.offline.calibration_files import check_recordings, inputs_of
 from pneunet_ros.reports.diagnosis.files import REPLACEABLE, write_diagnosis, write_unsettled
+from pneunet_ros.reports.diagnosis.report import Given
 from rich.progress import Progress
 import scipy
 
@@ -159,8 +160,16 @@ def run(arguments: Namespace) -> int:
             'inputs': inputs,
             'versions': versions(),
         }
+        given = Given(
+            notes=read.sentences,
+            model=str(arguments.model),
+            recordings=tuple(map(str, recordings)),
+            folder=str(arguments.output),
+        )
         if isinstance(found, UnsettledDiagnosis):
-            content = write_unsettled(found, folder, frame=frame, provenance=provenance)
+            content = write_unsettled(
+                found, folder, frame=frame, provenance=provenance, given=given
+            )
         else:
             content = write_diagnosis(
                 found,
@@ -170,6 +179,7 @@ def run(arguments: Namespace) -> int:
                 held_out=held_out,
                 provenance=provenance,
                 discovery=discovery,
+                given=given,
                 on_progress=on_progress,
                 units=units_of(arguments, frame),
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.diagnosis.result import Diagnosis, UnsettledDiagnosis
 from pneunet_ros.discovery.result import Discovery
 from pneunet_ros.reports.diagnosis.error_figures import discovered_sentence, error_sentence
@@ -38,7 +39,7 @@ def show(
     for law in discovery.found:
         console.print(Text(f'Discovered: {law.sentence}', style='bold'))
     console.print(Text(f'How sure: {diagnosis.certainty}'))
-    console.print(rich_table(error_table(diagnosis, discovery), 'Model error'))
+    print_table(console, rich_table(error_table(diagnosis, discovery), 'Model error'))
     if diagnosis.before.held_out is None:
         console.print('no recording was held out: the model error was not tested on one')
     else:
@@ -50,13 +51,15 @@ def show(
         (evidence_table(diagnosis), 'Evidence'),
     ):
         if table.rows:
-            console.print(rich_table(table, title))
+            print_table(console, rich_table(table, title))
     console.print(Text(where_text(diagnosis)))
     if diagnosis.alternatives:
         console.print(
             f'cannot be distinguished with these data: {", ".join(diagnosis.alternatives)}'
         )
-    console.print(rich_table(detectable_table(diagnosis), 'Detection limits of these recordings'))
+    print_table(
+        console, rich_table(detectable_table(diagnosis), 'Detection limits of these recordings')
+    )
     console.print(undetectable_sentence(diagnosis))
     if diagnosis.proposal:
         console.print(Text(f'next recording: {diagnosis.proposal}'))

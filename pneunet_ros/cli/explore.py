@@ -46,6 +46,7 @@ from pneunet_ros.offline.live_arm import LiveArm, NAMESPACE
 from pneunet_ros.offline.simulated_arm import scenario_of_model, SimulatedArm
 from pneunet_ros.recordings.dataset_reader import read_run
 from pneunet_ros.reports.diagnosis.files import write_diagnosis
+from pneunet_ros.reports.diagnosis.report import Given
 from pneunet_ros.reports.exploration.report import (
     exploration_content,
     exploration_page,
@@ -155,11 +156,13 @@ def run(arguments: Namespace) -> int:
     folder.mkdir(parents=True)
     console = Console(stderr=True, quiet=True) if arguments.json else output_console()
     console.print(f'within {safe_sentence(safe)}')
+    notes: list[str] = []
 
     def record(experiment: Experiment, limits: SafeSet, number: int) -> RecordingData:
         path = folder / f'recording_{number + 1:02d}.mcap'
         write(experiment, limits, path)
         data, sentences = read_run(path, model.target_arclength.size)
+        notes.extend(f'{path.name}: {sentence}' for sentence in sentences)
         for sentence in sentences:
             console.print(f'note: {path.name}: {sentence}')
         return data if experiment.loaded else data.without_load()
@@ -185,7 +188,12 @@ def run(arguments: Namespace) -> int:
             rounds[-1] = rounds[-1].overruled(discovery.overruling)
             write_round(rounds, safe, provenance, folder)
             show_round(rounds, console)
-        write_end(rounds[-1], discovery, model, provenance, folder)
+        given = Given(
+            notes=tuple(notes),
+            model=str(arguments.model or share_path(LAB_MODEL)),
+            folder=str(folder / DIAGNOSIS),
+        )
+        write_end(rounds[-1], discovery, model, provenance, given)
     last = rounds[-1].investigation.diagnosis
     if arguments.json:
         content = exploration_content(rounds, safe, provenance)
@@ -286,7 +294,7 @@ def show_round(rounds: list[Round], console: Console) -> None:
 
 
 def write_end(
-    last: Round, discovery: Discovery, model: Arm, provenance: dict[str, object], folder: Path
+    last: Round, discovery: Discovery, model: Arm, provenance: dict[str, object], given: Given
 ) -> None:
     """Write the last diagnosis as `diagnose` does, where there is one."""
     if last.diagnosis is None:
@@ -296,7 +304,7 @@ def write_end(
     about = {**provenance, 'inputs': inputs_of([('training', paths)])}
     about.pop('settings')
     about.pop('seed')
-    with atomic_output(folder / DIAGNOSIS) as place:
+    with atomic_output(given.folder) as place:
         write_diagnosis(
             last.diagnosis,
             place,
@@ -305,4 +313,5 @@ def write_end(
             held_out=[],
             provenance=about,
             discovery=discovery,
+            given=given,
         )

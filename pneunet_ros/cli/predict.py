@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.quantity_option import quantity_type
 from pneunet_ros.cli.verb import (
     add_dimensionless,
@@ -279,7 +280,7 @@ def show(arm: Arm, prediction: Prediction, units: UnitSystem) -> None:
         3,
     )
     add('moment at the clamp', float(shape.moment[0]), None, moment, 4)
-    console.print(table)
+    print_table(console, table)
     if units.name == DIMENSIONLESS:
         console.print(scales_sentence(arm))
     left_out = error_left_out(arm.covariance, arm.sources)

@@ -8,6 +8,7 @@ import dataclasses
 from pathlib import Path
 import time
 
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.replay_fuse import run_fusion
 from pneunet_ros.cli.verb import (
     add_json,
@@ -193,7 +194,7 @@ def show(summary: dict[str, object], tally: Tally, agreement: Agreement | None) 
     seconds = summary['seconds']
     assert isinstance(seconds, float)
     table.add_row('took', f'{seconds:.2f} s ({tally.pressures / seconds:.0f} readings/s)')
-    console.print(table)
+    print_table(console, table)
     sentences = summary['sentences']
     assert isinstance(sentences, list)
     if worst is not None and worst.beyond:

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 import time
 
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.verb import (
     DONE,
     model_of,
@@ -140,7 +141,7 @@ def show(summary: dict[str, object], tally: FusionTally) -> None:
                 f'{touch.force:.4f} +- {touch.std_force:.4f} N at s = '
                 f'{millimeters(touch.arclength):.1f} +- {millimeters(touch.std_arclength):.1f} mm',
             )
-    console.print(table)
+    print_table(console, table)
     sentences = summary['sentences']
     assert isinstance(sentences, list)
     if tally.beyond:

@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 import numpy as np
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.verb import (
     add_json,
     add_overwrite,
@@ -175,7 +176,7 @@ def show(scenario: Scenario, summary: dict[str, Any]) -> None:
     table.add_row('seeds', f'noise {scenario.seed}, arm {scenario.arm.seed}')
     table.add_row('took', f'{summary["seconds"]:.2f} s')
     console = output_console()
-    console.print(table)
+    print_table(console, table)
     for name in ('output', 'truth'):
         console.print(f'wrote {summary[name]}')
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from pneunet_ros.calibration.fleet import arm_numbers, compare_arms, compared_pressure, Fleet
 from pneunet_ros.cli.diagnose import versions
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.simulate import seed
 from pneunet_ros.cli.survey_arm import FOUND, SurveyRequest, SurveyWork
 from pneunet_ros.cli.verb import (
@@ -233,12 +234,14 @@ class Survey:
                     failed=row['failed'],
                     found=found,
                     arm=load_model(folder / found['model']) if found else None,
+                    recordings=tuple(map(str, item.recordings)),
                 )
             )
         return SurveyData(
             source=source,
             arms=tuple(arms),
             fleet=compare(arms, self.request.seed),
+            output=str(self.folder.path),
             left_out=folders_left_out(Path(source), fleet),
         )
 
@@ -291,7 +294,7 @@ def show(data: SurveyData, kept: int, output: Path) -> None:
         row = arm_row(item, data)
         name = f'{item.name} (odd)' if row['odd'] else item.name
         table.add_row(name, row['said'], row['before'], row['after'], row['distance'])
-    console.print(table)
+    print_table(console, table)
     for sentence in survey_sentences(data):
         console.print(sentence)
     for name in (PAGE, NUMBERS):

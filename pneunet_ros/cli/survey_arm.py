@@ -31,6 +31,7 @@ from pneunet_ros.offline.calibration_files import described_arm, save_knowledge
 from pneunet_ros.offline.check import check_recording, CheckRequest
 from pneunet_ros.offline.survey import Files, FleetArm
 from pneunet_ros.reports.diagnosis.files import MODEL, write_diagnosis, write_unsettled
+from pneunet_ros.reports.diagnosis.report import Given
 
 CALIBRATED, FOUND = 'calibrated.yaml', 'found.json'
 Runs = Sequence[RecordingData]
@@ -85,11 +86,21 @@ class SurveyWork:
             )
             kept = read_experiments((arm.roles['heldout'],), frame, of_heldout, bar)
             folder = Path(place) / 'arm'
-            found = self.calibrate_and_diagnose(arm, frame, (*read.groups, *kept.groups), folder)
-            notes = [*read.sentences, *kept.left_out, *found['notes']]
+            told = [
+                *(f'not used: {x}' for x in arm.ignored),
+                *read.sentences,
+                *kept.left_out,
+            ]
+            given = Given(
+                notes=tuple(told),
+                model=f'DIR/{CALIBRATED}',
+                recordings=tuple(map(str, arm.recordings)),
+            )
+            groups = (*read.groups, *kept.groups)
+            found = self.calibrate_and_diagnose(arm, frame, groups, folder, given)
             found |= {
                 'checks': checks,
-                'notes': [*(f'not used: {x}' for x in arm.ignored), *notes],
+                'notes': [*told, *found['notes']],
             }
             (folder / FOUND).write_text(json_text(found), encoding='utf-8')
             return {
@@ -118,7 +129,7 @@ class SurveyWork:
         ]
 
     def calibrate_and_diagnose(
-        self, arm: FleetArm, frame: Arm, groups: tuple[Runs, ...], folder: Path
+        self, arm: FleetArm, frame: Arm, groups: tuple[Runs, ...], folder: Path, given: Given
     ) -> dict[str, Any]:
         """Write the files of both into a new folder; return what the survey makes use of."""
         unloaded, loaded, held_out = groups
@@ -142,7 +153,9 @@ class SurveyWork:
             'versions': versions(),
         }
         if isinstance(diagnosis, UnsettledDiagnosis):
-            content = write_unsettled(diagnosis, folder, frame=model, provenance=provenance)
+            content = write_unsettled(
+                diagnosis, folder, frame=model, provenance=provenance, given=given
+            )
         else:
             content = write_diagnosis(
                 diagnosis,
@@ -152,6 +165,7 @@ class SurveyWork:
                 held_out=held_out,
                 provenance=provenance,
                 discovery=discovery,
+                given=given,
             )
         save_model(model, folder / CALIBRATED)
         save_knowledge(calibration.posterior, folder / CALIBRATED, overwrite=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -154,7 +154,10 @@ def run(arguments: Namespace) -> int:
         tabulate = table_writer(arguments, stack, unit)
         trackings: list[Tracking] = []
         on_tracking = [trackings.append] if readings is not None else tabulate
-        followers = [tally.count, *preview_followers(arguments, stack, stream, arm, unit)]
+        followers = [
+            tally.count,
+            *preview_followers(arguments, stack, stream, arm, unit, film),
+        ]
         bar = stack.enter_context(progress_bar(shown=not arguments.json))
         task = bar.add_task('looking for the arm at rest', total=stream.frames)
         start, ahead = look_ahead(stream, tracker, lambda: bar.advance(task))
@@ -187,7 +190,8 @@ def run(arguments: Namespace) -> int:
         check_row_order(stream, tracker, tally)
         if readings is not None:
             bar.update(task, description='matching film and table')
-            run_, film = joined(readings, trackings)
+            run_, found = joined(readings, trackings)
+            film.update(found)
             sentences = (*sentences, *readings.sentences)
             if run_ is not None:
                 record_film(stack.enter_context(output_writer(arguments)), run_)
@@ -257,9 +261,17 @@ def table_writer(
 
 
 def preview_followers(
-    arguments: Namespace, stack: ExitStack, stream: ImageStream, arm: Arm, unit: LengthUnit
+    arguments: Namespace,
+    stack: ExitStack,
+    stream: ImageStream,
+    arm: Arm,
+    unit: LengthUnit,
+    film: Mapping[str, Any],
 ) -> list[Follower]:
-    """Open the preview that was asked for: what sees every step, or nothing."""
+    """Open the preview that was asked for: what sees every step, or nothing.
+
+    film: the numbers of the delay, which are known when all steps were seen.
+    """
     if arguments.preview is None:
         return []
     options: dict[str, Any] = {'overwrite': arguments.overwrite, 'inputs': inputs(arguments)}
@@ -268,14 +280,14 @@ def preview_followers(
 
         video = stack.enter_context(write_video(arguments.preview, stream.rate, **options))
 
-        def film(step: TrackStep) -> None:
+        def shot(step: TrackStep) -> None:
             if isinstance(step.outcome, Tracking) and isinstance(step.item.reading, Image):
                 video.add(step.item.reading, step.outcome, step.state)
 
-        return [film]
+        return [shot]
     from pneunet_ros.cli.track_preview import open_preview
 
-    preview = stack.enter_context(open_preview(arguments, stream, arm, unit, **options))
+    preview = stack.enter_context(open_preview(arguments, stream, arm, unit, film, **options))
 
     def collect(step: TrackStep) -> None:
         if step.frame:

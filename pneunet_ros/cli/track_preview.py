@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -20,9 +21,17 @@ PAGE = '.html'
 
 
 def open_preview(
-    arguments: Namespace, stream: ImageStream, arm: Arm, unit: LengthUnit, **options: Any
+    arguments: Namespace,
+    stream: ImageStream,
+    arm: Arm,
+    unit: LengthUnit,
+    film: Mapping[str, Any],
+    **options: Any,
 ) -> AbstractContextManager[Preview | TrackingPage]:
-    """Return what collects all frames, and is written when its context ends without an error."""
+    """Return what collects all frames, and is written when its context ends without an error.
+
+    film: the numbers of the delay, which are known by then.
+    """
     targets = arm.target_arclength.size
     if arguments.preview.suffix.lower() != PAGE:
         title = f'{arguments.source} through {arm.name}'
@@ -33,6 +42,7 @@ def open_preview(
         target_arclength=arm.target_arclength,
         preview=Preview(frames=stream.frames, targets=targets),
         estimated=recorded_estimates(arguments, stream),
+        film=film,
     )
     output = '' if arguments.output is None else str(arguments.output)
     return write_page(arguments.preview, page, unit, output=output, **options)

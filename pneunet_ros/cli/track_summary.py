@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import Any
 
+from pneunet_ros.cli.fitted_table import print_table
 from pneunet_ros.cli.verb import output_console
 from pneunet_ros.files.model_file import model_hash
 from pneunet_ros.model.arm import Arm
@@ -78,7 +79,7 @@ def show(summary: dict[str, Any], unit: LengthUnit) -> None:
         table.add_row('frames within the table', share(summary['frames_covered'], frames))
     seconds, rate = summary['seconds'], summary['frames_per_second']
     table.add_row('took', f'{seconds:.2f} s, at {rate:.0f} frames/s')
-    console.print(table)
+    print_table(console, table)
     last = [f'last {reason}: {text}' for reason, text in summary['last_sentences'].items()]
     for sentence in [*summary['sentences'], *last]:
         console.print(f'note: {sentence}')

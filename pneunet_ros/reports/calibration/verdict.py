@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+import shlex
 
 import numpy as np
 from pneunet_ros.calibration.calibration import Calibration
@@ -39,14 +40,19 @@ class BendingStiffness:
     pressure: float
 
 
-def verdict_of(calibration: Calibration, settings: ReportSettings = REPORT_SETTINGS) -> Verdict:
-    """Return the verdict on a calibration."""
+def verdict_of(
+    calibration: Calibration,
+    settings: ReportSettings = REPORT_SETTINGS,
+    *,
+    model: str = 'MODEL.yaml',
+) -> Verdict:
+    """Return the verdict on a calibration; model: the file that it is written to."""
     joint = calibration.joint
     stiffness = bending_stiffness(joint)
     certainty = 'The bending stiffness was not measured: no recording is under load.'
     if stiffness:
         certainty = f'Bending stiffness EI {stiffness_text(stiffness)}.'
-    next_step, command = next_steps(calibration, bool(stiffness), settings)
+    next_step, command = next_steps(calibration, bool(stiffness), settings, model)
     return Verdict(
         fit=fit_sentence(calibration, settings),
         certainty=certainty,
@@ -149,25 +155,24 @@ def stiffness_with_error(value: float, std: float) -> str:
 
 
 def next_steps(
-    calibration: Calibration, loaded: bool, settings: ReportSettings
+    calibration: Calibration, loaded: bool, settings: ReportSettings, model: str
 ) -> tuple[str, str]:
     """Return what to do next, and the command to type."""
     joint = calibration.joint
-    names = ' '.join(item.run.name for item in joint.runs)
+    names, model = shlex.join(item.run.name for item in joint.runs), shlex.quote(model)
     if not joint.converged:
         return 'Look for what these recordings lack.', f'pneunet check {names}'
     if noise_ratio(joint) > settings.as_noise or varies(calibration):
         return (
             'Ask what is missing; hold one recording out.',
-            f'pneunet diagnose --model MODEL.yaml --train {names} --heldout FRESH.mcap '
-            '--output DIR',
+            f'pneunet diagnose --model {model} --train {names} --heldout FRESH.mcap --output DIR',
         )
     if not loaded:
         return (
             'Record the arm under end loads, and calibrate again with both.',
-            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --output MODEL.yaml',
+            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --output NEW.yaml',
         )
     return (
         'Test the model on a recording that it has not seen.',
-        'pneunet replay FRESH.mcap --model MODEL.yaml',
+        f'pneunet replay FRESH.mcap --model {model}',
     )

@@ -33,7 +33,12 @@ from pneunet_ros.measurement.dataset import RecordingData
 from pneunet_ros.model.arm import Arm
 from pneunet_ros.reports.diagnosis.figure_data import FigureData
 from pneunet_ros.reports.diagnosis.figures import FIGURES
-from pneunet_ros.reports.diagnosis.report import report_page, unsettled_page
+from pneunet_ros.reports.diagnosis.report import (
+    Given,
+    NOTHING_GIVEN,
+    report_page,
+    unsettled_page,
+)
 from pneunet_ros.reports.figure import draw_figures
 
 NUMBERS, MODEL, PAGE = 'diagnosis.json', 'model.yaml', 'report.html'
@@ -59,6 +64,7 @@ def write_diagnosis(
     held_out: Sequence[RecordingData],
     provenance: Mapping[str, Any],
     discovery: Discovery = NOTHING_SEARCHED,
+    given: Given = NOTHING_GIVEN,
     on_progress: OnProgress = say_nothing,
     units: UnitSystem = SI,
 ) -> dict[str, Any]:
@@ -66,7 +72,8 @@ def write_diagnosis(
 
     frame: the model that was given; training, held_out: the runs as given to the diagnosis;
     provenance: `inputs` (file, sha256 and role of each) and `versions`; discovery: what was found
-    beyond the library; units: of the axes of figures. The folder must not exist;
+    beyond the library; given: notes and names for the page; units: of the axes of figures. The
+    folder must not exist;
     `files.atomic.atomic_output` makes it appear as a whole.
     """
     folder.mkdir()
@@ -77,7 +84,7 @@ def write_diagnosis(
     for item in itertools.chain(*pictures.values()):
         (folder / item.file).write_bytes(item.png)
     origin = {**provenance, 'seed': diagnosis.seed}
-    page = report_page(diagnosis, pictures, origin, units, discovery)
+    page = report_page(diagnosis, pictures, origin, units, discovery, given)
     (folder / PAGE).write_text(page, encoding='utf-8')
     save_model(diagnosed_arm(diagnosis, diagnosis.after, frame, origin), folder / MODEL)
     if discovery.evaluation is not None:
@@ -105,12 +112,18 @@ def write_discovered(
 
 
 def write_unsettled(
-    diagnosis: UnsettledDiagnosis, folder: Path, *, frame: Arm, provenance: Mapping[str, Any]
+    diagnosis: UnsettledDiagnosis,
+    folder: Path,
+    *,
+    frame: Arm,
+    provenance: Mapping[str, Any],
+    given: Given = NOTHING_GIVEN,
 ) -> dict[str, Any]:
     """Write the page and the JSON of a diagnosis without numbers; there is no model to write."""
     folder.mkdir()
     origin = {**provenance, 'seed': diagnosis.seed}
-    (folder / PAGE).write_text(unsettled_page(diagnosis, frame.name, origin), encoding='utf-8')
+    page = unsettled_page(diagnosis, frame.name, origin, given)
+    (folder / PAGE).write_text(page, encoding='utf-8')
     content: dict[str, Any] = plain(
         {
             'answer': diagnosis.answer,

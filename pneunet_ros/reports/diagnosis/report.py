@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+import shlex
 from typing import Any
 
 from pneunet_ros.core.unit_system import SI, UnitSystem
@@ -33,15 +35,33 @@ TEMPLATE = 'diagnosis_report.html.jinja'
 UNSETTLED = 'unsettled_report.html.jinja'
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Given:
+    """What the command was given, for notes and commands of the page; capitals where unknown.
+
+    notes: on what the recordings lack; model: file of the model in question; recordings: files of
+    all recordings; folder: where the page and its files go.
+    """
+
+    notes: tuple[str, ...] = ()
+    model: str = 'MODEL.yaml'
+    recordings: tuple[str, ...] = ()
+    folder: str = 'DIR'
+
+
+NOTHING_GIVEN = Given()
+
+
 def report_page(
     diagnosis: Diagnosis,
     pictures: Pictures,
     provenance: Mapping[str, Any],
     units: UnitSystem = SI,
     discovery: Discovery = NOTHING_SEARCHED,
+    given: Given = NOTHING_GIVEN,
 ) -> str:
     """Return the page, pictures inside."""
-    next_step, command = next_steps(diagnosis, discovery)
+    next_step, command = next_steps(diagnosis, discovery, given)
     return render_page(
         TEMPLATE,
         diagnosis=diagnosis,
@@ -52,6 +72,8 @@ def report_page(
         stiffness=stiffness_change(diagnosis),
         next_step=next_step,
         command=command,
+        replay_discovered=replay_discovered(given),
+        notes=(*given.notes, *diagnosis.notes),
         arm=diagnosis.before.arm,
         added=added_effects(diagnosis),
         meaning=ANSWERS[diagnosis.answer],
@@ -72,14 +94,19 @@ def report_page(
     )
 
 
-def unsettled_page(diagnosis: UnsettledDiagnosis, name: str, provenance: Mapping[str, Any]) -> str:
+def unsettled_page(
+    diagnosis: UnsettledDiagnosis,
+    name: str,
+    provenance: Mapping[str, Any],
+    given: Given = NOTHING_GIVEN,
+) -> str:
     """Return the page of a diagnosis that has no number; name: of the model."""
-    recordings = ' '.join(str(item['file']) for item in provenance.get('inputs', ()))
     return render_page(
         UNSETTLED,
         diagnosis=diagnosis,
         name=name,
-        recordings=recordings or 'REC...',
+        notes=(*given.notes, *diagnosis.notes),
+        recordings=shlex.join(given.recordings) or 'REC...',
         provenance=flat(provenance),
     )
 
@@ -95,21 +122,27 @@ def stiffness_change(diagnosis: Diagnosis) -> str:
     return f'{stiffness_text(found)}; before: {stiffness_text(bending_stiffness(before))}'
 
 
-def next_steps(diagnosis: Diagnosis, discovery: Discovery) -> tuple[str, str]:
+def replay_discovered(given: Given) -> str:
+    """Return the command that tests the model with the discovered law."""
+    model, effects = f'{given.folder}/model_discovered.yaml', f'{given.folder}/effects'
+    return f'pneunet replay FRESH.mcap {shlex.join(["--model", model, "--effects-path", effects])}'
+
+
+def next_steps(
+    diagnosis: Diagnosis, discovery: Discovery, given: Given = NOTHING_GIVEN
+) -> tuple[str, str]:
     """Return what to do next, and the command to type."""
     if any(law.effect_file for law in discovery.found):
         step = 'Test the discovered law on a recording that it has not seen.'
-        return (
-            f'{step} {diagnosis.proposal}'.rstrip(),
-            'pneunet replay FRESH.mcap --model DIR/model_discovered.yaml --effects-path '
-            'DIR/effects',
-        )
+        return f'{step} {diagnosis.proposal}'.rstrip(), replay_discovered(given)
     if diagnosis.answer in CLEAR and not diagnosis.proposal:
         step = 'Test the model of this folder on a recording that it has not seen.'
-        return step, 'pneunet replay FRESH.mcap --model DIR/model.yaml'
+        model = shlex.quote(f'{given.folder}/model.yaml')
+        return step, f'pneunet replay FRESH.mcap --model {model}'
     step = diagnosis.proposal or 'Record more, and ask again.'
-    names = ' '.join(item.run.name for item in diagnosis.before.fit.runs)
+    model = shlex.quote(given.model)
+    names = shlex.join(item.run.name for item in diagnosis.before.fit.runs)
     return step, (
-        f'pneunet diagnose --model MODEL.yaml --train {names} NEW.mcap --heldout FRESH.mcap '
-        '--output DIR'
+        f'pneunet diagnose --model {model} --train {names} NEW.mcap --heldout FRESH.mcap '
+        '--output NEW_DIR'
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 from pneunet_ros.core.units import millimeters
 from pneunet_ros.reports.figure import Picture, picture
@@ -40,6 +41,9 @@ def effects(data: SurveyData) -> Picture | None:
     matrix.set_yticks(places, [short(item.name) for item in arms], fontsize=7)
     gap.set_yticks(places, [''] * len(arms))
     gap.set_xscale('log')
+    gap.xaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
+    gap.xaxis.set_major_formatter('{x:g}')
+    gap.xaxis.set_minor_formatter(NullFormatter())
     gap.set(title='(b) model error, rms per coordinate', xlabel='mm, logarithmic')
     gap.plot([], [], 'o', color=SECOND, label='before')
     gap.plot([], [], 'o', color=FIRST, label='after')

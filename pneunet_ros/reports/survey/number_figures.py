@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import textwrap
 
+from matplotlib.ticker import MaxNLocator
 import numpy as np
+from pneunet_ros.calibration.fleet import ArmNumber
 from pneunet_ros.reports.figure import Picture, picture
 from pneunet_ros.reports.style import BAND_SIGMAS, FIRST, GREY, panels, SECOND, short
 from pneunet_ros.reports.survey.survey_data import SurveyData
@@ -12,6 +14,7 @@ from pneunet_ros.reports.survey.survey_data import SurveyData
 COLUMNS = 4  # numbers beside each other
 ROW_HEIGHT = 0.19  # inches an arm
 TITLE = 30  # letters a line
+INTERVALS = 3  # between ticks, at most; more run together
 
 
 def numbers(data: SurveyData) -> Picture | None:
@@ -39,9 +42,10 @@ def numbers(data: SurveyData) -> Picture | None:
                 markersize=4.5 if odd else 3.5,
                 linewidth=1.0,
             )
-        unit = '' if number.unit == '-' else f' ({number.unit})'
-        title = '\n'.join(textwrap.wrap(number.meaning.replace('.', ' ') + unit, TITLE))
-        panel.set_title(title.replace('_', ' '), fontsize=8)
+        panel.set_title(title_of(number), fontsize=8)
+        panel.xaxis.set_major_locator(MaxNLocator(INTERVALS))
+        panel.ticklabel_format(axis='x', scilimits=(-3, 4), useOffset=False)
+        panel.xaxis.get_offset_text().set_fontsize(7)
         panel.set_ylim(-0.8, len(fleet.names) - 0.2)
         first = which % columns == 0
         panel.set_yticks(places, [short(name) for name in fleet.names] if first else [])
@@ -59,3 +63,12 @@ def numbers(data: SurveyData) -> Picture | None:
         'all numbers together; an arm may be odd where no single number is.',
         figure,
     )
+
+
+def title_of(number: ArmNumber) -> str:
+    """Return the title of a panel; the number of an effect is called by its dotted name."""
+    words = number.meaning
+    if words == number.name:
+        words = words.replace('.', ' ').replace('_', ' ')
+    unit = '' if number.unit == '-' else f' ({number.unit})'
+    return '\n'.join(textwrap.wrap(words + unit, TITLE))

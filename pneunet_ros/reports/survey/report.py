@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import shlex
 from typing import Any
 
+import numpy as np
 from pneunet_ros.core.settings import settings_used
 from pneunet_ros.core.units import kilopascals, millimeters
 from pneunet_ros.files.json_text import plain
@@ -24,9 +26,13 @@ FIGURES: Figures[SurveyData] = {'numbers': (numbers,), 'effects': (effects,), 's
 
 def survey_page(data: SurveyData, pictures: Pictures, provenance: Mapping[str, Any]) -> str:
     """Return the page, pictures inside; arms link to their own reports beside it."""
+    next_step, command = next_steps(data)
     return render_page(
         TEMPLATE,
         data=data,
+        certainty=certainty(data),
+        next_step=next_step,
+        command=command,
         fleet=data.fleet,
         effects=effects_sentence(data),
         rare=rare_sentences(data),
@@ -73,6 +79,39 @@ def rare_sentences(data: SurveyData) -> list[str]:
         f'{len(data.done) - len(arms)} it could have been seen.'
         for name, arms in data.rare_effects().items()
     ]
+
+
+def certainty(data: SurveyData) -> str:
+    """Say by how much arms were compared, and what their model errors were measured on."""
+    fleet, done = data.fleet, len(data.done)
+    compared = int(np.count_nonzero(np.isfinite(fleet.p_values)))
+    said = f'Too few arms to ask which is odd: that takes {fleet.settings.fewest}.'
+    if compared:
+        said = (
+            f'{compared} of {done} arms are compared, error bars counted; of alike arms one is '
+            f'called odd in {100.0 * fleet.settings.level:g} % of fleets.'
+        )
+    held_out = sum(item.held_out for item in data.done)
+    return f'{said} Model errors are of recordings held out in {held_out} of {done} arms.'
+
+
+def next_steps(data: SurveyData) -> tuple[str, str]:
+    """Return what to do next, and the command to type."""
+    failed = [item for item in data.arms if item.failed]
+    if failed:
+        return (
+            f'Look for what the recordings of {failed[0].name} lack; then give the command of the '
+            'survey again, which keeps the arms that are done.',
+            f'pneunet check {shlex.join(failed[0].recordings)}',
+        )
+    places = data.fleet.odd
+    name = data.fleet.names[places[0]] if places else data.done[0].name
+    (arm,) = (item for item in data.done if item.name == name)
+    step = f'Test the model of {name} on a recording that it has not seen.'
+    if places:
+        step = f'Record {name} again, and see whether its model holds: it is the oddest arm.'
+    model = shlex.quote(f'{data.output}/{arm.folder}/{arm.found["model"]}')
+    return step, f'pneunet replay FRESH.mcap --model {model}'
 
 
 def arm_row(arm: SurveyedArm, data: SurveyData) -> dict[str, Any]:

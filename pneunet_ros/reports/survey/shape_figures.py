@@ -36,14 +36,18 @@ def shapes(data: SurveyData) -> Picture | None:
         odd = name in data.odd
         panel.set_title(short(name), fontsize=7, color=SECOND if odd else GREY)
         panel.set_aspect('equal')
-        panel.tick_params(labelbottom=False, labelleft=False, length=0)
+        panel.tick_params(labelsize=6, length=0)
         if odd:
             panel.spines[:].set(visible=True, color=SECOND, linewidth=1.6)
     low, high = np.nanmin(curves, axis=(0, 1, 3)), np.nanmax(curves, axis=(0, 1, 3))
     margin = 0.05 * float(np.max(high - low))
-    for panel in axes[: len(arms)]:
+    for place, panel in enumerate(axes[: len(arms)]):
         panel.set_xlim(low[0] - margin, high[0] + margin)
         panel.set_ylim(low[1] - margin, high[1] + margin)
+        left, bottom = place % columns == 0, place + columns >= len(arms)
+        panel.tick_params(labelleft=left, labelbottom=bottom)
+        panel.set_xlabel('x (mm)' if bottom else '', fontsize=7)
+        panel.set_ylabel('y (mm)' if left else '', fontsize=7)
     for panel in axes[len(arms) :]:
         panel.set_visible(False)
     colors.bar(figure, axes[min(columns, len(axes)) - 1])

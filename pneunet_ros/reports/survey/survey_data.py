@@ -18,7 +18,7 @@ class SurveyedArm:
     failed: why, in a sentence, empty where it did not. found: what calibration and diagnosis came
     to, with the keys of `diagnosis.json`, `loaded`, `target_std`, `checks` and `notes`; arm: its
     model with what was missing. Both are empty where it failed. folder: of its files, relative to
-    the page.
+    the page; recordings: its files.
     """
 
     name: str
@@ -26,6 +26,7 @@ class SurveyedArm:
     failed: str
     found: Mapping[str, Any]
     arm: Arm | None
+    recordings: tuple[str, ...]
 
     @property
     def answer(self) -> str:
@@ -59,12 +60,13 @@ class SurveyedArm:
 class SurveyData:
     """All arms in their order, and the fleet of those that were calibrated.
 
-    left_out: folders of the source in which there is no arm.
+    left_out: folders of the source in which there is no arm; output: the folder of the page.
     """
 
     source: str
     arms: tuple[SurveyedArm, ...]
     fleet: Fleet
+    output: str
     left_out: tuple[str, ...] = ()
 
     @property

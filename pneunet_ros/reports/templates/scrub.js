@@ -4,6 +4,7 @@ const slider = document.getElementById('slider');
 const stage = document.getElementById('stage');
 const bars = document.getElementById('bars');
 const SVG = 'http://www.w3.org/2000/svg';
+const NARROW = matchMedia('(max-width: 600px)');
 const WIDTH = 720, HEIGHT = 200, LEFT = 64, EDGE = 18;
 
 function add(parent, name, attributes, text) {
@@ -44,6 +45,27 @@ function drawBars(frame) {
     });
 }
 
+// Numbers stand beside the row, as many as there is room for.
+function drawNumbers(frame) {
+  const seen = frame.targets.map((point, target) => [target, point]).filter(([, point]) => point);
+  const steps = seen.slice(1).map(([target, [u, v]], place) => {
+    const [before, [beforeU, beforeV]] = seen[place];
+    return [(u - beforeU) / (target - before), (v - beforeV) / (target - before)];
+  });
+  if (!steps.length) return;
+  const lengths = steps.map(([u, v]) => Math.max(Math.hypot(u, v), 1e-9));
+  const spacing = [...lengths].sort((a, b) => a - b)[Math.floor(lengths.length / 2)];
+  const every = Math.ceil((NARROW.matches ? 36 : 22) / spacing);
+  const away = frame.radius + (NARROW.matches ? 18 : 12);
+  seen.forEach(([target, [u, v]], place) => {
+    if (target % every) return;
+    const at = Math.min(place, steps.length - 1);
+    const [alongU, alongV] = steps[at].map((value) => value / lengths[at]);
+    const middle = NARROW.matches ? 8 : 5;
+    add(stage, 'text', { x: u - alongV * away, y: v + alongU * away + middle }, `${target}`);
+  });
+}
+
 function show(index) {
   const frame = data.frames[index];
   stage.replaceChildren();
@@ -54,11 +76,14 @@ function show(index) {
   frame.targets.forEach((point) => {
     if (point) add(stage, 'circle', { cx: point[0], cy: point[1], r: frame.radius });
   });
+  drawNumbers(frame);
   document.getElementById('said').textContent = frame.text;
   slider.setAttribute('aria-valuetext', frame.text);
   drawBars(frame);
 }
 
+document.getElementById('still').remove();
+document.getElementById('scrub').hidden = false;
 slider.addEventListener('input', () => show(Number(slider.value)));
 const asked = location.hash.slice(1);  // page.html#13 opens at that frame
 if (/^[0-9]+$/.test(asked)) slider.value = asked;

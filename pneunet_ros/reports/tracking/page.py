@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import hashlib
@@ -48,7 +48,8 @@ class TrackingPage:
     """Collects the frames of a recording, and makes the page of them.
 
     source: what the user named; model: name of the arm; target_arclength (targets,) m; estimated:
-    the shapes that the recording holds, None without; preview: what is drawn of all frames.
+    the shapes that the recording holds, None without; preview: what is drawn of all frames; film:
+    the numbers of the delay of a film with a table, there when the page is made, empty without.
     """
 
     source: str
@@ -56,6 +57,7 @@ class TrackingPage:
     target_arclength: Array
     preview: Preview
     estimated: Centerlines | None = None
+    film: Mapping[str, Any] = field(default_factory=dict)
     _every: int = 1
     _count: int = 0
     _explained: int = 0
@@ -164,6 +166,7 @@ class TrackingPage:
             model=self.model,
             verdict=self._verdict(),
             certainty=self._certainty(unit),
+            delay=self._delay(),
             next_step=next_step,
             command=command,
             reasons=[
@@ -222,12 +225,25 @@ class TrackingPage:
             text += f'; targets are {rms:.2g} {unit.shown} rms from the smooth curve'
         return f'{text}. That the row is the right one, you see below.'
 
+    def _delay(self) -> str:
+        """Say the delay of film against table; '' without a table."""
+        if not self.film:
+            return ''
+        covered = f'{self.film["frames_covered"]} of {self._count} frames lie within the table'
+        return f'{self.film["delay_sentence"]}; {covered}.'
+
     def _next(self, output: str) -> tuple[str, str]:
         if not self._good:
             return (
                 'Look at the frames that were not tracked, and say in a camera file what the '
                 'targets look like.',
                 f'pneunet track {self.source} --camera CAMERA.yaml --preview AGAIN.html',
+            )
+        if self.film and not self.film['frames_covered']:
+            return (
+                'Say by how much the film is ahead of the table; nothing was written.',
+                f'pneunet track {self.source} --readings {self.film["readings"]} --delay S '
+                f'--output {output}',
             )
         if not output:
             return (

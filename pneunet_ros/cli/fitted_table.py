@@ -1,0 +1,84 @@
+"""Tables on terminals of any width: no number and no name is cut."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Column, Table
+
+ANY_WIDTH = 10_000  # letters
+FRAME, EDGE = 3, 1  # letters beside the text: of each column, and of the table
+
+
+def print_table(console: Console, table: Table) -> None:
+    """Print a table; where it is too wide, texts break, and then columns stand below each other.
+
+    Texts break between words. Each part of a table begins with its first column.
+    """
+    needs = [need(console, column) for column in table.columns]
+    if width_of([item.maximum for item in needs]) <= console.width:
+        console.print(table)
+        return
+    title = table.title
+    for places in parts(needs, console.width, together=not table.show_header):
+        part = Table(title=title, box=table.box, show_header=table.show_header)
+        columns = [table.columns[place] for place in places]
+        shares = shared(console.width, [needs[place] for place in places])
+        for column, width in zip(columns, shares, strict=True):
+            part.add_column(column.header, justify=column.justify, overflow='fold', width=width)
+        for cells in zip(*(column.cells for column in columns), strict=True):
+            part.add_row(*cells)
+        console.print(part)
+        title = None
+
+
+def need(console: Console, column: Column) -> Measurement:
+    """Return how wide a column is where texts break between words, and where they do not.
+
+    Numbers, which stand at the right, do not break from their errors.
+    """
+    options = console.options.update(width=ANY_WIDTH)
+    header, *cells = (
+        Measurement.get(console, options, text) for text in (column.header, *column.cells)
+    )
+    whole = column.justify == 'right'
+    least = [item.maximum if whole else item.minimum for item in cells]
+    most = [item.maximum for item in cells]
+    return Measurement(max(header.minimum, *least), max(header.maximum, *most))
+
+
+def width_of(widths: Sequence[int]) -> int:
+    """Return how wide a table with columns of these widths is."""
+    return sum(widths) + FRAME * len(widths) + EDGE
+
+
+def parts(needs: Sequence[Measurement], room: int, *, together: bool) -> Iterator[list[int]]:
+    """Divide columns, by their places, so that no word must break; or keep all together."""
+    shown = [0]
+    for place in range(1, len(needs)):
+        wider = [needs[other].minimum for other in (*shown, place)]
+        if not together and len(shown) > 1 and width_of(wider) > room:
+            yield shown
+            shown = [0]
+        shown.append(place)
+    yield shown
+
+
+def shared(room: int, needs: Sequence[Measurement]) -> list[int]:
+    """Return widths that fill the room: words first, then as even as texts ask for.
+
+    Where even words are too wide, the widest columns give way, and fold them.
+    """
+    widths = [item.minimum for item in needs]
+    left = room - width_of(widths)
+    while left < 0 and max(widths) > 1:
+        widths[widths.index(max(widths))] -= 1
+        left += 1
+    asking = sorted(range(len(needs)), key=lambda place: needs[place].span)
+    for rank, place in enumerate(asking):
+        more = max(min(needs[place].maximum - widths[place], left // (len(asking) - rank)), 0)
+        widths[place] += more
+        left -= more
+    return widths
