@@ -150,7 +150,10 @@ def next_steps(
     joint = calibration.joint
     names = ' '.join(item.run.name for item in joint.runs)
     if not joint.converged:
-        return 'Look for what these recordings lack.', f'pneunet check {names}'
+        return (
+            'Look for what these recordings lack.',
+            f'pneunet check {names} --model ARM.yaml',
+        )
     if noise_ratio(joint) > settings.as_noise or varies(calibration):
         return (
             'Ask what is missing; hold one recording out.',
@@ -160,7 +163,8 @@ def next_steps(
     if not loaded:
         return (
             'Record the arm under end loads, and calibrate again with both.',
-            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --output MODEL.yaml',
+            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --arm ARM.yaml '
+            '--output MODEL.yaml',
         )
     return (
         'Test the model on a recording that it has not seen.',
