@@ -115,6 +115,7 @@ def show(
         console.print(f'no model was written: {summary["status"]}')
     else:
         console.print(f'wrote {summary["output"]}')
+        console.print(f'wrote {summary["knowledge"]}, which --continue goes on from')
     if summary['report'] is not None:
         console.print(f'wrote {summary["report"]}/index.html')
     console.print(Text(f'{verdict["next_step"]} {verdict["command"]}'))

@@ -258,7 +258,10 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
 
     def calibrates_unloaded() -> str:
         needs(PRESSURE)
-        check_runs([reads_as_run()], [], request.arm)
+        data = reads_as_run()
+        if data.loaded and (force := largest_force(data)) > PRECONDITIONS.unloaded_force:
+            raise RecordingError(f'its end force reaches {force:.3g} N: it is a loaded one')
+        check_runs([data], [], request.arm)
         return ''
 
     def calibrates_loaded() -> str:
@@ -266,11 +269,8 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         check_targets(data, request.arm)
         check_units(data, request.arm)
         check_clamp(data, request.arm)
-        largest = float(np.max(np.hypot(*data.force.T)))
-        if largest < (least := PRECONDITIONS.smallest_force):
-            raise RecordingError(
-                f'{data.name} has no end force above {least} N: it is an unloaded one'
-            )
+        if largest_force(data) < (least := PRECONDITIONS.smallest_force):
+            raise RecordingError(f'it has no end force above {least} N: it is an unloaded one')
         return '' if data.pressurized else f'of a beam: there is no {PRESSURE.name}'
 
     asked: dict[str, Callable[[], str]] = {
@@ -280,6 +280,11 @@ def uses(recording: Recording, request: CheckRequest) -> dict[str, dict[str, Any
         'calibrate loaded': calibrates_loaded,
     }
     return {name: _answer(attempt) for name, attempt in asked.items()}
+
+
+def largest_force(data: RecordingData) -> float:
+    """Return the largest end force (N) of a recording."""
+    return float(np.max(np.hypot(*data.force.T)))
 
 
 def check_estimates(replayed: Iterable[Step]) -> None:

@@ -161,7 +161,10 @@ def next_steps(
     joint = calibration.joint
     names, model = shlex.join(item.run.name for item in joint.runs), shlex.quote(model)
     if not joint.converged:
-        return 'Look for what these recordings lack.', f'pneunet check {names}'
+        return (
+            'Look for what these recordings lack.',
+            f'pneunet check {names} --model ARM.yaml',
+        )
     if noise_ratio(joint) > settings.as_noise or varies(calibration):
         return (
             'Ask what is missing; hold one recording out.',
@@ -170,7 +173,8 @@ def next_steps(
     if not loaded:
         return (
             'Record the arm under end loads, and calibrate again with both.',
-            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --output NEW.yaml',
+            f'pneunet calibrate --unloaded {names} --loaded LOADED.mcap --arm ARM.yaml '
+            '--output NEW.yaml',
         )
     return (
         'Test the model on a recording that it has not seen.',
