@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pneunet_ros.reports.calibration.verdict import (
+    bending_stiffness,
     larger_under_load,
+    stiffness_text,
     stiffness_with_error,
     verdict_of,
 )
@@ -81,3 +83,8 @@ def test_a_fit_that_did_not_settle_gives_no_model():
 )
 def test_a_stiffness_stands_with_its_error(value, std, text):
     assert stiffness_with_error(value, std) == text
+
+
+def test_a_pressure_that_is_a_little_below_zero_is_shown_as_zero():
+    (item, *_) = bending_stiffness(calibration().joint)
+    assert stiffness_text([replace(item, pressure=-30.0)]).endswith(', at 0 kPa')

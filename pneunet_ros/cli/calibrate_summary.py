@@ -143,7 +143,7 @@ def law_table(calibration: Calibration, law: tuple[Row, ...]) -> Table:
         alphas = [f'moment_law.rigidity.{place}.{section}' for section in (0, 1)]
         names = [name for alpha in alphas for name in (alpha, f'EI of {alpha}')]
         shown = [texts[name] for name in (*names, f'moment_law.split.{place}')]
-        table.add_row(f'{kilopascals(pressure):.1f}', *shown)
+        table.add_row(f'{kilopascals(pressure):z.1f}', *shown)
     return table
 
 
@@ -157,7 +157,7 @@ def curvature_table(calibration: Calibration, rows: tuple[Row, ...]) -> Table:
     for place, pressure in enumerate(fitted.pressures):
         values, errors, _ = zip(*(cells[place] for _, cells in fitted.rows), strict=True)
         table.add_row(
-            f'{pressure:.1f}',
+            f'{pressure:z.1f}',
             *(f'{values[knot]:.2f}' for knot in (0, middle, -1)),
             f'{errors[middle]:.2f}, {max(errors):.2f}',
         )

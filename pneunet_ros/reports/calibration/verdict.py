@@ -143,7 +143,7 @@ def stiffness_text(stiffness: Sequence[BendingStiffness]) -> str:
         f'{stiffness_with_error(item.value, item.std)} {item.section}'.rstrip()
         for item in stiffness
     ]
-    return f'{" and ".join(texts)}, at {kilopascals(stiffness[0].pressure):.0f} kPa'
+    return f'{" and ".join(texts)}, at {kilopascals(stiffness[0].pressure):z.0f} kPa'
 
 
 def stiffness_with_error(value: float, std: float) -> str:
